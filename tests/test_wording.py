@@ -51,7 +51,7 @@ def test_sentences_with_numbers_are_right_for_one(tmp_path: Path) -> None:
         encoding="utf-8",
     )
     experiment = read_experiment(path)
-    (caution,) = experiment.cautions()
+    (caution,) = experiment.warnings()
     assert "gives 1 attempt, so" in caution
     (cell,) = experiment.cells()
     record = Session(cell.condition, cell.spec.protocol, 1).play(create("random"))

@@ -90,7 +90,7 @@ def bundle(
 
     whole = folder.resolve()
     path = out or whole.with_name(f"{whole.name}.zip")  # a dot in the name begins no suffix
-    for caution in write_bundle(Store(folder), path, licence):
-        Terminal(stderr=True).warn(caution)
+    for warning in write_bundle(Store(folder), path, licence):
+        Terminal(stderr=True).warn(warning)
     size = path.stat().st_size / 1e6
     say(f"{path} written, {size:.1f} MB; its README.md says how to run it again")

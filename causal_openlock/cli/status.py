@@ -46,8 +46,8 @@ def status(folder: ResultsFolder) -> None:
         if len(lines) > MOST_LISTED:
             console.print_line(f"  and {len(lines) - MOST_LISTED} more")
     if progress.over:
-        failed = "; compare with --retry-failed tries the others again" * bool(progress.failed)
-        console.print_line(f"over{failed}")
+        again = "; compare with --retry-failed tries the others again" if progress.failed else ""
+        console.print_line(f"over{again}")
     elif progress.left is None:
         console.print_line("when it will be over is not known yet")
     elif progress.playing:

@@ -30,7 +30,7 @@ from causal_openlock.experiment.building import (
 from causal_openlock.experiment.experiment import Cell, Experiment
 from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.protocol import Condition, Protocol
-from causal_openlock.running.expected_cost import cost_cautions
+from causal_openlock.running.expected_cost import cost_warnings
 from causal_openlock.running.runner import run
 from causal_openlock.running.worker import Watching
 from causal_openlock.schemas.finding import find_schema
@@ -177,8 +177,8 @@ def play(
         CellsFailed: If all of them did.
         OpenLockError: If what is asked for cannot be done.
     """
-    for caution in [*experiment.cautions(), *cost_cautions(experiment)]:
-        warn(caution)
+    for warning in [*experiment.warnings(), *cost_warnings(experiment)]:
+        warn(warning)
     try:
         run(
             experiment,

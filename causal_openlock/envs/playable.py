@@ -89,9 +89,10 @@ class Seen(Picture):
     @property
     def title(self) -> str:
         """What was done, what came of it, and, where it is revealed, what is latent."""
-        shown = self.reveal and bool(self.lever)
-        latent = f" (hidden from learners: this is {self.lever})" * shown
-        return f"{self.action}: {self.outcome}{latent}"
+        done = f"{self.action}: {self.outcome}"
+        if self.reveal and self.lever:
+            return f"{done} (hidden from learners: this is {self.lever})"
+        return done
 
     def __repr__(self) -> str:
         return f"{self.title}\n{self.text()}"

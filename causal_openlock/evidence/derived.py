@@ -14,14 +14,14 @@ from causal_openlock.evidence.stored import COSTS, read_units
 from causal_openlock.evidence.study import Study
 from causal_openlock.fitting.objective import score
 from causal_openlock.paper.likeness import Likeness, likeness
-from causal_openlock.paper.noise_ceiling import beside_yardsticks, chosen_settings
+from causal_openlock.paper.noise_ceiling import beside_null_models, chosen_settings
 from causal_openlock.paper.references import people
 
 
 def distances_from_people(study: Study, units: pd.DataFrame) -> pd.DataFrame:
     """How far learners are from people's means, beside what such distances are worth.
 
-    Columns: as :func:`~causal_openlock.paper.noise_ceiling.beside_yardsticks`
+    Columns: as :func:`~causal_openlock.paper.noise_ceiling.beside_null_models`
     returns; ``effects``, of how many of people's six effects a learner has the sign; and ``model``,
     its distance from the fourteen means of the published model.
 
@@ -30,7 +30,7 @@ def distances_from_people(study: Study, units: pd.DataFrame) -> pd.DataFrame:
     """
     trials, like = beside_people(study, units)
     played = trials[trials["learner"].isin(like.points)]
-    table = beside_yardsticks(like, played, chosen_settings(study.asked.learners))
+    table = beside_null_models(like, played, chosen_settings(study.asked.learners))
     effects = like.table[["learner", "shown"]].rename(columns={"shown": "effects"})
     table = table.merge(effects.astype({"effects": "Int64"}), on="learner", how="left")
     far = {name: score(own, "none", target="model").all for name, own in like.points.items()}

@@ -18,6 +18,7 @@ from causal_openlock.comparison.progress import Show
 from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.stored import UNITS, read_run, read_units, write_run
 from causal_openlock.evidence.study import Study
+from causal_openlock.files.json_text import present
 from causal_openlock.storage.versions import merged_versions
 from causal_openlock.wording import joined
 
@@ -166,7 +167,7 @@ def _about(study: Study, found: Mapping[str, Measured], claims: dict[str, str]) 
         "parts": {
             part.name: {
                 **found[part.name].as_dict(),
-                **({"asked": study.asks_of(part.label)} if part.label else {}),
+                **present({"asked": study.asks_of(part.label) if part.label else None}),
             }
             for part in parts_of(study)
             if part.name in found

@@ -305,7 +305,8 @@ class Evidence:
         own = self._verdicts_of(name)
         against = own.count("does not hold") if self.verdict(name) == "undecided" else 0
         how = f" ({against} of {len(own)} do not hold)" if against and len(own) > 1 else ""
-        return f"**{self.verdict(name)}**{how}" + "; stated after the run" * self.stated_after(name)
+        late = "; stated after the run" if self.stated_after(name) else ""
+        return f"**{self.verdict(name)}**{how}{late}"
 
     def _verdicts(self, names: Sequence[str]) -> str:
         rows = []
@@ -346,7 +347,7 @@ def _contrast_in_words(
     part: str, contrast: Contrast, found: tuple[Estimate, Verdict] | str
 ) -> tuple[str, str, str]:
     wanted = _number(contrast.smallest, contrast.measure)
-    by = f" by at least {wanted}" * (contrast.smallest > 0)
+    by = f" by at least {wanted}" if contrast.smallest > 0 else ""
     rule = f"the same within {wanted}" if contrast.expected == "same" else contrast.expected + by
     sides = f"{_side(contrast.of)} − {_side(contrast.minus)}"
     measure = contrast.measure.replace("_", " ")

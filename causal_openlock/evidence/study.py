@@ -270,7 +270,7 @@ class StudyFile(StrictModel):
 
     @model_validator(mode="after")
     def _recovery_is_by_itself(self) -> StudyFile:
-        if (self.derived == "confusion") > (self.measured == "recovery"):
+        if self.derived == "confusion" and self.measured != "recovery":
             raise ValueError("derived: confusion is of measured: recovery")
         if self.measured != "recovery":
             if "recovery" in self.model_fields_set:
@@ -361,16 +361,17 @@ class Study:
     def declared(self) -> str:
         """A hash of what is run: of the experiment with all its schemas, and of trainings."""
         networks = self.file.networks
-        return _digest(
-            {
-                "experiment": self.asked.declaration,
-                "measured": self.file.measured,
-                "trainings": [self.training(label) for label in self.training_files],
-                "parameters": networks and networks.parameters,
-                **({"learner": networks.learner} if networks else {}),
-                **({"recovery": self.file.recovery.model_dump()} if self._recovers else {}),
-            }
-        )
+        run = {
+            "experiment": self.asked.declaration,
+            "measured": self.file.measured,
+            "trainings": [self.training(label) for label in self.training_files],
+            "parameters": networks and networks.parameters,
+        }
+        if networks:
+            run["learner"] = networks.learner
+        if self._recovers:
+            run["recovery"] = self.file.recovery.model_dump()
+        return _digest(run)
 
     @property
     def _recovers(self) -> bool:

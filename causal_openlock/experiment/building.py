@@ -281,7 +281,9 @@ class _Builder:
             )
         trials = tuple(map(Trials, schemas))
         name = "-".join(one.name for one in schemas)
-        return Condition(name, trials[:-1] or trials, trials[1:] and trials[-1:])
+        if len(trials) == 1:
+            return Condition(name, trials)
+        return Condition(name, trials[:-1], trials[-1:])
 
     def trials(self, declared: TrialsFile, where: Where) -> Trials:
         with self.at(*where, "schema"):

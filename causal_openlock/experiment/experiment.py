@@ -19,6 +19,7 @@ from causal_openlock.contract.learner import InformedLearner, Learner
 from causal_openlock.contract.registry import learner_class, origin, parse_parameters
 from causal_openlock.errors import LearnerError, OpenLockError, in_short
 from causal_openlock.experiment.protocol import Condition, Protocol
+from causal_openlock.files.json_text import present
 from causal_openlock.version import RESULTS_VERSION
 from causal_openlock.wording import counted
 from causal_openlock.world.rewards import RewardFunction
@@ -116,21 +117,22 @@ class LearnerSpec:
 
     def as_dict(self) -> dict[str, Any]:
         """The learner as plain data, with its origin."""
-        made_of = self.origin.artifact_hash
-        known = {name: getattr(self.origin, name) for name in _NOTES}
-        return {
-            "name": self.name,
-            "learner": self.learner,
-            "class": self.origin.class_name,
-            "package": self.origin.package,
-            **({"material": made_of} if made_of else {}),
-            "parameters": self.parameters,
-            "protocol": self.protocol.as_dict(),
-            "reward": self.reward.as_dict(),
-            "subjects": self.subjects,
-            **({"cell_size": self.cell_size} if self.cell_size else {}),
-            **{name: value for name, value in known.items() if value},
-        }
+        known = {name: getattr(self.origin, name) or None for name in _NOTES}
+        return present(
+            {
+                "name": self.name,
+                "learner": self.learner,
+                "class": self.origin.class_name,
+                "package": self.origin.package,
+                "material": self.origin.artifact_hash or None,
+                "parameters": self.parameters,
+                "protocol": self.protocol.as_dict(),
+                "reward": self.reward.as_dict(),
+                "subjects": self.subjects,
+                "cell_size": self.cell_size,
+                **known,
+            }
+        )
 
 
 @dataclass(frozen=True)
@@ -212,20 +214,14 @@ class Experiment:
 
     @cached_property
     def _cells(self) -> tuple[Cell, ...]:
-        return tuple(
-            Cell(
-                self.name,
-                self.seed,
-                spec,
-                condition,
-                first,
-                min(size, spec.subjects - first),
-            )
-            for spec in self.learners
-            for size in [spec.cell_size or self.cell_size]
-            for condition in self.conditions
-            for first in range(0, spec.subjects, size)
-        )
+        cells = []
+        for spec in self.learners:
+            size = spec.cell_size or self.cell_size
+            for condition in self.conditions:
+                for first in range(0, spec.subjects, size):
+                    subjects = min(size, spec.subjects - first)
+                    cells.append(Cell(self.name, self.seed, spec, condition, first, subjects))
+        return tuple(cells)
 
     @property
     def protocols(self) -> tuple[Protocol, ...]:
@@ -250,7 +246,7 @@ class Experiment:
             "learners": [spec.as_dict() for spec in self.learners],
         }
 
-    def cautions(self) -> list[str]:
+    def warnings(self) -> list[str]:
         """A sentence for each schema that cannot be solved under a protocol."""
         return [
             f"{schema.name} has {len(schema.solutions)} solutions and protocol {protocol.name} "

@@ -315,8 +315,8 @@ class Condition:
                 part if NAME.fullmatch(part) else schema.name
                 for part, schema in zip(parts, schemas, strict=True)
             ]
-            train, test = [*((Trials(schema),) for schema in schemas), ()][:2]
-            return cls("-".join(words), train, test)
+            train, *tested = ((Trials(schema),) for schema in schemas)
+            return cls("-".join(words), train, tested[0] if tested else ())
         if missing is not None:
             raise missing[1]
         raise ProtocolError(

@@ -110,9 +110,9 @@ def write_bundle(store: Store, path: Path | str, licence: str = "") -> list[str]
     versions = described.versions
     packages = _packages(experiment, versions)
     again = any(spec.learner != PERSON for spec in experiment.learners)
-    contents, cautions = _experiment(experiment, packages, store) if again else ({}, [])
+    contents, warnings = _experiment(experiment, packages, store) if again else ({}, [])
     contents["requirements.txt"] = _requirements(packages).encode()
-    contents["README.md"] = _readme(experiment, versions, again, cautions).encode()
+    contents["README.md"] = _readme(experiment, versions, again, warnings).encode()
     results = [store.folder / "experiment.json", report, store.folder / "summary.csv", *cells]
     results += [store.folder / name for name in files_of(report)]
     results += [store.folder / part / one.name for part in BESIDE for one in cells]
@@ -131,7 +131,7 @@ def write_bundle(store: Store, path: Path | str, licence: str = "") -> list[str]
                 zipfile.ZIP_STORED if inside.endswith(_PACKED) else zipfile.ZIP_DEFLATED
             )
             bundle.writestr(about, content)
-    return cautions
+    return warnings
 
 
 def _part(name: Any) -> str:
@@ -148,21 +148,21 @@ def _experiment(
     for condition in experiment.conditions:
         for schema in condition.schemas:
             contents[f"schemas/{schema.name}.yaml"] = schema.to_yaml().encode()
-    learners, moved, cautions = [], False, []
+    learners, moved, warnings = [], False, []
     places = _places(experiment)
     for spec in experiment.learners:
         if is_of_session(spec.learner):
             spec, content = _from_session(spec, store)
             contents.update(content)
             moved = True
-            cautions.append(
+            warnings.append(
                 f"{spec.name} was defined in a notebook; its source is bundled as a module, and "
                 "counts as another learner; what only a program could make is a comment in it."
             )
         elif ":" in spec.learner:
             found, warned = _module(spec, places, set(packages))
             contents.update(found)
-            cautions += [one for one in warned if one not in cautions]
+            warnings += [one for one in warned if one not in warnings]
         files = _files(spec)
         moved |= bool(files)
         contents.update(files.values())
@@ -170,7 +170,7 @@ def _experiment(
         learners.append(replace(spec, parameters={**spec.parameters, **inside}))
     declared = experiment_file(replace(experiment, learners=tuple(learners)))
     contents["experiment.yaml"] = dump_yaml(declared).encode()
-    return contents, cautions if moved else cautions + _checked(contents, experiment)
+    return contents, warnings if moved else warnings + _checked(contents, experiment)
 
 
 def _places(experiment: StoredExperiment) -> list[Path]:
@@ -217,10 +217,10 @@ def _module(
             f"{now}); restore it, or compare again"
         )
     found = local_modules(module, places)
-    cautions = []
+    warnings = []
     helpers = sorted(set(found.files) - {f"{module.replace('.', '/')}.py"})
     if helpers and now != package:
-        cautions.append(
+        warnings.append(
             f"{module} imports {', '.join(helpers)}, bundled as now; whether that has changed "
             "since the results were made is not on record."
         )
@@ -230,11 +230,11 @@ def _module(
         one for one in found.others if not named & {_normal(p) for p in installed.get(one, [one])}
     )
     if missing:
-        cautions.append(
+        warnings.append(
             f"{module} imports {', '.join(missing)}, which neither the bundle nor its "
             "requirements.txt holds."
         )
-    return {inside: path.read_bytes() for inside, path in found.files.items()}, cautions
+    return {inside: path.read_bytes() for inside, path in found.files.items()}, warnings
 
 
 def _hash(content: bytes) -> str:
@@ -365,7 +365,7 @@ def _requirements(packages: Versions) -> str:
 
 
 def _readme(
-    experiment: StoredExperiment, versions: Versions, again: bool, cautions: list[str]
+    experiment: StoredExperiment, versions: Versions, again: bool, warnings: list[str]
 ) -> str:
     """What the bundle says of itself."""
     text = Path(__file__).with_name("README.md.j2").read_text("utf-8")
@@ -374,6 +374,6 @@ def _readme(
         again=again,
         command=COMMAND,
         python=versions.get("Python", "3"),
-        cautions=cautions,
+        warnings=warnings,
         own_learners=any(":" in spec.learner for spec in experiment.learners),
     )

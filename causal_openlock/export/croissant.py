@@ -19,6 +19,7 @@ from causal_openlock.experiment.answers import answers_schema
 from causal_openlock.experiment.experiment import PERSON
 from causal_openlock.experiment.reactions import reactions_schema
 from causal_openlock.experiment.record import record_schema
+from causal_openlock.files.json_text import present
 from causal_openlock.storage.stored import StoredExperiment
 
 if TYPE_CHECKING:
@@ -71,17 +72,19 @@ def croissant(
         }
         for part in tables
     ]
-    return {
-        "@context": json.loads(_CONTEXT.read_text("utf-8")),
-        "@type": "sc:Dataset",
-        "conformsTo": CONFORMS_TO,
-        "name": experiment.name,
-        "description": " ".join((experiment.title or experiment.name).split()),
-        "version": "1.0.0",
-        **({"license": licence} if licence else {}),
-        "distribution": [*files, *sets],
-        "recordSet": [_record_set(part) for part in tables],
-    }
+    return present(
+        {
+            "@context": json.loads(_CONTEXT.read_text("utf-8")),
+            "@type": "sc:Dataset",
+            "conformsTo": CONFORMS_TO,
+            "name": experiment.name,
+            "description": " ".join((experiment.title or experiment.name).split()),
+            "version": "1.0.0",
+            "license": licence or None,
+            "distribution": [*files, *sets],
+            "recordSet": [_record_set(part) for part in tables],
+        }
+    )
 
 
 def _tables(contents: Mapping[str, bytes]) -> list[str]:
@@ -97,15 +100,20 @@ def _record_set(part: str) -> dict[str, Any]:
         "name": name,
         "description": _MEANING[name],
         "field": [
-            {
-                "@type": "cr:Field",
-                "@id": f"{name}/{field.name}",
-                "name": field.name,
-                "description": meaning_of(field),
-                "dataType": _type(field.type),
-                **({"repeated": True} if str(field.type).startswith("list") else {}),
-                "source": {"fileSet": {"@id": f"{part}-files"}, "extract": {"column": field.name}},
-            }
+            present(
+                {
+                    "@type": "cr:Field",
+                    "@id": f"{name}/{field.name}",
+                    "name": field.name,
+                    "description": meaning_of(field),
+                    "dataType": _type(field.type),
+                    "repeated": str(field.type).startswith("list") or None,
+                    "source": {
+                        "fileSet": {"@id": f"{part}-files"},
+                        "extract": {"column": field.name},
+                    },
+                }
+            )
             for field in _SCHEMAS[part]()
         ],
     }

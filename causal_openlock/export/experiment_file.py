@@ -8,6 +8,7 @@ from typing import Any
 
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.protocol import PROTOCOLS, Protocol, Trials
+from causal_openlock.files.json_text import present
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.room import Layout, position_names, published_layouts
 
@@ -19,33 +20,39 @@ def experiment_file(experiment: Experiment, schemas: str = "schemas") -> dict[st
     package are the same. The file names each schema as ``NAME.yaml`` in a folder beside it.
     """
     own = [one for one in experiment.protocols if PROTOCOLS.get(one.name) != one]
-    return {
-        "name": experiment.name,
-        "title": experiment.title,
-        "seed": experiment.seed,
-        "cell_size": experiment.cell_size,
-        "conditions": [
-            {
-                "name": one.name,
-                "train": _trials(one.train, schemas),
-                **({"test": _trials(one.test, schemas)} if one.test else {}),
-            }
-            for one in experiment.conditions
-        ],
-        "learners": [
-            {
-                "learner": spec.learner,
-                "name": spec.name,
-                "protocol": spec.protocol.name,
-                "subjects": spec.subjects,
-                **({"cell_size": spec.cell_size} if spec.cell_size else {}),
-                "reward": spec.reward.written(),
-                "parameters": spec.parameters,
-            }
-            for spec in experiment.learners
-        ],
-        **({"protocols": {one.name: _settings(one) for one in own}} if own else {}),
-    }
+    return present(
+        {
+            "name": experiment.name,
+            "title": experiment.title,
+            "seed": experiment.seed,
+            "cell_size": experiment.cell_size,
+            "conditions": [
+                present(
+                    {
+                        "name": one.name,
+                        "train": _trials(one.train, schemas),
+                        "test": _trials(one.test, schemas) or None,
+                    }
+                )
+                for one in experiment.conditions
+            ],
+            "learners": [
+                present(
+                    {
+                        "learner": spec.learner,
+                        "name": spec.name,
+                        "protocol": spec.protocol.name,
+                        "subjects": spec.subjects,
+                        "cell_size": spec.cell_size,
+                        "reward": spec.reward.written(),
+                        "parameters": spec.parameters,
+                    }
+                )
+                for spec in experiment.learners
+            ],
+            "protocols": {one.name: _settings(one) for one in own} or None,
+        }
+    )
 
 
 def _settings(protocol: Protocol) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from collections.abc import Mapping
 from typing import Any
 
 
@@ -42,3 +43,12 @@ def parse_json(text: str | bytes) -> Any:
         raise ValueError(f"{constant} is no JSON")
 
     return json.loads(text, parse_constant=refuse, object_pairs_hook=each_once)
+
+
+def present(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a mapping without what is None.
+
+    >>> present({"name": "a", "license": None})
+    {'name': 'a'}
+    """
+    return {name: value for name, value in values.items() if value is not None}

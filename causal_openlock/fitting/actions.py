@@ -447,10 +447,12 @@ def fit_table(fits: Sequence[Fitted]) -> pd.DataFrame:
         own = folds[one.who, one.learner]
         apart = sum(other.held_out for other in own)
         of = sum(other.held_out_actions for other in own)
+        row: dict[str, Any] = {"who": one.who}
+        if one.learner:
+            row |= {"learner": one.learner, "followed": one.followed}
         rows.append(
             {
-                "who": one.who,
-                **({"learner": one.learner, "followed": one.followed} if one.learner else {}),
+                **row,
                 **one.chosen,
                 **{f"{name}_low": low for name, (low, _) in one.between.items()},
                 **{f"{name}_high": high for name, (_, high) in one.between.items()},

@@ -99,13 +99,14 @@ class Job:
 
 def jobs(kinds: Sequence[Kind], conditions: tuple[str, ...], seed: int) -> list[Job]:
     """The jobs of one candidate."""
-    return [
-        Job(kind.learner, kind.parameters, name, first, min(CHUNK, end - first), seed)
-        for name in conditions
-        for kind in kinds
-        for end in [kind.first + kind.subjects]
-        for first in range(kind.first, end, CHUNK)
-    ]
+    found = []
+    for name in conditions:
+        for kind in kinds:
+            end = kind.first + kind.subjects
+            for first in range(kind.first, end, CHUNK):
+                subjects = min(CHUNK, end - first)
+                found.append(Job(kind.learner, kind.parameters, name, first, subjects, seed))
+    return found
 
 
 def play(job: Job) -> pd.DataFrame:

@@ -13,6 +13,7 @@ from causal_openlock.analysis.plots import style
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.escaping import csv_of
+from causal_openlock.files.json_text import present
 from causal_openlock.files.yaml_file import dump_yaml
 from causal_openlock.fitting.objective import TARGETS, Score, held_out, towards
 from causal_openlock.fitting.search import Kind
@@ -64,10 +65,16 @@ def entries(found: FittedLearner) -> list[dict[str, Any]]:
     names = [found.label, f"{found.label}_second"]
     mixed = len(found.kinds) > 1
     return [
-        {"learner": kind.learner, "name": name, **({"subjects": kind.subjects} if mixed else {}),
-         "parameters": kind.parameters}
+        present(
+            {
+                "learner": kind.learner,
+                "name": name,
+                "subjects": kind.subjects if mixed else None,
+                "parameters": kind.parameters,
+            }
+        )
         for kind, name in zip(found.kinds, names, strict=False)
-    ]  # fmt: skip
+    ]
 
 
 def write_fitted_learner(fitted: Fit, found: FittedLearner, folder: Path | str) -> list[Path]:

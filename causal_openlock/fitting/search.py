@@ -101,7 +101,9 @@ class SearchSpace:
     @property
     def searched(self) -> dict[str, Range]:
         """The ranges, and that of the share of the second kind under the name ``share``."""
-        return {**self.ranges, **({SHARE: self.second.share} if self.second else {})}
+        if self.second is None:
+            return dict(self.ranges)
+        return {**self.ranges, SHARE: self.second.share}
 
     @cached_property
     def code(self) -> dict[str, str]:

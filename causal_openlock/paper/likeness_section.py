@@ -25,7 +25,7 @@ from causal_openlock.paper.likeness import (
 )
 from causal_openlock.paper.likeness_figure import plot_likeness
 from causal_openlock.paper.noise_ceiling import (
-    beside_yardsticks,
+    beside_null_models,
     chosen_settings,
     noise_ceiling,
     null_curves,
@@ -68,7 +68,9 @@ def section(material: Material, decided: Decided) -> Section | None:
     table["clear"] = table["learner"].map(clear.groupby(each["learner"]).sum())
     table.loc[table["learner"] == PUBLISHED_MODEL, "clear"] = pd.NA
     published = table["learner"] == PUBLISHED_MODEL
-    beside = beside_yardsticks(like, material.trials, chosen_settings(material.experiment.learners))
+    beside = beside_null_models(
+        like, material.trials, chosen_settings(material.experiment.learners)
+    )
     return _PROSE.section(
         "human_likeness",
         [

@@ -224,7 +224,7 @@ def chosen_settings(learners: Iterable[LearnerSpec]) -> dict[str, int]:
     }
 
 
-def beside_yardsticks(
+def beside_null_models(
     like: Likeness, trials: pd.DataFrame, settings: Mapping[str, int]
 ) -> pd.DataFrame:
     """Distances from people, beside what they are worth.

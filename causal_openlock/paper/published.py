@@ -128,12 +128,12 @@ def rl_2020() -> pd.DataFrame:
         kind of schema came before a transfer is inferred.
     """
     facts = reference.results()["aaai2020"]["rl"]
-    rows = [
-        (learner, f"{schema[:2]}3-{schema}" if phase == "transfer" else schema,
-         "test" if phase == "transfer" else "train", trial + 1, mean)
-        for learner, by_phase in facts["curves"].items()
-        for phase, by_schema in by_phase.items()
-        for schema, values in by_schema.items()
-        for trial, mean in zip(facts["trials"], values["mean"], strict=True)
-    ]  # fmt: skip
+    rows = []
+    for learner, by_phase in facts["curves"].items():
+        for phase, by_schema in by_phase.items():
+            tested = phase == "transfer"
+            for schema, values in by_schema.items():
+                name = f"{schema[:2]}3-{schema}" if tested else schema
+                for trial, mean in zip(facts["trials"], values["mean"], strict=True):
+                    rows.append((learner, name, "test" if tested else "train", trial + 1, mean))
     return pd.DataFrame(rows, columns=["learner", *POINT, "mean"])

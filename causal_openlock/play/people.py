@@ -34,6 +34,7 @@ from causal_openlock.experiment.protocol import Condition, Protocol, plan
 from causal_openlock.experiment.reactions import FOLDER
 from causal_openlock.files.atomic import sweep, write_text
 from causal_openlock.files.digest import digest
+from causal_openlock.files.json_text import present
 from causal_openlock.play.game import EXPERIMENT, Answer
 from causal_openlock.play.log import Entry as LogEntry
 from causal_openlock.play.log import Log, is_forgotten, is_join, is_return, is_turn
@@ -162,14 +163,16 @@ class People:
                 return name
             if len(self._order) >= MOST_PEOPLE:
                 raise TooManyPeople("no more people can join")
-            entry = {
-                "join": len(self._order),
-                "key": _key(name),
-                "at": self._now(),
-                "practice": self.practice,
-                **({"ask": True} if self.ask else {}),
-                **({"consent": self.consent_mark} if self.consent else {}),
-            }
+            entry = present(
+                {
+                    "join": len(self._order),
+                    "key": _key(name),
+                    "at": self._now(),
+                    "practice": self.practice,
+                    "ask": self.ask or None,
+                    "consent": self.consent_mark if self.consent else None,
+                }
+            )
             person = self._person(entry)
             self._log.append(entry)
             self._add(entry, person)

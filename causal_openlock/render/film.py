@@ -112,8 +112,8 @@ class _Console:
     def __init__(self, trial: FilmedTrial, room: Room) -> None:
         self._trial, self._room = trial, room
         self._names = [name.replace("_", " ") for name in action_names(trial.layout.positions)]
-        layout = trial.layout.name
-        layout = f" in {layout}" * (layout in published_layouts(trial.schema))
+        name = trial.layout.name
+        layout = f" in {name}" if name in published_layouts(trial.schema) else ""
         self._lines = (
             f"{trial.condition}, protocol {trial.protocol.name}, subject {trial.subject}",
             f"Trial {trial.trial} of {trial.trials}: {trial.schema.name}{layout}",

@@ -176,7 +176,8 @@ def schema_text(schema: Schema, solutions: int = 12) -> str:
     arrows = {node: f"──► {', '.join(effects[node])}" if effects[node] else "" for node in order}
     reach = max(len(arrow) for arrow in arrows.values())
     for node in order:
-        says = f"moves {_condition(schema, node)}" + " (inert)" * (node in schema.inert)
+        inert = " (inert)" if node in schema.inert else ""
+        says = f"moves {_condition(schema, node)}{inert}"
         lines.append(f"  {node:{width}} {arrows[node]:{reach}}  {says}")
     lines.append(f"  {DOOR:{width}} {'':{reach}}  unlocks {_condition(schema, DOOR)}")
     found = schema.solutions

@@ -31,7 +31,7 @@ from typing import Any, TypeVar
 from causal_openlock.errors import OpenLockError, in_short
 from causal_openlock.experiment.experiment import Cell
 from causal_openlock.running.carried_code import CarriedCode, use
-from causal_openlock.running.workers import Given, start_alone
+from causal_openlock.running.workers import ExternalExecutor, start_alone
 from causal_openlock.storage.store import Store
 from causal_openlock.storage.versions import versions
 
@@ -46,7 +46,7 @@ PATIENCE = 10.0
 Result = TypeVar("Result")
 
 
-class Cluster(Given):
+class Cluster(ExternalExecutor):
     """The workers of a Dask cluster.
 
     Args:

@@ -71,7 +71,7 @@ def expected_cost(
     return cost if large else None
 
 
-def cost_cautions(experiment: Experiment) -> Iterator[str]:
+def cost_warnings(experiment: Experiment) -> Iterator[str]:
     """A sentence for each learner and schema of an experiment with a high cost."""
     schemas = dict.fromkeys(s for c in experiment.conditions for s in c.schemas)
     for entry in experiment.learners:

@@ -31,7 +31,7 @@ from causal_openlock.running.carried_code import carry
 from causal_openlock.running.cluster import joined
 from causal_openlock.running.progress import ProgressEstimator, RunProgress, work
 from causal_openlock.running.worker import Watching, play_cell, record_failure
-from causal_openlock.running.workers import Crew, available_cores, crew
+from causal_openlock.running.workers import Workers, available_cores, open_workers
 from causal_openlock.storage.running_files import (
     AWAITED,
     checkpointed,
@@ -188,11 +188,11 @@ def run(
         if not pending:
             playing.progress(course.standing(time.monotonic(), ()))
         else:
-            those: AbstractContextManager[Crew]
+            those: AbstractContextManager[Workers]
             if cluster:
                 those = joined(cluster, carry(experiment, store.folder))
             else:
-                those = crew(executor, many)
+                those = open_workers(executor, many)
             with those as found:
                 if executor is not None or cluster:  # their workers cannot be ended from here
                     with suppress(OSError):  # they then end when their cell does
@@ -250,35 +250,35 @@ class _Run:
     warned: set[str] = field(default_factory=set)
     lost: dict[str, tuple[int, int]] = field(default_factory=dict)
 
-    def play(self, crew: Crew) -> None:
+    def play(self, workers: Workers) -> None:
         """Play all of them; ``reasons`` then has why some failed, by the file's name."""
         folder = str(self.store.folder.resolve())
-        looked = self._look(crew)
+        looked = self._look(workers)
         try:
             while self.pending or self.running:
-                while self.pending and crew.free():
+                while self.pending and workers.free():
                     cell = self.pending.popleft()
                     # Other people's code may change its process, so it gets a new one.
                     alone = not is_ours(cell.spec.learner)
                     job = (cell, folder, self.watching, self.definitions)
-                    future = crew.submit(play_cell, *job, alone=alone)
+                    future = workers.submit(play_cell, *job, alone=alone)
                     self.running[future] = cell
-                    if crew.begun(future):
+                    if workers.begun(future):
                         self.course.began(cell, time.monotonic())
                 if not self.running:  # there is no worker yet, or no longer
                     self._warn("there is no worker at the moment; the cells wait for one")
                     time.sleep(LOOK_EVERY)
                 for future in wait(self.running, LOOK_EVERY, FIRST_COMPLETED).done:
-                    self._ended(future, crew)
+                    self._ended(future, workers)
                 if time.monotonic() >= looked + LOOK_EVERY:
-                    looked = self._look(crew)
+                    looked = self._look(workers)
         finally:
             for future in self.running:
                 future.cancel()
-        self._look(crew)
+        self._look(workers)
 
-    def _ended(self, future: Future[list[str]], crew: Crew) -> None:
-        cell, how = self.running.pop(future), crew.done(future)
+    def _ended(self, future: Future[list[str]], workers: Workers) -> None:
+        cell, how = self.running.pop(future), workers.done(future)
         error = future.exception()
         kept = bool(how) and self.store.check(cell) is None
         if error is None or kept:  # a process may end after its record was written
@@ -329,19 +329,19 @@ class _Run:
             self.warn(sentence)
         self.warned.add(sentence)
 
-    def _look(self, crew: Crew) -> float:
+    def _look(self, workers: Workers) -> float:
         """Report the progress of the cells, and end those that take too long; returns the time."""
         now = time.monotonic()
         seconds = {one.cell.file_name: one.seconds for one in self.course.playing(now)}
         for future, cell in self.running.items():
             heard = reported_progress(self.store.path(cell))
-            if cell.file_name not in seconds and (heard or crew.begun(future)):
+            if cell.file_name not in seconds and (heard or workers.begun(future)):
                 self.course.began(cell, now)
             if heard:
                 self.course.heard(cell, *heard[:2], now)
             late = seconds.get(cell.file_name, 0.0) >= self.time_limit
-            if late and future not in self.overdue and crew.end(future):
+            if late and future not in self.overdue and workers.end(future):
                 self.overdue.add(future)
-        self.course.workers = crew.number() or self.course.workers
+        self.course.workers = workers.number() or self.course.workers
         self.progress(self.course.standing(now, self.pending))
         return now

@@ -27,7 +27,7 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_
 Result = TypeVar("Result")
 
 
-class Processes:
+class WorkerPool:
     """Processes of this machine; if one dies, the others continue.
 
     Args:
@@ -145,8 +145,8 @@ class _Process:
         return _Process()
 
 
-class Given:
-    """A given executor; it cannot report on its processes or end them."""
+class ExternalExecutor:
+    """An executor from elsewhere; it cannot report on its processes or end them."""
 
     def __init__(self, executor: Executor) -> None:
         self._executor = executor
@@ -184,7 +184,7 @@ class Given:
         return ""
 
 
-class Here(Given):
+class InlineExecutor(ExternalExecutor):
     """This process plays, one job after the other; it cannot report on a job while it runs."""
 
     def __init__(self) -> None:
@@ -212,17 +212,17 @@ class Here(Given):
         return ""
 
 
-Crew = Processes | Given
+Workers = WorkerPool | ExternalExecutor
 
 
 @contextmanager
-def crew(executor: Executor | None, workers: int) -> Iterator[Crew]:
-    """The given executor, or so many processes with one thread each; without any, this one."""
+def open_workers(executor: Executor | None, workers: int) -> Iterator[Workers]:
+    """Yield the external executor, a pool of processes, or, with 0 workers, an inline executor."""
     if executor is not None or not workers:
-        yield Given(executor) if executor else Here()
+        yield ExternalExecutor(executor) if executor else InlineExecutor()
         return
     with _one_thread():
-        processes = Processes(workers)
+        processes = WorkerPool(workers)
         try:
             yield processes
         finally:  # killed even if idle, since a learner's thread could keep them alive
@@ -303,7 +303,9 @@ def how_ended(code: int | None) -> str:
         name = signal.Signals(-code).name
     except ValueError:
         name = f"signal {-code}"
-    return f"killed by {name}" + ", perhaps for lack of memory" * (name == "SIGKILL")
+    if name == "SIGKILL":
+        return "killed by SIGKILL, perhaps for lack of memory"
+    return f"killed by {name}"
 
 
 def available_cores() -> int:

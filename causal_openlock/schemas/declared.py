@@ -102,7 +102,10 @@ def _graph(source: Any) -> nx.DiGraph:
             raise SchemaError(
                 f"the edge {edge[0]} -> {edge[1]} is listed twice; remove one of them"
             )
-        graph.add_edge(*map(str, ends), **({"strength": edge[2]} if len(edge) == 3 else {}))
+        cause, effect = map(str, ends)
+        graph.add_edge(cause, effect)
+        if len(edge) == 3:
+            graph[cause][effect]["strength"] = edge[2]
     return graph
 
 

@@ -138,7 +138,9 @@ class _Reader:
     def take(self, kind: str, possible: str) -> _Token:
         token = self.tokens[self.at]
         if token.kind != kind:
-            hint = "; a strength stands in brackets, as in A (0.8) -> B" * (token.text[:2] == "-0")
+            hint = ""
+            if token.text.startswith("-0"):
+                hint = "; a strength stands in brackets, as in A (0.8) -> B"
             raise self.fault(token.at, f"{token} cannot come here; possible: {possible}{hint}")
         self.at += 1
         return token

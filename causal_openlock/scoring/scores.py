@@ -242,21 +242,13 @@ def ranking(subjects: pd.DataFrame) -> pd.DataFrame:
     best = means.index[0]
     rows = []
     for name in means.index:
-        own = _interval(wide[name].to_numpy(float))
-        gap = _interval((wide[name] - wide[best]).to_numpy(float))
-        rows.append(
-            {
-                "scored": name,
-                "subjects": len(wide),
-                **dict(zip(("bits", "low", "high"), own, strict=False)),
-                **(
-                    dict(zip(("worse", "worse_low", "worse_high", "p"), gap, strict=True))
-                    if name != best
-                    else {}
-                ),
-                "best_of": int((wide[name] == wide.min(axis=1)).sum()),
-            }
-        )
+        bits, low, high, _ = _interval(wide[name].to_numpy(float))
+        worse, worse_low, worse_high, p = _interval((wide[name] - wide[best]).to_numpy(float))
+        row = {"scored": name, "subjects": len(wide), "bits": bits, "low": low, "high": high}
+        if name != best:
+            row |= {"worse": worse, "worse_low": worse_low, "worse_high": worse_high, "p": p}
+        row["best_of"] = int((wide[name] == wide.min(axis=1)).sum())
+        rows.append(row)
     columns = ["scored", "subjects", "bits", "low", "high", "worse", "worse_low", "worse_high"]
     return pd.DataFrame(rows, columns=[*columns, "p", "best_of"])
 

@@ -159,7 +159,8 @@ class Store:
         # While no cell is done, another experiment overwrites no results.
         if not done or (changed and (done & files or _is_variant(held, experiment))):
             return True
-        made = f", made with version {held.version}" * (held.version != RESULTS_VERSION)
+        other = held.version != RESULTS_VERSION
+        made = f", made with version {held.version}" if other else ""
         raise StoreError(
             f"{self.folder} holds another experiment ({held.name}, seed {held.seed}{made}), "
             "or this one with other settings, schemas or learners, and no cell of the new one; "
@@ -408,13 +409,11 @@ class Store:
         return self._split(self.experiment())
 
     def _split(self, experiment: StoredExperiment) -> tuple[list[Path], list[Path]]:
-        parts: tuple[list[Path], list[Path]] = [], []
-        for name in experiment.files:
-            path = self.cells / name
-            parts[not path.exists()].append(path)
-        if not parts[0]:
+        paths = [self.cells / name for name in experiment.files]
+        there = [path for path in paths if path.exists()]
+        if not there:
             raise StoreError(f"{self.folder} holds no cell yet; run compare to the end first")
-        return parts
+        return there, [path for path in paths if path not in there]
 
     def _damaged(self, path: Path, what: str) -> StoreError:
         if (self.folder / LOG).exists():

@@ -141,7 +141,7 @@ def session_source(name: str) -> str:
             if known != value.__name__:
                 defined.append(f"{known} = {value.__name__}")
         elif _is_elsewhere(value):
-            renamed = f" as {known}" * (known != value.__name__)
+            renamed = "" if known == value.__name__ else f" as {known}"
             imports.append(f"from {value.__module__} import {value.__name__}{renamed}")
         else:
             constants.append(_constant(known, value))

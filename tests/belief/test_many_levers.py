@@ -18,7 +18,7 @@ from causal_openlock.belief.structures import Structures, behaviour_bytes
 from causal_openlock.cli import main
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.protocol import PROTOCOLS
-from causal_openlock.running.expected_cost import Cost, cost_cautions, expected_cost
+from causal_openlock.running.expected_cost import Cost, cost_warnings, expected_cost
 from causal_openlock.schemas.schema import Schema
 from openlock_learners.bayes import Bayes, BayesParameters
 
@@ -181,7 +181,7 @@ def test_compare_says_what_will_be_dear(tmp_path: Any) -> None:
         "conditions: [pairs12.yaml, CC3]\nlearners: [bayes, random]\n",
         encoding="utf-8",
     )
-    (caution,) = cost_cautions(read_experiment(file))
+    (caution,) = cost_warnings(read_experiment(file))
     assert caution.startswith("in pairs12, bayes takes about 4 s a trial and subject on one core (")
 
 

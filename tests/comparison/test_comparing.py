@@ -16,7 +16,7 @@ import pytest
 import causal_openlock as ol
 from causal_openlock.comparison import comparing
 from causal_openlock.errors import ExperimentError, Interrupted, LearnerError, OpenLockError
-from causal_openlock.running.workers import Here
+from causal_openlock.running.workers import InlineExecutor
 from support.processes import start_prepared
 
 pytestmark = pytest.mark.slow
@@ -55,13 +55,13 @@ def prepared_workers(monkeypatch: pytest.MonkeyPatch) -> None:
 def played(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The cells that this process plays, in words."""
     cells: list[str] = []
-    submit = Here.submit
+    submit = InlineExecutor.submit
 
-    def noted(self: Here, job: Any, cell: Any, *rest: Any, **options: Any) -> Future[Any]:
+    def noted(self: InlineExecutor, job: Any, cell: Any, *rest: Any, **options: Any) -> Future[Any]:
         cells.append(cell.in_words)
         return submit(self, job, cell, *rest, **options)
 
-    monkeypatch.setattr(Here, "submit", noted)
+    monkeypatch.setattr(InlineExecutor, "submit", noted)
     return cells
 
 

@@ -49,7 +49,7 @@ def said(name: str) -> str:
 @pytest.mark.parametrize("name", NAMES)
 def test_all_have_a_random_learner_beside(experiments: dict[str, Experiment], name: str) -> None:
     assert experiments[name].learners[0].learner == "random"
-    assert not experiments[name].cautions()
+    assert not experiments[name].warnings()
 
 
 def test_paper_rl_is_the_papers_protocol_at_full_budget(

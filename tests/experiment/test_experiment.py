@@ -251,7 +251,7 @@ protocols: {tight: {action_limit: 3}}
 def test_trials_with_more_solutions_than_attempts_are_warned_about(tmp_path: Path) -> None:
     text = "name: e\nconditions: [two_of_four, CC3]\nlearners: [random]\nprotocol: tight\n"
     text += "protocols: {tight: {attempt_limit: 5}}\n"
-    (caution,) = read_experiment(written(tmp_path, text)).cautions()
+    (caution,) = read_experiment(written(tmp_path, text)).warnings()
     assert caution.startswith("two_of_four has 6 solutions and protocol tight gives 5 attempts")
 
 

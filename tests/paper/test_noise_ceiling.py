@@ -26,7 +26,7 @@ from causal_openlock.paper.likeness_section import TOPIC
 from causal_openlock.paper.noise_ceiling import (
     NULL_CURVES,
     PERFECT,
-    beside_yardsticks,
+    beside_null_models,
     chosen_settings,
     drawn_means,
     noise_ceiling,
@@ -226,7 +226,7 @@ def test_every_distance_stands_beside_what_it_is_worth():
                         training().assign(learner="near")], ignore_index=True)  # fmt: skip
     like = likeness(trials, people().beside(None), ["near", "far"])
     assert like is not None
-    found = beside_yardsticks(like, trials, {"near": 6}).set_index("learner")
+    found = beside_null_models(like, trials, {"near": 6}).set_index("learner")
     assert set(NULL_CURVES) < set(found.index)
     assert found["rmse"].dropna().is_monotonic_increasing
     assert found.loc["near", "settings"] == 6

@@ -24,7 +24,7 @@ from causal_openlock.analysis.report import writing
 from causal_openlock.cli import main
 from causal_openlock.contract.registry import _learner_class
 from causal_openlock.running import runner, workers
-from causal_openlock.running.workers import Given
+from causal_openlock.running.workers import ExternalExecutor
 
 _command = cache(typer.main.get_command)
 
@@ -43,13 +43,13 @@ class AtOnce(Executor):
 
 
 @contextlib.contextmanager
-def _at_once(executor: Executor | None, workers: int) -> Iterator[Given]:
-    yield Given(executor or AtOnce())
+def _at_once(executor: Executor | None, workers: int) -> Iterator[ExternalExecutor]:
+    yield ExternalExecutor(executor or AtOnce())
 
 
 def play_here(patches: pytest.MonkeyPatch) -> None:
     """Have cells played in this process, and subjects scored and fitted."""
-    patches.setattr(runner, "crew", _at_once)
+    patches.setattr(runner, "open_workers", _at_once)
     patches.setattr(workers, "available_cores", lambda: 1)
 
 

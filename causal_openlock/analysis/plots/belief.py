@@ -251,7 +251,8 @@ class Part:
 def _layout(shown: Part, graphs: list[_Graph], heading: str, names: list[str]) -> Layout:
     """The six panels under a title and a legend, every one as high as what it shows."""
     title = [(line, "bold") for line in textwrap.wrap(heading, 84)]
-    title += [(shown.cut, "normal")] * bool(shown.cut)
+    if shown.cut:
+        title.append((shown.cut, "normal"))
     handles = _legend_handles(shown)
     rows = -(-len(handles) // 7)
     heights = {

@@ -161,9 +161,11 @@ def _looks(families: Sequence[Sequence[str]]) -> dict[str, dict[str, Any]]:
     for family in families:
         for index, condition in enumerate(family):
             known = condition in PAPER_CONDITIONS
+            line = style.current().line(others)
+            if known:
+                line = {"color": style.current().trained(condition), "ls": "-"}
             looks[condition] = {
-                **style.current().line(others),
-                **({"color": style.current().trained(condition), "ls": "-"} if known else {}),
+                **line,
                 "marker": "os^D"[index % 4],
                 "ms": 4,
                 "lw": 1.2 if index else 2.8 if len(family) > 1 else 1.6,

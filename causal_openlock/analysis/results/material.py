@@ -44,6 +44,7 @@ class Material:
         bounds: What the ideal observer needs.
         folders: The results folders that it was read from.
         given: References besides those that packages register.
+        counted: What is counted in the record, if it is there already.
     """
 
     record: pa.Table
@@ -54,6 +55,7 @@ class Material:
     bounds: Bounds
     folders: tuple[Path, ...] = ()
     given: tuple[Reference, ...] = ()
+    counted: Counts | None = None
 
     def __post_init__(self) -> None:
         names = ordered(self.trials["learner"].unique(), self.learners)
@@ -77,9 +79,16 @@ class Material:
         counts = count(record)
         learners = ordered(counts.trials["learner"], [spec.name for spec in experiment.learners])
         beside, bounds = references_beside(experiment, references), ideal_bounds(experiment)
-        made = cls(record, experiment, counts.trials, learners, beside, bounds, (), (*references,))
-        made.__dict__["counts"] = counts
-        return made
+        return cls(
+            record,
+            experiment,
+            counts.trials,
+            learners,
+            beside,
+            bounds,
+            given=(*references,),
+            counted=counts,
+        )
 
     @property
     def conditions(self) -> tuple[str, ...]:
@@ -98,7 +107,7 @@ class Material:
     @cached_property
     def counts(self) -> Counts:
         """Trials, and attempts of each category by blocks of training."""
-        return count(self.record)
+        return self.counted or count(self.record)
 
     @cached_property
     def summary(self) -> pd.DataFrame:

@@ -307,7 +307,8 @@ class LeaderboardTable:
     def measured(self) -> str:
         """What is counted, in words."""
         of = f", {self.conditions} conditions together" if self.conditions > 1 else ""
-        of += " at most: each row is of those that it has" * self.uneven
+        if self.uneven:
+            of += " at most; each row is the mean of the conditions that it has"
         return f"at most {counted(self.limit, 'attempt')} in a room{of}"
 
 

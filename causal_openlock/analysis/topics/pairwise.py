@@ -175,10 +175,8 @@ def plot_pairs(
     )
     shown = [style.label(name, 22) for name in names]
     counts = sorted(set(table["conditions"]))
-    note = (
-        f"mean over {' to '.join(map(str, counts[:: max(1, len(counts) - 1)]))} "
-        f"condition{'s' * (counts != [1])}; ties count half"
-    )
+    many = str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
+    note = f"mean over {many} condition{'' if counts == [1] else 's'}; ties count half"
     edge = 0.25 + 0.07 * max(map(len, shown))  # names along the left and, slanted, along the top
     cell = min(0.55, (style.WIDTH - edge - 0.5 * edge) / size)
 

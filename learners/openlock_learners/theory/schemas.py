@@ -60,15 +60,13 @@ def edit_distances(paths: IntArray) -> FloatArray:
     """
     edges = {edge for path in paths.tolist() for edge in pairwise(path)}
     nodes = set(np.unique(paths).tolist())
-    pairs = [*permutations(edges, 2)]
-    common = np.array([
-        max((1 + fits for fits in found), default=min(len(edges), 1))
-        for found in (
-            [a == c for (a, _), (c, _) in pairs],
-            [b == c and a != d for (a, b), (c, d) in pairs],
-            [b == d for (_, b), (_, d) in pairs],
-        )
-    ])  # fmt: skip
+    # Two edges are an atomic schema if they leave one lever, are a chain, or enter one lever.
+    fits = [False, False, False]
+    for (a, b), (c, d) in permutations(edges, 2):
+        fits[0] |= a == c
+        fits[1] |= b == c and a != d
+        fits[2] |= b == d
+    common = np.array([min(len(edges), 1) + fit for fit in fits])
     return abs(len(nodes) - ATOMIC_NODES) + ATOMIC_EDGES + len(edges) - 2.0 * common
 
 
