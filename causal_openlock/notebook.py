@@ -250,7 +250,8 @@ def learner_html(learner: Learner) -> str:
 
 def results_html(results: Results) -> str:
     """Results: the table of each protocol, and below it what a reader should know."""
-    from causal_openlock.analysis.results.by_condition import in_cell, number
+    from causal_openlock.analysis.results.by_condition import in_cell
+    from causal_openlock.analysis.table import number
 
     def small(texts: Sequence[str]) -> str:
         first, *rest = map(escape, texts or [""])

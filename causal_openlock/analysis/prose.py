@@ -8,7 +8,6 @@ Python passes what was found, as numbers and names; filters print these (:data:`
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
@@ -18,7 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from causal_openlock.analysis.section import Section, SectionPlot, SectionTable, printed
+from causal_openlock.analysis.section import Section, SectionPlot
+from causal_openlock.analysis.table import Table, percent, printed
 from causal_openlock.wording import counted, joined
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ class Prose:
     def section(
         self,
         name: str,
-        tables: Sequence[SectionTable] = (),
+        tables: Sequence[Table] = (),
         plots: Sequence[SectionPlot] = (),
         **findings: Any,
     ) -> Section:
@@ -74,7 +74,7 @@ class Prose:
         formats: Mapping[str, str],
         name: str = "",
         **findings: Any,
-    ) -> SectionTable:
+    ) -> Table:
         """A table with the title and caption of the macro ``KIND_table``.
 
         Formats say how to print its columns, and perhaps others; its file is called ``name``, or
@@ -82,7 +82,7 @@ class Prose:
         """
         title, *caption = self.paragraphs(f"{kind}_table", **findings)
         own = {column: form for column, form in formats.items() if column in frame}
-        return SectionTable(name or kind, title, frame, own, " ".join(caption))
+        return Table(name or kind, title, frame, own, " ".join(caption))
 
     def plot(
         self,
@@ -149,44 +149,12 @@ def some(names: Iterable[str] | Mapping[str, Any]) -> str:
     return f"{shown}; and {more} more" if more > 0 else shown
 
 
-def percent(share: float) -> str:
-    """A share, such as ``12.5%``; never 0 or 100 where it is not."""
-    if 0 < share < 0.0005 or 0.9995 < share < 1:  # some is not none, and not all
-        return "<0.1%" if share < 0.5 else ">99.9%"
-    return f"{100 * share:.1f}%"
-
-
-def _decimals(value: float) -> str:
-    return f"{value + 0.0:.2f}"
-
-
-def _signed(value: float) -> str:
-    return f"{round(value, 2) + 0.0:+.2f}".replace("-", "−")
-
-
-def _interval(row: Mapping[str, Any]) -> str:
-    """The interval, or nothing where subjects do not differ or there is only one."""
-    low = row["ci_low"]
-    if low is None or math.isnan(low) or low == row["ci_high"]:
-        return ""
-    return f"{_decimals(low)}–{_decimals(row['ci_high'])}"
-
-
-def _plain(values: Iterable[Any]) -> bool:
-    return all(value is None or isinstance(value, str | int | float) for value in values)
-
-
 FILTERS: dict[str, Callable[..., Any]] = {
     "counted": counted,
-    "decimals": _decimals,
-    "interval": _interval,
     "joined": lambda names: joined(list(names)),
     "number": printed,
     "percent": percent,
-    "plain": _plain,
-    "signed": _signed,
     "some": some,
 }
 """``3 | counted("attempt")``, ``names | joined`` (a, b and c), ``names | some`` (cut off if long),
-``0.5 | number(".0%")``, and, for the tables of the page, ``decimals``, ``signed``, ``percent``,
-``interval``, ``plain``."""
+``0.5 | number(".0%")``, ``0.5 | percent``."""

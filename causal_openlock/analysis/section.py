@@ -1,83 +1,20 @@
 """What an analysis hands to the report: a section of text, tables and plots, as data.
 
 The report lays sections out and knows nothing of what is in them. Their sentences come from a
-template (:mod:`~causal_openlock.analysis.prose`); their tables become HTML on the page, CSV
-and LaTeX beside it (:mod:`~causal_openlock.analysis.report.page`).
+template (:mod:`~causal_openlock.analysis.prose`); their tables
+(:mod:`~causal_openlock.analysis.table`) become HTML on the page, CSV and LaTeX beside it
+(:mod:`~causal_openlock.analysis.report.page`).
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-import pandas as pd
+from causal_openlock.analysis.table import Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-
-def printed(value: Any, form: str | None) -> str:
-    """A value as the page prints it.
-
-    Args:
-        value: Anything; ``None`` and NaN are no value.
-        form: As for :func:`format`; by default as text.
-    """
-    if value is None or (isinstance(value, float) and value != value) or value is pd.NA:
-        return "–"
-    if isinstance(value, bool) or type(value).__name__ == "bool":  # NumPy has a bool of its own
-        return "yes" if value else "no"
-    if isinstance(value, int | float) or form:
-        text = format(value + 0.0 if isinstance(value, float) else value, form or "")
-        if form and re.fullmatch(r"-0*\.?0*%?", text):
-            text = text[1:]  # a minus that nothing is left of
-        return text.replace("-", "−", 1) if text.startswith("-") else text.replace("e-", "e−")
-    return str(value)
-
-
-@dataclass(frozen=True)
-class SectionTable:
-    """A table that is shown, and kept as a file.
-
-    Attributes:
-        name: File name without ending.
-        title: What it is.
-        frame: Its values as they were computed, unrounded; columns are headed by their names.
-        formats: How to print a column (``.2f``, ``+.2f``, ``.1%``, ``,``); others as text.
-        caption: What a reader needs to know, in whole sentences.
-    """
-
-    name: str
-    title: str
-    frame: pd.DataFrame
-    formats: Mapping[str, str] = field(default_factory=dict)
-    caption: str = ""
-
-    @property
-    def heads(self) -> list[str]:
-        """What is over the columns: their names, in words."""
-        return [str(name).replace("_", " ") for name in self.frame.columns]
-
-    @property
-    def numeric(self) -> list[bool]:
-        """Which columns hold numbers, and are set to the right."""
-        return [
-            str(name) in self.formats
-            or (pd.api.types.is_numeric_dtype(kind) and not pd.api.types.is_bool_dtype(kind))
-            for name, kind in self.frame.dtypes.items()
-        ]
-
-    @cached_property
-    def rows(self) -> list[list[str]]:
-        """The values as they are printed, row by row."""
-        columns = [
-            [printed(value, self.formats.get(str(name))) for value in self.frame[name].tolist()]
-            for name in self.frame.columns
-        ]
-        return [list(row) for row in zip(*columns, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -107,5 +44,5 @@ class Section:
     name: str
     title: str
     text: tuple[str, ...] = ()
-    tables: tuple[SectionTable, ...] = ()
+    tables: tuple[Table, ...] = ()
     plots: tuple[SectionPlot, ...] = ()

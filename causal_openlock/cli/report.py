@@ -136,7 +136,7 @@ def _print_changes(changed: pd.DataFrame, names: tuple[str, str], console: Termi
 
 def _print_differences(table: pd.DataFrame, names: tuple[str, str], console: Terminal) -> None:
     from causal_openlock.analysis.report.difference_page import DIFFERENT
-    from causal_openlock.analysis.section import printed
+    from causal_openlock.analysis.table import printed
     from causal_openlock.comparison.console import plain_table
 
     console.print(f"\nMean attempts in {names[0]} and in {names[1]}", style="bold")

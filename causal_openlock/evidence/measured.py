@@ -11,6 +11,7 @@ from typing import Any, get_args
 import numpy as np
 import pandas as pd
 
+from causal_openlock.analysis.table import markdown
 from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.derived import DERIVED
 from causal_openlock.evidence.published import published_units
@@ -406,18 +407,3 @@ def _plain(value: Any) -> str:
     if isinstance(value, int | np.integer):
         return f"{value:,}"
     return str(value)
-
-
-def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A Markdown table.
-
-    >>> print(markdown(["a", "b"], [["1", "2"]]))
-    | a | b |
-    |---|---|
-    | 1 | 2 |
-    """
-    lines = [head, ["---"] * len(head), *rows]
-    cells = [[re.sub(r"\s*\n\s*", " ", one).replace("|", "\\|") for one in line] for line in lines]
-    texts = ["| " + " | ".join(line) + " |" for line in cells]
-    texts[1] = "|" + "|".join("---" for _ in head) + "|"
-    return "\n".join(texts)

@@ -36,8 +36,9 @@ from causal_openlock.analysis.results.visits import (
     matrix,
     shares,
 )
-from causal_openlock.analysis.section import Section, SectionTable
+from causal_openlock.analysis.section import Section
 from causal_openlock.analysis.statistics import SEED, bootstrap_interval
+from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.paper_conditions import paper_conditions
@@ -304,7 +305,7 @@ def section(material: Material, _: Decided) -> Section | None:
     if points.empty and (growth.empty or all(_short(material.experiment, going).values())):
         return None
     short = _short(material.experiment, going & set(visited["protocol"]))
-    tables: list[SectionTable] = []
+    tables: list[Table] = []
     if len(growth):
         tables.append(_PROSE.table("figure6_course", course, _COURSE, parts=PARTS))
         tables.append(_PROSE.table("figure6_agreement", growth, _POINTS, margin=MARGIN))

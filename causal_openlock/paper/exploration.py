@@ -22,7 +22,8 @@ from causal_openlock.analysis.measures import mean_by_trial
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.visits import FINDS_ALL, OPENS
-from causal_openlock.analysis.section import Section, SectionTable
+from causal_openlock.analysis.section import Section
+from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.analysis.topics.learning import LEARNS, progress
 from causal_openlock.experiment.experiment import Experiment
@@ -352,7 +353,7 @@ def section(material: Material, _: Decided) -> Section | None:
     )
 
 
-def _fits(name: str, table: pd.DataFrame) -> SectionTable:
+def _fits(name: str, table: pd.DataFrame) -> Table:
     frame = table.assign(near=np.where(table["near"], "yes", "no"))
     return _PROSE.table(name, frame, _FITS, mean=PAPER_MEAN)
 

@@ -32,7 +32,8 @@ from causal_openlock.analysis.effects import (
 from causal_openlock.analysis.measures import SUBJECT, by_subject
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.section import Section, SectionTable
+from causal_openlock.analysis.section import Section
+from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.paper.published import people
 from causal_openlock.paper.references import people_beside
@@ -396,7 +397,7 @@ def power_table(subjects: int) -> pd.DataFrame:
 
 def _family_table(
     family: str, rows: pd.DataFrame, asked: Sequence[PaperTest], material: Material
-) -> SectionTable:
+) -> Table:
     shown = []
     for name in (PEOPLE, *material.learners):
         cells = {row["test"]: row for row in rows[rows["learner"] == name].to_dict("records")}
@@ -461,7 +462,7 @@ def _reasons(rows: pd.DataFrame) -> dict[str, list[str]]:
     return why
 
 
-def _power_table(power: pd.DataFrame, subjects: int) -> SectionTable:
+def _power_table(power: pd.DataFrame, subjects: int) -> Table:
     needed = f"n for a power of {POWER:g}"
     names = {
         "effect_size": "size in people",

@@ -20,11 +20,7 @@ from causal_openlock.analysis.measures import (
     mean_by_trial,
     ordered,
 )
-from causal_openlock.analysis.results.summary import (
-    SUMMARY_COLUMNS,
-    headline_table,
-    summary_table,
-)
+from causal_openlock.analysis.results.summary import SUMMARY_COLUMNS, headline_table, summary_table
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.record import CATEGORIES
 from support.counted_work import calls

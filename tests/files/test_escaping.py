@@ -16,7 +16,7 @@ from rich.progress import Progress, TextColumn
 from rich.table import Table
 
 from causal_openlock import cli
-from causal_openlock.analysis.results.summary import write_table
+from causal_openlock.analysis.table import write_table
 from causal_openlock.cli import main
 from causal_openlock.cli.terminal import complain, say
 from causal_openlock.comparison.console import Terminal

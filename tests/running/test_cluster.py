@@ -16,7 +16,8 @@ from typing import Any
 import pytest
 
 from causal_openlock.analysis.results.reading import read_results
-from causal_openlock.analysis.results.summary import summary_table, write_table
+from causal_openlock.analysis.results.summary import summary_table
+from causal_openlock.analysis.table import write_table
 from causal_openlock.errors import CellsFailed, LearnerError, OpenLockError, StoreError
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.file import read_experiment

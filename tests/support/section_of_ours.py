@@ -6,7 +6,8 @@ from matplotlib.figure import Figure
 
 from causal_openlock.analysis.decisions import Decided
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.section import Section, SectionPlot, SectionTable
+from causal_openlock.analysis.section import Section, SectionPlot
+from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Topic
 
 
@@ -21,7 +22,7 @@ def section(material: Material, _: Decided) -> Section | None:
     paid = paid.assign(share=0.125, better=True, per_1000=1234567.0, nothing=float("nan"))
     figure = Figure(figsize=(3, 2))
     figure.subplots().plot([0, 1], [0, 1])
-    table = SectionTable(
+    table = Table(
         "paid",
         "Pay & <reward>",
         paid,

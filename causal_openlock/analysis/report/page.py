@@ -1,7 +1,7 @@
 """Pages: sections in, one HTML file out, which holds everything that it shows.
 
 What has a page of its own (a report, a comparison of two) has a template of its own; all extend
-``templates/page.html.j2``, which brings the looks, on a screen, on a phone and in print.
+``page.html.j2``, which brings the looks, on a screen, on a phone and in print.
 """
 
 from __future__ import annotations
@@ -12,22 +12,9 @@ from typing import Any
 
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.prose import environment
-from causal_openlock.analysis.results.summary import write_table
-from causal_openlock.analysis.section import Section, SectionPlot, SectionTable
+from causal_openlock.analysis.section import Section, SectionPlot
+from causal_openlock.analysis.table import write_table
 from causal_openlock.files.atomic import write_text
-
-_LATEX = {
-    **{sign: f"\\{sign}" for sign in "&%$#_{}"},
-    **{"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"},
-    **{"<": r"\textless{}", ">": r"\textgreater{}", "…": r"\dots{}", "–": "--", "—": "---"},
-    **{"−": "$-$", "±": r"$\pm$", "×": r"$\times$", "·": r"$\cdot$", "→": r"$\to$"},
-    **{"≤": r"$\le$", "≥": r"$\ge$", "≠": r"$\ne$", "≈": r"$\approx$"},
-    **{"√": r"$\surd$", "∞": r"$\infty$", "²": r"$^2$"},
-    **{"α": r"$\alpha$", "β": r"$\beta$", "ε": r"$\varepsilon$", "η": r"$\eta$"},
-    **{"π": r"$\pi$", "σ": r"$\sigma$"},
-    **{"’": "'", "“": "``", "”": "''", "\u00a0": "~", "\n": " "},
-}
-_SPECIAL = re.compile("|".join(map(re.escape, _LATEX)))
 
 
 class Written:
@@ -52,7 +39,7 @@ class Written:
         for table in section.tables:
             stem = f"tables/{table.name}"
             write_table(table.frame, self.folder / f"{stem}.csv")
-            write_text(self.folder / f"{stem}.tex", latex(table))
+            write_text(self.folder / f"{stem}.tex", table.latex())
             self.files += [f"{stem}.csv", f"{stem}.tex"]
         return {**vars(section), "figures": [self.plot(plot) for plot in section.plots]}
 
@@ -84,30 +71,3 @@ def inline(plot: SectionPlot, svg: str) -> dict[str, Any]:
         "folded": plot.folded,
         "svg": Markup(root + svg[svg.index(">") + 1 :]),  # matplotlib has escaped its text
     }
-
-
-def latex(table: SectionTable) -> str:
-    """The table in LaTeX, with the rules of the package booktabs."""
-    form = "".join("r" if number else "l" for number in table.numeric)
-    caption = " ".join(filter(None, [f"{table.title.rstrip('.')}.", table.caption]))
-    head, *body = (" & ".join(map(escaped, cells)) + r" \\" for cells in (table.heads, *table.rows))
-    lines = [
-        r"\begin{table}",
-        r"\centering",
-        rf"\caption{{{escaped(caption)}}}",
-        rf"\label{{tab:{table.name}}}",
-        rf"\begin{{tabular}}{{{form}}}",
-        r"\toprule",
-        head,
-        r"\midrule",
-        *body,
-        r"\bottomrule",
-        r"\end{tabular}",
-        r"\end{table}",
-    ]
-    return "\n".join(lines) + "\n"
-
-
-def escaped(text: str) -> str:
-    """Any text, for LaTeX."""
-    return _SPECIAL.sub(lambda found: _LATEX[found[0]], text)

@@ -9,9 +9,10 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import CELL
-from causal_openlock.analysis.prose import Prose, percent
+from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.references import Beside, beside_any
 from causal_openlock.analysis.statistics import FEW_SUBJECTS
+from causal_openlock.analysis.table import percent
 
 
 def warnings_of(

@@ -2,62 +2,90 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
+
+import pandas as pd
 
 from causal_openlock.analysis.prose import Prose
+from causal_openlock.analysis.table import Table
 from causal_openlock.experiment.protocol import Protocol
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.storage.stored import StoredExperiment
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 _PROSE = Prose(__name__)
 
 
-def what_was_run(experiment: StoredExperiment) -> dict[str, Any]:
+def what_was_run(
+    experiment: StoredExperiment, played: Mapping[str, str] = MappingProxyType({})
+) -> dict[str, Any]:
     """An experiment as short texts.
 
-    Learners, conditions, schemas, rewards and protocols, as the template ``report.html.j2`` shows
-    them; the budgets of protocols and what is in rewards by their names.
+    Args:
+        experiment: What was run.
+        played: By condition, what each subject played, from :func:`trials_played`.
+
+    Returns:
+        Tables of learners, conditions and schemas, as the template ``report.html.j2`` shows them;
+        the budgets of protocols and what is in rewards by their names; and ``each`` learner.
     """
     rewards = {spec.reward.name: spec.reward.as_dict() for spec in experiment.learners}
     conditions = experiment.conditions
     met = {schema.name: schema for condition in conditions for schema in condition.schemas}
+    each = [
+        {
+            "name": spec.name,
+            "kind": spec.origin.class_name,
+            "package": spec.origin.package,
+            "protocol": spec.protocol.name,
+            "reward": spec.reward.name,
+            "parameters": pairs(spec.parameters),
+        }
+        for spec in experiment.learners
+    ]
+    learners = [
+        (
+            one["name"],
+            f"{one['kind']}\n{one['package']}",
+            one["protocol"],
+            spec.subjects,
+            one["reward"],
+            one["parameters"] or "none",
+        )
+        for one, spec in zip(each, experiment.learners, strict=True)
+    ]
+    rooms = [
+        (
+            one.name,
+            _PROSE.sentence("rooms", group=one.train),
+            _PROSE.sentence("rooms", group=one.test) or "–",
+            played.get(one.name, "–"),
+        )
+        for one in conditions
+    ]
+    edges_of = [(name, f"{edges(schema)}\n{schema.title}") for name, schema in met.items()]
     return {
-        "learners": [
-            {
-                "name": spec.name,
-                "kind": spec.origin.class_name,
-                "package": spec.origin.package,
-                "protocol": spec.protocol.name,
-                "subjects": spec.subjects,
-                "reward": spec.reward.name,
-                "parameters": pairs(spec.parameters),
-            }
-            for spec in experiment.learners
-        ],
+        "each": each,
+        "learners": _table(learners, "Learner", "Class", "Protocol", "n", "Reward", "Parameters"),
+        "conditions": _table(
+            rooms, "Condition", "Trials in rooms of", "Test in rooms of", "Played by each subject"
+        ),
+        "schemas": _table(edges_of, "Schema", "Cause → effects"),
         "rewards": {
             name: pairs({key: value for key, value in reward.items() if key != "name"})
             for name, reward in rewards.items()
         },
-        "conditions": [
-            {
-                "name": one.name,
-                "train": _PROSE.sentence("rooms", group=one.train),
-                "test": _PROSE.sentence("rooms", group=one.test),
-            }
-            for one in conditions
-        ],
-        "schemas": [
-            {"name": name, "title": schema.title, "edges": edges(schema)}
-            for name, schema in met.items()
-        ],
         "protocols": {protocol.name: budgets(protocol) for protocol in experiment.protocols},
         "versions": [f"{name} {in_words(each)}" for name, each in experiment.versions.items()],
-        "rest": {"cell size": experiment.cell_size},
     }
+
+
+def _table(rows: Sequence[tuple[Any, ...]], *heads: str) -> Table | None:
+    """A table that is shown on the page alone; None without rows."""
+    if not rows:
+        return None
+    return Table("", "", pd.DataFrame(rows, columns=[*heads]), verbatim=True)
 
 
 def budgets(protocol: Protocol) -> str:

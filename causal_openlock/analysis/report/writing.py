@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.effects import ALPHA
@@ -25,11 +26,11 @@ from causal_openlock.analysis.report.learner_pages import learner_pages
 from causal_openlock.analysis.report.page import Written, render
 from causal_openlock.analysis.report.warnings import warnings_of
 from causal_openlock.analysis.report.what_was_run import trials_played, what_was_run
-from causal_openlock.analysis.results.by_condition import condition_tables, in_cell, records
+from causal_openlock.analysis.results.by_condition import condition_tables
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.missing import missing_cells, with_missing
 from causal_openlock.analysis.results.references import Beside, difference_from
-from causal_openlock.analysis.results.summary import write_table
+from causal_openlock.analysis.table import Table, interval, percent, write_table
 from causal_openlock.analysis.topic import Topic, all_topics, decisions_of, sections_of
 from causal_openlock.analysis.topics.leaderboard import (
     answers,
@@ -109,11 +110,11 @@ def make_report(
     experiment = material.experiment
     trials, learners, summary = material.counts.trials, material.learners, material.summary
     missing = missing_cells(experiment)
-    described = what_was_run(experiment)
+    described = what_was_run(experiment, trials_played(trials))
 
     write_table(with_missing(summary, missing), folder / "summary.csv")
     written = Written(folder)
-    plots, pages = figures_of(material), learner_pages(material, described["learners"])
+    plots, pages = figures_of(material), learner_pages(material, described["each"])
     topics = all_topics() if topics is None else topics
     decisions = decisions_of(material, topics)
     ranked = decisions.computed("leaderboard")
@@ -141,7 +142,6 @@ def make_report(
             for one in material.references
             if len(one.reference.points)
         },
-        in_cell=in_cell,
         sizes={
             key: style.sizes(rows)
             for key, rows in material.headline.groupby(["protocol", "learner"], observed=True)
@@ -153,7 +153,6 @@ def make_report(
         learners=[written.section(one) for one in pages],
         summary=_summary_blocks(summary, learners, material.references),
         described=described,
-        played=trials_played(trials),
         warnings=warnings_of(trials, summary, experiment.versions, material.references),
         files=written.files,
     )
@@ -185,34 +184,53 @@ def _remove(folder: Path, files: Collection[str]) -> None:
 def _summary_blocks(
     summary: pd.DataFrame, learners: Sequence[str], references: Sequence[Beside]
 ) -> list[dict[str, Any]]:
-    """The summary by learner and protocol; ``starts`` marks a row where a condition begins."""
-    starts = summary["condition"] != summary["condition"].shift()
+    """The summary by learner and protocol, as tables in which conditions are set apart."""
     blocks = []
     for learner in learners:
-        own = summary.assign(starts=starts)[summary["learner"] == learner]
+        own = summary[summary["learner"] == learner]
         for protocol, part in own.groupby("protocol", observed=True):
             blocks.append(
                 {
                     "learner": learner,
                     "protocol": protocol,
                     "size": style.sizes(part),
-                    "references": _columns_of(part, references),
-                    "bounded": bool(part["ideal_attempts"].notna().any()),
-                    "rows": records(part),
+                    "table": _every_trial(part, references),
                 }
             )
     return blocks
 
 
-def _columns_of(part: pd.DataFrame, references: Sequence[Beside]) -> list[dict[str, str]]:
-    """The columns of references that stand beside some of the rows."""
-    return [
-        {
-            "title": one.reference.title,
-            "mean": f"{one.reference.prefix}_attempts",
-            "se": f"{one.reference.prefix}_se",
-            "difference": difference_from(one.reference, references),
-        }
-        for one in references
-        if len(one.reference.points) and part[f"{one.reference.prefix}_attempts"].notna().any()
+def _every_trial(part: pd.DataFrame, references: Sequence[Beside]) -> Table:
+    columns: list[tuple[str, Any, str]] = [
+        ("Condition", part["condition"].astype(str), ""),
+        ("Phase", part["phase"].astype(str), ""),
+        *((head, part[name], "d") for head, name in _COUNTS.items()),
+        ("Attempts", part["attempts"], ".2f"),
+        ("SE", part["se"].where(part["subjects"] > 1), ".2f"),
+        ("95% interval", [*map(_interval, part["ci_low"], part["ci_high"])], "s"),
+        ("Solved", part["share_solved"].map(percent), "s"),
     ]
+    for one in references:
+        reference = one.reference
+        if reference.points.empty or part[f"{reference.prefix}_attempts"].isna().all():
+            continue
+        columns.append((reference.title, part[f"{reference.prefix}_attempts"], ".2f"))
+        columns.append(("SE", part[f"{reference.prefix}_se"], ".2f"))
+        if name := difference_from(reference, references):
+            columns.append(("Difference", part[name], "+.2f"))
+    if part["ideal_attempts"].notna().any():
+        columns.append(("Ideal", part["ideal_attempts"], ".2f"))
+    frame = pd.concat([pd.Series(values, part.index) for _, values, _ in columns], axis=1)
+    frame.columns = pd.Index([head for head, _, _ in columns])
+    starts = (part["condition"] != part["condition"].shift()).to_numpy()
+    return Table(
+        "every_trial", "Every trial", frame, {head: form for head, _, form in columns if form},
+        looks={int(row): "first" for row in np.flatnonzero(starts)}, verbatim=True,
+    )  # fmt: skip
+
+
+_COUNTS = {"Trial": "trial", "Loops": "loops", "n": "subjects"}
+
+
+def _interval(low: float, high: float) -> str:
+    return interval(low, high) or "–"

@@ -15,6 +15,7 @@ import pandas as pd
 
 from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.results.references import Beside, Reference
+from causal_openlock.analysis.table import Table, number, share
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 
 Row = Mapping[str, Any]
@@ -48,6 +49,35 @@ class ConditionTable:
             for one, cells in self.references.items()
         }
         return {**found, "ideal observer": self.ideal} if self.ideal else found
+
+    def table(
+        self, sizes: Mapping[tuple[str, str], str], details: Mapping[Reference, str]
+    ) -> Table:
+        """Return it as it is shown, references and the ideal observer above the learners.
+
+        Args:
+            sizes: By protocol and learner, how many subjects it is of, in words.
+            details: What references are, in words.
+        """
+        rows: list[list[str]] = []
+        looks: dict[int, str] = {}
+        for one, cells in self.references.items():
+            looks[len(rows)] = "published"
+            known = ["–" if cell is None else f"{cell[0]:.2f}\n± {cell[1]:.2f}" for cell in cells]
+            rows.append([f"{one.title}\n{details[one]}", *known])
+        if self.ideal:
+            looks[len(rows)] = "ideal"
+            least = ["–" if attempts is None else f"{attempts:.2f}" for attempts in self.ideal]
+            rows.append(["Ideal observer\nschema known", *least])
+        for learner, own in self.rows.items():
+            texts = ["\n".join(in_cell(row)) for row in own]
+            rows.append([f"{learner}\n{sizes[self.protocol, learner]}", *texts])
+        heads = ["Learner", *(f"{name}\n{measured}" for name, measured in self.columns)]
+        frame = pd.DataFrame(rows, columns=heads)
+        return Table(
+            "attempts_by_condition", "Attempts in each condition", frame,
+            dict.fromkeys(heads[1:], "s"), looks=looks, verbatim=True,
+        )  # fmt: skip
 
 
 def condition_tables(
@@ -113,24 +143,6 @@ def in_cell(row: Row | None) -> list[str]:
     if row["share_solved"] < 1:
         found.append(f"{share(row['share_solved'])} solved")
     return found
-
-
-def number(attempts: float) -> str:
-    """Attempts as tables print them.
-
-    >>> number(3.7512), number(150.2)
-    ('3.75', '150')
-    """
-    return f"{attempts:.2f}" if attempts < 100 else f"{attempts:,.0f}"
-
-
-def share(value: float) -> str:
-    """A share as tables print it: 0% is none and 100% is all.
-
-    >>> share(0.125), share(0.001), share(0.999), share(1.0)
-    ('12%', '<1%', '>99%', '100%')
-    """
-    return "<1%" if 0 < value < 0.01 else ">99%" if 0.99 < value < 1 else f"{value:.0%}"
 
 
 def records(table: pd.DataFrame) -> list[dict[str, Any]]:

@@ -7,10 +7,7 @@ observer needs (see :mod:`~causal_openlock.analysis.results.bounds`).
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,8 +29,6 @@ from causal_openlock.analysis.results.references import (
 )
 from causal_openlock.analysis.statistics import mean_intervals
 from causal_openlock.experiment.experiment import Experiment
-from causal_openlock.files.atomic import write_text
-from causal_openlock.files.escaping import cell
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -112,33 +107,6 @@ def summarise(
     """
     table, added = _means(trials, references, bounds)
     return table.rename(columns={"visits": "loops"})[[*SUMMARY_COLUMNS, *added]]
-
-
-def write_table(table: pd.DataFrame, path: Path | str) -> None:
-    """Write a table of results as CSV; equal data give equal bytes.
-
-    Numbers have at most six significant digits and lines end in a line feed, so that two runs of an
-    experiment can be compared byte for byte. A value that does not exist is left empty.
-
-    Args:
-        table: Its rows and columns in a fixed order, such as :func:`summary_table` gives.
-        path: The file to write.
-
-    Raises:
-        OpenLockError: If it cannot be written; a file that was there stays as it was.
-    """
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([cell(str(name)) for name in table.columns])
-    for row in table.itertuples(index=False):
-        writer.writerow([_cell(value) for value in row])
-    write_text(path, text.getvalue())
-
-
-def _cell(value: object) -> str:
-    if isinstance(value, float):
-        return "" if np.isnan(value) else f"{value + 0.0:.6g}"  # + 0.0: no minus zero
-    return cell(value) if isinstance(value, str) else str(value)
 
 
 def headline(

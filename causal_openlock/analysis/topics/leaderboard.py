@@ -21,12 +21,13 @@ from causal_openlock.analysis.decisions import Decided, Decisions
 from causal_openlock.analysis.effects import Difference, Group, weighted_difference
 from causal_openlock.analysis.measures import judged, ordered
 from causal_openlock.analysis.prose import Prose
-from causal_openlock.analysis.results.by_condition import number, records, share
+from causal_openlock.analysis.results.by_condition import records
 from causal_openlock.analysis.results.chance import attempts_at_random
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import Beside
-from causal_openlock.analysis.section import Section, printed
+from causal_openlock.analysis.section import Section
 from causal_openlock.analysis.statistics import FEW_SUBJECTS
+from causal_openlock.analysis.table import Table, number, printed, share
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.analysis.topics.pairwise import Outcomes, compared, outcomes
 from causal_openlock.experiment.protocol import HUMAN_PROTOCOL, default_action_limit
@@ -302,6 +303,18 @@ class LeaderboardTable:
     short_rows: Mapping[str, tuple[str, ...]]
     marks: frozenset[str]
     above: bool
+
+    @property
+    def table(self) -> Table:
+        """The wide table, as a page shows it."""
+        rows = []
+        for learner, cells in self.rows.items():
+            given = "\nschema or room given" if learner in self.given else ""
+            rows.append([f"{learner}{given}", *("\n".join(filter(None, one)) for one in cells)])
+        looks = {row: "published" for row, name in enumerate(self.rows) if name in self.references}
+        frame = pd.DataFrame(rows, columns=[*self.heads])
+        right = dict.fromkeys(self.heads[1:], "s")
+        return Table("leaderboard", "Results", frame, right, looks=looks, verbatim=True)
 
     @property
     def measured(self) -> str:

@@ -32,8 +32,9 @@ from causal_openlock.analysis.results.visits import (
     shares,
     starts,
 )
-from causal_openlock.analysis.section import Section, SectionTable
+from causal_openlock.analysis.section import Section
 from causal_openlock.analysis.statistics import LEVEL
+from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.protocol import default_action_limit
@@ -205,7 +206,7 @@ def section(material: Material, _: Decided) -> Section | None:
     )
 
 
-def _shown(name: str, rows: pd.DataFrame) -> SectionTable:
+def _shown(name: str, rows: pd.DataFrame) -> Table:
     first = ["learner", "condition", "protocol", "verdict"]
     last = ["subjects", "visits"]
     shares_of = [name for name in rows if name not in (*first, *last, "measure")]

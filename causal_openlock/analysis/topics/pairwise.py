@@ -26,7 +26,8 @@ from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, panels, trials_under
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.section import Section, SectionPlot, SectionTable
+from causal_openlock.analysis.section import Section, SectionPlot
+from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.errors import NothingToDrawError
 from causal_openlock.wording import file_names
@@ -237,7 +238,7 @@ def section(material: Material, decided: Decided) -> Section | None:
     """Comparisons of all learners under each protocol; None if nowhere two of them can compare."""
     found: dict[str, pd.DataFrame] = decided.computed
     protocols: list[dict[str, Any]] = []
-    tables: list[SectionTable] = []
+    tables: list[Table] = []
     plots: list[SectionPlot] = []
     for protocol, part in file_names(found).items():
         rows = found[protocol].itertuples()

@@ -34,8 +34,9 @@ from causal_openlock.analysis.plots.panels import Names, Panels, panels, trials_
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import Reference
-from causal_openlock.analysis.section import Section, SectionPlot, SectionTable
+from causal_openlock.analysis.section import Section, SectionPlot
 from causal_openlock.analysis.statistics import LEVEL, SEED, bootstrap_interval
+from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.errors import NothingToDrawError
 from causal_openlock.experiment.paper_conditions import paper_conditions
@@ -363,7 +364,7 @@ def section(material: Material, decided: Decided) -> Section | None:
     found: dict[str, pd.DataFrame]
     found, titles = decided.computed
     findings: list[dict[str, Any]] = []
-    tables: list[SectionTable] = []
+    tables: list[Table] = []
     plots: list[SectionPlot] = []
     for protocol, part in file_names(found).items():
         scores = found[protocol]

@@ -13,7 +13,7 @@ import pytest
 from causal_openlock.analysis.measures import attempts_to_solve
 from causal_openlock.analysis.report.writing import write_report
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.section import SectionTable, printed
+from causal_openlock.analysis.table import Table, printed
 from causal_openlock.analysis.topic import all_topics, columns_of, sections_of
 from support.fabricated_records import random_cells, table, trial_rows
 from support.html_page import Page
@@ -143,7 +143,7 @@ def test_long_tables_are_closed_on_the_page() -> None:
     from causal_openlock.analysis.report.page import render
 
     frame = pd.DataFrame({"name": [f"n{i}" for i in range(LONG + 1)], "value": 1.0})
-    told = [SectionTable("t", "T", part) for part in (frame, frame.head(LONG))]
+    told = [Table("t", "T", part) for part in (frame, frame.head(LONG))]
     pages = [
         render(
             "difference.html.j2",

@@ -1,0 +1,255 @@
+"""A table, in every form in which it is shown or stored: HTML, text, Markdown, LaTeX, CSV.
+
+Numbers stay numbers until they are printed, in one place (:func:`printed`): on a page and in LaTeX
+as a column asks for, in a CSV file as they were computed. A cell of text may have further lines,
+which a page sets in small type.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from causal_openlock.files.atomic import write_text
+from causal_openlock.files.escaping import cell
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
+
+_LATEX = {
+    **{sign: f"\\{sign}" for sign in "&%$#_{}"},
+    **{"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"},
+    **{"<": r"\textless{}", ">": r"\textgreater{}", "…": r"\dots{}", "–": "--", "—": "---"},
+    **{"−": "$-$", "±": r"$\pm$", "×": r"$\times$", "·": r"$\cdot$", "→": r"$\to$"},
+    **{"≤": r"$\le$", "≥": r"$\ge$", "≠": r"$\ne$", "≈": r"$\approx$"},
+    **{"√": r"$\surd$", "∞": r"$\infty$", "²": r"$^2$"},
+    **{"α": r"$\alpha$", "β": r"$\beta$", "ε": r"$\varepsilon$", "η": r"$\eta$"},
+    **{"π": r"$\pi$", "σ": r"$\sigma$"},
+    **{"’": "'", "“": "``", "”": "''", "\u00a0": "~", "\n": " "},
+}
+_SPECIAL = re.compile("|".join(map(re.escape, _LATEX)))
+
+LONG_TEXT = 40
+"""Cells of more characters than this are wrapped."""
+MANY_COLUMNS = 9
+"""Tables of more columns than this are set smaller."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table that is shown, and kept as a file.
+
+    >>> frame = pd.DataFrame({"learner": ["bayes"], "mean_attempts": [3.751]})
+    >>> print(Table("attempts", "Attempts", frame, {"mean_attempts": ".2f"}).markdown())
+    | learner | mean attempts |
+    |---|---|
+    | bayes | 3.75 |
+
+    Attributes:
+        name: File name without ending.
+        title: What it is.
+        frame: Its values as they were computed, unrounded; columns are headed by their names.
+        formats: How to print a column (``.2f``, ``+.2f``, ``.1%``, ``,``; ``s`` sets text to the
+            right, as numbers are); others as text.
+        caption: What a reader needs to know, in whole sentences.
+        looks: What marks a row, by its number: a class of the page's style.
+        verbatim: Whether names of columns are shown as they are, and not with spaces for ``_``.
+    """
+
+    name: str
+    title: str
+    frame: pd.DataFrame
+    formats: Mapping[str, str] = field(default_factory=dict)
+    caption: str = ""
+    looks: Mapping[int, str] = field(default_factory=dict)
+    verbatim: bool = False
+
+    @property
+    def heads(self) -> list[str]:
+        """What is over the columns: their names, in words."""
+        names = [str(name) for name in self.frame.columns]
+        return names if self.verbatim else [name.replace("_", " ") for name in names]
+
+    @property
+    def numeric(self) -> list[bool]:
+        """Which columns hold numbers, and are set to the right."""
+        return [
+            str(name) in self.formats
+            or (pd.api.types.is_numeric_dtype(kind) and not pd.api.types.is_bool_dtype(kind))
+            for name, kind in self.frame.dtypes.items()
+        ]
+
+    @cached_property
+    def rows(self) -> list[list[str]]:
+        """The values as they are printed, row by row."""
+        columns = [
+            [printed(value, self.formats.get(str(name))) for value in values.tolist()]
+            for name, values in self.frame.items()  # names may be there twice
+        ]
+        return [list(row) for row in zip(*columns, strict=True)]
+
+    def html(self, look: str = "data") -> Markup:
+        """Return it as HTML, of a class of the page's style."""
+        from markupsafe import Markup, escape
+
+        def lines(text: str) -> str:
+            first, *rest = text.split("\n")
+            return "".join([escape(first), *(f"<small>{escape(one)}</small>" for one in rest)])
+
+        def entry(text: str, number: int, tag: str) -> str:
+            kind = "" if self.numeric[number] else "name"
+            if kind and tag == "td" and len(text) > LONG_TEXT:
+                kind = "text long"
+            scope = {"td": "", "th": ' scope="col"'}.get(tag, ' scope="row"')
+            marked = f' class="{kind}"' if kind else ""
+            return f"<{tag[:2]}{scope}{marked}>{lines(text)}</{tag[:2]}>"
+
+        head = "".join(entry(text, number, "th") for number, text in enumerate(self.heads))
+        body = []
+        for at, row in enumerate(self.rows):
+            cells = [
+                entry(text, at_, "th row" if at_ == 0 else "td") for at_, text in enumerate(row)
+            ]
+            mark = f' class="{self.looks[at]}"' if at in self.looks else ""
+            body.append(f"<tr{mark}>{''.join(cells)}</tr>\n")
+        wide = " wide" if len(self.heads) > MANY_COLUMNS else ""
+        return Markup(
+            f'<table class="{look}{wide}">\n<thead><tr>{head}</tr></thead>\n'
+            f"<tbody>\n{''.join(body)}</tbody></table>"
+        )
+
+    def markdown(self) -> str:
+        """Return it as Markdown."""
+        return markdown(self.heads, self.rows)
+
+    def latex(self) -> str:
+        """Return it as LaTeX, with the rules of the package booktabs."""
+        form = "".join("r" if number else "l" for number in self.numeric)
+        caption = " ".join(filter(None, [f"{self.title.rstrip('.')}.", self.caption]))
+        head, *body = (" & ".join(map(_escaped, row)) + r" \\" for row in (self.heads, *self.rows))
+        lines = [
+            r"\begin{table}",
+            r"\centering",
+            rf"\caption{{{_escaped(caption)}}}",
+            rf"\label{{tab:{self.name}}}",
+            rf"\begin{{tabular}}{{{form}}}",
+            r"\toprule",
+            head,
+            r"\midrule",
+            *body,
+            r"\bottomrule",
+            r"\end{tabular}",
+            r"\end{table}",
+        ]
+        return "\n".join(lines) + "\n"
+
+
+def _escaped(text: str) -> str:
+    """Any text, for LaTeX."""
+    return _SPECIAL.sub(lambda found: _LATEX[found[0]], text)
+
+
+def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A Markdown table.
+
+    >>> print(markdown(["a", "b"], [["1", "2"]]))
+    | a | b |
+    |---|---|
+    | 1 | 2 |
+    """
+    lines = [head, ["---"] * len(head), *rows]
+    cells = [[re.sub(r"\s*\n\s*", " ", one).replace("|", "\\|") for one in line] for line in lines]
+    texts = ["| " + " | ".join(line) + " |" for line in cells]
+    texts[1] = "|" + "|".join("---" for _ in head) + "|"
+    return "\n".join(texts)
+
+
+def write_table(table: pd.DataFrame, path: Path | str) -> None:
+    """Write a table of results as CSV; equal data give equal bytes.
+
+    Numbers have at most six significant digits and lines end in a line feed, so that two runs of an
+    experiment can be compared byte for byte. A value that does not exist is left empty.
+
+    Args:
+        table: Its rows and columns in a fixed order, such as :func:`summary_table` gives.
+        path: The file to write.
+
+    Raises:
+        OpenLockError: If it cannot be written; a file that was there stays as it was.
+    """
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([cell(str(name)) for name in table.columns])
+    for row in table.itertuples(index=False):
+        writer.writerow([_cell(value) for value in row])
+    write_text(path, text.getvalue())
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, float):
+        return "" if np.isnan(value) else f"{value + 0.0:.6g}"  # + 0.0: no minus zero
+    return cell(value) if isinstance(value, str) else str(value)
+
+
+def printed(value: Any, form: str | None) -> str:
+    """A value as the page prints it.
+
+    Args:
+        value: Anything; ``None`` and NaN are no value.
+        form: As for :func:`format`; by default as text.
+    """
+    if value is None or (isinstance(value, float) and value != value) or value is pd.NA:
+        return "–"
+    if isinstance(value, bool) or type(value).__name__ == "bool":  # NumPy has a bool of its own
+        return "yes" if value else "no"
+    if isinstance(value, int | float) or form:
+        text = format(value + 0.0 if isinstance(value, float) else value, form or "")
+        if form and re.fullmatch(r"-0*\.?0*%?", text):
+            text = text[1:]  # a minus that nothing is left of
+        return text.replace("-", "−", 1) if text.startswith("-") else text.replace("e-", "e−")
+    return str(value)
+
+
+def number(attempts: float) -> str:
+    """Attempts as tables print them.
+
+    >>> number(3.7512), number(150.2)
+    ('3.75', '150')
+    """
+    return f"{attempts:.2f}" if attempts < 100 else f"{attempts:,.0f}"
+
+
+def share(value: float) -> str:
+    """A share as tables print it: 0% is none and 100% is all.
+
+    >>> share(0.125), share(0.001), share(0.999), share(1.0)
+    ('12%', '<1%', '>99%', '100%')
+    """
+    return "<1%" if 0 < value < 0.01 else ">99%" if 0.99 < value < 1 else f"{value:.0%}"
+
+
+def percent(share: float) -> str:
+    """A share, such as ``12.5%``; never 0 or 100 where it is not."""
+    if 0 < share < 0.0005 or 0.9995 < share < 1:  # some is not none, and not all
+        return "<0.1%" if share < 0.5 else ">99.9%"
+    return f"{100 * share:.1f}%"
+
+
+def interval(low: float | None, high: float | None) -> str:
+    """An interval, or nothing where subjects do not differ or there is only one.
+
+    >>> interval(3.25, 4.0), interval(4.0, 4.0), interval(None, None)
+    ('3.25–4.00', '', '')
+    """
+    if low is None or high is None or np.isnan(low) or low == high:
+        return ""
+    return f"{low + 0.0:.2f}–{high + 0.0:.2f}"
