@@ -45,12 +45,15 @@ types: $(VENV)/installed-test
 imports: $(VENV)/installed-test
 	@$(BIN)/lint-imports
 
+# Whole files to each worker, in the order in which they are collected: slow ones first.
+PYTEST := $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder -q
+
 tests: $(VENV)/installed-test
-	@$(BIN)/python -m pytest -n auto -q --durations=10
+	@$(PYTEST) --durations=10
 
 # A quick round while working: without long plays, browsers and clusters.
 test-fast: $(VENV)/installed-test
-	@$(BIN)/python -m pytest -n auto -q -m "not slow and not browser and not cluster"
+	@$(PYTEST) -m "not slow and not browser and not cluster"
 
 bench: $(VENV)/installed-test
 	$(BIN)/python benchmarks/run.py

@@ -1,4 +1,4 @@
-"""What all tests share: an environment, kernels compiled once, and the order of the long ones."""
+"""What all tests share: an environment, kernels compiled once, and slow files first."""
 
 from __future__ import annotations
 
@@ -21,54 +21,8 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
-LONGEST_FIRST = (
-    "project/test_docs.py::test_the_site_builds_without_a_warning_and_is_whole",
-    "project/test_notebooks.py",
-    "project/test_docs.py::test_what_a_page_shows_is_what_happens",
-    "learners/networks/test_double_q_compiled.py",
-    "contract/test_learner_contract.py",
-    "cli/test_cli.py",
-    "learners/test_bayes.py",
-    "play/test_play_browser.py",
-    "play/test_play_server.py",
-    "learners/test_recurrent.py",
-    "running/test_checkpoint.py",
-    "running/test_cluster.py",
-    "belief/test_beliefs.py",
-    "physics/test_physics_agreement.py",
-    "analysis/report",
-    "fitting/test_fit.py",
-    "storage/test_store.py",
-    "export/test_bundle.py",
-    "belief/test_trace.py",
-    "learners/test_ideal.py",
-    "project/test_wheel.py",
-    "contract/test_third_party.py",
-    "world/test_own_rewards.py",
-)
-"""Tests and files that take long, so that none of them is begun last; they are begun in this order.
-
-A test that is named is given to a worker by itself, any other with all of its file, whose tests
-share what they set up.
-"""
-
-
-def _place(nodeid: str) -> int:
-    """Where a test stands in the list; behind its end if it takes not long."""
-    places = (index for index, name in enumerate(LONGEST_FIRST) if f"tests/{name}" in nodeid)
-    return next(places, len(LONGEST_FIRST))
-
-
-def _unit(nodeid: str) -> str:
-    """What is given to a worker as one piece: a long test, or a file."""
-    place = _place(nodeid)
-    alone = place < len(LONGEST_FIRST) and "::" in LONGEST_FIRST[place]
-    return nodeid if alone else nodeid.partition("::")[0]
-
-
-def pytest_configure(config: pytest.Config) -> None:
-    """Keep the order in which tests are collected; xdist begins with the largest files else."""
-    config.option.loadscopereorder = False
+def pytest_configure() -> None:
+    """Look for cycles less often."""
     # A twentieth of the time of all tests went into looking for cycles every 700 objects.
     gc.set_threshold(50_000, 20, 50)
 
@@ -80,20 +34,8 @@ def pytest_collection_finish() -> None:
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Let the long ones come first."""
-    items.sort(key=lambda item: _place(item.nodeid))
-
-
-@pytest.hookimpl(optionalhook=True)
-def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """Whole files to each worker as it becomes free, and long tests one by one."""
-    from xdist.scheduler import LoadScopeScheduling
-
-    class Scheduling(LoadScopeScheduling):
-        def _split_scope(self, nodeid: str) -> str:
-            return _unit(nodeid)
-
-    return Scheduling(config, log)
+    """Begin with slow files, so that no worker is left with one at the end."""
+    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
 
 
 @pytest.fixture(scope="session", autouse=True)
