@@ -148,7 +148,7 @@ class _Scene:
 
     def _chance(self, step: Any) -> Any:
         """``[H]`` how probable each hypothesis makes what the first subject saw."""
-        from causal_openlock.belief.evidence import Event, likelihood
+        from causal_openlock.belief.likelihoods import Event, likelihood
         from causal_openlock.belief.planning import Situation
 
         belief = self.belief

@@ -30,8 +30,8 @@ from fuzz_mutations import (
 from causal_openlock.analysis.topics.language_models import _counts
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import OpenLockError
-from causal_openlock.evidence.stored import read_run, read_units
 from causal_openlock.evidence.study import read_study
+from causal_openlock.evidence.study_files import read_run, read_units
 from causal_openlock.experiment.answers import Answer, read_answers, write_answers
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition
@@ -42,9 +42,9 @@ from causal_openlock.files.checksums import json_bytes, read_json
 from causal_openlock.files.state import write_state
 from causal_openlock.fitting.actions import FILE as FIT_TO_ACTIONS
 from causal_openlock.fitting.actions import Fitted, fit_table, fits_of
+from causal_openlock.fitting.candidates import Candidate, Fit, Plan, _keep, _opened
 from causal_openlock.fitting.kept import fit_of, keep_fit
 from causal_openlock.fitting.search import Range, bundled_search, read_search
-from causal_openlock.fitting.study import Candidate, Fit, Plan, _keep, _opened
 from causal_openlock.importing.folder import import_files
 from causal_openlock.play.people import People
 from causal_openlock.play.recruiting import RECRUITED
@@ -54,10 +54,10 @@ from causal_openlock.schemas.finding import bundled_schemas, find_schema
 from causal_openlock.schemas.graphs import FORMATS, export_schema, read_schema
 from causal_openlock.scoring.scores import ACTIONS, FOLDER
 from causal_openlock.storage.store import Store
-from openlock_learners.language.answers import read_answer, read_structure
-from openlock_learners.language.replay import Replay
-from openlock_learners.meta.file import TrainingFile, read_training
+from openlock_learners.language.kept_replies import Replay
+from openlock_learners.language.offered_actions import read_answer, read_structure
 from openlock_learners.meta.training import MetaTraining, resume
+from openlock_learners.meta.training_file import TrainingFile, read_training
 from openlock_learners.networks.network_file import read_network, write_network
 from openlock_learners.networks.recurrent_policy import Sizes, make_policy
 

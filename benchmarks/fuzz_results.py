@@ -14,10 +14,10 @@ from causal_openlock.fitting.actions import FILE, ActionPlan, fit_all, jobs_of
 from causal_openlock.fitting.predicting import read_fit, score_fits
 from causal_openlock.fitting.search import Range, search_space
 from causal_openlock.running.runner import run
-from causal_openlock.scoring.failures import failures, worst_attempts
 from causal_openlock.scoring.on_record import scores_on_record
 from causal_openlock.scoring.scores import ACTIONS, FOLDER, score_learners
 from causal_openlock.scoring.teacher_forcing import recorded_subjects
+from causal_openlock.scoring.worst_predicted import failures, worst_attempts
 from causal_openlock.storage.running_files import report_progress
 from causal_openlock.storage.store import Store
 from causal_openlock.world.room import positions_for

@@ -172,7 +172,8 @@ def in_a_cell(folder: Path, own: set[str] | None = None) -> bool:
 
 def summary(folder: Path) -> dict[str, Any]:
     """How much was played, and the SHA-256 of its summary."""
-    from causal_openlock.analysis.results.summary import summary_table, write_table
+    from causal_openlock.analysis.results.summary import summary_table
+    from causal_openlock.analysis.table import write_table
     from causal_openlock.storage.store import Store
 
     record, experiment = Store(folder).record()

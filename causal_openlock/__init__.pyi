@@ -68,7 +68,7 @@ from .envs.vector import OpenLockVectorEnv as OpenLockVectorEnv
 # Beliefs
 from .analysis.results.bounds import ideal_attempts as ideal_attempts
 from .analysis.results.bounds import ideal_bounds as ideal_bounds
-from .belief.evidence import takes_effect as takes_effect
+from .belief.likelihoods import takes_effect as takes_effect
 from .belief.grammar import schema_classes as schema_classes
 from .belief.planning import Situation as Situation
 from .belief.trace import trace_trial as trace_trial

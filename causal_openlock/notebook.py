@@ -109,7 +109,7 @@ def watched_widgets(watched: WatchedTrial) -> dict[str, Any] | None:
     Returns:
         What a notebook shows, by media type; ``None`` without ipywidgets, or outside of a notebook.
     """
-    from causal_openlock.comparison.progress import in_notebook
+    from causal_openlock.comparison.progress_bar import in_notebook
 
     if not in_notebook():
         return None

@@ -21,6 +21,7 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
+
 def pytest_configure() -> None:
     """Look for cycles less often."""
     # A twentieth of the time of all tests went into looking for cycles every 700 objects.

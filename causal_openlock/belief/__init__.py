@@ -8,7 +8,7 @@ Hypotheses and their prior
     :mod:`~causal_openlock.belief.sampling` (where there are too many to list).
 
 Inference
-    :mod:`~causal_openlock.belief.evidence` (events and their likelihood),
+    :mod:`~causal_openlock.belief.likelihoods` (events and their likelihood),
     :mod:`~causal_openlock.belief.knowledge` (parameters of the prior, and what is carried from room
     to room), :mod:`~causal_openlock.belief.beliefs` (the posteriors of many subjects).
 

@@ -28,9 +28,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from causal_openlock.belief.catalogue import FREE_FORM_LEVERS
-from causal_openlock.belief.evidence import DOOR, Event, Events, informative, likelihood, observed
 from causal_openlock.belief.hypotheses import RoomSight, Space, enumerate_space, strengths
 from causal_openlock.belief.knowledge import Knowledge, Prior
+from causal_openlock.belief.likelihoods import (
+    DOOR,
+    Event,
+    Events,
+    informative,
+    likelihood,
+    observed,
+)
 from causal_openlock.belief.sampling import LISTED_CAUSES, Sampler, listed, sampled, with_sampled
 from causal_openlock.belief.structures import Structures
 from causal_openlock.contract.learner import Brief, Step, View

@@ -31,8 +31,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from causal_openlock.belief.evidence import completes
 from causal_openlock.belief.hypotheses import Strengths
+from causal_openlock.belief.likelihoods import completes
 from causal_openlock.belief.structures import NEVER, Hypotheses
 from causal_openlock.contract.learner import View
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray

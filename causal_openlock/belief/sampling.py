@@ -26,10 +26,10 @@ from functools import cache
 import numpy as np
 
 from causal_openlock.belief.catalogue import Catalogue, distance, gate_weight
-from causal_openlock.belief.evidence import DOOR, Event
 from causal_openlock.belief.grammar import schema_classes
 from causal_openlock.belief.hypotheses import Block, RoomSight, Space, at_least
 from causal_openlock.belief.knowledge import EFFORT
+from causal_openlock.belief.likelihoods import DOOR, Event
 from causal_openlock.belief.structures import Hypotheses, Structures, gate_options, merge
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from causal_openlock.belief.belief_learner import BeliefLearner
 from causal_openlock.belief.beliefs import Belief
-from causal_openlock.belief.evidence import informative, likelihood, observed
+from causal_openlock.belief.likelihoods import informative, likelihood, observed
 from causal_openlock.belief.structure_schemas import (
     behave_alike,
     by_position,

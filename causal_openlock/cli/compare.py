@@ -11,7 +11,7 @@ import typer
 from causal_openlock.cli.options import ProtocolName, ReferenceFolders, Seed, Workers
 from causal_openlock.cli.report import report_store
 from causal_openlock.cli.stopping import resumable
-from causal_openlock.comparison.progress import shown
+from causal_openlock.comparison.progress_bar import shown
 from causal_openlock.errors import OpenLockError
 
 if TYPE_CHECKING:

@@ -67,8 +67,8 @@ def report_store(
 ) -> None:
     """Write the report of a results folder, perhaps beside others, and print its headline."""
     from causal_openlock.analysis.results.missing import missing_cells
+    from causal_openlock.comparison.leaderboard_text import print_leaderboard
     from causal_openlock.comparison.results import open_results
-    from causal_openlock.comparison.tables import print_leaderboard
 
     results = open_results(folder, *others, reference=references)
     page = results.report(folder)

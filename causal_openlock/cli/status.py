@@ -16,7 +16,7 @@ def status(folder: ResultsFolder) -> None:
     It may run anywhere: on this machine, on a cluster, or as shards in a job array.
     """
     from causal_openlock.comparison.console import Terminal
-    from causal_openlock.comparison.progress import duration
+    from causal_openlock.comparison.progress_bar import duration
     from causal_openlock.running.status import status_of
     from causal_openlock.storage.store import Store
 

@@ -18,7 +18,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from causal_openlock.comparison.progress import Show, shown_here
+from causal_openlock.comparison.progress_bar import Show, shown_here
 from causal_openlock.errors import CellsFailed, ExperimentError, Interrupted, OpenLockError
 from causal_openlock.experiment.building import (
     Changes,

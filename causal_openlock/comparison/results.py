@@ -305,7 +305,7 @@ class Results(Material):
     def __repr__(self) -> str:
         """The table that answers first, as text, and what a reader should know."""
         from causal_openlock.comparison.console import Terminal
-        from causal_openlock.comparison.tables import print_leaderboard
+        from causal_openlock.comparison.leaderboard_text import print_leaderboard
 
         text = StringIO()
         plain = {"force_terminal": False, "force_jupyter": False, "no_color": True}

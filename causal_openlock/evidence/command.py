@@ -86,7 +86,7 @@ def evidence(
 def _run(
     studies: list[Study], results: Path, workers: int | None, anew: bool, console: Terminal
 ) -> None:
-    from causal_openlock.comparison.progress import shown
+    from causal_openlock.comparison.progress_bar import shown
     from causal_openlock.evidence.keeping import Watched
     from causal_openlock.evidence.running import run_study
 

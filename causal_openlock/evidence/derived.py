@@ -10,8 +10,8 @@ import pandas as pd
 from causal_openlock.analysis.topics.learning_cost import costs_by_learner
 from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.confusions import confusion
-from causal_openlock.evidence.stored import COSTS, read_units
 from causal_openlock.evidence.study import Study
+from causal_openlock.evidence.study_files import COSTS, read_units
 from causal_openlock.fitting.objective import score
 from causal_openlock.paper.likeness import Likeness, likeness
 from causal_openlock.paper.noise_ceiling import beside_null_models, chosen_settings

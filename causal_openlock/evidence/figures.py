@@ -23,7 +23,6 @@ from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.confusions import recovery_of
 from causal_openlock.evidence.derived import beside_people
 from causal_openlock.evidence.measured import Evidence
-from causal_openlock.evidence.stored import UNITS
 from causal_openlock.evidence.study import (
     ATTEMPTS,
     BLOCK,
@@ -33,6 +32,7 @@ from causal_openlock.evidence.study import (
     Selection,
     Table,
 )
+from causal_openlock.evidence.study_files import UNITS
 from causal_openlock.evidence.units import Selected, selected
 from causal_openlock.evidence.verdicts import mean_of
 from causal_openlock.files.digest import digest

@@ -14,10 +14,10 @@ from typing import Any
 
 import pandas as pd
 
-from causal_openlock.comparison.progress import Show
+from causal_openlock.comparison.progress_bar import Show
 from causal_openlock.errors import EvidenceError
-from causal_openlock.evidence.stored import UNITS, read_run, read_units, write_run
 from causal_openlock.evidence.study import Study
+from causal_openlock.evidence.study_files import UNITS, read_run, read_units, write_run
 from causal_openlock.files.json_text import present
 from causal_openlock.storage.versions import merged_versions
 from causal_openlock.wording import joined

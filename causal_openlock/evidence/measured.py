@@ -14,8 +14,7 @@ import pandas as pd
 from causal_openlock.analysis.table import markdown
 from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.derived import DERIVED
-from causal_openlock.evidence.published import published_units
-from causal_openlock.evidence.stored import RUN, read_run, read_units
+from causal_openlock.evidence.published_units import published_units
 from causal_openlock.evidence.study import (
     ATTEMPTS,
     CORRELATION,
@@ -28,6 +27,7 @@ from causal_openlock.evidence.study import (
     Study,
     Table,
 )
+from causal_openlock.evidence.study_files import RUN, read_run, read_units
 from causal_openlock.evidence.units import Selected
 from causal_openlock.evidence.verdicts import (
     EQUIVALENCE,

@@ -1,10 +1,10 @@
 """Running a study: train its networks, play its experiment, and keep what was measured.
 
-A study can be stopped at any time and goes on where it was. What has been played by then is
-already evidence, of fewer units: verdicts on it are undecided where it does not suffice. Records
-and networks stay in ``results``, which is not kept; what lasts is in the study's folder
-(:mod:`~causal_openlock.evidence.stored`). A study whose records are gone, on another machine for
-instance, goes on from there: what was measured is not played again.
+A study can be stopped at any time and goes on where it was. What has been played by then is already
+evidence, of fewer units: verdicts on it are undecided where it does not suffice. Records and
+networks stay in ``results``, which is not kept; what lasts is in the study's folder
+(:mod:`~causal_openlock.evidence.study_files`). A study whose records are gone, on another machine
+for instance, goes on from there: what was measured is not played again.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ from causal_openlock.evidence.keeping import (
     parts_of,
     write_measured,
 )
-from causal_openlock.evidence.recovering import run_recovery
-from causal_openlock.evidence.stored import COSTS, UNITS, read_run, read_units
+from causal_openlock.evidence.recovery_runs import run_recovery
 from causal_openlock.evidence.study import FILE, MEASURED, Networks, Study
+from causal_openlock.evidence.study_files import COSTS, UNITS, read_run, read_units
 from causal_openlock.evidence.units import of_network, units_of
 from causal_openlock.experiment.building import Changes, learner
 from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec

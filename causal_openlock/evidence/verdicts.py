@@ -39,7 +39,7 @@ import pandas as pd
 from scipy import stats
 
 from causal_openlock.errors import EvidenceError
-from causal_openlock.evidence.published import published_units
+from causal_openlock.evidence.published_units import published_units
 from causal_openlock.evidence.study import CORRELATION, PUBLISHED, Contrast, Expected, Selection
 from causal_openlock.evidence.units import Selected, selected
 

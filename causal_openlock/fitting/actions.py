@@ -29,10 +29,10 @@ from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.experiment.building import learner, make_experiment
 from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.files.digest import digest
+from causal_openlock.fitting.candidates import proposals, require_optuna
 from causal_openlock.fitting.effect import ON_ACTIONS, require_effect, without_effect
 from causal_openlock.fitting.kept import fit_of, fitting_in, keep_fit
 from causal_openlock.fitting.search import Range, SearchSpace, check_chosen
-from causal_openlock.fitting.study import proposals, require_optuna
 from causal_openlock.running.workers import worker_pool
 from causal_openlock.schemas.fsm import BoolArray, FloatArray
 from causal_openlock.scoring import LAPSE

@@ -16,8 +16,8 @@ from causal_openlock.scoring import LAPSE
 
 if TYPE_CHECKING:
     from causal_openlock.comparison.console import Terminal
+    from causal_openlock.fitting.candidates import Fit
     from causal_openlock.fitting.outcome import FittedLearner
-    from causal_openlock.fitting.study import Fit
 
 
 def fit(
@@ -105,6 +105,8 @@ def fit(
 
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.contract.registry import learner_class
+    from causal_openlock.fitting.candidates import Plan, require_optuna
+    from causal_openlock.fitting.candidates import fit as run
     from causal_openlock.fitting.objective import conditions_to_fit, objective_called, towards
     from causal_openlock.fitting.outcome import fitted_learner, write_fitted_learner
     from causal_openlock.fitting.search import (
@@ -114,8 +116,6 @@ def fit(
         read_search,
         search_beside,
     )
-    from causal_openlock.fitting.study import Plan, require_optuna
-    from causal_openlock.fitting.study import fit as run
     from causal_openlock.paper.likeness import published_points
     from causal_openlock.running.workers import available_cores
 
@@ -184,8 +184,8 @@ def fit(
 def _check_folder(folder: Path) -> None:
     """Refuse a folder that holds something else, before anything is played."""
     from causal_openlock.fitting.actions import FILE as OF_ACTIONS
-    from causal_openlock.fitting.progress import PROGRESS
-    from causal_openlock.fitting.study import FILE
+    from causal_openlock.fitting.candidates import FILE
+    from causal_openlock.fitting.group_progress import PROGRESS
     from causal_openlock.storage.folder_lock import LOCK
 
     for place in (folder, *folder.parents):

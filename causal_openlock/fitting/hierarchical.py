@@ -13,8 +13,8 @@ e1007043; there groups have priors, where here they have a price).
 
 Subjects are asked in rounds for their most probable parameters under the priors of their groups
 (:mod:`~causal_openlock.fitting.subject_peak`), and groups follow from what they answer; what they
-answered is kept (:mod:`~causal_openlock.fitting.progress`). Parameters that are whole numbers have
-no normal distribution, and of learners without probabilities likelihoods are too rough for
+answered is kept (:mod:`~causal_openlock.fitting.group_progress`). Parameters that are whole numbers
+have no normal distribution, and of learners without probabilities likelihoods are too rough for
 curvatures: both are refused. A learner of which nothing is searched takes part in a mixture as it
 is.
 """
@@ -43,9 +43,9 @@ from causal_openlock.fitting.actions import (
 )
 from causal_openlock.fitting.effect import NO_EFFECT, ON_ACTIONS, require_effect
 from causal_openlock.fitting.group import SETTLED, Group, Peak, evidence_of, group_of
+from causal_openlock.fitting.group_progress import Progress
 from causal_openlock.fitting.kept import fitting_in
 from causal_openlock.fitting.mixture import MIXTURE, Mixture, mixture_of
-from causal_openlock.fitting.progress import Progress
 from causal_openlock.fitting.subject_peak import PeakJob, chosen_at
 from causal_openlock.running.workers import worker_pool
 from causal_openlock.schemas.fsm import FloatArray, IntArray

@@ -15,9 +15,9 @@ from causal_openlock.files.atomic import write_text
 from causal_openlock.files.escaping import csv_of
 from causal_openlock.files.json_text import present
 from causal_openlock.files.yaml_file import dump_yaml
+from causal_openlock.fitting.candidates import Fit
 from causal_openlock.fitting.objective import TARGETS, Score, held_out, towards
 from causal_openlock.fitting.search import Kind
-from causal_openlock.fitting.study import Fit
 from causal_openlock.paper.likeness import (
     PUBLISHED_MODEL,
     effects_of,
@@ -42,7 +42,7 @@ class FittedLearner:
 
 
 def fitted_learner(fitted: Fit, trials: pd.DataFrame) -> FittedLearner:
-    """The fitted learner, from what :func:`~causal_openlock.fitting.study.fit` returns."""
+    """The fitted learner, from what :func:`~causal_openlock.fitting.candidates.fit` returns."""
     plan = fitted.plan
     label = f"{plan.space.learner.rpartition(':')[2]}_fitted"
     points = points_of(trials)

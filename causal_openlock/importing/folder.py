@@ -22,10 +22,10 @@ from causal_openlock.experiment.reactions import FOLDER, reactions_table, write_
 from causal_openlock.experiment.record import with_times
 from causal_openlock.experiment.session import AT_ONCE
 from causal_openlock.files.digest import digest
-from causal_openlock.importing.actions import ActionEntry
-from causal_openlock.importing.checking import Checked, play_again
+from causal_openlock.importing.csv_tables import Table, experiment_of, table_actions
+from causal_openlock.importing.imported_actions import ActionEntry
 from causal_openlock.importing.jspsych import jspsych_actions
-from causal_openlock.importing.tables import Table, experiment_of, table_actions
+from causal_openlock.importing.replaying import Checked, play_again
 from causal_openlock.importing.text import is_json
 from causal_openlock.play.people import MOST_PEOPLE
 from causal_openlock.play.person import LABEL, LEARNER

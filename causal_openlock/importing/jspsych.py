@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from causal_openlock.files.json_text import DoubledKeyError, each_once
-from causal_openlock.importing.actions import (
+from causal_openlock.importing.imported_actions import (
     ActionEntry,
     Place,
     action_entry,

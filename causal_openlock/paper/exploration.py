@@ -30,7 +30,7 @@ from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.protocol import HUMAN_PROTOCOL, PAPER_ACTION_LIMIT
 from causal_openlock.paper.references import people_beside
 from causal_openlock.schemas.fsm import FloatArray
-from causal_openlock.world import reference
+from causal_openlock.world import facts
 
 PAPER_MEDIAN, PAPER_MEAN = 0.548, 0.743
 """The paper's decays, of the median and of the mean of people's attempts."""
@@ -148,10 +148,10 @@ def people_over_trials() -> dict[str, list[float]]:
     Training means are of all people of a condition; ``CC3 and CE3`` is the average of both. The
     paper's own four-lever baselines are beside them.
     """
-    facts = reference.results()
-    training = {name: own["mean"] for name, own in facts["cogsci2019"]["human"]["all"].items()}
+    known = facts.results()
+    training = {name: own["mean"] for name, own in known["cogsci2019"]["human"]["all"].items()}
     both = np.mean([training["CC3"], training["CE3"]], axis=0).round(6).tolist()
-    baseline = facts["cogsci2018"]["human"]["baseline"]
+    baseline = known["cogsci2018"]["human"]["baseline"]
     return {
         "CC3 training": list(training["CC3"]),
         "CE3 training": list(training["CE3"]),

@@ -45,7 +45,7 @@ from causal_openlock.paper.significance import (
     trial_test,
 )
 from causal_openlock.schemas.fsm import FloatArray
-from causal_openlock.world import reference
+from causal_openlock.world import facts
 
 TEST_COLUMNS = (
     *("learner", "family", "test", "subjects", "difference", "statistic", "df", "value"),
@@ -249,7 +249,7 @@ def _p(name: str, p: float) -> str:
 
 def _printed() -> dict[str, str]:
     """What the paper prints of each test, as its text has it."""
-    return {**_PRINTED_OF_TRAINING, **reference.results()["cogsci2018"]["human"]["statistics"]}
+    return {**_PRINTED_OF_TRAINING, **facts.results()["cogsci2018"]["human"]["statistics"]}
 
 
 def _parsed(text: str) -> SignificanceTest:

@@ -21,7 +21,7 @@ from typing import Any
 
 import pandas as pd
 
-from causal_openlock.world import reference
+from causal_openlock.world import facts
 
 POINT = ["condition", "phase", "trial"]
 """What identifies the trials of which means are published."""
@@ -43,13 +43,13 @@ def people() -> pd.DataFrame:
         One row for each ``condition``, ``phase`` and ``trial`` that the paper reports, with
         ``subjects``, ``mean`` (attempts) and ``se`` (the error bar: population SD / √40).
     """
-    human = reference.results()["cogsci2018"]["human"]
+    human = facts.results()["cogsci2018"]["human"]
     return _means(human, int(human["n_per_condition"]))
 
 
 def model() -> pd.DataFrame:
     """What the theory-based model did, in the form of :func:`people`; ``se`` as drawn."""
-    return _means(reference.results()["aaai2020"]["model"], AGENTS)
+    return _means(facts.results()["aaai2020"]["model"], AGENTS)
 
 
 def _means(source: Mapping[str, Any], subjects: int) -> pd.DataFrame:
@@ -87,10 +87,10 @@ def model_in_training() -> pd.DataFrame:
 
 
 def _training(who: str) -> pd.DataFrame:
-    facts = reference.results()["cogsci2019"]
+    known = facts.results()["cogsci2019"]
     rows = [
-        (schema, solution, trial, facts["subjects"][who][solution], mean, se)
-        for solution, by_schema in facts[who].items()
+        (schema, solution, trial, known["subjects"][who][solution], mean, se)
+        for solution, by_schema in known[who].items()
         for schema, values in by_schema.items()
         for trial, (mean, se) in enumerate(zip(values["mean"], values["se"], strict=True), 1)
     ]
@@ -104,7 +104,7 @@ def paper_ddqn() -> pd.DataFrame:
         One row for each ``condition``, ``phase``, ``block`` (from 1) and ``category``, with
         ``count`` and ``until``, the attempts up to the end of the block.
     """
-    ddqn = reference.results()["cogsci2018"]["ddqn"]
+    ddqn = facts.results()["cogsci2018"]["ddqn"]
     courses = [(name, "train", list(own.values())) for name, own in ddqn["baseline_counts"].items()]
     courses += [(name, "test", [own]) for name, own in ddqn["transfer_counts"].items()]
     rows = [
@@ -127,13 +127,13 @@ def rl_2020() -> pd.DataFrame:
         the fifty trials that the value seems to be the ``mean`` of). That rooms of the same
         kind of schema came before a transfer is inferred.
     """
-    facts = reference.results()["aaai2020"]["rl"]
+    known = facts.results()["aaai2020"]["rl"]
     rows = []
-    for learner, by_phase in facts["curves"].items():
+    for learner, by_phase in known["curves"].items():
         for phase, by_schema in by_phase.items():
             tested = phase == "transfer"
             for schema, values in by_schema.items():
                 name = f"{schema[:2]}3-{schema}" if tested else schema
-                for trial, mean in zip(facts["trials"], values["mean"], strict=True):
+                for trial, mean in zip(known["trials"], values["mean"], strict=True):
                     rows.append((learner, name, "test" if tested else "train", trial + 1, mean))
     return pd.DataFrame(rows, columns=["learner", *POINT, "mean"])

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
 
-from causal_openlock.world.reference import room_facts
+from causal_openlock.world.facts import room_facts
 from causal_openlock.world.room import PAPER_POSITIONS, position_coordinates
 
 Point = tuple[float, float]

@@ -7,7 +7,7 @@ from importlib.resources import files
 from typing import Any
 
 from causal_openlock.physics.geometry import BAR_LENGTH, BAR_WIDTH, DOOR_SWING, HANDLE, RoomGeometry
-from causal_openlock.world.reference import room_facts
+from causal_openlock.world.facts import room_facts
 from causal_openlock.world.room import position_names
 
 KINDS = {

@@ -27,7 +27,7 @@ from causal_openlock.physics.geometry import (
     along,
 )
 from causal_openlock.physics.kinematics import joint_points
-from causal_openlock.world.reference import room_facts
+from causal_openlock.world.facts import room_facts
 
 if TYPE_CHECKING:
     from causal_openlock.physics.world import Pose

@@ -22,7 +22,7 @@ from causal_openlock.scoring.scores import FOLDER, SUBJECT, Scores, choices_in
 from causal_openlock.scoring.teacher_forcing import ATTEMPT, digests_of, setting_of
 from causal_openlock.storage.store import Store
 
-PROSE = Prose("causal_openlock.scoring.section")
+PROSE = Prose("causal_openlock.scoring.scores_section")
 _KEY = {name: (int if name in ("seed", "subject") else str) for name in SUBJECT}
 
 

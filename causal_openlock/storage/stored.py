@@ -23,7 +23,7 @@ from causal_openlock.experiment.protocol import Condition, LayoutSource, Protoco
 from causal_openlock.files.validation import StrictModel, sentence
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.schemas.schema_file import SchemaFile
-from causal_openlock.world.reference import room_facts
+from causal_openlock.world.facts import room_facts
 from causal_openlock.world.reward_code import OwnReward
 from causal_openlock.world.rewards import TERMS, AuthorsReward, Reward, Weights
 from causal_openlock.world.room import Layout, position_names, positions_for, published_layouts

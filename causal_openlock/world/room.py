@@ -26,7 +26,7 @@ from causal_openlock.errors import LayoutError
 from causal_openlock.schemas.fsm import FSM, BoolArray, FloatArray, IntArray, compile_schema
 from causal_openlock.schemas.schema import MAX_LEVERS, Schema
 from causal_openlock.wording import nearest
-from causal_openlock.world.reference import room_facts
+from causal_openlock.world.facts import room_facts
 
 PAPER_POSITIONS = (
     "UPPERRIGHT",

@@ -28,7 +28,7 @@ from causal_openlock.contract.learner import Brief, Learner, Observations, Step,
 from causal_openlock.contract.parameters import Positive, Share
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.world.randomness import Streams
-from openlock_learners.networks.checkpointed import Checkpointed
+from openlock_learners.checkpointed import Checkpointed
 
 
 @dataclass(frozen=True)

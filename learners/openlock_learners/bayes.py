@@ -51,7 +51,7 @@ from causal_openlock.running.expected_cost import Cost
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.randomness import Streams, pick
-from openlock_learners.networks.checkpointed import Checkpointed
+from openlock_learners.checkpointed import Checkpointed
 
 Policy = Literal[
     "solve_and_learn", "solve", "learn_attempt", "learn_action", "thompson", "random_consistent"

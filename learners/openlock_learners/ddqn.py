@@ -25,7 +25,7 @@ from causal_openlock.contract.learner import Brief, Learner, Observations, Step,
 from causal_openlock.contract.parameters import Count, Share
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.world.randomness import Streams, certain
-from openlock_learners.networks.checkpointed import Checkpointed
+from openlock_learners.checkpointed import Checkpointed
 from openlock_learners.networks.denormals import denormals_flushed
 
 if TYPE_CHECKING:

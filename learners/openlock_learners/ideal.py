@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from causal_openlock.belief.evidence import Event, informative, likelihood, observed
 from causal_openlock.belief.hypotheses import Strengths, at_least, strengths
+from causal_openlock.belief.likelihoods import Event, informative, likelihood, observed
 from causal_openlock.belief.marginals import expected_structure
 from causal_openlock.belief.optimal import HYPOTHESIS_LIMIT, NODE_LIMIT, Optimum, Point, bits
 from causal_openlock.belief.placements import (

@@ -37,7 +37,8 @@ from causal_openlock.schemas.fsm import IntArray
 from causal_openlock.schemas.schema import DOOR
 from causal_openlock.wording import counted, joined
 from causal_openlock.world.room import position_names
-from openlock_learners.language.answers import (
+from openlock_learners.language.kept_replies import key_of, replay
+from openlock_learners.language.offered_actions import (
     HOW,
     HOW_IN_TEXT,
     Message,
@@ -47,7 +48,6 @@ from openlock_learners.language.answers import (
     read_structure,
     structure_format,
 )
-from openlock_learners.language.replay import key_of, replay
 from openlock_learners.language.reply import Reply, was_cut
 from openlock_learners.language.side_by_side import SideBySide
 

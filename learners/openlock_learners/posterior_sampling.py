@@ -34,7 +34,7 @@ import numpy as np
 from causal_openlock.contract.learner import Brief, Learner, Observations, Step, View
 from causal_openlock.contract.parameters import Positive
 from causal_openlock.schemas.fsm import FloatArray, IntArray
-from openlock_learners.networks.checkpointed import Checkpointed
+from openlock_learners.checkpointed import Checkpointed
 
 MOVED, UNLOCKED = 2, 1
 """An outcome is a number from 0 to 3 made of these bits; for the door, moved means opened."""

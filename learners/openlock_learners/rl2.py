@@ -26,7 +26,7 @@ from causal_openlock.experiment.protocol import PAPER_ACTION_LIMIT
 from causal_openlock.files.digest import digest
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.world.randomness import Streams, certain
-from openlock_learners.networks.checkpointed import Checkpointed
+from openlock_learners.checkpointed import Checkpointed
 from openlock_learners.networks.denormals import denormals_flushed
 from openlock_learners.networks.perception import Perception
 

@@ -51,10 +51,10 @@ from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.randomness import certain, pick
 from causal_openlock.world.room import positions_for
-from openlock_learners.networks.checkpointed import Checkpointed
+from openlock_learners.checkpointed import Checkpointed
 from openlock_learners.theory.chains import CHAIN_LIMIT, chains_of, number_of_chains
 from openlock_learners.theory.draws import DRAWS, LOCAL, AttemptDraws, Moment, Odds, RoomDraws, best
-from openlock_learners.theory.hypotheses import RoomHypotheses
+from openlock_learners.theory.possible_chains import RoomHypotheses
 from openlock_learners.theory.schemas import ATOMIC, Schemas, edit_distances
 
 DRAWN_CHAINS = 2**20

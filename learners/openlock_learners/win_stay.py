@@ -26,7 +26,7 @@ import numpy as np
 from causal_openlock.contract.learner import Brief, Learner, Step, View
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.world.randomness import Streams, pick
-from openlock_learners.networks.checkpointed import Checkpointed
+from openlock_learners.checkpointed import Checkpointed
 
 
 @dataclass(frozen=True)

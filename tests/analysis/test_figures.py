@@ -24,7 +24,7 @@ from causal_openlock.analysis.report.all_figures import figures_of
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from causal_openlock.experiment.record import CATEGORIES
-from causal_openlock.world import reference
+from causal_openlock.world import facts
 from support.fabricated_records import random_cells, record_of_every_figure, table, trial_rows
 from support.made_up_experiments import experiment_of
 
@@ -60,8 +60,8 @@ def test_protocols_of_similar_names_have_files_of_their_own() -> None:
 
 
 PUBLISHED = (
-    reference.results()["cogsci2018"]["human"],
-    reference.results()["aaai2020"]["model"],
+    facts.results()["cogsci2018"]["human"],
+    facts.results()["aaai2020"]["model"],
 )
 
 
@@ -97,7 +97,7 @@ def test_figure_4_shows_the_test_by_what_was_trained(results: Material) -> None:
 def test_figure_6_segments_are_logarithms_of_counts(results: Material) -> None:
     counts = category_counts(results.record)
     panels = plot_categories(results)
-    published = reference.results()["cogsci2018"]["ddqn"]["baseline_counts"]
+    published = facts.results()["cogsci2018"]["ddqn"]["baseline_counts"]
     first = panels[0].patches
     block = published["CE4"]["0-30k"]
     assert [bar.get_height() for bar in first[:5]] == pytest.approx(np.log10(list(block.values())))
@@ -118,7 +118,7 @@ def test_figure_6_segments_are_logarithms_of_counts(results: Material) -> None:
 
 def test_figure_7_first_panel_is_published(results: Material) -> None:
     panels = plot_categories(results, "transfer")
-    published = reference.results()["cogsci2018"]["ddqn"]["transfer_counts"]
+    published = facts.results()["cogsci2018"]["ddqn"]["transfer_counts"]
     heights = [bar.get_height() for bar in panels[0].patches]
     expected = [np.log10(published[c][k]) for c in published for k in CATEGORIES]
     assert heights == pytest.approx(expected)

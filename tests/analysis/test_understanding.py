@@ -18,7 +18,7 @@ from causal_openlock import (
     plot_structure_recovery,
     structure_recovery,
 )
-from causal_openlock.analysis.results.structures import structure_distance
+from causal_openlock.analysis.results.structure_errors import structure_distance
 from causal_openlock.analysis.topic import sections_of
 from causal_openlock.contract.learner import Structure
 from causal_openlock.contract.registry import create

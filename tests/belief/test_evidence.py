@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.special import betaln
 
-from causal_openlock.belief.evidence import DOOR, Event, Events, likelihood
 from causal_openlock.belief.hypotheses import Strengths, at_least, strengths
+from causal_openlock.belief.likelihoods import DOOR, Event, Events, likelihood
 from causal_openlock.belief.structures import Hypotheses
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.testing import schemas

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from causal_openlock.belief.evidence import DOOR, Event, likelihood
 from causal_openlock.belief.hypotheses import strengths
+from causal_openlock.belief.likelihoods import DOOR, Event, likelihood
 from causal_openlock.belief.placements import mixture
 from causal_openlock.belief.planning import Objective, Planner, Situation
 from causal_openlock.schemas.finding import find_schema

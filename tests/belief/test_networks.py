@@ -18,8 +18,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from causal_openlock.belief.beliefs import Beliefs
-from causal_openlock.belief.evidence import DOOR as DOOR_SLOT
-from causal_openlock.belief.evidence import Event, likelihood
 from causal_openlock.belief.grammar import schema_classes
 from causal_openlock.belief.hypotheses import (
     RoomSight,
@@ -30,6 +28,8 @@ from causal_openlock.belief.hypotheses import (
     strengths,
 )
 from causal_openlock.belief.knowledge import Prior
+from causal_openlock.belief.likelihoods import DOOR as DOOR_SLOT
+from causal_openlock.belief.likelihoods import Event, likelihood
 from causal_openlock.belief.marginals import edge_probabilities, model_of, probability_unlocked
 from causal_openlock.belief.planning import Objective, Planner, Situation
 from causal_openlock.belief.structures import gate_dags

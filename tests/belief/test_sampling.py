@@ -16,9 +16,9 @@ from causal_openlock.belief import catalogue as catalogue_module
 from causal_openlock.belief import hypotheses as space_module
 from causal_openlock.belief.beliefs import Belief, Beliefs
 from causal_openlock.belief.catalogue import fits, free_form_weight
-from causal_openlock.belief.evidence import DOOR, Event
 from causal_openlock.belief.hypotheses import RoomSight, at_least, enumerate_space, strengths
 from causal_openlock.belief.knowledge import Prior
+from causal_openlock.belief.likelihoods import DOOR, Event
 from causal_openlock.belief.marginals import edge_probabilities
 from causal_openlock.belief.sampling import Sampler, sampled, with_sampled
 from causal_openlock.belief.structures import Structures, gate_dags

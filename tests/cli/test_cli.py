@@ -18,7 +18,7 @@ from causal_openlock.analysis.measures import count
 from causal_openlock.analysis.results.reading import beside, read_results
 from causal_openlock.cli.terminal import write_anything
 from causal_openlock.comparison.console import Terminal
-from causal_openlock.comparison.tables import print_leaderboard
+from causal_openlock.comparison.leaderboard_text import print_leaderboard
 from causal_openlock.storage.store import Store
 from support.command import at_once, modules_of
 from support.places import ROOT

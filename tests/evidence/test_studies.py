@@ -17,8 +17,8 @@ from causal_openlock.evidence.keeping import Watched
 from causal_openlock.evidence.measured import Evidence
 from causal_openlock.evidence.pages import unbound_numbers
 from causal_openlock.evidence.running import run_study
-from causal_openlock.evidence.stored import read_run, read_units
 from causal_openlock.evidence.study import Selection, read_studies, read_study
+from causal_openlock.evidence.study_files import read_run, read_units
 from causal_openlock.evidence.units import selected
 
 pytestmark = pytest.mark.slow

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-import causal_openlock.evidence.recovering as recovering
+import causal_openlock.evidence.recovery_runs as recovering
 from causal_openlock.errors import EvidenceError, FileError
 from causal_openlock.evidence.checking import check, write
 from causal_openlock.evidence.confusions import (
@@ -21,8 +21,8 @@ from causal_openlock.evidence.confusions import (
 from causal_openlock.evidence.keeping import Watched
 from causal_openlock.evidence.measured import Evidence
 from causal_openlock.evidence.running import run_study
-from causal_openlock.evidence.stored import read_run, read_units
 from causal_openlock.evidence.study import Contrast, Selection, read_study
+from causal_openlock.evidence.study_files import read_run, read_units
 from causal_openlock.evidence.units import selected
 from causal_openlock.evidence.verdicts import correlation, estimate, mean_of
 from causal_openlock.fitting.actions import ActionPlan

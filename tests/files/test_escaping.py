@@ -20,7 +20,7 @@ from causal_openlock.analysis.table import write_table
 from causal_openlock.cli import main
 from causal_openlock.cli.terminal import complain, say
 from causal_openlock.comparison.console import Terminal
-from causal_openlock.comparison.tables import print_leaderboard
+from causal_openlock.comparison.leaderboard_text import print_leaderboard
 from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.experiment.building import make_experiment
 from causal_openlock.export.as_csv import flat

@@ -11,7 +11,7 @@ from causal_openlock.files.checksums import BLANK, IN_JSON, ChecksumError, fill_
 from causal_openlock.files.json_text import DoubledKeyError, parse_json
 from causal_openlock.fitting.kept import kept_fit
 from causal_openlock.render.words import Wording
-from openlock_learners.language.answers import read_structure
+from openlock_learners.language.offered_actions import read_structure
 
 DOUBLED = fill_in(b'{"a": 1, "a": 2, "sha256": "%b"}' % BLANK, IN_JSON)
 

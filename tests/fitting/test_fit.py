@@ -25,7 +25,8 @@ from causal_openlock.errors import LearnerError, OpenLockError, StoreError
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition
 from causal_openlock.experiment.session import Session
-from causal_openlock.fitting import study
+from causal_openlock.fitting import candidates as study
+from causal_openlock.fitting.candidates import FILE, Plan, fit
 from causal_openlock.fitting.kept import keep_fit
 from causal_openlock.fitting.objective import (
     HOLD_OUT,
@@ -50,7 +51,6 @@ from causal_openlock.fitting.search import (
     read_search,
     search_space,
 )
-from causal_openlock.fitting.study import FILE, Plan, fit
 from causal_openlock.paper.likeness import (
     distance,
     distance_with_spreads,
@@ -536,7 +536,7 @@ def test_what_a_user_gets_wrong_is_one_sentence(words, said, tmp_path, monkeypat
 def test_a_place_that_holds_something_else_is_refused_at_once(
     held, out, said, tmp_path, monkeypatch, capsys
 ):
-    monkeypatch.setattr("causal_openlock.fitting.study.fit", None)  # nothing is played
+    monkeypatch.setattr("causal_openlock.fitting.candidates.fit", None)  # nothing is played
     (tmp_path / "f").mkdir()
     (tmp_path / "f" / held).write_text("{}")
     assert at_once("fit", "bayes", "--out", str(tmp_path / out), monkeypatch=monkeypatch) == 2

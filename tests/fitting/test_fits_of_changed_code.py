@@ -10,9 +10,9 @@ import pytest
 import causal_openlock as ol
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.building import make_experiment
+from causal_openlock.fitting.candidates import FILE, Plan, fit
 from causal_openlock.fitting.kept import keep_fit
 from causal_openlock.fitting.search import Range, Second, bundled_search, search_space
-from causal_openlock.fitting.study import FILE, Plan, fit
 from causal_openlock.running.runner import run
 from causal_openlock.usercode.module_source import look_beside
 from support.command import at_once, modules_of

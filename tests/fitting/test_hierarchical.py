@@ -27,11 +27,11 @@ from causal_openlock.fitting.group import (
     group_of,
     peak,
 )
+from causal_openlock.fitting.group_progress import PROGRESS
 from causal_openlock.fitting.hierarchical import GroupFit
 from causal_openlock.fitting.kept import fitting_in, keep_fit
 from causal_openlock.fitting.mixture import mixture_of
 from causal_openlock.fitting.predicting import read_fit
-from causal_openlock.fitting.progress import PROGRESS
 from causal_openlock.fitting.search import Range, search_beside, search_space
 from causal_openlock.running.runner import run
 from causal_openlock.schemas.fsm import FloatArray

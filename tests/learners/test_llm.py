@@ -27,9 +27,9 @@ from causal_openlock.render.words import Wording
 from causal_openlock.running.runner import run
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.world.room import Layout
-from openlock_learners.language import answers
-from openlock_learners.language.answers import read_answer, read_structure
-from openlock_learners.language.replay import BUDGET, FOLDER, Replay
+from openlock_learners.language import offered_actions as answers
+from openlock_learners.language.kept_replies import BUDGET, FOLDER, Replay
+from openlock_learners.language.offered_actions import read_answer, read_structure
 from openlock_learners.language.server import KEY, TRUSTED
 from support.scripted_server import (
     Body,

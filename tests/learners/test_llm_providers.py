@@ -16,8 +16,8 @@ from causal_openlock.experiment.session import Session
 from causal_openlock.render.words import Wording
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.world.room import Layout
-from openlock_learners.language.answers import read_answer, read_structure
-from openlock_learners.language.replay import BUDGET, FOLDER, key_of
+from openlock_learners.language.kept_replies import BUDGET, FOLDER, key_of
+from openlock_learners.language.offered_actions import read_answer, read_structure
 from openlock_learners.language.reply import was_cut
 from openlock_learners.language.server import HEADERS, KEY, TRUSTED, Server
 from support.scripted_server import Body, Ended, Script, Status, call, choices, says, scripted

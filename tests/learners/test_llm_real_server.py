@@ -16,7 +16,7 @@ import pytest
 from causal_openlock.comparison.results import Results
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.running.runner import run
-from openlock_learners.language.replay import BUDGET, FOLDER
+from openlock_learners.language.kept_replies import BUDGET, FOLDER
 from support.places import ROOT
 
 EXAMPLE = ROOT / "examples" / "llm"

@@ -21,7 +21,7 @@ from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition, Protocol
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.finding import bundled, find_schema
-from openlock_learners.meta.file import TrainingFile, read_training
+from openlock_learners.meta.training_file import TrainingFile, read_training
 from openlock_learners.networks.network_file import BUNDLED, read_network, write_network
 from openlock_learners.networks.recurrent_policy import Sizes, make_policy
 from openlock_learners.rl2 import RL2, RL2Parameters

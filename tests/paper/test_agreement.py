@@ -29,7 +29,7 @@ from causal_openlock.paper.agreement import (
     transfer_order,
     transfer_points,
 )
-from causal_openlock.world import reference
+from causal_openlock.world import facts
 from support.fabricated_courses import around, course, described
 from support.made_up_experiments import material_of
 from support.topics import section_on
@@ -64,7 +64,7 @@ def whole(means: Mapping[str, float], **names: Any) -> Any:
 
 
 def test_the_papers_shares_are_those_of_its_counts() -> None:
-    counts = reference.results()["cogsci2018"]["ddqn"]
+    counts = facts.results()["cogsci2018"]["ddqn"]
     for case, share in PAPER.items():
         assert published_shares(counts["transfer_counts"][case])[OPENS] == pytest.approx(
             share, abs=5e-4
@@ -207,7 +207,7 @@ def baseline(condition: str, other: list[float], loops: int = 1, **names: Any) -
 
 @pytest.mark.parametrize("loops", [1, 3])
 def test_the_decline_of_figure_6_is_recognised_whatever_the_length(loops: int) -> None:
-    paper = reference.results()["cogsci2018"]["ddqn"]["baseline_counts"]["CE4"]
+    paper = facts.results()["cogsci2018"]["ddqn"]["baseline_counts"]["CE4"]
     other = [published_shares(block)["else"] for block in paper.values()]
     record = baseline("CE4", other, loops)
     parts = shares(attempts_to_solve(record))

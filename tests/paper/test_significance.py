@@ -20,7 +20,7 @@ from causal_openlock.paper.significance import (
     t_test,
     trial_test,
 )
-from causal_openlock.world import reference
+from causal_openlock.world import facts
 
 
 @pytest.fixture(autouse=True)
@@ -31,7 +31,7 @@ def _no_warnings() -> Iterator[None]:
 
 
 def published(condition: str, trial: int | None = None) -> GroupSummary:
-    human = reference.results()["cogsci2018"]["human"]
+    human = facts.results()["cogsci2018"]["human"]
     if trial is None:
         values = human["transfer"][condition]
         return GroupSummary.published(values["mean"], values["se"], 40)

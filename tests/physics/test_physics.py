@@ -16,7 +16,7 @@ from causal_openlock.physics.kinematics import joint_points, reaching
 from causal_openlock.physics.room import PhysicalRoom
 from causal_openlock.physics.world import ARM, DOOR, LEVER, World
 from causal_openlock.render.scene import lever
-from causal_openlock.world.reference import room_facts
+from causal_openlock.world.facts import room_facts
 from support.physical_play import Guard, room_of
 
 SIZES = range(7, 13)

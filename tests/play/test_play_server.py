@@ -19,7 +19,7 @@ from causal_openlock.experiment.reactions import read_reactions
 from causal_openlock.play.server import MOST_BYTES, PlayServer
 from causal_openlock.schemas.finding import bundled_schemas
 from causal_openlock.storage.store import Store
-from causal_openlock.world.reference import room_facts
+from causal_openlock.world.facts import room_facts
 from support.command import at_once
 from support.play_clients import Caller, people, serving, solving
 from support.waiting import HANGS, until

@@ -19,7 +19,7 @@ READS |= {"read_parquet", "read_table", "open", "load"}
 
 FUZZED = {
     "causal_openlock/analysis/topics/language_models.py": "transcripts",
-    "causal_openlock/evidence/stored.py": "run.json",
+    "causal_openlock/evidence/study_files.py": "run.json",
     "causal_openlock/experiment/answers.py": "people's answers",
     "causal_openlock/storage/cell_file.py": "cells",
     "causal_openlock/running/checkpoint.py": "checkpoints",
@@ -32,12 +32,12 @@ FUZZED = {
     "causal_openlock/fitting/kept.py": "fits",
     "causal_openlock/schemas/graphs.py": "dot",
     "causal_openlock/importing/jspsych.py": "imported jsPsych",
-    "causal_openlock/importing/tables.py": "imported CSV",
+    "causal_openlock/importing/csv_tables.py": "imported CSV",
     "causal_openlock/importing/text.py": "imported CSV",
     "causal_openlock/play/log.py": "logs of people",
     "causal_openlock/experiment/reactions.py": "reaction times",
     "causal_openlock/scoring/score_table.py": "scores",
-    "learners/openlock_learners/language/replay.py": "replies of models",
+    "learners/openlock_learners/language/kept_replies.py": "replies of models",
 }
 """The line of ``benchmarks/fuzz_readers.py`` that reaches a module's readers."""
 
@@ -54,7 +54,7 @@ NOT = {
     "causal_openlock/evidence/checking.py": "pages of the project, of any content",
     "causal_openlock/evidence/figures.py": "a figure of the project, of any content",
     "causal_openlock/evidence/keeping.py": "the processor's name",
-    "causal_openlock/evidence/recovering.py": "seconds that the same command has kept",
+    "causal_openlock/evidence/recovery_runs.py": "seconds that the same command has kept",
     "causal_openlock/evidence/running.py": "the log and the cells of the same command",
     "causal_openlock/cli/__init__.py": "what packages register, which is run",
     "causal_openlock/files/plugins.py": "what packages register, which is run",
@@ -74,7 +74,7 @@ NOT = {
     "causal_openlock/play/pages.py": "files of the package",
     "causal_openlock/play/people.py": "opens a store",
     "causal_openlock/render/video.py": "the film that was just made",
-    "causal_openlock/world/reference/__init__.py": "files of the package",
+    "causal_openlock/world/facts/__init__.py": "files of the package",
     "causal_openlock/world/reward_code.py": "a module of the user, which is run",
     "learners/openlock_learners/rl2.py": "a digest of any content",
 }

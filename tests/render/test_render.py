@@ -25,7 +25,7 @@ from causal_openlock.render.scene import Look, frame
 from causal_openlock.schemas.finding import bundled_schemas
 from causal_openlock.schemas.schema import DOOR, MAX_LEVERS, Gate, Schema
 from causal_openlock.testing import schemas
-from causal_openlock.world.reference import room_facts
+from causal_openlock.world.facts import room_facts
 from causal_openlock.world.room import Room, position_coordinates
 
 BUNDLED = bundled_schemas()

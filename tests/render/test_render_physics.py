@@ -28,7 +28,7 @@ from causal_openlock.render.raster import paint
 from causal_openlock.render.room import look_after
 from causal_openlock.render.scene import Frame, Look, Shape, frame
 from causal_openlock.render.svg import room_svg
-from causal_openlock.world.reference import room_facts
+from causal_openlock.world.facts import room_facts
 from support.cc4_in_trial7 import DOOR, L0, L1
 from support.physical_play import room_of
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from causal_openlock.comparison.progress import LINE_EVERY, Lines, duration
+from causal_openlock.comparison.progress_bar import LINE_EVERY, Lines, duration
 from causal_openlock.experiment.experiment import Cell
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.running.progress import Playing, ProgressEstimator, RunProgress, work

@@ -20,7 +20,6 @@ from causal_openlock.analysis.topic import all_topics, decisions_of, sections_of
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.protocol import Condition
 from causal_openlock.files.checksums import read_table, table_bytes
-from causal_openlock.scoring.failures import failures, worst_attempts
 from causal_openlock.scoring.score_table import PLAYED, read_scores, write_scores
 from causal_openlock.scoring.scores import (
     BY_SUBJECT,
@@ -32,6 +31,7 @@ from causal_openlock.scoring.scores import (
     over,
 )
 from causal_openlock.scoring.teacher_forcing import ATTEMPT, digests_of
+from causal_openlock.scoring.worst_predicted import failures, worst_attempts
 from causal_openlock.storage.store import Store
 from support.topics import topics_called
 
@@ -287,7 +287,7 @@ def test_the_figure_has_a_line_for_each_learner_at_the_numbers_of_the_table(fold
 
 def test_means_over_subjects_who_follow_several_are_said_to_describe_none() -> None:
     """What is said of five people of whom four follow one learner and one another."""
-    said = Prose("causal_openlock.scoring.section").sentence(
+    said = Prose("causal_openlock.scoring.scores_section").sentence(
         "predicted", of="person", uniform=3.91, actions=100, beaten=[], others=["theory"],
         best={"subjects": 5, "scored": "win_stay", "bits": 2.0, "low": 1.0, "high": 3.0},
         most={"followed": 0.7, "scored": "win_stay", "most frequent": 0.8},

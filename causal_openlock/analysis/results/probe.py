@@ -32,7 +32,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.results.structures import structure_distance
+from causal_openlock.analysis.results.structure_errors import structure_distance
 from causal_openlock.contract.learner import Structure
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError, OpenLockError

@@ -26,7 +26,7 @@ from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.structures import structure_distance
+from causal_openlock.analysis.results.structure_errors import structure_distance
 from causal_openlock.analysis.section import Section
 from causal_openlock.analysis.statistics import mean_intervals
 from causal_openlock.analysis.topic import Topic

@@ -28,7 +28,7 @@ import openai
 
 from causal_openlock.errors import NotAvailableError, in_short
 from causal_openlock.files.json_text import parse_json
-from openlock_learners.language.answers import plainly
+from openlock_learners.language.offered_actions import plainly
 from openlock_learners.language.reply import Reply, is_whole, plain
 
 OPENAI = "https://api.openai.com/v1"

@@ -27,8 +27,8 @@ def train(
     from causal_openlock.cli.stopping import resumable
     from causal_openlock.cli.terminal import say
     from causal_openlock.schemas.finding import bundled
-    from openlock_learners.meta.file import read_training
     from openlock_learners.meta.training import MetaTraining, run_training
+    from openlock_learners.meta.training_file import read_training
     from openlock_learners.networks.denormals import denormals_flushed
 
     torch.set_num_threads(threads)

@@ -33,7 +33,7 @@ _KEPT = ("_schema", "_listed_at", "_bits", "_trial", "_trials", "life_over")
 
 @dataclass(frozen=True)
 class Distribution:
-    """What rooms are drawn from; a :class:`~openlock_learners.meta.file.RoomsFile` declares it."""
+    """What rooms are drawn from, as a :class:`~.training_file.RoomsFile` declares it."""
 
     schemas: tuple[Schema, ...]
     weights: tuple[float, ...]  # how often each schema is drawn, relative to the others

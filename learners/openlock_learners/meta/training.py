@@ -33,9 +33,9 @@ from causal_openlock.errors import ExperimentError, in_short
 from causal_openlock.files.atomic import replacing
 from causal_openlock.files.state import read_state, write_state
 from causal_openlock.schemas.fsm import BoolArray
-from openlock_learners.meta.file import TrainingFile
+from openlock_learners.checkpointed import Checkpointed
 from openlock_learners.meta.rooms import MetaRooms
-from openlock_learners.networks.checkpointed import Checkpointed
+from openlock_learners.meta.training_file import TrainingFile
 from openlock_learners.networks.network_file import write_network
 from openlock_learners.networks.perception import Perception
 from openlock_learners.networks.ppo import (

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from causal_openlock.contract.learner import Brief, Step, View
 from causal_openlock.schemas.fsm import BoolArray
-from openlock_learners.networks.checkpointed import Checkpointed
+from openlock_learners.checkpointed import Checkpointed
 
 Inputs = NDArray[np.float32]
 

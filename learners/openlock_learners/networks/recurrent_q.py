@@ -9,7 +9,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor, nn
 
-from openlock_learners.networks.checkpointed import Checkpointed
+from openlock_learners.checkpointed import Checkpointed
 from openlock_learners.networks.recurrent_cells import CELLS, CellName, Generators, StackedLinear
 from openlock_learners.networks.sequence_buffer import Sequences
 

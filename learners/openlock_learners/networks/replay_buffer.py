@@ -16,7 +16,7 @@ from torch import Tensor
 
 from causal_openlock.contract.learner import Observations
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
-from openlock_learners.networks.checkpointed import Checkpointed
+from openlock_learners.checkpointed import Checkpointed
 
 LEAST_PRIORITY = 1e-6
 """Added to every TD error, so that a transition without one can still be drawn."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
-from openlock_learners.networks.checkpointed import Checkpointed
+from openlock_learners.checkpointed import Checkpointed
 
 Floats = NDArray[np.float32]
 

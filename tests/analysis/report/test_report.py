@@ -17,7 +17,7 @@ from causal_openlock.contract.registry import create
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.schema_file import schema_from_dict
-from causal_openlock.world import reference
+from causal_openlock.world import facts
 from support.fabricated_records import record_of_every_figure, table, trial_rows
 from support.figures import drawn
 from support.html_page import Page
@@ -158,7 +158,7 @@ def test_full_tables_have_the_published_numbers_in_place(page: Page) -> None:
             key = (learner, cells["Condition"], protocol, cells["Trial"], cells["Phase"])
             assert key not in by_trial
             by_trial[key] = cells
-    results = reference.results()
+    results = facts.results()
     sources = {
         "People": results["cogsci2018"]["human"],
         "Published model": results["aaai2020"]["model"],

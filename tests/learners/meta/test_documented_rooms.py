@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 
 from causal_openlock.schemas.finding import find_schema
-from openlock_learners.meta.file import read_training
 from openlock_learners.meta.random_schemas import behaviour
 from openlock_learners.meta.rooms import Distribution
+from openlock_learners.meta.training_file import read_training
 from support.places import ROOT
 
 TRAININGS = ROOT / "experiments" / "meta_training"

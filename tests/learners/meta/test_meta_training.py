@@ -26,13 +26,13 @@ from causal_openlock.experiment.session import Session
 from causal_openlock.files.state import write_state
 from causal_openlock.schemas.finding import bundled, find_schema
 from causal_openlock.schemas.schema import Schema
-from causal_openlock.world.reference import room_facts
+from causal_openlock.world.facts import room_facts
 from causal_openlock.world.room import PAPER_POSITIONS, Layout
 from openlock_learners.meta.command import train
-from openlock_learners.meta.file import TrainingFile, excluded_places, read_training
 from openlock_learners.meta.random_schemas import behaviour, random_schemas
 from openlock_learners.meta.rooms import Distribution, MetaRooms
 from openlock_learners.meta.training import MetaTraining
+from openlock_learners.meta.training_file import TrainingFile, excluded_places, read_training
 from openlock_learners.networks.network_file import read_network
 from support.checkpoints import same
 from support.small_policies import rng

@@ -28,7 +28,7 @@ from typing import Any
 
 from causal_openlock.errors import NotAvailableError
 from causal_openlock.files.json_text import parse_json
-from openlock_learners.language.answers import plainly
+from openlock_learners.language.offered_actions import plainly
 from openlock_learners.language.reply import Reply, is_whole, plain
 
 FOLDER, BUDGET = "OPENLOCK_LLM_REPLAY", "OPENLOCK_LLM_BUDGET"

@@ -17,9 +17,9 @@ from causal_openlock.analysis.effects import ALPHA
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.section import Section, SectionPlot
 from causal_openlock.analysis.topic import Topic
-from causal_openlock.scoring.failures import failures, worst_attempts
 from causal_openlock.scoring.on_record import PROSE, OnRecord, scores_on_record
 from causal_openlock.scoring.scores import SUBJECT, Scores
+from causal_openlock.scoring.worst_predicted import failures, worst_attempts
 from causal_openlock.wording import file_names
 from causal_openlock.world.room import positions_for
 

@@ -14,7 +14,7 @@ from causal_openlock.files.validation import StrictModel
 from causal_openlock.files.yaml_file import read_document
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.wording import nearest
-from causal_openlock.world.reference import room_facts
+from causal_openlock.world.facts import room_facts
 from causal_openlock.world.rewards import find_reward
 from causal_openlock.world.room import PAPER_POSITIONS
 from openlock_learners.meta.random_schemas import random_schemas

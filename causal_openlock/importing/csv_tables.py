@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from causal_openlock.experiment.record import record_schema
-from causal_openlock.importing.actions import (
+from causal_openlock.importing.imported_actions import (
     CLAIMS,
     COLUMNS,
     ActionEntry,

@@ -18,7 +18,7 @@ from causal_openlock.contract.learner import Step
 from causal_openlock.errors import LayoutError, StoreError
 from causal_openlock.experiment.protocol import Condition, Visit, plan
 from causal_openlock.experiment.session import Session
-from causal_openlock.importing.actions import ActionEntry, ImportFault
+from causal_openlock.importing.imported_actions import ActionEntry, ImportFault
 from causal_openlock.play.game import PlayedAction
 from causal_openlock.storage.stored import recorded_layout
 from causal_openlock.world.room import Layout, action_index, action_names, positions_for

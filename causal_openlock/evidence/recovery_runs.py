@@ -26,8 +26,8 @@ from causal_openlock.evidence.keeping import (
     parts_of,
     write_measured,
 )
-from causal_openlock.evidence.stored import UNITS, read_run, read_units
 from causal_openlock.evidence.study import Study
+from causal_openlock.evidence.study_files import UNITS, read_run, read_units
 from causal_openlock.files.atomic import write_text
 from causal_openlock.fitting.recovering import (
     SIMULATED,

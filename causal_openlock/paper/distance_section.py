@@ -32,7 +32,7 @@ def section(material: Material, _: Decided) -> Section | None:
         formats = dict.fromkeys(_HEADS[2:], ".2f")
         name, file = one.reference.name, f"distance_from_{one.reference.prefix}"
         tables.append(_PROSE.table("distance", frame, formats, file, of=name))
-    return _PROSE.section("other_references", tables) if tables else None
+    return _PROSE.section("distance", tables) if tables else None
 
 
-TOPIC = Topic("other_references", 61, section)
+TOPIC = Topic("distance", 61, section)
