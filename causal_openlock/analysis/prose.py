@@ -48,8 +48,10 @@ class Prose:
 
     def paragraphs(self, macro: str, **findings: Any) -> tuple[str, ...]:
         """The paragraphs of a macro, filled in."""
-        template = environment().get_template(self._template)
-        parts = getattr(template.module, macro)(**findings).split("¶")
+        made = environment().get_template(self._template).module
+        if not hasattr(made, macro):
+            raise AttributeError(f"{self._template} has no macro {macro!r}")
+        parts = getattr(made, macro)(**findings).split("¶")
         return tuple(text for part in parts if (text := re.sub(r"\s+", " ", part).strip()))
 
     def sentence(self, macro: str, **findings: Any) -> str:

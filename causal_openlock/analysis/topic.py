@@ -19,7 +19,7 @@ from typing import Any
 from causal_openlock.analysis.decisions import Decided, Decisions
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.section import Section
-from causal_openlock.files.plugins import TOPICS, registered
+from causal_openlock.files.plugins import TOPICS, loaded, registered
 
 
 def _nothing(_: Material) -> None:
@@ -36,8 +36,8 @@ class Topic:
 
     Attributes:
         name: Names its tests; letters, digits and underscores.
-        place: Where its section stands: topics are read in the order of their places. Those of the
-            toolkit have 10, 20, ...
+        place: Where its section stands: topics are read in the order of their places, which
+            :func:`all_topics` lists. Those of the toolkit are from 0 to 140.
         section: From the results, and what was computed and decided, to the section; None where
             the results hold nothing that it is about.
         compute: From the results to what the tests are taken from, computed once.
@@ -59,7 +59,7 @@ def all_topics() -> list[Topic]:
     """Return the topics of the toolkit and those that packages register, in reading order."""
     ours = import_module("causal_openlock.analysis.topics").MODULES
     topics = [import_module(f"causal_openlock.analysis.topics.{name}").TOPIC for name in ours]
-    topics += [entry.load() for entry in registered(TOPICS).values()]
+    topics += [loaded(entry) for entry in registered(TOPICS).values()]
     return sorted(topics, key=lambda topic: topic.place)
 
 

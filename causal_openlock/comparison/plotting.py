@@ -22,7 +22,7 @@ from causal_openlock.analysis.topics.structure_recovery import plot_structure_re
 from causal_openlock.analysis.topics.survival import plot_survival
 from causal_openlock.analysis.topics.transfer import plot_congruency, plot_savings
 from causal_openlock.errors import renamed
-from causal_openlock.files.plugins import PLOTS, registered
+from causal_openlock.files.plugins import PLOTS, loaded, registered
 
 
 class _Of:
@@ -77,7 +77,7 @@ class Plots:
                 return self.structure_recovery
             if name.startswith("_") or (entry := registered(PLOTS).get(name)) is None:
                 raise AttributeError(f"{type(self).__name__} has no plot {name!r}", name=name)
-            function = entry.load()
+            function = loaded(entry)
             return update_wrapper(partial(function, self.results), function)
 
     def __repr__(self) -> str:

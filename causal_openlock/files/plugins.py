@@ -49,7 +49,23 @@ def attribute_of(value: Any, group: str, name: str) -> Any:
     # Copying and pickling ask for special methods before there is anything else.
     if name.startswith("_") or (entry := registered(group).get(name)) is None:
         raise AttributeError(f"{type(value).__name__} has no attribute {name!r}", name=name)
-    return entry.load().__get__(value, type(value))
+    return loaded(entry).__get__(value, type(value))
+
+
+def loaded(entry: EntryPoint) -> Any:
+    """Return what an entry point names.
+
+    Raises:
+        OpenLockError: If it cannot be imported; the message names the package.
+    """
+    try:
+        return entry.load()
+    except Exception as error:  # a module can fail in any way while it is imported
+        kind = entry.group.rpartition(".")[2].removesuffix("s")
+        raise OpenLockError(
+            f"the {kind} {entry.name!r}, {_origin(entry)}, cannot be loaded "
+            f"({type(error).__name__}: {error}); repair that package, or uninstall it"
+        ) from error
 
 
 def registered(group: str) -> Mapping[str, EntryPoint]:

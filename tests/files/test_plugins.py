@@ -69,3 +69,11 @@ def test_the_core_is_loaded_without_its_guests() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "[]\n"
+
+
+def test_what_cannot_be_loaded_is_named_with_its_package(guests: Path) -> None:
+    register(guests, "broken", "causal_openlock.topics", pay="no_such_guest:TOPIC")
+    with pytest.raises(
+        OpenLockError, match=r"the topic 'pay', no_such_guest:TOPIC by broken, cann"
+    ):
+        ol.open_results(guests)

@@ -28,7 +28,7 @@ from causal_openlock.analysis.results.reading import read_results
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.experiment import PERSON, Experiment, LearnerSpec
 from causal_openlock.experiment.protocol import HUMAN_PROTOCOL, Condition, Protocol
-from causal_openlock.files.plugins import REFERENCES, registered
+from causal_openlock.files.plugins import REFERENCES, loaded, registered
 from causal_openlock.schemas.fsm import BoolArray
 from causal_openlock.storage.remote import downloaded
 from causal_openlock.storage.store import Store
@@ -153,7 +153,7 @@ def references_beside(
 
 @lru_cache(maxsize=4)
 def _registered(entries: tuple[Any, ...]) -> tuple[Reference, ...]:
-    return tuple(entry.load()() for entry in entries)
+    return tuple(loaded(entry)() for entry in entries)
 
 
 def with_references(
