@@ -12,7 +12,6 @@ from causal_openlock.cli.options import Workers
 from causal_openlock.cli.stopping import resumable
 from causal_openlock.errors import LearnerError, OpenLockError, StoreError
 from causal_openlock.files.atomic import PARTIAL
-from causal_openlock.scoring import LAPSE
 
 if TYPE_CHECKING:
     from causal_openlock.comparison.console import Terminal
@@ -22,10 +21,13 @@ if TYPE_CHECKING:
 
 def fit(
     learner: Annotated[str, typer.Argument(help="Registered name of a learner.")] = "bayes",
-    space: Annotated[
+    plan: Annotated[
         Path | None,
         typer.Option(
-            help="File with the search space; bayes and theory_based have one of their own."
+            "--plan",
+            "--space",
+            help="File with what is searched and how; bayes and theory_based have a search space "
+            "of their own.",
         ),
     ] = None,
     search: Annotated[
@@ -39,7 +41,6 @@ def fit(
         Path | None,
         typer.Option(help="Fit to every action of the subjects in this results folder instead."),
     ] = None,
-    each: Annotated[bool, typer.Option(help="With --to: fit each subject by itself.")] = False,
     hierarchical: Annotated[
         bool, typer.Option(help="With --to: fit each subject, and the group that they are from.")
     ] = False,
@@ -54,44 +55,18 @@ def fit(
     of: Annotated[
         list[str] | None, typer.Option(help="With --to: fit to these learners' subjects only.")
     ] = None,
-    lapse: Annotated[
-        float, typer.Option(min=0, max=1, help="With --to: share of actions taken to be random.")
-    ] = LAPSE,
-    folds: Annotated[
-        int, typer.Option(min=2, help="With --to: parts of which each is held out once.")
-    ] = 2,
-    hold_out: Annotated[
-        str | None,
-        typer.Option(
-            help="What is not fitted to but predicted, of people's points: transfer (the four "
-            "tests; the default), alternate (every other one) or none; with --to: trials (the "
-            "default), subjects or none."
-        ),
-    ] = None,
-    objective: Annotated[
-        str,
-        typer.Option(
-            help="What is to come near to people's: means, or means_and_spreads (standard "
-            "deviations over subjects)."
-        ),
-    ] = "means",
-    target: Annotated[
-        str,
-        typer.Option(help="Whose published means are fitted to: people, or model (of AAAI 2020)."),
-    ] = "people",
-    candidates: Annotated[int, typer.Option(min=1, help="Parameter settings to try.")] = 60,
-    subjects: Annotated[
-        int, typer.Option(min=2, help="Subjects that each of them plays in each condition.")
-    ] = 40,
-    finalists: Annotated[
-        int, typer.Option(min=1, help="The best so many play again, and the nearest is taken.")
-    ] = 5,
-    final_subjects: Annotated[
-        int, typer.Option(min=2, help="Subjects in each condition then, and in the end.")
-    ] = 200,
-    seed: Annotated[
-        int, typer.Option(min=0, max=2**62, help="Seed of the search and of all play.")
-    ] = 2018,
+    # What follows stands in a plan, under fit:; options are taken all the same.
+    each: Annotated[bool | None, typer.Option(hidden=True)] = None,
+    lapse: Annotated[float | None, typer.Option(min=0, max=1, hidden=True)] = None,
+    folds: Annotated[int | None, typer.Option(min=2, hidden=True)] = None,
+    hold_out: Annotated[str | None, typer.Option(hidden=True)] = None,
+    objective: Annotated[str | None, typer.Option(hidden=True)] = None,
+    target: Annotated[str | None, typer.Option(hidden=True)] = None,
+    candidates: Annotated[int | None, typer.Option(min=1, hidden=True)] = None,
+    subjects: Annotated[int | None, typer.Option(min=2, hidden=True)] = None,
+    finalists: Annotated[int | None, typer.Option(min=1, hidden=True)] = None,
+    final_subjects: Annotated[int | None, typer.Option(min=2, hidden=True)] = None,
+    seed: Annotated[int | None, typer.Option(min=0, max=2**62, hidden=True)] = None,
     workers: Workers = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Folder; by default results/fit-LEARNER.")
@@ -99,7 +74,8 @@ def fit(
 ) -> None:
     """Search a learner's parameters for the best likeness to people; goes on where it was.
 
-    With --to they are fitted to single actions, by maximum likelihood.
+    With --to they are fitted to single actions, by maximum likelihood. How many candidates are
+    tried, what is held out and so on stands in the file of --plan, under fit:.
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -114,12 +90,19 @@ def fit(
         changed,
         labelled,
         read_search,
+        read_settings,
         search_beside,
     )
     from causal_openlock.paper.likeness import published_points
     from causal_openlock.running.workers import available_cores
 
-    if hierarchical and (each or not to):
+    given = {
+        "candidates": candidates, "seed": seed, "hold_out": hold_out, "target": target,
+        "objective": objective, "subjects": subjects, "finalists": finalists,
+        "final_subjects": final_subjects, "of": of, "each": each, "lapse": lapse, "folds": folds,
+    }  # fmt: skip
+    how = read_settings(plan, given)
+    if hierarchical and (how.each or not to):
         raise OpenLockError(
             "--hierarchical fits each subject of a folder; give --to, and no --each"
         )
@@ -128,13 +111,15 @@ def fit(
     if not hierarchical:
         require_optuna()
     learner_class(learner)  # fails at once if there is none
-    kind = "-mixture" if beside else "-hierarchical" if hierarchical else "-each" if each else ""
+    kind = (
+        "-mixture" if beside else "-hierarchical" if hierarchical else "-each" if how.each else ""
+    )
     name = f"fit-{learner.replace(':', '.')}{kind}"
     folder = out or (to or Path("results")) / name
     _check_folder(folder)
-    known = read_search(space) if space else bundled_search(learner)
+    known = read_search(plan) if plan else bundled_search(learner)
     if known is not None and known.learner != learner:
-        raise LearnerError(f"{space} is for the learner {known.learner}, and not for {learner}")
+        raise LearnerError(f"{plan} is for the learner {known.learner}, and not for {learner}")
     if known is None and not search:
         raise LearnerError(_nothing_searched(learner))
     chosen = changed(known, learner, search or (), fix or ())
@@ -142,21 +127,23 @@ def fit(
         from causal_openlock.fitting.actions import ActionPlan
         from causal_openlock.fitting.command_to_actions import fit_to
 
-        how = hold_out or "trials"
-        to_actions = ActionPlan(chosen, lapse, how, folds, candidates, seed=seed)
-        how_many = "group" if hierarchical else "each" if each else "all"
+        held_out = how.hold_out or "trials"
+        to_actions = ActionPlan(
+            chosen, how.lapse, held_out, how.folds, how.candidates, seed=how.seed
+        )
+        how_many = "group" if hierarchical else "each" if how.each else "all"
         plans = {
             label: replace(to_actions, space=one)
             for label, one in labelled([chosen, *map(search_beside, beside or ())]).items()
         }
-        fit_to(plans, to, of or (), how_many, workers or available_cores(), folder)
+        fit_to(plans, to, how.of, how_many, workers or available_cores(), folder)
         return
-    hold_out = hold_out or "transfer"
-    conditions_to_fit(hold_out)  # fails at once if there is no such way
-    objective_called(objective)
-    towards(published_points(), target)
-    played = candidates, subjects, finalists, final_subjects
-    plan = Plan(chosen, hold_out, *played, seed, objective, target)
+    held_out = how.hold_out or "transfer"
+    conditions_to_fit(held_out)  # fails at once if there is no such way
+    objective_called(how.objective)
+    towards(published_points(), how.target)
+    played = how.candidates, how.subjects, how.finalists, how.final_subjects
+    declared = Plan(chosen, held_out, *played, how.seed, how.objective, how.target)
     console = Terminal()
     bar = Progress(
         TextColumn("{task.description}"),
@@ -167,13 +154,13 @@ def fit(
         console=console,
     )
     with resumable(), bar:
-        task = bar.add_task("searching", total=plan.candidates)
+        task = bar.add_task("searching", total=declared.candidates)
 
         def report(done: int, total: int, what: str) -> None:
             bar.update(task, completed=done, total=total, description=what)
 
         cores = workers or available_cores()
-        fitted, trials = run(plan, folder, workers=cores, report=report)
+        fitted, trials = run(declared, folder, workers=cores, report=report)
     found = fitted_learner(fitted, trials)
     files = write_fitted_learner(fitted, found, folder)
     print_fit(fitted, found, console)
@@ -220,7 +207,7 @@ def _nothing_searched(learner: str) -> str:
     high = numbers[name] if numbers[name] > 0 else 1
     low = 1 if isinstance(high, int) and high > 1 else 0 if high == 1 else high / 10
     return (
-        f"nothing is searched, as {learner} has no search space of its own; give one with --space, "
+        f"nothing is searched, as {learner} has no search space of its own; give one with --plan, "
         f"or ranges such as --search {name}={low:g}:{high:g}"
     )
 

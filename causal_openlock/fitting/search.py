@@ -18,6 +18,10 @@ subjects, which is searched too, is of a second kind, a learner whose parameters
       learner: bayes
       fixed: {policy: thompson, forgetting: 0.8}
       share: {low: 0.0, high: 0.3}
+
+How the fit is made stands in the same file (:class:`FitSettings`)::
+
+    fit: {candidates: 120, hold_out: alternate, seed: 7}
 """
 
 from __future__ import annotations
@@ -31,6 +35,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
+from causal_openlock.contract.parameters import Count
 from causal_openlock.contract.registry import (
     is_ours,
     learner_class,
@@ -41,6 +46,7 @@ from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.experiment.experiment import origin_of
 from causal_openlock.files.validation import StrictModel
 from causal_openlock.files.yaml_file import parse_document, read_document
+from causal_openlock.scoring import LAPSE
 from causal_openlock.wording import nearest
 
 BUNDLED = Path(__file__).parent
@@ -175,8 +181,50 @@ class SecondFile(StrictModel):
     share: Annotated[RangeFile, Field(description="The share of subjects that are of this kind.")]
 
 
+class FitSettings(StrictModel):
+    """How a learner is fitted, whatever is searched."""
+
+    candidates: Annotated[Count, Field(description="Parameter settings to try.")] = 60
+    seed: Annotated[
+        int, Field(ge=0, le=2**62, description="Seed of the search and of all play.")
+    ] = 2018
+    hold_out: Annotated[
+        str | None,
+        Field(
+            description="What is not fitted to but predicted, of people's points: transfer (the "
+            "four tests; the default), alternate (every other one) or none; of recorded actions: "
+            "trials (the default), subjects or none."
+        ),
+    ] = None
+    # To published means:
+    target: Annotated[
+        str, Field(description="Whose means are fitted to: people, or model (of AAAI 2020).")
+    ] = "people"
+    objective: Annotated[
+        str, Field(description="means, or means_and_spreads (standard deviations over subjects).")
+    ] = "means"
+    subjects: Annotated[
+        int, Field(ge=2, description="Subjects that a candidate plays in each condition.")
+    ] = 40
+    finalists: Annotated[
+        Count, Field(description="Number of best candidates that play again; the closest is taken.")
+    ] = 5
+    final_subjects: Annotated[
+        int, Field(ge=2, description="Subjects in each condition then, and in the end.")
+    ] = 200
+    # To recorded actions:
+    of: Annotated[list[str], Field(description="Whose subjects are fitted to; by default all.")] = (
+        Field(default_factory=list)
+    )
+    each: Annotated[bool, Field(description="Whether each subject is fitted by itself.")] = False
+    lapse: Annotated[
+        float, Field(ge=0, le=1, description="Share of actions taken to be random.")
+    ] = LAPSE
+    folds: Annotated[int, Field(ge=2, description="Parts, of which each is held out once.")] = 2
+
+
 class SearchFile(StrictModel):
-    """A search space."""
+    """A plan: a search space, and perhaps how the fit is made."""
 
     learner: Annotated[str, Field(description="Registered name of a learner.")]
     fixed: Annotated[dict[str, Any], Field(description="Parameters that are set.")] = Field(
@@ -184,6 +232,9 @@ class SearchFile(StrictModel):
     )
     search: Annotated[dict[str, RangeFile], Field(description="Parameters that are searched.")]
     second: Annotated[SecondFile | None, Field(description="A second kind of subject.")] = None
+    fit: Annotated[FitSettings, Field(description="How the fit is made.")] = Field(
+        default_factory=FitSettings
+    )
 
 
 def search_space(
@@ -254,6 +305,12 @@ def read_search(path: Path | str) -> SearchSpace:
     other = content.second
     second = Second(other.learner, other.fixed, _range(other.share)) if other else None
     return search_space(content.learner, ranges, content.fixed, second)
+
+
+def read_settings(path: Path | str | None, given: Mapping[str, Any]) -> FitSettings:
+    """How a fit is made: what is given, else what the file says, else the defaults."""
+    settings = read_document(path).validate(SearchFile).fit if path else FitSettings()
+    return settings.model_copy(update={k: v for k, v in given.items() if v is not None})
 
 
 def _range(read: RangeFile) -> Range:

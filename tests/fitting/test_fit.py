@@ -456,6 +456,24 @@ def at_once(*words: str, monkeypatch: pytest.MonkeyPatch) -> int:
     return int(stop.value.code or 0)
 
 
+def test_a_plan_says_how_the_fit_is_made_and_options_override_it(tmp_path, monkeypatch, capsys):
+    path = tmp_path / "plan.yaml"
+    path.write_text(
+        f"learner: {ME}\nsearch: {{lapse: {{low: 0.3, high: 0.9}}}}\n"
+        "fit: {candidates: 3, subjects: 2, finalists: 1, final_subjects: 2, target: model}\n"
+    )
+    words = ["fit", ME, "--plan", str(path), "--candidates", "1", "--workers", "1",
+             "--out", str(tmp_path / "f")]  # fmt: skip
+    assert at_once(*words, monkeypatch=monkeypatch) == 0
+    assert "Distance from the published model" in capsys.readouterr().out
+    assert len(pd.read_csv(tmp_path / "f" / "candidates.csv")) == 1
+    path.write_text(path.read_text().replace("candidates: 3", "candidates: none, finallists: 2"))
+    assert at_once(*words, monkeypatch=monkeypatch) == 2
+    error = capsys.readouterr().err
+    assert "plan.yaml:3" in error
+    assert "did you mean finalists" in error
+
+
 def test_the_command_fits_and_says_what_it_found(tmp_path, monkeypatch, capsys):
     words = ["fit", ME, "--search", "lapse=0.3:0.9", "--candidates", "2", "--subjects", "2",
              "--finalists", "1", "--final-subjects", "3", "--workers", "1",
