@@ -32,6 +32,7 @@ from causal_openlock.files.plugins import REFERENCES, loaded, registered
 from causal_openlock.schemas.fsm import BoolArray
 from causal_openlock.storage.remote import downloaded
 from causal_openlock.storage.store import Store
+from causal_openlock.wording import counted
 
 POINT = ["condition", "phase", "trial"]
 """What identifies the trials that a reference has means of."""
@@ -43,7 +44,7 @@ Cells = Collection[tuple[str, str, str]]
 """Labels of learners, each with the names of a condition that it played and of its protocol."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Reference:
     """Something that learners stand beside.
 
@@ -83,6 +84,10 @@ class Reference:
             )
         object.__setattr__(self, "title", self.title or self.name)
         object.__setattr__(self, "prefix", self.prefix or re.sub(r"\W+", "_", self.name))
+
+    def __repr__(self) -> str:
+        """Its name, and how many means it has."""
+        return f"<Reference {self.name}: {counted(len(self.points), 'mean')}>"
 
     def beside(self, experiment: Experiment | None) -> Beside:
         """Return the reference with the learners of an experiment that it stands beside."""
