@@ -116,7 +116,7 @@ class Results(Material):
         missing = missing_cells(experiment)
         unfinished = f"{counted(len(missing), 'cell')} of {len(experiment.files)} missing"
         of_numbers = warnings_of(
-            self.counts.trials, self.summary, experiment.versions, self.references
+            self.counts.trials, self.summary, experiment.versions, self.references, self.given
         )
         if not missing:
             return of_numbers
@@ -299,7 +299,11 @@ class Results(Material):
             (one.record, replace(one.experiment, title=", and ".join(titles)))
             for one in (self, other)
         ]
-        given = tuple(dict.fromkeys((*self.given, *other.given)))
+        given = [*self.given]
+        for one in other.given:  # the same folder, read twice, is one reference
+            twins = [held for held in given if held.prefix == one.prefix]
+            if not any(held.points.equals(one.points) for held in twins):
+                given.append(one)
         return self._together(parts, self.folders + other.folders, given)
 
     def __repr__(self) -> str:

@@ -12,6 +12,7 @@ from causal_openlock.analysis.topic import Topic
 from causal_openlock.paper.likeness import distance, points_beside
 from causal_openlock.paper.noise_ceiling import noise_ceiling
 from causal_openlock.paper.references import PEOPLE
+from causal_openlock.wording import file_names
 
 _PROSE = Prose(__name__)
 _HEADS = ["learner", "points", "RMSE", "in standard errors", "perfect"]
@@ -20,6 +21,7 @@ _HEADS = ["learner", "points", "RMSE", "in standard errors", "perfect"]
 def section(material: Material, _: Decided) -> Section | None:
     """A table for each reference that is given; None if none is."""
     tables = []
+    files = file_names(one.reference.prefix for one in material.leading)
     for one in material.leading:
         points = points_beside(one, material.trials)
         if one.reference.name == PEOPLE or points.empty:
@@ -30,7 +32,7 @@ def section(material: Material, _: Decided) -> Section | None:
         ]
         frame = pd.DataFrame(rows, columns=_HEADS).sort_values("RMSE", ignore_index=True)
         formats = dict.fromkeys(_HEADS[2:], ".2f")
-        name, file = one.reference.name, f"distance_from_{one.reference.prefix}"
+        name, file = one.reference.name, f"distance_from_{files[one.reference.prefix]}"
         tables.append(_PROSE.table("distance", frame, formats, file, of=name))
     return _PROSE.section("distance", tables) if tables else None
 

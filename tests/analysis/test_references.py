@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from causal_openlock.analysis.results.references import (
     find_references,
     references_beside,
 )
+from causal_openlock.analysis.topics.leaderboard import leaderboard_tables
 from causal_openlock.cli import app
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.file import find_experiment, read_experiment
@@ -124,9 +126,13 @@ def test_other_budgets_rooms_and_numbers_are_not_compared(mine: Path) -> None:
     assert reference.beside(experiment).cells == everything
     renamed = replace(spec, protocol=replace(spec.protocol, name="mine", layouts="random"))
     assert len(reference.beside(replace(experiment, learners=(renamed,))).cells or ()) == 3
-    for setting in ({"attempt_limit": 5}, {"test_trials": 2}, {"action_limit": 4}):
+    for setting, left in (
+        ({"attempt_limit": 5}, 0),
+        ({"test_loops": 2}, 1),
+        ({"action_limit": 4}, 0),
+    ):
         other = replace(spec, protocol=replace(spec.protocol, **setting))
-        assert not reference.beside(replace(experiment, learners=(other,))).cells
+        assert len(reference.beside(replace(experiment, learners=(other,))).cells or ()) == left
     swapped = replace(experiment.conditions[0], train=experiment.conditions[1].train)
     assert not reference.comparable(spec, swapped)
 
@@ -137,10 +143,90 @@ def test_several_stand_side_by_side_and_share_no_name(mine: Path, played: Path) 
     assert {"to_adults", "to_children"} <= {*results.leaderboard}
     with pytest.raises(OpenLockError, match="two references are called visitors; give one another"):
         ol.open_results(played, reference=[mine, mine])
-    with pytest.raises(OpenLockError, match="two references are called human"):
-        ol.open_results(played, reference=f"human={mine}")
     with pytest.raises(OpenLockError, match=r"a reference cannot be called '\?'"):
         ol.open_results(played, reference=f"?={mine}")
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        *((name, "tables use that name") for name in ("human", "People", "ideal", "pilot_p")),
+        *((name, "tables use that name") for name in ("difference", "published model", "a_low")),
+        ("oracle", "a learner is called that"),
+        ("x" * 61, "60 at most"),
+        ("v1.5", "letters, digits"),
+    ],
+)
+def test_names_that_would_be_confused_are_refused(
+    name: str, why: str, mine: Path, played: Path
+) -> None:
+    with pytest.raises(OpenLockError, match=why):
+        ol.open_results(played, reference=f"{name}={mine}")
+
+
+def test_a_folder_of_a_common_name_is_called_otherwise(tmp_path: Path, mine: Path) -> None:
+    shutil.copytree(mine, tmp_path / "people")
+    assert [one.name for one in find_references(tmp_path / "people")] == ["own people"]
+
+
+def test_what_is_no_reference_in_python_is_one_sentence() -> None:
+    rows = [("CC4", "train", 5, 9, 12.5, 0.5)] * 2
+    points = pd.DataFrame(rows, columns=POINT_COLUMNS)
+    for changed, said in (
+        (points, "has a trial of a condition twice"),
+        (points[:1].drop(columns="se"), "lacks the column se"),
+        (points[:1].assign(subjects=0), "at least one subject"),
+        (points[:1].assign(mean=np.nan), "at least one subject"),
+    ):
+        with pytest.raises(OpenLockError, match=said):
+            Reference("x", changed, lambda *_: True)
+    with pytest.raises(OpenLockError, match="a Reference or a results folder, not 5"):
+        find_references(5)  # type: ignore[arg-type]
+
+
+def test_one_without_means_stands_nowhere(played: Path, tmp_path: Path) -> None:
+    empty = Reference("empty", pd.DataFrame(columns=POINT_COLUMNS), lambda *_: True)
+    results = ol.open_results(played, reference=empty)
+    assert not [name for name in results.summary if name.startswith("empty")]
+    results.report(tmp_path)
+
+
+def test_trials_that_a_reference_did_not_solve_are_marked(played: Path, tmp_path: Path) -> None:
+    ol.compare("CC4", ["random"], subjects=2, workers=0, seed=5, out=tmp_path / "slow")
+    results = ol.open_results(played, reference=tmp_path / "slow")
+    (table,) = leaderboard_tables(results.leaderboard)
+    at = table.columns.index("to_slow")
+    assert table.rows["slow"][0] == ("> 30", "")
+    assert table.rows["oracle"][at][0] == "≤ −27.00"
+    assert table.rows["random"][at][0].endswith("*")
+    (shown,) = results.by_condition
+    (cells,) = [cells for one, cells in shown.references.items() if one.name == "slow"]
+    assert cells[0] == (30.0, None, 0.0)
+
+
+def test_more_rooms_of_training_do_not_compare(mine: Path) -> None:
+    experiment = ol.open_results(mine).experiment
+    (spec,) = experiment.learners
+    (reference,) = find_references(mine)
+    more = replace(spec, protocol=replace(spec.protocol, training_trials=5))
+    names = {
+        cell[1] for cell in reference.beside(replace(experiment, learners=(more,))).cells or ()
+    }
+    assert names == {"CC4"}
+
+
+def test_one_that_stands_beside_nobody_is_said(played: Path, tmp_path: Path) -> None:
+    ol.compare("CE3", ["oracle"], subjects=1, workers=0, out=tmp_path / "else")
+    results = ol.open_results(played, reference=f"others={tmp_path / 'else'}")
+    assert any("as others, so this reference is not shown" in one for one in results.warnings)
+
+
+def test_both_results_may_have_read_the_same_reference(
+    mine: Path, played: Path, tmp_path: Path
+) -> None:
+    ol.compare("CC4", ["bayes"], subjects=1, workers=0, out=tmp_path / "more")
+    one, other = (ol.open_results(folder, reference=mine) for folder in (played, tmp_path / "more"))
+    assert [reference.name for reference in (one + other).given] == ["visitors"]
 
 
 def test_every_learner_of_a_folder_without_people_is_one(played: Path) -> None:

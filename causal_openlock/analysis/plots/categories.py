@@ -90,7 +90,8 @@ def plot_categories(
         known = one.reference.categories
         if known is not None and one.stands(counts).any():
             rows = known[(known["phase"] == phase) & known["condition"].isin(KINDS[kind][0])]
-            shown.append((one.reference.title, one.reference.detail, rows))
+            if len(rows):
+                shown.append((one.reference.title, one.reference.detail, rows))
     for name in ordered(counts["learner"], results.learners):
         own = counts[counts["learner"] == name]
         for protocol in ordered(own["protocol"], ()):

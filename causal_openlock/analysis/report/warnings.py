@@ -10,7 +10,7 @@ import pandas as pd
 
 from causal_openlock.analysis.measures import CELL
 from causal_openlock.analysis.prose import Prose
-from causal_openlock.analysis.results.references import Beside, beside_any
+from causal_openlock.analysis.results.references import Beside, Reference, beside_any
 from causal_openlock.analysis.statistics import FEW_SUBJECTS
 from causal_openlock.analysis.table import percent
 
@@ -20,16 +20,19 @@ def warnings_of(
     summary: pd.DataFrame,
     versions: Mapping[str, Any],
     references: Sequence[Beside] = (),
+    given: Sequence[Reference] = (),
 ) -> tuple[str, ...]:
     """What a reader should know before believing the numbers, a sentence each.
 
     Versions of a package are a list where cells were run with several.
     """
+    published = [one for one in references if one.reference not in given]
     named = np.zeros(len(summary), bool)
-    for one in references:
+    for one in published:
         called = summary["condition"].isin(one.reference.points["condition"]).to_numpy()
         named |= called & Beside(one.reference, None).stands(summary)
-    others = summary.loc[named & ~beside_any(summary, references), CELL].drop_duplicates()
+    others = summary.loc[named & ~beside_any(summary, published), CELL].drop_duplicates()
+    own = [one for one in references if one.reference in given]
     of_learner = ["learner", "protocol"]
     subjects = summary.groupby(CELL, observed=True)["subjects"].agg(["min", "max"])
     fewest = summary.groupby(of_learner, observed=True)["subjects"].min()
@@ -38,6 +41,7 @@ def warnings_of(
     return Prose(__name__).paragraphs(
         "warnings",
         others=[_label(key) for key in others.itertuples(index=False)],
+        alone=[one.reference.name for one in own if not one.stands(summary).any()],
         least=FEW_SUBJECTS,
         few=_by_label(fewest[fewest < FEW_SUBJECTS]),
         uneven=[_label(key) for key in subjects.index[subjects["min"] != subjects["max"]]],

@@ -153,8 +153,11 @@ def make_report(
         learners=[written.section(one) for one in pages],
         summary=_summary_blocks(summary, learners, material.references),
         described=described,
-        warnings=warnings_of(trials, summary, experiment.versions, material.references),
+        warnings=warnings_of(
+            trials, summary, experiment.versions, material.references, material.given
+        ),
         files=written.files,
+        given=material.given,
     )
     write_text(path, page)
     _remove(folder, earlier - set(written.files))

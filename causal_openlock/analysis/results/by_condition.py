@@ -21,6 +21,9 @@ from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 Row = Mapping[str, Any]
 """A row of :func:`~causal_openlock.analysis.results.summary.headline`; None is no value."""
 
+Known = tuple[float, float | None, float]
+"""What is known of a reference: its mean, the standard error, and the share of trials solved."""
+
 
 @dataclass(frozen=True)
 class ConditionTable:
@@ -30,14 +33,15 @@ class ConditionTable:
         protocol: Its name.
         columns: The conditions, and what each was judged by, such as ``trial 5`` or ``test``.
         references: By reference that stands beside a learner, by column, its mean
-            attempts and their standard error, or None where it does not.
+            attempts, their standard error or None, and the share of trials that are solved; None
+            where it does not.
         ideal: By column, attempts of the ideal observer, or None; empty if none are known.
         rows: By learner, by column, its row or None.
     """
 
     protocol: str
     columns: tuple[tuple[str, str], ...]
-    references: Mapping[Reference, tuple[tuple[float, float] | None, ...]]
+    references: Mapping[Reference, tuple[Known | None, ...]]
     ideal: tuple[float | None, ...]
     rows: Mapping[str, tuple[Row | None, ...]]
 
@@ -63,8 +67,7 @@ class ConditionTable:
         looks: dict[int, str] = {}
         for one, cells in self.references.items():
             looks[len(rows)] = "published"
-            known = ["–" if cell is None else f"{cell[0]:.2f}\n± {cell[1]:.2f}" for cell in cells]
-            rows.append([f"{one.title}\n{details[one]}", *known])
+            rows.append([f"{one.title}\n{details[one]}", *map(_of_reference, cells)])
         if self.ideal:
             looks[len(rows)] = "ideal"
             least = ["–" if attempts is None else f"{attempts:.2f}" for attempts in self.ideal]
@@ -78,6 +81,15 @@ class ConditionTable:
             "attempts_by_condition", "Attempts in each condition", frame,
             dict.fromkeys(heads[1:], "s"), looks=looks, verbatim=True,
         )  # fmt: skip
+
+
+def _of_reference(cell: Known | None) -> str:
+    """The mean of a reference with its standard error."""
+    if cell is None:
+        return "–"
+    mean, error, solved = cell
+    least = "≥ " if solved < 1 else ""
+    return f"{least}{mean:.2f}" if error is None else f"{least}{mean:.2f}\n± {error:.2f}"
 
 
 def condition_tables(
@@ -99,23 +111,27 @@ def condition_tables(
         cells = {(str(cell["learner"]), str(cell["condition"])): cell for cell in records(rows)}
         names = ordered(rows["condition"], conditions or PAPER_CONDITIONS)
         columns, ideal = [], []
-        known: dict[Reference, list[tuple[float, float] | None]] = {
-            one.reference: [] for one in references if len(one.reference.points)
+        known: dict[Beside, list[Known | None]] = {
+            one: [] for one in references if len(one.reference.points)
         }
         for condition in names:
             of = [cell for (_, played), cell in cells.items() if played == condition]
             columns.append((condition, " or ".join(dict.fromkeys(c["measured"] for c in of))))
             for one, found in known.items():
-                ends = {(cell["measured"], cell[f"{one.prefix}_attempts"]) for cell in of}
-                mean, se = (of[0][f"{one.prefix}_{name}"] for name in ("attempts", "se"))
-                found.append((mean, se) if len(ends) == 1 and mean is not None else None)
+                prefix = one.reference.prefix
+                ends = {(cell["measured"], cell[f"{prefix}_attempts"]) for cell in of}
+                mean, se = (of[0][f"{prefix}_{name}"] for name in ("attempts", "se"))
+                share = one.solved(condition)
+                found.append((mean, se, share) if len(ends) == 1 and mean is not None else None)
             bounds = {cell["ideal_attempts"] for cell in of}
             ideal.append(bounds.pop() if len(bounds) == 1 else None)
         tables.append(
             ConditionTable(
                 protocol=str(protocol),
                 columns=tuple(columns),
-                references={one: tuple(cells) for one, cells in known.items() if any(cells)},
+                references={
+                    one.reference: tuple(cells) for one, cells in known.items() if any(cells)
+                },
                 ideal=tuple(ideal) if any(ideal) else (),
                 rows={
                     name: tuple(cells.get((name, condition)) for condition in names)

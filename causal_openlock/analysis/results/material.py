@@ -98,7 +98,11 @@ class Material:
     @property
     def leading(self) -> list[Beside]:
         """References that the leaderboard has."""
-        return [one for one in self.references if one.reference.in_leaderboard]
+        return [
+            one
+            for one in self.references
+            if one.reference.in_leaderboard and len(one.reference.points)
+        ]
 
     def compared(self, trials: pd.DataFrame) -> pd.DataFrame:
         """The rows of a table that any reference stands beside."""

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -27,12 +27,12 @@ from causal_openlock.analysis.measures import CELL, Counts, count, judged, mean_
 from causal_openlock.analysis.results.reading import read_results
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.experiment import PERSON, Experiment, LearnerSpec
-from causal_openlock.experiment.protocol import HUMAN_PROTOCOL, Condition, Protocol
+from causal_openlock.experiment.protocol import HUMAN_PROTOCOL, Condition, Protocol, plan
 from causal_openlock.files.plugins import REFERENCES, loaded, registered
 from causal_openlock.schemas.fsm import BoolArray
 from causal_openlock.storage.remote import downloaded
 from causal_openlock.storage.store import Store
-from causal_openlock.wording import counted
+from causal_openlock.wording import counted, file_names
 
 POINT = ["condition", "phase", "trial"]
 """What identifies the trials that a reference has means of."""
@@ -44,14 +44,26 @@ Cells = Collection[tuple[str, str, str]]
 """Labels of learners, each with the names of a condition that it played and of its protocol."""
 
 
+MOST_CHARACTERS = 60
+"""Longest name of a reference."""
+TAKEN = frozenset({
+    "learner", "condition", "protocol", "phase", "trial", "loops", "subjects", "limit", "solved",
+    "found", "solutions", "median", "attempts", "score", "best", "se", "difference", "ideal",
+    "measured", "informed", "reference", "n", "ideal_observer", "share_solved", "ci_low",
+    "ci_high", "human", "model", "people", "published_model", "interval",
+})  # fmt: skip
+"""Names that tables have already, in lower case with underscores."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Reference:
     """Something that learners stand beside.
 
     Attributes:
-        name: What tables and sentences call it: letters, digits, spaces, dots and dashes.
+        name: What tables and sentences call it: letters, digits, spaces and underscores.
         points: Means of attempts, a row for each ``condition``, ``phase`` and ``trial``, with
-            ``subjects``, ``mean`` and ``se`` (population SD / √n); perhaps no rows.
+            ``subjects``, ``mean``, ``se`` (population SD / √n; NaN if it is not known) and perhaps
+            ``share_solved``, without which all trials count as solved; perhaps no rows.
         comparable: Whether a learner did what the reference did in a condition.
         judged: The same of the trials that conditions are judged by, a test as trial 1; by default
             the points.
@@ -77,13 +89,22 @@ class Reference:
     protocol: str = HUMAN_PROTOCOL
 
     def __post_init__(self) -> None:
-        if not re.fullmatch(r"\w[\w .-]*", self.name):
-            raise OpenLockError(
-                f"a reference cannot be called {self.name!r}; a name begins with a letter and has "
-                "letters, digits, spaces, dots and dashes: give one as NAME=FOLDER"
-            )
         object.__setattr__(self, "title", self.title or self.name)
         object.__setattr__(self, "prefix", self.prefix or re.sub(r"\W+", "_", self.name))
+        if not (re.fullmatch(r"\w[\w ]*", self.name) and len(self.name) <= MOST_CHARACTERS):
+            raise OpenLockError(
+                f"a reference cannot be called {self.name[:80]!r}; a name has letters, digits, "
+                f"spaces and underscores, {MOST_CHARACTERS} at most: give one as NAME=FOLDER"
+            )
+        if not re.fullmatch(r"\w+", self.prefix):
+            raise OpenLockError(f"the columns of a reference cannot begin with {self.prefix!r}")
+        _check_means(self.name, "points", self.points)
+        if self.judged is not None:
+            _check_means(self.name, "judged", self.judged)
+            if not {*self.judged["condition"]} <= {*self.points["condition"]}:
+                raise OpenLockError(
+                    f"reference {self.name}: there are conditions judged without points"
+                )
 
     def __repr__(self) -> str:
         """Its name, and how many means it has."""
@@ -138,6 +159,27 @@ class Beside:
             for column, value in (("attempts", "mean"), ("se", "se"))
         }
 
+    def solved(self, condition: str) -> float:
+        """The share of trials solved where a condition is judged; 1 if it is not known."""
+        one = self.reference
+        means = one.points if one.judged is None else one.judged
+        own = means[means["condition"] == condition]
+        known = "share_solved" in own and len(own)
+        return float(own["share_solved"].iloc[-1]) if known else 1.0
+
+
+def _check_means(name: str, what: str, means: pd.DataFrame) -> None:
+    """Refuse means that are not in form."""
+    if missing := [column for column in POINT_COLUMNS if column not in means]:
+        raise OpenLockError(f"reference {name}: {what} lacks the column {missing[0]}")
+    if means.duplicated(POINT).any():
+        raise OpenLockError(f"reference {name}: {what} has a trial of a condition twice")
+    numbers = means[["subjects", "mean", "se"]].apply(pd.to_numeric, errors="coerce")
+    if numbers[["subjects", "mean"]].isna().any(axis=None) or (numbers["subjects"] < 1).any():
+        raise OpenLockError(
+            f"reference {name}: {what} needs a mean of at least one subject in every row"
+        )
+
 
 def references_beside(
     experiment: Experiment | None, given: Iterable[Reference] = ()
@@ -145,14 +187,22 @@ def references_beside(
     """Return the registered references, and those that are given, with whom they stand beside.
 
     Raises:
-        OpenLockError: If two have the same name.
+        OpenLockError: If two have the same name, or one has the name of a learner or of a column.
     """
-    known = [*_registered(tuple(registered(REFERENCES).values())), *given]
-    names = [one.prefix for one in known]
-    if twice := next((name for name in names if names.count(name) > 1), None):
-        raise OpenLockError(
-            f"two references are called {twice}; give one another name: NAME=FOLDER"
-        )
+    known = [*_registered(tuple(registered(REFERENCES).values()))]
+    labels = {spec.name for spec in experiment.learners} if experiment else set()
+    for one in given:
+        key = one.prefix.lower()
+        if key in TAKEN or key.endswith(("_p", "_low", "_high")) or one.name in labels:
+            whose = "a learner is called that" if one.name in labels else "tables use that name"
+            raise OpenLockError(
+                f"a reference cannot be called {one.name}: {whose}; give another one: NAME=FOLDER"
+            )
+        if key in {other.prefix.lower() for other in known}:
+            raise OpenLockError(
+                f"two references are called {one.name}; give one another name: NAME=FOLDER"
+            )
+        known.append(one)
     return tuple(one.beside(experiment) for one in known)
 
 
@@ -191,7 +241,7 @@ def with_references(
 def difference_from(reference: Reference, references: Sequence[Beside]) -> str:
     """The column of differences from a reference; empty if it is not in the leaderboard."""
     leading = [one.reference for one in references if one.reference.in_leaderboard]
-    if reference not in leading:
+    if reference not in leading or reference.points.empty:
         return ""
     return "difference" if reference is leading[0] else f"{reference.prefix}_difference"
 
@@ -217,12 +267,20 @@ def find_references(
     """
     if forms is None:
         return ()
-    listed = [forms] if isinstance(forms, Reference | Path | str) else forms
-    return tuple(
-        found
-        for form in listed
-        for found in ([form] if isinstance(form, Reference) else reference_of(form))
-    )
+    single = isinstance(forms, Reference | Path | str)
+    found: list[Reference] = []
+    for form in [forms] if single else list(_several(forms)):
+        if isinstance(form, Reference):
+            found.append(form)
+        elif isinstance(form, Path | str):
+            found += reference_of(form)
+        else:
+            raise OpenLockError(f"a reference is a Reference or a results folder, not {form!r}")
+    return tuple(found)
+
+
+def _several(forms: Any) -> Iterable[Any]:
+    return forms if isinstance(forms, Iterable) else [forms]
 
 
 def reference_of(folder: Path | str) -> list[Reference]:
@@ -250,50 +308,56 @@ def reference_of(folder: Path | str) -> list[Reference]:
     shown = [spec for spec in shown if spec.name in people] or shown
     if not shown:
         raise OpenLockError(f"{path} holds no results to compare with; play or import some first")
-    name = name or re.sub(r"\W+", "_", path.resolve().name).strip("_")
-    return [
-        _of_learner(name if len(shown) == 1 else f"{name} {spec.name}", spec, experiment, counts)
-        for spec in shown
-    ]
+    if not name:
+        name = re.sub(r"\W+", "_", path.resolve().name).strip("_")[:MOST_CHARACTERS] or "folder"
+        name = f"own {name}" if name.lower() in TAKEN else name
+    if len(shown) == 1:
+        return [_of_learner(name, shown[0], experiment, counts)]
+    parts = file_names(spec.name for spec in shown)
+    return [_of_learner(f"{name} {parts[one.name]}", one, experiment, counts) for one in shown]
 
 
 def _of_learner(name: str, spec: LearnerSpec, experiment: Experiment, counts: Counts) -> Reference:
     trials = counts.trials[counts.trials["learner"] == spec.name]
     blocks = counts.blocks[counts.blocks["learner"] == spec.name]
-    conditions = {one.name: _form(one, spec.protocol) for one in experiment.conditions}
-    budgets = replace(spec.protocol, name="", layouts="published", test_layout=None)
+    played = {one.name: _played(one, spec.protocol) for one in experiment.conditions}
 
     def comparable(other: LearnerSpec, condition: Condition) -> bool:
-        theirs = replace(other.protocol, name="", layouts="published", test_layout=None)
-        return theirs == budgets and conditions.get(condition.name) == _form(
-            condition, other.protocol
-        )
+        known = played.get(condition.name)
+        return known is not None and known == _played(condition, other.protocol)
 
-    means = [
-        mean_by_trial(rows, ["phase", "trial"]).astype({"condition": str, "phase": str})
-        for rows in (trials, judged(trials))
-    ]
     return Reference(
         name,
-        means[0][POINT_COLUMNS],
+        _means(trials),
         comparable,
-        means[1][POINT_COLUMNS],
+        _means(judged(trials)),
         detail="one's own",
         categories=blocks.astype({"condition": str, "phase": str}) if len(blocks) else None,
         protocol=spec.protocol.name,
     )
 
 
-def _form(condition: Condition, protocol: Protocol) -> list[list[Any]]:
-    """The schemas of each phase, without titles, and how many rooms there are of each."""
-    train = protocol.training_trials if condition.test else protocol.baseline_trials
+def _means(trials: pd.DataFrame) -> pd.DataFrame:
+    means = mean_by_trial(trials, ["phase", "trial"]).astype({"condition": str, "phase": str})
+    # Of one subject, or of several who all needed as many, the error is not known.
+    means["se"] = means["se"].where(means["se"] > 0)
+    return means[[*POINT_COLUMNS, "share_solved"]]
+
+
+def _played(condition: Condition, protocol: Protocol) -> list[Any]:
+    """The trials of a subject, each with its schema without its title, and the budgets."""
+    budgets = (protocol.attempt_limit, protocol.stop_when_solved)
+    visits = plan(condition, protocol, np.random.default_rng(0))
     return [
-        [
+        budgets,
+        *(
             (
-                {**one.schema.as_dict(), "title": ""},
-                one.number or (len(one.layouts) if isinstance(one.layouts, tuple) else number),
+                visit.phase,
+                visit.loop,
+                visit.trial,
+                {**visit.schema.as_dict(), "title": ""},
+                protocol.actions_for(visit.schema),
             )
-            for one in group
-        ]
-        for group, number in ((condition.train, train), (condition.test, protocol.test_trials))
+            for visit in visits
+        ),
     ]

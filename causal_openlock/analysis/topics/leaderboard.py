@@ -10,7 +10,7 @@ such trials are in are lower bounds, and are marked as that.
 from __future__ import annotations
 
 import re
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -103,14 +103,18 @@ def leaderboard(results: Material) -> pd.DataFrame:
         *("learner", "reference", "informed", "protocol", "conditions", "subjects", "limit"),
         *("solved", "found", "solutions", "median", "attempts", "score", "best"),
         *(f"to_best{end}" for end in ("", "_low", "_high")),
-        *(_to(one) + end for one in results.leading for end in ("", "_low", "_high", "_p")),
+        *(
+            _to(one.reference.name) + end
+            for one in results.leading
+            for end in ("", "_low", "_high", "_p")
+        ),
     ]
     return pd.DataFrame([row for rows in tables for row in rows], columns=columns)
 
 
-def _to(one: Beside) -> str:
-    """The column of differences from a reference."""
-    return "to_" + re.sub(r"\W+", "_", one.reference.name)
+def _to(name: str) -> str:
+    """The column of differences from a reference of that name."""
+    return "to_" + re.sub(r"\W+", "_", name)
 
 
 def _gap(name: str, gap: Difference) -> dict[str, float]:
@@ -143,6 +147,9 @@ def _rows(results: Material, protocol: str) -> list[dict[str, Any]]:
                 "informed": False,
                 "conditions": len(known),
                 "subjects": min(group.size for group in known.values()),
+                "solved": np.mean([one.solved(name) for name in known])
+                if "share_solved" in one.reference.points
+                else np.nan,
                 "attempts": np.mean([*attempts.values()]),
                 # Beside learners' it would be of other rooms if they have not played them all.
                 "score": _score(attempts, ends) if set(attempts) == played else np.nan,
@@ -169,7 +176,7 @@ def _rows(results: Material, protocol: str) -> list[dict[str, Any]]:
         }
         for one in results.leading:
             gap = _against(_groups(one, headline, name), own)
-            row |= _gap(_to(one), Difference(-gap.value, -gap.high, -gap.low, gap.p))
+            row |= _gap(_to(one.reference.name), Difference(-gap.value, -gap.high, -gap.low, gap.p))
         rows.append(row)
     return rows
 
@@ -333,7 +340,9 @@ def leaderboard_tables(table: pd.DataFrame) -> Iterator[LeaderboardTable]:
     """
     for protocol, rows in table.groupby("protocol", sort=False):
         best = next((name for name in rows["best"] if isinstance(name, str)), None)
-        gaps = {name: _called(name) for name in _columns_to(rows) if rows[name].notna().any()}
+        gaps = {
+            column: name for column, name in _called(rows).items() if rows[column].notna().any()
+        }
         columns = {
             "attempts": ("Attempts (mean)", "attempts"),
             **{name: (f"Attempts more than {of}", f"− {of}") for name, of in gaps.items()},
@@ -352,11 +361,13 @@ def leaderboard_tables(table: pd.DataFrame) -> Iterator[LeaderboardTable]:
         narrow = tuple(name for name in narrow if name in columns)
         # References come first, people before all others; the rest stay in their order.
         asked = sorted(records(rows), key=lambda row: (not row["reference"], not row["informed"]))
-        cut_off = {row["learner"]: (row["solved"] or 1) < 1 for row in asked}
-        beside = cut_off.get(best, False)
+        # Differences from one whose trials the limit has cut off are bounds the other way.
+        solved = {row["learner"]: row["solved"] for row in asked}
+        others = {"to_best": best, **gaps}
+        cut = {column for column, of in others.items() if (solved.get(of) or 1) < 1}
+        cut |= {column for column, of in gaps.items() if solved.get(of) == 0}
         wide = {
-            str(row["learner"]): tuple(_cell(name, row, beside) for name in columns)
-            for row in asked
+            str(row["learner"]): tuple(_cell(name, row, cut) for name in columns) for row in asked
         }
         yield LeaderboardTable(
             protocol=str(protocol),
@@ -374,7 +385,7 @@ def leaderboard_tables(table: pd.DataFrame) -> Iterator[LeaderboardTable]:
             short_heads=("", *(columns[name][1] for name in narrow)),
             rows=wide,
             short_rows={
-                str(row["learner"]): tuple(_short_cell(name, row, beside) for name in narrow)
+                str(row["learner"]): tuple(_short_cell(name, row, cut) for name in narrow)
                 for row in asked
             },
             marks=frozenset(
@@ -386,9 +397,9 @@ def leaderboard_tables(table: pd.DataFrame) -> Iterator[LeaderboardTable]:
         )
 
 
-def _called(column: str) -> str:
-    """The reference that a column of differences is about, in words."""
-    return column.removeprefix("to_").replace("_", " ")
+def _called(table: pd.DataFrame) -> dict[str, str]:
+    """By column of differences, the reference that it is about."""
+    return {_to(name): name for name in table.loc[table["reference"].astype(bool), "learner"]}
 
 
 def legend(tables: Sequence[LeaderboardTable], narrow: bool = False) -> str:
@@ -426,12 +437,12 @@ def answers(table: pd.DataFrame, decisions: Decisions) -> dict[str, tuple[str, .
         best = next((name for name in rows["best"] if isinstance(name, str)), None)
         gaps = [
             {
-                "name": _called(name),
+                "name": called,
                 **{end: own[best][f"{name}{end}"] for end in ("_low", "_high")},
                 "value": own[best][name],
                 "found": decisions.found(TOPIC.name, (protocol, best, name)),
             }
-            for name in _columns_to(rows)
+            for name, called in _called(rows).items()
             if best is not None and decisions.has(TOPIC.name, (protocol, best, name))
         ]
         found[str(protocol)] = _PROSE.paragraphs(
@@ -461,7 +472,7 @@ def _few(rows: pd.DataFrame) -> str:
     )
 
 
-def _cell(column: str, row: Mapping[str, Any], best_cut_off: bool) -> Cell:
+def _cell(column: str, row: Mapping[str, Any], cut: Collection[str]) -> Cell:
     value = row["subjects" if column == "n" else column]
     if column == "attempts" and None not in (row["solved"], value):
         if row["solved"] == 0:
@@ -482,7 +493,7 @@ def _cell(column: str, row: Mapping[str, Any], best_cut_off: bool) -> Cell:
     if column == "score":
         return printed(float(value), ".2f"), ""
     low, high = row[f"{column}_low"], row[f"{column}_high"]
-    before, after = _marks(column, row, best_cut_off)
+    before, after = _marks(column, row, cut)
     small = _without_interval(column, row)
     if low is not None:
         small = f"{printed(float(low), '+.2f')} to {printed(float(high), '+.2f')}"
@@ -491,28 +502,28 @@ def _cell(column: str, row: Mapping[str, Any], best_cut_off: bool) -> Cell:
 
 def _without_interval(column: str, row: Mapping[str, Any]) -> str:
     """Why there is no interval: too few subjects, or all of them differ by the same."""
-    if column != "to_best" or row["subjects"] < 2:
+    if column != "to_best" or row["subjects"] < 2 or row["reference"]:
         return "no interval"
     return _EVERY if row["conditions"] == 1 else _EVERY_OF_A_CONDITION
 
 
-def _short_cell(column: str, row: Mapping[str, Any], best_cut_off: bool) -> str:
-    main, small = _cell(column, row, best_cut_off)
+def _short_cell(column: str, row: Mapping[str, Any], cut: Collection[str]) -> str:
+    main, small = _cell(column, row, cut)
     if not small:
         return main.replace("not within ", "> ")
     low, value, high = row[f"{column}_low"], row[column], row[f"{column}_high"]
-    before, after = _marks(column, row, best_cut_off)
+    before, after = _marks(column, row, cut)
     interval = "all" if small in (_EVERY, _EVERY_OF_A_CONDITION) else "–"
     if low is not None:
         interval = f"{_narrow(low)}, {_narrow(high)}"
     return f"{before}{_narrow(value)}{after} [{interval}]"
 
 
-def _marks(column: str, row: Mapping[str, Any], best_cut_off: bool) -> tuple[str, str]:
+def _marks(column: str, row: Mapping[str, Any], cut: Collection[str]) -> tuple[str, str]:
     """What is before and after a difference that the limit of attempts has cut off."""
     if row["solved"] is None or row["solved"] == 1:
-        return ("≤ " if column == "to_best" and best_cut_off else ""), ""
-    return ("", "*") if column == "to_best" and best_cut_off else ("≥ ", "")
+        return ("≤ " if column in cut else ""), ""
+    return ("", "*") if column in cut else ("≥ ", "")
 
 
 def _narrow(value: float) -> str:
