@@ -43,6 +43,7 @@ from support.scripted_server import (
     scripted,
     some_action,
 )
+from support.topics import section_on
 
 pytestmark = pytest.mark.slow
 
@@ -642,7 +643,7 @@ def test_what_was_said_is_in_the_results_and_in_their_bundle(
     # The report has the sums, whatever else is among the transcripts.
     for path in (out / "transcripts").iterdir():
         path.write_bytes(path.read_bytes() + b'{"answers": -1}\n\xff\n[]\n')
-    shown = language_models.section(Results.read(out))
+    shown = section_on(language_models.TOPIC, Results.read(out))
     assert shown is not None
     assert len(shown.text) == 1
     assert shown.tables[0].rows[0][:6] == ["llm", "CC3", "3", "10", "1,000", "50"]
@@ -660,7 +661,7 @@ def test_a_server_that_is_away_can_be_tried_again_and_again(tmp_path: Path) -> N
             assert "retry-failed" not in str(error.value)
         warned: list[str] = []
         run(experiment, tmp_path / "out", workers=0, warn=warned.append)
-    (silent,) = language_models.section(Results.read(tmp_path / "out")).text[1:]  # type: ignore[union-attr]
+    (silent,) = section_on(language_models.TOPIC, Results.read(tmp_path / "out")).text[1:]  # type: ignore[union-attr]
     assert "3 actions of llm. How these learners fare" in silent
     # A repetition says that nobody was asked.
     run(away, tmp_path / "again", workers=0, warn=warned.append)

@@ -322,9 +322,9 @@ def test_where_every_cell_fails_there_is_no_report_and_the_reasons_are_told(fold
 def test_half_a_group_missing_is_counted_in_its_rows(folder: Path, tmp_path: Path) -> None:
     with ThreadPoolExecutor(2) as executor:
         store = runner.run(declared(folder, "Fine"), folder / "out", executor=executor)
-    whole = write_report(*_with_path(store, tmp_path / "whole"), sections=())
+    whole = write_report(*_with_path(store, tmp_path / "whole"), topics=())
     store.files()[0][1].unlink()
-    half = write_report(*_with_path(store, tmp_path / "half"), sections=())
+    half = write_report(*_with_path(store, tmp_path / "half"), topics=())
     head, row = (half.parent / "summary.csv").read_text(encoding="utf-8").splitlines()[:2]
     assert head.endswith(",missing,why")
     assert row.endswith(',2,"Fine in CC3, subjects 2-3: not played yet"')
