@@ -461,7 +461,7 @@ def test_no_column_of_the_headline_is_cut_off_however_narrow_the_terminal() -> N
     }  # fmt: skip
     console = Terminal(width=60, file=io.StringIO())
     rows = [{**row, "learner": name} for name in names]
-    rows.append({**row, "learner": "people", "reference": True, "to_people": float("nan")})
+    rows.append({**row, "learner": "people", "reference": True, "solved": float("nan")})
     print_leaderboard(pd.DataFrame(rows), console)
     printed = console.file.getvalue()
     shown = ("human", "at most 30", "together", "0.25 of 3", "> 30", "0.50", "− people")
