@@ -27,6 +27,13 @@ from causal_openlock.experiment.session import Session
 SUBJECTS, ATTEMPTS, STEPS = 2, 2, 12
 """The length of the check: twelve actions of two subjects, two attempts in a trial."""
 
+IN_TORCH = (
+    ". In torch: pass torch.Generator().manual_seed(seed), with seed = "
+    "int(self.generator.integers(2**63)), to what takes a generator; put what takes none, such as "
+    "new layers, under `with torch.random.fork_rng():` after torch.manual_seed(seed) inside it"
+)
+"""What a learner that draws with torch is told besides."""
+
 _seen: set[str] = set()
 """The learners that this process has checked."""
 
@@ -65,10 +72,11 @@ def check_learner(cell: Cell) -> list[str]:
                 with suppress(Exception, SystemExit):
                     _play(cell, watched=False)
                 if touched := start.differs_from(GlobalRandomness.now()):
+                    in_torch = IN_TORCH if "torch" in touched else ""
                     found.append(
                         f"it uses or seeds the random numbers of {' and '.join(touched)}, which "
                         "all code shares, so its results may differ from run to run; let it draw "
-                        "from brief.generators (or self.generator)"
+                        f"from brief.generators (or self.generator){in_torch}"
                     )
     finally:
         before.restore()

@@ -208,3 +208,10 @@ def test_compare_says_so_once_and_plays_on(tmp_path: Path, monkeypatch: pytest.M
     assert [line.count("Untidy: ") for line in told] == [1]
     assert sum("random numbers of random, which all code shares" in line for line in told) == 1
     assert "report: out/report.html" in done.stdout
+
+
+def test_who_draws_with_torch_is_told_what_to_do_there(tmp_path: Path) -> None:
+    (said,) = learner_check.check_learner(cell_of(DrawsFromTorch, tmp_path))
+    assert "torch.Generator().manual_seed" in said
+    (other,) = learner_check.check_learner(cell_of(Draws, tmp_path))
+    assert "torch" not in other
