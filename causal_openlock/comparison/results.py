@@ -27,7 +27,7 @@ from causal_openlock.analysis.results.references import (
 )
 from causal_openlock.analysis.topic import all_topics, columns_of
 from causal_openlock.errors import StoreError, in_short, renamed
-from causal_openlock.files.plugins import RESULTS, attribute_of, registered
+from causal_openlock.files.plugins import RESULT_METHODS, attribute_of, registered
 from causal_openlock.storage.containment import check_inside
 from causal_openlock.storage.folder_lock import LOCK
 from causal_openlock.storage.remote import downloaded
@@ -230,11 +230,11 @@ class Results(Material):
             if name in FORMER:
                 renamed(f"results.{name}", f"results.{FORMER[name]}")
                 return getattr(self, FORMER[name])
-            return attribute_of(self, RESULTS, name)
+            return attribute_of(self, RESULT_METHODS, name)
 
     def __dir__(self) -> list[str]:
         """The names of the class, and those that packages register."""
-        return sorted({*super().__dir__(), *registered(RESULTS)})
+        return sorted({*super().__dir__(), *registered(RESULT_METHODS)})
 
     # -- what is made of them -------------------------------------------------------------------
 

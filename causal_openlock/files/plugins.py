@@ -29,9 +29,9 @@ REFERENCES = "causal_openlock.references"
 :class:`~causal_openlock.analysis.results.references.Reference`."""
 PLOTS = "causal_openlock.plots"
 """Plots of results: functions whose first argument is the results."""
-RESULTS = "causal_openlock.results"
+RESULT_METHODS = "causal_openlock.results"
 """Methods and properties of :class:`~causal_openlock.comparison.results.Results`."""
-SCHEMAS = "causal_openlock.schemas"
+SCHEMA_METHODS = "causal_openlock.schemas"
 """The same of :class:`~causal_openlock.schemas.schema.Schema`."""
 
 

@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from causal_openlock.errors import SchemaError
-from causal_openlock.files.plugins import SCHEMAS, attribute_of, registered
+from causal_openlock.files.plugins import SCHEMA_METHODS, attribute_of, registered
 from causal_openlock.wording import counted, nearest
 
 DOOR = "door"
@@ -359,11 +359,11 @@ class Schema:
 
         def __getattr__(self, name: str) -> Any:
             """A method that is registered: ``to_text``, ``play`` (``causal_openlock.schemas``)."""
-            return attribute_of(self, SCHEMAS, name)
+            return attribute_of(self, SCHEMA_METHODS, name)
 
     def __dir__(self) -> list[str]:
         """The names of the class, and those that packages register."""
-        return sorted({*super().__dir__(), *registered(SCHEMAS)})
+        return sorted({*super().__dir__(), *registered(SCHEMA_METHODS)})
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Schema) and self.as_dict() == other.as_dict()

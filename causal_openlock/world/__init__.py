@@ -9,6 +9,6 @@
 ``reward_table``  What actions led to, reward functions, and their values as one table.
 ``reward_code``   User-defined reward functions.
 ``randomness``    A random generator for each subject.
-``reference``     Published results and the geometry of the paper's room.
+``facts``         Published results and the geometry of the paper's room.
 ================= =================================================================================
 """

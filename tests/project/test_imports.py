@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import re
 import subprocess
 import sys
 import tomllib
@@ -42,3 +44,15 @@ def test_opening_a_room_loads_few_packages(opened: str) -> None:
     packages = done.stdout.split()
     assert "torch" not in packages
     assert 3 < len(packages) <= 12, packages
+
+
+@pytest.mark.parametrize(
+    "package",
+    sorted({*ROOT.glob("causal_openlock/**/__init__.py"), *ROOT.glob("learners/**/__init__.py")}),
+    ids=lambda path: str(path.parent.relative_to(ROOT)),
+)
+def test_the_table_of_a_package_names_modules_that_are_there(package: Path) -> None:
+    text = ast.get_docstring(ast.parse(package.read_text(encoding="utf-8"))) or ""
+    named = set(re.findall(r"^``(\w+)``\s", text, flags=re.MULTILINE))
+    there = {path.stem for path in package.parent.iterdir()}
+    assert named <= there, sorted(named - there)

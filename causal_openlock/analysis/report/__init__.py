@@ -1,6 +1,6 @@
 """The report: a record with its experiment in; a page, ``summary.csv``, tables and figures out.
 
-``writing`` counts the record, collects the ``sections`` (a module for each; there is how to add
-one) and renders the page. A section is data (``section``) whose sentences are in
-``templates/NAME.txt.j2`` (``prose``).
+``writing`` has every topic compute (:mod:`causal_openlock.analysis.topic`), decides what is found,
+and renders the page. What is here is what stands around the topics: the first screen, the learners'
+pages, warnings, what was run; and the page on two results (``difference_page``).
 """

@@ -3,7 +3,7 @@
 ================== ================================================================================
 ``training``       The training.
 ``command``        ``causal-openlock train``.
-``file``           What is declared of it in YAML (``experiments/meta_training/``).
+``training_file``  What is declared of it in YAML (``experiments/meta_training/``).
 ``rooms``          The rooms that it draws, thousands at once.
 ``random_schemas`` The schemas that it draws.
 ================== ================================================================================

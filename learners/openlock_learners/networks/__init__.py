@@ -7,6 +7,7 @@ written for such stacks; no agent's numbers depend on which others are in the st
 ======================  ===========================================================================
 ``double_q``            Stacked perceptrons and double Q-learning in torch: on a GPU, for ``ddqn``.
 ``double_q_compiled``   The same on a CPU, by the loops of ``double_q_kernels``.
+``double_q_kernels``    These loops.
 ``replay_buffer``       Transitions for ``ddqn``, drawn uniformly or by priority.
 ``recurrent_cells``     Stacked linear layers, GRUs and LSTMs.
 ``recurrent_q``         Double Q-learning on sequences (R2D2), for ``recurrent``.
@@ -15,7 +16,6 @@ written for such stacks; no agent's numbers depend on which others are in the st
 ``ppo``                 Proximal policy optimization of these, also for meta-training.
 ``network_file``        A trained policy as a file.
 ``perception``          What learners with a memory perceive, as numbers.
-``checkpointed``        Checkpoints made of attributes.
 ``denormals``           Denormal numbers are flushed to zero during training.
 ======================  ===========================================================================
 """
