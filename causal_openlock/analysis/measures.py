@@ -319,6 +319,7 @@ class _Trials:
         joins = _starts([sorted_key[column] for column in [*CELL, *SUBJECT, *VISIT]])
 
         def reduce(how: np.ufunc, values: NDArray[Any]) -> NDArray[Any]:
+            """Of each trial: first within its runs, then, runs in order, over those of a trial."""
             if not len(starts):
                 return values[:0]
             reduced: NDArray[Any] = how.reduceat(how.reduceat(values, starts)[order], joins)

@@ -26,7 +26,10 @@ from causal_openlock.files.plugins import PLOTS, loaded, registered
 
 
 class _Of:
-    """A plot function as a method: the results are its first argument."""
+    """A plot function as a method: the results are its first argument.
+
+    It has the signature and the docstring of the function, which a method written out would repeat.
+    """
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self.function = function

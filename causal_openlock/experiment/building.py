@@ -47,7 +47,7 @@ from causal_openlock.experiment.protocol import (
     find_protocol,
     plan,
 )
-from causal_openlock.files.validation import plain, sentence
+from causal_openlock.files.validation import plain, sentence, whole_number
 from causal_openlock.files.yaml_file import Document, Where
 from causal_openlock.schemas.declared import schema
 from causal_openlock.schemas.finding import find_schema
@@ -90,10 +90,11 @@ class Changes:
     seed: int | None = None
 
     def __post_init__(self) -> None:
-        for name in ("subjects", "seed"):
+        # NumPy's numbers become Python's; what is none is refused before anything is read.
+        for name, least in (("subjects", 1), ("seed", 0)):
             value = getattr(self, name)
             if value is not None:
-                object.__setattr__(self, name, getattr(_settings(**{name: value}), name))
+                object.__setattr__(self, name, whole_number(value, name, least))
 
     @property
     def options(self) -> list[str]:
@@ -257,6 +258,7 @@ class _Builder:
             if isinstance(declared, str | Path):
                 return Condition.named(str(declared), self.schema)
             if isinstance(declared, Condition):
+                # Files are called by its name, which is checked as that of a file's condition is.
                 _checked(ConditionFile, {"name": declared.name, "train": [{"schema": "CC4"}]})
                 return declared
             if not isinstance(declared, ConditionFile):

@@ -88,6 +88,7 @@ def _pickled(value: Any) -> bytes:
             {
                 # Fields of dataclasses are compared with the one object MISSING: it goes by name.
                 type(MISSING): lambda _: "MISSING",
+                # A cached function cannot be pickled; what it wraps is, and cached again there.
                 type(_cached): lambda one: (_cached_again, (one.__wrapped__, *_settings(one))),
             }
         )
