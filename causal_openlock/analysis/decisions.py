@@ -1,14 +1,17 @@
-"""Which effects a report may call found: all its tests are corrected together, once.
+"""Which effects are significant: the tests of one question are corrected together, after Holm.
 
-A report makes dozens of tests. If each were judged by itself, one in twenty would find an effect
-where there is none, so that most reports said something false. Sections therefore register their
-tests before any of them is written, and all p values of the report are corrected after Holm: of a
-report on learners that do not differ at all, at most one in twenty says anywhere that they do.
+A report answers several questions, and each with several tests: which pairs of learners differ, in
+which of the paper's tests a learner does as people do, whether training helps a learner. If each
+test were judged by itself, one in twenty would find an effect where there is none. So the tests of
+a *family*, which is one question, are corrected together: where nothing differs, at most one answer
+in twenty says that something does. What else is in the report, such as one learner more, changes no
+answer that is not about it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections import defaultdict
+from collections.abc import Callable, Hashable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,29 +20,38 @@ from causal_openlock.analysis.effects import ALPHA, holm
 
 
 class Decisions:
-    """The tests of a report, by section and key, and what is found once all are there.
+    """The tests of a report, by section and key, and what is significant.
 
     >>> decisions = Decisions()
-    >>> decisions.register("pairs", {"a, b": 0.02, "a, c": 0.001})
-    >>> decisions.register("transfer", {"a": 0.04})
-    >>> decisions.found("pairs", "a, c"), decisions.found("pairs", "a, b"), decisions.total
-    (True, True, 3)
-    >>> decisions.p("transfer", "a")
-    0.04
+    >>> decisions.register("pairs", {"a, b": 0.02, "a, c": 0.001, "b, c": 0.04})
+    >>> decisions.register("transfer", {"a": 0.04, "b": 0.04}, family=lambda learner: learner)
+    >>> decisions.p("pairs", "a, b"), decisions.p("transfer", "a")
+    (0.04, 0.04)
+    >>> decisions.found("pairs", "a, c")
+    True
     """
 
     def __init__(self) -> None:
         self._tests: dict[tuple[str, Hashable], float] = {}
+        self._family: dict[tuple[str, Hashable], Hashable] = {}
         self._corrected: dict[tuple[str, Hashable], float] = {}
         self._computed: dict[str, Any] = {}
 
-    def register(self, section: str, tests: Mapping[Hashable, float], computed: Any = None) -> None:
+    def register(
+        self,
+        section: str,
+        tests: Mapping[Hashable, float],
+        computed: Any = None,
+        family: Callable[[Any], Hashable] = lambda _: None,
+    ) -> None:
         """Add the p values of a section; those that are not defined are NaN.
 
         Args:
             section: Its name.
             tests: The p values, by key.
             computed: What they are taken from, for the section to be written from.
+            family: From a key to the question that its test is about; by default the section asks
+                one question.
 
         Raises:
             ValueError: If something was decided already: it might come out otherwise now.
@@ -47,6 +59,7 @@ class Decisions:
         if self._corrected:
             raise ValueError(f"the tests of {section} come after the report's have been decided")
         self._tests |= {(section, key): p for key, p in tests.items()}
+        self._family |= {(section, key): (section, family(key)) for key in tests}
         self._computed[section] = computed
 
     def computed(self, section: str) -> Any:
@@ -69,17 +82,27 @@ class Decisions:
     def p(self, section: str, key: Hashable) -> float:
         """A corrected p; NaN where the test is not defined."""
         if not self._corrected:
-            corrected = holm(np.array([*self._tests.values()], float)).tolist()
-            self._corrected = dict(zip(self._tests, corrected, strict=True))
+            members = defaultdict(list)
+            for test, family in self._family.items():
+                members[family].append(test)
+            for tests in members.values():
+                corrected = holm(np.array([self._tests[test] for test in tests], float)).tolist()
+                self._corrected |= dict(zip(tests, corrected, strict=True))
         return self._corrected[section, key]
 
+    def size(self, section: str, key: Hashable) -> int:
+        """How many tests are defined in the family of a test."""
+        family = self._family[section, key]
+        tests = [test for test, other in self._family.items() if other == family]
+        return int((~np.isnan([self._tests[test] for test in tests])).sum())
+
     def found(self, section: str, key: Hashable) -> bool:
-        """Whether an effect is beyond chance, with all tests of the report in view."""
+        """Whether an effect is significant, with all tests of its family in view."""
         return self.p(section, key) < ALPHA
 
 
 class Decided(NamedTuple):
-    """What is decided of one section, with all tests of the report in view."""
+    """What is decided of one section."""
 
     decisions: Decisions
     section: str
@@ -94,5 +117,5 @@ class Decided(NamedTuple):
         return self.decisions.p(self.section, key)
 
     def found(self, key: Hashable) -> bool:
-        """Whether an effect is beyond chance."""
+        """Whether an effect is significant."""
         return self.decisions.found(self.section, key)

@@ -26,6 +26,10 @@ def _nothing(_: Material) -> None:
     return None
 
 
+def _one_question(_: Hashable) -> None:
+    return None
+
+
 def _no_tests(_: Any) -> Mapping[Hashable, float]:
     return {}
 
@@ -41,8 +45,9 @@ class Topic:
         section: From the results, and what was computed and decided, to the section; None where
             the results hold nothing that it is about.
         compute: From the results to what the tests are taken from, computed once.
-        tests: From what was computed to the p value of each effect, by a key of its own. All tests
-            of a report are corrected together, before anything of it is written.
+        tests: From what was computed to the p value of each effect, by a key of its own.
+        family: From a key to the question that its test is about: the tests of one question are
+            corrected together. By default a topic asks one question.
         columns: Columns of the record that it needs, of those that are read on request only
             (:data:`~causal_openlock.analysis.results.reading.UNREAD`).
     """
@@ -52,6 +57,7 @@ class Topic:
     section: Callable[[Material, Decided], Section | None]
     compute: Callable[[Material], Any] = _nothing
     tests: Callable[[Any], Mapping[Hashable, float]] = _no_tests
+    family: Callable[[Any], Hashable] = _one_question
     columns: tuple[str, ...] = ()
 
 
@@ -68,7 +74,7 @@ def decisions_of(material: Material, topics: Sequence[Topic]) -> Decisions:
     decisions = Decisions()
     for topic in topics:
         computed = topic.compute(material)
-        decisions.register(topic.name, topic.tests(computed), computed)
+        decisions.register(topic.name, topic.tests(computed), computed, topic.family)
     return decisions
 
 

@@ -131,4 +131,9 @@ def _differences(table: pd.DataFrame) -> pd.DataFrame:
     return frame
 
 
-TOPIC = Topic("human_likeness", 60, section, compute, tests)
+def family(key: tuple[str, str]) -> Hashable:
+    """Which of people's effects a learner shows."""
+    return key[0]
+
+
+TOPIC = Topic("human_likeness", 60, section, compute, tests, family)

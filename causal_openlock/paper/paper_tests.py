@@ -10,7 +10,7 @@ has (:mod:`~causal_openlock.analysis.decisions`).
 from __future__ import annotations
 
 import re
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -69,7 +69,7 @@ FAMILIES = {
 _SUBJECTS_OF_PEOPLE = 40
 _PROSE = Prose(__name__)
 _NUMBERS = {
-    **dict.fromkeys(("p", "p_corrected"), ".2g"),
+    "p": ".2g",
     **dict.fromkeys(("value", "hedges_g", "effect_size"), ".2f"),
     **{"difference": "+.2f", "subjects": ","},
 }
@@ -224,14 +224,13 @@ def _tests_of(means: pd.DataFrame, learner: str) -> pd.DataFrame:
     return _table(rows)
 
 
-def outcome_text(row: Mapping[Any, Any], corrected: float = np.nan) -> str:
-    """A row as a paper prints it, with the corrected p, if there is one, and the effect's size."""
+def outcome_text(row: Mapping[Any, Any]) -> str:
+    """A row as a paper prints it, with the effect's size."""
     if row["note"]:
         return str(row["note"])
     parts = [
         f"{row['statistic']}({row['df']}) = {_number(row['value'])}",
         _p("p", row["p"]),
-        *([] if np.isnan(corrected) else [_p("corrected", corrected)]),
         f"{row['effect']} = {_number(row['effect_size'])}",
     ]
     return ", ".join(part.replace(" ", "\u00a0") for part in parts)  # lines break at commas alone
@@ -304,28 +303,12 @@ def _table(rows: Sequence[Mapping[str, object]]) -> pd.DataFrame:
     return table.astype(dict.fromkeys(numbers, float))
 
 
-def compute(material: Material) -> pd.DataFrame:
-    """All tests of the paper, of people and of learners."""
-    chosen = material.trials[people_beside(material).stands(material.trials)]
-    return paper_tests(chosen, material.learners)
-
-
-def tests(computed: pd.DataFrame) -> dict[Hashable, float]:
-    """The p of every test of a learner, by learner, family and test."""
-    own = computed[computed["learner"] != PEOPLE]
-    return {(row.learner, row.family, row.test): row.p for row in own.itertuples()}
-
-
-def section(material: Material, decided: Decided) -> Section | None:
+def section(material: Material, _: Decided) -> Section | None:
     """The paper's tests of every learner that did what people did; None if there is none."""
-    tests: pd.DataFrame = decided.computed.copy()
+    played = material.trials[people_beside(material).stands(material.trials)]
+    tests = paper_tests(played, material.learners)
     if tests.empty:
         return None
-    corrected = [
-        np.nan if row.learner == PEOPLE else decided.p((row.learner, row.family, row.test))
-        for row in tests.itertuples()
-    ]
-    tests.insert(tests.columns.get_loc("p") + 1, "p_corrected", corrected)
     own = tests[tests["learner"] != PEOPLE]
     undefined, defined = _split(own)
     families, tables = [], []
@@ -406,10 +389,7 @@ def _family_table(
         played = [test for test in asked if test.name in cells]
         n = sorted({round(cells[test.name]["subjects"] / len(test.conditions)) for test in played})
         outcomes = {test.name: "not played" for test in asked}
-        outcomes |= {
-            test.name: outcome_text(cells[test.name], cells[test.name]["p_corrected"])
-            for test in played
-        }
+        outcomes |= {test.name: outcome_text(cells[test.name]) for test in played}
         shown.append(
             {
                 "learner": f"{PEOPLE} (printed)" if name == PEOPLE else name,
@@ -430,7 +410,7 @@ def finding(test: PaperTest, rows: pd.DataFrame) -> dict[str, Any]:
         ``opposite``, or is ``absent`` or ``undefined``.
     """
     defined = rows[rows["note"] == ""]
-    significant = defined["p_corrected"] < ALPHA
+    significant = defined["p"] < ALPHA
     with_sign = (defined["difference"] > 0) | (not test.directed)
     people = printed_tests().set_index(["family", "test"]).loc[(test.family, test.name)]
     return {
@@ -476,4 +456,4 @@ def _power_table(power: pd.DataFrame, subjects: int) -> Table:
     return _PROSE.table("paper_tests_power", power.rename(columns=names), formats, alpha=ALPHA)
 
 
-TOPIC = Topic("paper_tests", 70, section, compute, tests)
+TOPIC = Topic("paper_tests", 70, section)

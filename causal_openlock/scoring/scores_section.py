@@ -150,4 +150,9 @@ def _sizes(material: Material, each: Mapping[str, Scores]) -> tuple[int, int]:
     return scored, len(known[SUBJECT].drop_duplicates())
 
 
-TOPIC = Topic("scores", 65, section, compute, tests)
+def family(key: tuple[str, str]) -> Hashable:
+    """Which learners predict the subjects of a learner worse than the best one."""
+    return key[0]
+
+
+TOPIC = Topic("scores", 65, section, compute, tests, family)

@@ -134,7 +134,7 @@ def test_the_answer_in_sentences(played: Material) -> None:
         f"attempts, 5.00 on average. It needs {-able['to_people']:.2f} fewer than people ("
     )
     assert first.endswith(
-        "a difference that is found after correction for all tests of the report."
+        "a significant difference after correction for the learners that are compared."
     )
     # 24 pairs that all differ tell the others apart.
     assert second == "Solved no trial that counts: never."
@@ -146,9 +146,9 @@ def test_learners_are_not_told_apart_by_what_the_report_finds(played: Material) 
     pairs = {("half", "able"): 0.001, ("able", "told"): 0.03, ("able", "never"): 0.04}
     decisions.register("pairwise", {("human", *pair): p for pair, p in pairs.items()})
     first, second = answers(leaderboard(played), decisions)["human"]
-    assert "which is not found after" in first
+    assert "not a significant difference after" in first
     assert second == (
-        "Not told apart from able after that correction: never and told. "
+        "Not significantly different from able, after correction for all pairs: never and told. "
         "Solved no trial that counts: never."
     )
 

@@ -228,7 +228,7 @@ def test_the_section_tells_who_is_nearest_and_compares_with_the_published_model(
     published = table.set_index("learner").loc[PUBLISHED_MODEL]
     assert published["signs"] == 5
     assert pd.isna(published["found"])  # a published model is not tested
-    # Of the corrected p values, 12 are of this section's tests, all of the report's here.
+    # Corrected for the tests of each learner, of which people and the published model have none.
     assert (tests["p_corrected"].dropna() >= tests["p"][tests["p_corrected"].notna()]).all()
     assert tests["p_corrected"].notna().sum() == 2 * len(EFFECTS)
 

@@ -148,7 +148,6 @@ def make_report(
         },
         figures=[written.plot(plot) for plot in plots],
         sections=[written.section(one) for one in sections_of(material, topics, decisions)],
-        tests=decisions.total,
         alpha=ALPHA,
         learners=[written.section(one) for one in pages],
         summary=_summary_blocks(summary, learners, material.references),

@@ -539,4 +539,10 @@ def section(_: Material, __: Decided) -> Section | None:
     return None
 
 
-TOPIC = Topic("leaderboard", 0, section, leaderboard, tests)
+def family(key: tuple[str, str, str]) -> Hashable:
+    """Which learners differ from a reference, under a protocol."""
+    protocol, _, column = key
+    return protocol, column
+
+
+TOPIC = Topic("leaderboard", 0, section, leaderboard, tests, family)

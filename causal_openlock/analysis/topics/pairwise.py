@@ -258,4 +258,9 @@ def section(material: Material, decided: Decided) -> Section | None:
     return _PROSE.section("pairwise", tables, plots, protocols=protocols)
 
 
-TOPIC = Topic("pairwise", 90, section, compute, tests)
+def family(key: tuple[str, str, str]) -> Hashable:
+    """Which pairs of learners differ, under a protocol."""
+    return key[0]
+
+
+TOPIC = Topic("pairwise", 90, section, compute, tests, family)

@@ -455,4 +455,9 @@ def _wide(scores: pd.DataFrame, conditions: Sequence[str], values: list[str]) ->
     return wide.reindex(index=list(dict.fromkeys(scores["learner"])), columns=columns)
 
 
-TOPIC = Topic("transfer", 80, section, compute, tests)
+def family(key: tuple[str, str, str]) -> Hashable:
+    """Whether training with the same structure helps a learner, under a protocol."""
+    return key[:2]
+
+
+TOPIC = Topic("transfer", 80, section, compute, tests, family)

@@ -92,14 +92,15 @@ def test_the_section_names_the_pairs_of_which_no_difference_is_found() -> None:
     held = material(rows, ("a", "b", "c"))
     told, table = said(held)
     assert "Protocol human: of 3 pairs of learners 2 differ" in told
-    assert told.endswith("is none, between b and c (0.00).")
+    assert told.endswith("they are equal: b and c (0.00).")
     assert table["p corrected"].tolist() == pytest.approx([3 * 2 / 2**72, 3 * 2 / 2**72, 1.0])
     told, _ = said(material([*play("a", scattered(1), 4), *play("b", scattered(9), 4)], ("a", "b")))
     assert "Protocol human: of 1 pair of learners 0 differ in" in told
     whole = pairwise.section(held, decisions_of(held, topics_called("pairwise")).of("pairwise"))
     assert whole is not None
     assert (
-        "An interval is for its comparison alone; what is found is decided after" in whole.text[1]
+        "An interval is for its comparison alone; what is significant is decided after"
+        in whole.text[1]
     )
 
 
