@@ -139,6 +139,8 @@ def _rows(results: Material, protocol: str) -> list[dict[str, Any]]:
         if not known:
             continue
         attempts = {name: group.mean for name, group in known.items()}
+        # Beside learners', a mean or a score would be of other rooms if it has not played them all.
+        whole = set(attempts) == played
         rows.append(
             {
                 **common,
@@ -150,9 +152,8 @@ def _rows(results: Material, protocol: str) -> list[dict[str, Any]]:
                 "solved": np.mean([one.solved(name) for name in known])
                 if "share_solved" in one.reference.points
                 else np.nan,
-                "attempts": np.mean([*attempts.values()]),
-                # Beside learners' it would be of other rooms if they have not played them all.
-                "score": _score(attempts, ends) if set(attempts) == played else np.nan,
+                "attempts": np.mean([*attempts.values()]) if whole else np.nan,
+                "score": _score(attempts, ends) if whole else np.nan,
                 **_gap("to_best", _against(known, held[best]) if best else _NONE),
             }
         )
