@@ -43,9 +43,6 @@ FUZZED = {
 
 NOT = {
     "causal_openlock/analysis/prose.py": "templates of installed packages",
-    "causal_openlock/analysis/results/references.py": "what packages register, which is run",
-    "causal_openlock/analysis/topic.py": "what packages register, which is run",
-    "causal_openlock/comparison/plotting.py": "what packages register, which is run",
     "causal_openlock/analysis/report/writing.py": "the names of files in a page, by their form",
     "causal_openlock/cli/notebook.py": "a file of the package",
     "causal_openlock/play/command.py": "the text of a consent, of any content",

@@ -135,7 +135,9 @@ def make_report(
         legends={table.protocol: legend([table]) for table in first},
         headline={
             one.protocol: one
-            for one in condition_tables(material.headline, learners, references=material.references)
+            for one in condition_tables(
+                material.headline, learners, material.conditions, material.references
+            )
         },
         details={
             one.reference: f"{one.reference.detail}, {style.sizes(one.reference.points)}"

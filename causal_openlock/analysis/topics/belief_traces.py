@@ -37,10 +37,10 @@ def section(material: Material, _: Decided) -> Section | None:
 
     traces: dict[str, Trace] = {}
     changed: list[str] = []
-    more = 0
+    more: list[str] = []
     for name, spec in believers(material).items():
         if len(traces) >= MOST or spec.protocol.attempt_limit > LONGEST:
-            more += 1
+            more.append(name)
             continue
         try:
             traces[name] = replayed(material, learner=name)
