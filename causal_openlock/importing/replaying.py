@@ -105,17 +105,25 @@ def play_again(
     layouts: list[dict[int, str]] = [{} for _ in numbers]
     done: list[list[PlayedAction]] = [[] for _ in numbers]
     whole = np.zeros((len(numbers), 2), dtype=np.int64)  # actions and attempts of ended trials
+    ends = [""] * len(numbers)  # how the latest trial of each ended
     attempts = np.zeros(len(numbers), dtype=np.int64)
     for moment, (acts, step) in enumerate(session.following(actions)):
         attempts += step.attempt_over & acts
         over = step.trial_over & acts
+        for row in np.flatnonzero(over).tolist():
+            ends[row] = _end_of_trial(step, row)
         whole[over] = np.column_stack([np.full(len(numbers), moment + 1), attempts])[over]
         moved = (step.outcome != step.view.observation).any(axis=1)
         for row in np.flatnonzero(acts).tolist():
             if row not in faults:
                 one = entries[row][moment]
                 trial = int(step.view.trial[row])
-                why = _impossible(one, order[row][moment], step, row, bool(moved[row]))
+                why = _impossible(one, order[row][moment], step, row, bool(moved[row]), ends[row])
+                if why and drawn and not one.layout:
+                    why += (
+                        f"; the rooms were drawn by --seed {seed}, and this subject may have met "
+                        "others"
+                    )
                 if not why and one.layout != layouts[row].setdefault(trial, one.layout):
                     why = "this trial has had another layout before; a trial has one"
                 if why:
@@ -205,18 +213,39 @@ def _indices(own: Sequence[ActionEntry], positions: int) -> np.ndarray:
     return np.array(found, dtype=np.int64)
 
 
-def _impossible(one: ActionEntry, number: int, step: Step, row: int, moved: bool) -> str | None:
-    """Why an action could not have been taken then, or what else came of it."""
+def _end_of_trial(step: Step, row: int) -> str:
+    """How the trial of a row's subject ended, for a message."""
+    console = step.view.console
+    found = int(console.solutions_found[row]) + int(step.new_solution[row])
+    why = "the attempts were used up"
+    if int(console.solutions_left[row]) == int(step.new_solution[row]):
+        why = f"all {found} solutions had been found" if found > 1 else "the solution was found"
+    return (
+        f"; trial {int(step.view.trial[row])} ended with attempt {int(step.view.attempt[row])}, "
+        f"because {why}"
+    )
+
+
+def _impossible(
+    one: ActionEntry, number: int, step: Step, row: int, moved: bool, end: str
+) -> str | None:
+    """Why an action could not have been taken then, or what else came of it.
+
+    ``end`` says how the trial before this one ended; nothing in the first trial.
+    """
     view = step.view
     if not view.playing[row]:
-        return "all trials of this subject were over before this"
+        return f"all trials of this subject were over before this{end}"
     trial, attempt = int(view.trial[row]), int(view.attempt[row])
     if (number, one.attempt) != (trial, attempt):
         left = int(view.console.actions_left[row])
-        return (
+        said = (
             f"this says trial {number}, attempt {one.attempt}, and after the rows before it the "
             f"subject was in trial {trial}, attempt {attempt}, with actions left: {left}"
         )
+        if number > trial:
+            return f"{said} and solutions left: {int(view.console.solutions_left[row])}"
+        return f"{said}{end}" if number < trial else said
     outcome = step.outcome[row]
     came = {
         "moved": moved,

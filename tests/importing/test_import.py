@@ -178,13 +178,36 @@ def test_a_row_that_could_not_have_happened_is_named(record: Any, tmp_path: Path
     assert refused("\n".join(without), tmp_path).startswith("data.csv:4: this says trial 1, att")
     last = text.splitlines()[-1]
     said = refused(f"{text}{last}", tmp_path)
-    assert said == f"data.csv:{len(rows) + 1}: all trials of this subject were over before this"
+    assert said.startswith(f"data.csv:{len(rows) + 1}: all trials of this subject were over before")
     said = refused(text.replace(f",{rows[1][5]},", ",trial8,"), tmp_path)
     assert "the layout trial8 places 4 levers and CC3 has 3" in said
     one = text.splitlines()[1].split(",")
     one[4] = "push_UPER"
     said = refused("\n".join([text.splitlines()[0], ",".join(one)]), tmp_path)
     assert said.startswith("data.csv:2: there is no action 'push_UPER'; did you mean push_UPPER?")
+
+
+def test_a_row_after_the_end_of_its_trial_hears_why_the_trial_ended(
+    record: Any, tmp_path: Path
+) -> None:
+    table = actions_of(record)
+    own = table[table["subject"] == table["subject"].iloc[0]].reset_index(drop=True)
+    last = int(np.flatnonzero(own["trial"] == 1)[-1])
+    attempts = int(own["attempt"][last])
+    longer = own.copy()
+    longer.loc[last + 1, ["trial", "attempt"]] = [1, attempts + 1]
+    said = refused(longer.to_csv(index=False), tmp_path)
+    assert said.startswith(f"data.csv:{last + 3}: this says trial 1, attempt {attempts + 1}, and")
+    because = f"trial 1 ended with attempt {attempts}, because all 2 solutions had been found"
+    assert said.endswith(because)
+    shorter = own.drop(index=range(last - 2, last + 1))
+    said = refused(shorter.to_csv(index=False), tmp_path)
+    assert "this says trial 2, attempt 1" in said
+    assert said.endswith("solutions left: 1")
+    drawn = own.drop(columns="layout")
+    (tmp_path / "drawn.csv").write_text(drawn.to_csv(index=False))
+    with pytest.raises(OpenLockError, match="the rooms were drawn by --seed 9, and this subject"):
+        import_files([tmp_path / "drawn.csv"], tmp_path / "in", seed=9, layouts="drawn")
 
 
 def test_an_attempt_of_ours_that_came_to_something_else_is_named(own: Path, tmp_path: Path) -> None:
