@@ -249,9 +249,12 @@ def parse_parameters(name: str, parameters: Mapping[str, Any]) -> Any:
                 f"the parameter {key} of {name} must be plain data, and this is {value!r}"
             ) from None
         except ValidationError as error:
-            fault = error.errors(include_url=False)[0]["msg"].removeprefix("Input ")
+            first = error.errors(include_url=False)[0]
+            fault, remedy = first["msg"].removeprefix("Input "), ""
+            if isinstance(value, list | tuple) and not first["loc"]:  # the list, not an item of it
+                remedy = "; to compare values, list the learner once for each, by different names"
             raise LearnerError(
-                f"the parameter {key} of {name} {fault}, and this is {value!r}"
+                f"the parameter {key} of {name} {fault}, and this is {value!r}{remedy}"
             ) from None
     try:
         made = declared(**values)

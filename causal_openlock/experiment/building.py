@@ -230,7 +230,7 @@ class _Builder:
                     }
                     raise ExperimentError(
                         f"the {key[:-1]} {one.name} is listed twice; give one of them another name"
-                        + (f", as in {how[key]}" if self.document is None else "")
+                        + (f", as in {how[key]}" if self.document is None else " with name:")
                     )
             found[one.name] = one
         return found

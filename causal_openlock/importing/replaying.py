@@ -239,13 +239,13 @@ def _impossible(
     trial, attempt = int(view.trial[row]), int(view.attempt[row])
     if (number, one.attempt) != (trial, attempt):
         left = int(view.console.actions_left[row])
-        said = (
+        reached = (
             f"this says trial {number}, attempt {one.attempt}, and after the rows before it the "
             f"subject was in trial {trial}, attempt {attempt}, with actions left: {left}"
         )
         if number > trial:
-            return f"{said} and solutions left: {int(view.console.solutions_left[row])}"
-        return f"{said}{end}" if number < trial else said
+            return f"{reached} and solutions left: {int(view.console.solutions_left[row])}"
+        return f"{reached}{end}" if number < trial else reached
     outcome = step.outcome[row]
     came = {
         "moved": moved,

@@ -26,6 +26,7 @@ from causal_openlock.running.learner_check import check_new_learner
 from causal_openlock.storage.running_files import remove_files_of, report_progress
 from causal_openlock.storage.store import Store
 from causal_openlock.storage.versions import versions
+from causal_openlock.usercode.module_source import is_users_own
 from causal_openlock.usercode.session_code import is_of_session, unpack
 
 REPORT_EVERY = 1.0
@@ -117,13 +118,24 @@ def record_failure(store: Store, cell: Cell, error: BaseException) -> str:
     """
     what = in_short(error)
     if not isinstance(error, OpenLockError):
-        what = f"{type(error).__name__}: {what}".removesuffix(": ")
+        what = f"{type(error).__name__}: {what}".removesuffix(": ") + _users_line(error)
     try:
         trace = "".join(traceback.format_exception(error))
     except Exception:  # a foreign exception's own attributes may raise
         trace = f"{type(error).__name__}\n"
     counts = not isinstance(error, NotAvailableError)
     return store.failures.record(cell, f"failed: {what}", trace, counts=counts)
+
+
+def _users_line(error: BaseException) -> str:
+    """The last line of the user's code that an error passed, such as `` (learners.py:39)``."""
+    # A notebook's cells are in no file; there the traceback names the line.
+    own = [
+        f" ({path.name}:{line})"
+        for frame, line in traceback.walk_tb(error.__traceback__)
+        if (path := Path(frame.f_code.co_filename)).is_file() and is_users_own(path.resolve())
+    ]
+    return own[-1] if own else ""
 
 
 def _begun(cell: Cell, checkpoint: Checkpoint) -> tuple[Session, Learner]:

@@ -147,7 +147,12 @@ FAULTS = [
     ("conditions: [CC3]\nlearners: [random]\nsubjects: many", 4, 1, "valid integer"),
     ("conditions: [CC3]\nlearners: [random]\nsubject: 3", 4, 1, "did you mean subjects?"),
     ("conditions: [CC3, CC3]\nlearners: [random]", 2, 19, "listed twice"),
-    ("conditions: [CC3]\nlearners: [random, random]", 3, 20, "listed twice"),
+    (
+        "conditions: [CC3]\nlearners: [random, random]",
+        3,
+        20,
+        "give one of them another name with name:",
+    ),
     ("conditions: []\nlearners: [random]", 2, 1, "at least 1"),
     ("learners: [random]", 1, 1, "conditions: is missing"),
     (

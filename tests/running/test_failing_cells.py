@@ -86,6 +86,10 @@ BY_ITSELF = {
     "Exits": "failed: SystemExit: 0",
     "Stops": "failed: KeyboardInterrupt",
 }
+LETHAL_LINES = {
+    name: LETHAL[: LETHAL.index(line)].count("\n") + 1
+    for name, line in [("Raises", "raise Zero"), ("Exits", "sys.exit(0)"), ("Mute", "raise Silent")]
+}
 WITH_ITS_PROCESS = {
     "Dies": "ended its process (exit status 9)",
     "Segfaults": "ended its process (killed by SIGSEGV)",
@@ -145,6 +149,8 @@ def test_cells_that_fail_are_named_and_the_others_are_played(folder: Path, kind:
     assert len(error.reasons) == len(expected)
     for reason, begins in zip(error.reasons, expected, strict=True):
         assert reason.startswith(begins)
+        line = LETHAL_LINES.get(reason.split()[2])
+        assert line is None or reason.partition("; see ")[0].endswith(f" (lethal.py:{line})")
         path = Path(reason.partition("; see ")[2])
         said, trace = path.read_text(encoding="utf-8").split("\n\n", 1)
         assert reason == f"{said}; see {path}"
@@ -284,7 +290,10 @@ def test_compare_says_what_is_missing_and_exits_with_1(
     )
     lines = [
         f"the learner {name} in {condition}, subjects {numbers}, {why}"
-        for name, why in (("Raises", BY_ITSELF["Raises"]), ("Dies", WITH_ITS_PROCESS["Dies"]))
+        for name, why in (
+            ("Raises", f"{BY_ITSELF['Raises']} (lethal.py:{LETHAL_LINES['Raises']})"),
+            ("Dies", WITH_ITS_PROCESS["Dies"]),
+        )
         for condition in ("CC3",)
         for numbers in ("0-1", "2-3")
     ]
