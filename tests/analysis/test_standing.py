@@ -131,13 +131,26 @@ def test_the_answer_in_sentences(played: Material) -> None:
     able = table.set_index("learner").loc["able"]
     assert first.startswith(
         "Of the learners that are given neither the schema nor the room, able needs the fewest "
-        f"attempts, 5.00 on average. It needs {-able['to_people']:.2f} fewer than people ("
+        "attempts, 5.00 on average; 4 subjects in a condition are too few to rank learners. It "
+        f"needs {-able['to_people']:.2f} fewer than people ("
     )
     assert first.endswith(
         "a significant difference after correction for the learners that are compared."
     )
     # 24 pairs that all differ tell the others apart.
     assert second == "Solved no trial that counts: never."
+
+
+def test_the_answer_counts_training_and_ranks_where_there_are_enough() -> None:
+    rows = [*play("a", same(4), 20), *play("b", same(6), 20)]
+    trained = Origin("made_up:A", "made-up 1.0", prior_attempts=12_000)
+    learners = (spec("a", recorded=trained), spec("b"))
+    held = material(rows, ("a", "b"), experiment=experiment_of(table(rows), learners=learners))
+    standing = leaderboard(held)
+    before = standing.set_index("learner")["before"].dropna().to_dict()
+    assert before == {"a": 12_000, "b": 0}
+    (first, *_) = answers(standing, decisions_of(held, all_topics()))["human"]
+    assert "4.00 on average, after 12,000 attempts of training before the experiment. " in first
 
 
 def test_learners_are_not_told_apart_by_what_the_report_finds(played: Material) -> None:

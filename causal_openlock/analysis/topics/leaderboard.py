@@ -84,7 +84,8 @@ def leaderboard(results: Material) -> pd.DataFrame:
         ``learner``; whether it is a ``reference``, such as people, of which the row has what is
         known; whether it is ``informed``: given the schema or the room, and so no competitor
         either; ``protocol``, ``conditions`` (how many), ``subjects`` (the fewest in one);
-        ``limit``, the most attempts that a trial may have; ``solved``, the share of trials;
+        ``limit``, the most attempts that a trial may have; ``before``, the attempts of training
+        before the experiment, such as meta-training; ``solved``, the share of trials;
         ``found`` of so many ``solutions``, means of trials; ``median`` attempts where trials were
         solved, NaN if none was; mean ``attempts``, where an unsolved trial counts as the limit;
         ``score``, 0 for the attempts of random actions and 1 for those of the ideal observer, NaN
@@ -101,6 +102,7 @@ def leaderboard(results: Material) -> pd.DataFrame:
     ]
     columns = [
         *("learner", "reference", "informed", "protocol", "conditions", "subjects", "limit"),
+        "before",
         *("solved", "found", "solutions", "median", "attempts", "score", "best"),
         *(f"to_best{end}" for end in ("", "_low", "_high")),
         *(
@@ -131,6 +133,7 @@ def _rows(results: Material, protocol: str) -> list[dict[str, Any]]:
     best = best_learner(results, held)
     headline = results.headline[results.headline["protocol"] == protocol]
     informed = _informed(results)
+    before = {spec.name: spec.origin.prior_attempts for spec in results.experiment.learners}
     played = {condition for own in held.values() for condition in own}
     common = {"protocol": protocol, "limit": limit, "best": best}
     rows: list[dict[str, Any]] = []
@@ -169,6 +172,7 @@ def _rows(results: Material, protocol: str) -> list[dict[str, Any]]:
             "informed": name in informed,
             "conditions": len(own),
             "subjects": min(map(len, own.values())),
+            "before": before[name],
             **means[["solved", "found", "solutions"]].mean(),
             "median": medians.get(name, np.nan),
             "attempts": means["attempts"].mean(),
@@ -450,6 +454,8 @@ def answers(table: pd.DataFrame, decisions: Decisions) -> dict[str, tuple[str, .
             "answer",
             best=own.get(best),
             several=sum(not row["informed"] for row in own.values()) > 1,
+            fewest=min(row["subjects"] for row in own.values()),
+            least=FEW_SUBJECTS,
             gaps=gaps,
             alike=[name for name in own if best and _alike(decisions, str(protocol), best, name)],
             unsolved=[name for name, row in own.items() if row["solved"] == 0],
