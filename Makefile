@@ -18,7 +18,7 @@ PYTHONS := $(OLDEST) 3.12 3.13 3.14
 help:
 	@echo "make compare  set up, run the default comparison, write results/default/report.html"
 	@echo "make test     set up, lint, type-check, run every test"
-	@echo "make test-fast  set up, run the tests that take a minute together"
+	@echo "make test-fast  set up, run the tests without a browser, a cluster or long play"
 	@echo "make bench    set up, measure speed against named peers"
 	@echo "make docs     set up, build the documentation: docs/_build/index.html"
 	@echo "make evidence  set up, run or complete every study behind the documentation (hours; resumable)"

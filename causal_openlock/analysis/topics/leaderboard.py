@@ -172,7 +172,7 @@ def _rows(results: Material, protocol: str) -> list[dict[str, Any]]:
             "informed": name in informed,
             "conditions": len(own),
             "subjects": min(map(len, own.values())),
-            "before": before[name],
+            "before": before.get(name, 0),  # a record alone may name others
             **means[["solved", "found", "solutions"]].mean(),
             "median": medians.get(name, np.nan),
             "attempts": means["attempts"].mean(),
