@@ -454,7 +454,6 @@ def answers(table: pd.DataFrame, decisions: Decisions) -> dict[str, tuple[str, .
             "answer",
             best=own.get(best),
             several=sum(not row["informed"] for row in own.values()) > 1,
-            fewest=min(row["subjects"] for row in own.values()),
             least=FEW_SUBJECTS,
             gaps=gaps,
             alike=[name for name in own if best and _alike(decisions, str(protocol), best, name)],
