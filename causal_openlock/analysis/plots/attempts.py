@@ -157,9 +157,8 @@ def _beside(
     shown = []
     for one in results.references if published else ():
         reference = one.reference
-        known = reference.points if reference.judged is None else reference.judged
-        known = reference.points if phase == "train" else known
-        rows = known[(known["phase"] == phase) & known["condition"].isin(_PAPER[phase])]
+        means_of = reference.means(judged=phase != "train")
+        rows = means_of[(means_of["phase"] == phase) & means_of["condition"].isin(_PAPER[phase])]
         if len(rows) and one.stands(means).any():
             shown.append((reference.title, f"{reference.detail}, ", rows))
     shown += [(str(name), "", rows) for name, rows in means.groupby("learner", observed=True)]

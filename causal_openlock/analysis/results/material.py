@@ -104,6 +104,15 @@ class Material:
             if one.reference.in_leaderboard and len(one.reference.points)
         ]
 
+    @property
+    def trained_before(self) -> dict[str, int]:
+        """By learner, the attempts of its training before the experiment, where there was any.
+
+        A record may have learners that its experiment lacks; nothing is known of their training.
+        """
+        attempts = {spec.name: spec.origin.prior_attempts for spec in self.experiment.learners}
+        return {name: number for name, number in attempts.items() if number}
+
     def compared(self, trials: pd.DataFrame) -> pd.DataFrame:
         """The rows of a table that any reference stands beside."""
         return trials[beside_any(trials, self.references)]

@@ -106,6 +106,10 @@ class Reference:
                     f"reference {self.name}: there are conditions judged without points"
                 )
 
+    def means(self, judged: bool) -> pd.DataFrame:
+        """Its points, or the means of the trials that conditions are judged by."""
+        return self.judged if judged and self.judged is not None else self.points
+
     def __repr__(self) -> str:
         """Its name, and how many means it has."""
         return f"<Reference {self.name}: {counted(len(self.points), 'mean')}>"
@@ -151,9 +155,8 @@ class Beside:
             judged: Whether rows are of the trials that conditions are judged by.
         """
         one = self.reference
-        means = one.points if one.judged is None or not judged else one.judged
         keys = pd.MultiIndex.from_arrays([table[column].astype(object) for column in POINT])
-        beside, stands = means.set_index(POINT).reindex(keys), self.stands(table)
+        beside, stands = one.means(judged).set_index(POINT).reindex(keys), self.stands(table)
         return {
             f"{one.prefix}_{column}": np.where(stands, beside[value].to_numpy(float), np.nan)
             for column, value in (("attempts", "mean"), ("se", "se"))
@@ -161,8 +164,7 @@ class Beside:
 
     def solved(self, condition: str) -> float:
         """The share of trials solved where a condition is judged; 1 if it is not known."""
-        one = self.reference
-        means = one.points if one.judged is None else one.judged
+        means = self.reference.means(judged=True)
         own = means[means["condition"] == condition]
         known = "share_solved" in own and len(own)
         return float(own["share_solved"].iloc[-1]) if known else 1.0

@@ -133,7 +133,7 @@ def _rows(results: Material, protocol: str) -> list[dict[str, Any]]:
     best = best_learner(results, held)
     headline = results.headline[results.headline["protocol"] == protocol]
     informed = _informed(results)
-    before = {spec.name: spec.origin.prior_attempts for spec in results.experiment.learners}
+    before = results.trained_before
     played = {condition for own in held.values() for condition in own}
     common = {"protocol": protocol, "limit": limit, "best": best}
     rows: list[dict[str, Any]] = []
@@ -172,7 +172,7 @@ def _rows(results: Material, protocol: str) -> list[dict[str, Any]]:
             "informed": name in informed,
             "conditions": len(own),
             "subjects": min(map(len, own.values())),
-            "before": before.get(name, 0),  # a record alone may name others
+            "before": before.get(name, 0),
             **means[["solved", "found", "solutions"]].mean(),
             "median": medians.get(name, np.nan),
             "attempts": means["attempts"].mean(),

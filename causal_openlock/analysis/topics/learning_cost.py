@@ -83,8 +83,7 @@ def subject_costs(
 ) -> pd.DataFrame:
     """:func:`cost_of_learning` with what learners were trained with ``before``, which it counts."""
     table = cost_of_learning(trials, results.bounds, within, repeats)
-    known = {spec.name: spec.origin.prior_attempts for spec in results.experiment.learners}
-    before = table["learner"].astype(str).map(known).fillna(0).astype(int)
+    before = table["learner"].astype(str).map(results.trained_before).fillna(0).astype(int)
     added = table[["cost", "asked"]].add(before, axis=0)
     return table.assign(before=before, **added)
 

@@ -164,7 +164,7 @@ def reference_scores(reference: Reference, protocol: str) -> pd.DataFrame:
     first = points[points["trial"] == 1]
     baseline = ~first["condition"].isin(TRANSFERS)
     known = {
-        CONGRUENCY: points if reference.judged is None else reference.judged,
+        CONGRUENCY: reference.means(judged=True),
         SAVINGS: first[(first["phase"] == "test") | baseline],
     }
     rows: list[tuple[object, ...]] = []
