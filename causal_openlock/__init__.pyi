@@ -81,9 +81,10 @@ from .analysis.plots.attempts import plot_transfer as plot_transfer
 from .analysis.plots.belief import plot_beliefs as plot_beliefs
 from .analysis.plots.belief import plot_trace as plot_trace
 from .analysis.plots.categories import plot_categories as plot_categories
-from .analysis.topics.transfer import plot_congruency as plot_congruency
+from .analysis.topics.congruency import congruency as congruency
+from .analysis.topics.congruency import plot_congruency as plot_congruency
 from .analysis.topics.pairwise import plot_pairs as plot_pairs
-from .analysis.topics.transfer import plot_savings as plot_savings
+from .analysis.topics.savings import plot_savings as plot_savings
 from .analysis.topics.learning_cost import plot_cost as plot_cost
 from .analysis.plots.course import plot_course as plot_course
 from .paper.likeness_figure import plot_likeness as plot_likeness

@@ -23,6 +23,16 @@ def joined(names: Sequence[str]) -> str:
     return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
 
 
+def first_line(text: object, most: int = 120) -> str:
+    """Return the first line of a docstring, cut off if it is long; empty without one.
+
+    >>> first_line("Draws every action uniformly. " + 100 * "More. ", most=30)
+    'Draws every action uniformly.…'
+    """
+    line = text.strip().partition("\n")[0].strip() if isinstance(text, str) else ""
+    return line if len(line) <= most else f"{line[: most - 1].rstrip()}…"
+
+
 def file_names(names: Iterable[str]) -> dict[str, str]:
     """Names as parts of names of files: lower-case letters, digits and underscores, all different.
 

@@ -1,7 +1,7 @@
 """Which effects are significant: the tests of one question are corrected together, after Holm.
 
-A report answers several questions, and each with several tests: which pairs of learners differ, in
-which of the paper's tests a learner does as people do, whether training helps a learner. If each
+A report answers several questions, and some with several tests: which pairs of learners differ,
+which learners differ from people. If each
 test were judged by itself, one in twenty would find an effect where there is none. So the tests of
 a *family*, which is one question, are corrected together: where nothing differs, at most one answer
 in twenty says that something does. What else is in the report, such as one learner more, changes no

@@ -152,13 +152,18 @@ class Group(NamedTuple):
         mean = float(values[0] if alike else values.mean())
         return cls(weight, len(values), mean, 0.0 if alike else float(values.var(ddof=1)))
 
+    @classmethod
+    def published(cls, weight: float, size: int, mean: float, se: float) -> Group:
+        """The group behind a published mean and its error bar, population SD / √n."""
+        return cls(weight, size, mean, se**2 * size**2 / max(size - 1, 1))
 
-def weighted_difference(groups: Sequence[Group]) -> Difference:
-    """A weighted sum of the means of independent groups, with Welch's interval and test.
+
+def weighted_difference(groups: Sequence[Group], pooled: bool = False) -> Difference:
+    """A weighted sum of the means of independent groups, with the interval and test of t.
 
     A group of weight 1 is a one-sample t-test, two of weights 1 and −1 are Welch's, and several
     conditions have the mean of their differences. Groups need not be equally scattered: the degrees
-    of freedom are Welch's and Satterthwaite's.
+    of freedom are Welch's and Satterthwaite's, or with ``pooled`` variances Student's, N − G.
 
     >>> found = weighted_difference([Group.of(1, np.array([1.0, 2, 3, 2]))])
     >>> [round(number, 2) for number in found]
@@ -177,13 +182,16 @@ def weighted_difference(groups: Sequence[Group]) -> Difference:
     value = float(weight @ mean) + 0.0
     if size.min() < 2:
         return Difference(value, math.nan, math.nan, math.nan)
+    freedom = size.sum() - len(size)
+    if pooled:
+        variance = np.full(len(size), (size - 1) @ variance / freedom)
     spread = weight**2 * variance / size
     error = math.sqrt(spread.sum())
     if error == 0:
         sides = [size[side].sum() for side in (weight > 0, weight < 0) if side.any()]
         agree = float(min(1.0, 2.0 ** (1 - min(sides))))
         return Difference(value, math.nan, math.nan, agree if value else 1.0)
-    df = spread.sum() ** 2 / (spread**2 / (size - 1)).sum()
+    df = freedom if pooled else spread.sum() ** 2 / (spread**2 / (size - 1)).sum()
     half = error * float(stdtrit(df, (1 + LEVEL) / 2))
     return Difference(value, value - half, value + half, float(2 * stdtr(df, -abs(value) / error)))
 

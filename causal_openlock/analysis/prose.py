@@ -63,11 +63,14 @@ class Prose:
         name: str,
         tables: Sequence[Table] = (),
         plots: Sequence[SectionPlot] = (),
+        answer: str = "",
+        is_open: bool = False,
         **findings: Any,
     ) -> Section:
         """A section of which ``title`` and ``text`` are filled in."""
         text = self.paragraphs("text", **findings)
-        return Section(name, self.sentence("title"), text, tuple(tables), tuple(plots))
+        title = self.sentence("title")
+        return Section(name, title, text, tuple(tables), tuple(plots), answer, is_open)
 
     def table(
         self,

@@ -23,7 +23,8 @@ class SectionPlot:
 
     Its name is of lower-case letters, digits and underscores; the caption says what is seen, and
     what the error bars are; the call is the line of Python that makes it again, if there is one.
-    One that is ``folded`` is closed on the page until it is opened, and is not printed.
+    One that is ``folded`` is closed on the page until it is opened, and is not printed; ``opening``
+    is the figure that the page opens with, if there is one.
     """
 
     name: str
@@ -32,13 +33,16 @@ class SectionPlot:
     figure: Figure
     call: str = ""
     folded: bool = False
+    opening: bool = False
 
 
 @dataclass(frozen=True)
 class Section:
     """A part of the report: paragraphs that say what was found, then tables, then plots.
 
-    Its name is its anchor within the page: letters, digits and underscores.
+    Its name is its anchor within the page: letters, digits and underscores. The ``answer`` is the
+    sentence of the first screen that it has, if any. A section is closed on the page until it is
+    opened, unless it ``is_open``.
     """
 
     name: str
@@ -46,3 +50,5 @@ class Section:
     text: tuple[str, ...] = ()
     tables: tuple[Table, ...] = ()
     plots: tuple[SectionPlot, ...] = ()
+    answer: str = ""
+    is_open: bool = False

@@ -166,6 +166,19 @@ class Trace:
         return self.found == len(self.truth.solutions)
 
     @property
+    def known_from(self) -> int | None:
+        """The first attempt at whose end, and at all later ends, the truth is most probable.
+
+        None if another structure is most probable in the end.
+        """
+        after = 1
+        for attempt in self.attempts:
+            if not same_structure(attempt[-1].after.structure, self.truth):
+                after = attempt[0].attempt + 1
+        last = self.actions[-1].attempt
+        return None if after > last else after
+
+    @property
     def entropies(self) -> FloatArray:
         """``[N + 1]`` entropy in bits, before the first action and after each."""
         return np.array([snapshot.entropy for snapshot in self.snapshots])

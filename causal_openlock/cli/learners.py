@@ -16,18 +16,19 @@ def learners(
 
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.contract.registry import learner_class, parameter_table, registry
+    from causal_openlock.wording import first_line
 
     console = Terminal()
     if name is None:
         table = Table("learner", "what it is", "from", box=None, pad_edge=False)
         for known, entry in registry().items():
-            about = _first_line(learner_class(known).__doc__)
+            about = first_line(learner_class(known).__doc__)
             table.add_row(known, about, entry.dist.name if entry.dist else "")
         console.print(table)
         console.print("\ncausal-openlock learners NAME shows the parameters of one.")
         return
-    about = learner_class(name).__doc__ or ""
-    console.print(Text(name, "bold"), f": {_first_line(about)}\n", sep="")
+    about = first_line(learner_class(name).__doc__)
+    console.print(Text(name, "bold"), f": {about}\n", sep="")
     rows = parameter_table(name)
     if not rows:
         console.print("It has no parameters.")
@@ -36,7 +37,3 @@ def learners(
     for row in rows:
         table.add_row(row.name, "null" if row.default is None else str(row.default), row.meaning)
     console.print(table)
-
-
-def _first_line(text: str | None) -> str:
-    return (text or "").strip().split("\n", 1)[0]

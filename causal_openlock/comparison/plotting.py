@@ -16,11 +16,12 @@ from causal_openlock.analysis.plots.categories import plot_categories
 from causal_openlock.analysis.plots.course import plot_course
 from causal_openlock.analysis.plots.subjects import plot_subjects
 from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.topics.congruency import plot_congruency
 from causal_openlock.analysis.topics.learning_cost import plot_cost
 from causal_openlock.analysis.topics.pairwise import plot_pairs
+from causal_openlock.analysis.topics.savings import plot_savings
 from causal_openlock.analysis.topics.structure_recovery import plot_structure_recovery
 from causal_openlock.analysis.topics.survival import plot_survival
-from causal_openlock.analysis.topics.transfer import plot_congruency, plot_savings
 from causal_openlock.errors import renamed
 from causal_openlock.files.plugins import PLOTS, loaded, registered
 

@@ -182,6 +182,16 @@ class Results(Material):
         return structure_recovery(self)
 
     @cached_property
+    def congruency(self) -> pd.DataFrame:
+        """How many attempts training with the structure of the test saves, by learner and test.
+
+        See :func:`~causal_openlock.analysis.topics.congruency.congruency`.
+        """
+        from causal_openlock.analysis.topics.congruency import congruency
+
+        return congruency(self)
+
+    @cached_property
     def pairs(self) -> pd.DataFrame:
         """How many attempts one learner needs more than another, paired by subject.
 

@@ -21,14 +21,14 @@ from causal_openlock.errors import LearnerError, OpenLockError, in_short
 from causal_openlock.experiment.protocol import Condition, Protocol
 from causal_openlock.files.json_text import present
 from causal_openlock.version import RESULTS_VERSION
-from causal_openlock.wording import counted
+from causal_openlock.wording import counted, first_line
 from causal_openlock.world.rewards import RewardFunction
 
 RANDOM_CLASS = "openlock_learners.random:RandomLearner"
 PERSON = "causal_openlock.play.person:Person"
 """The learner of a record of people."""
 
-_NOTES = ("prior_attempts", "informed")  # of a learner's origin: they follow from its code
+_NOTES = ("prior_attempts", "informed", "about")  # of a learner's origin: they follow from its code
 
 
 @dataclass(frozen=True)
@@ -42,6 +42,7 @@ class Origin:
         artifact_hash: Hash of files that its parameters name, such as trained weights; or empty.
         prior_attempts: Attempts that it was trained with before the experiment.
         informed: Whether it is given what subjects cannot perceive.
+        about: What it is, in a line: the first of its docstring.
     """
 
     class_name: str
@@ -49,6 +50,7 @@ class Origin:
     artifact_hash: str = ""
     prior_attempts: int = 0
     informed: bool = False
+    about: str = ""
 
 
 def origin_of(learner: str, parameters: Mapping[str, Any]) -> Origin:
@@ -74,8 +76,14 @@ def origin_of(learner: str, parameters: Mapping[str, Any]) -> Origin:
         )
     if not issubclass(kind, Learner):
         return Origin(name, package, made_of)
-    before = kind.prior_attempts(given)
-    return Origin(name, package, made_of, before, issubclass(kind, InformedLearner))
+    return Origin(
+        name,
+        package,
+        made_of,
+        kind.prior_attempts(given),
+        issubclass(kind, InformedLearner),
+        first_line(kind.__doc__),
+    )
 
 
 @dataclass(frozen=True)

@@ -324,42 +324,26 @@ def section(material: Material, _: Decided) -> Section | None:
 def findings(
     points: pd.DataFrame, order: pd.DataFrame, growth: pd.DataFrame
 ) -> list[dict[str, Any]]:
-    """What agrees and what does not, of each learner under each protocol.
+    """Count what agrees with the paper and what does not, by learner and protocol.
 
     Returns:
-        ``learner``, ``protocol``; of each condition whether “else” ``grows``, with its ``first``
-        and ``last`` block; the points of each ``measure`` by verdict; Kendall's ``tau`` of the
-        order, if it is known, and how many ``pairs`` have each verdict.
+        ``learner``, ``protocol``; the ``total`` of comparisons (whether “else” grows, and the
+        points of Figure 7) and their ``verdicts``; Kendall's ``tau`` of the order, if known.
     """
-    key = ["learner", "protocol"]
+    compared = pd.concat([growth[growth["point"] == "else grows"], points])
     found = []
-    for learner, protocol in (
-        pd.concat([growth[key], points[key]]).drop_duplicates().itertuples(index=False)
-    ):
-        mine, at, ranks = (
-            table[(table["learner"] == learner) & (table["protocol"] == protocol)]
-            for table in (growth, points, order)
-        )
-        by_point = {(row["point"], row.get("condition")): row for row in mine.to_dict("records")}
-        grows = [
-            {
-                **row,
-                "first": by_point["else, block 1", condition],
-                "last": by_point[f"else, block {PARTS}", condition],
-            }
-            for (point, condition), row in by_point.items()
-            if point == "else grows"
-        ]
-        verdicts = (AGREES, DISAGREES, UNDECIDED)
-        measures = {
-            measure: {name: rows[rows["verdict"] == name].to_dict("records") for name in verdicts}
-            for measure in (OPENS, FINDS_ALL)
-            for rows in [at[at["point"] == measure]]
-        }
+    for (learner, protocol), rows in compared.groupby(["learner", "protocol"], sort=False):
+        ranks = order[(order["learner"] == learner) & (order["protocol"] == protocol)]
         tau = ranks[ranks["pair"] == "tau"].to_dict("records")
-        pairs = ranks.loc[ranks["pair"] != "tau", "verdict"].value_counts().to_dict()
-        about = {"learner": learner, "protocol": protocol, "grows": grows, "measures": measures}
-        found.append({**about, "tau": tau[0] if tau else None, "pairs": pairs})
+        found.append(
+            {
+                "learner": learner,
+                "protocol": protocol,
+                "total": len(rows),
+                "verdicts": rows["verdict"].value_counts().to_dict(),
+                "tau": tau[0] if tau else None,
+            }
+        )
     return found
 
 

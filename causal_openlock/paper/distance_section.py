@@ -37,4 +37,4 @@ def section(material: Material, _: Decided) -> Section | None:
     return _PROSE.section("distance", tables) if tables else None
 
 
-TOPIC = Topic("distance", 61, section)
+TOPIC = Topic("distance", 21, section)

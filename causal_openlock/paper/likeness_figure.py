@@ -19,6 +19,8 @@ from causal_openlock.paper.likeness import (
     PUBLISHED_MODEL,
     distance,
     likeness,
+    points_of_model,
+    points_of_people,
 )
 from causal_openlock.paper.noise_ceiling import noise_ceiling
 from causal_openlock.paper.references import people_beside
@@ -27,15 +29,20 @@ CLEAR = 0.05
 """An effect is clear of chance if its sign is people's and its p is below this."""
 
 MOST_DRAWN = 5
-"""So many learners are drawn beside people and the published model: those nearest to people."""
+"""Learners that have a panel beside the published model's: those nearest to people."""
+
+MOST_TOGETHER = 5
+"""Learners that are drawn in one panel: those nearest to people."""
 
 _BASELINES = {"CC4": 0.0, "CE4": 5.8}  # where their trials begin on the x axis
 _TESTS = dict(zip(TRANSFERS, (12.3, 14.1, 16.5, 18.3), strict=True))
 _GREY = "#777777"
 
 
-def plot_likeness(results: Material, *, learners: Names = None, ax: Any = None) -> Any:
-    """People's means at the fourteen points, and one learner's beside them in each panel.
+def plot_likeness(
+    results: Material, *, learners: Names = None, together: bool = False, ax: Any = None
+) -> Any:
+    """Draw people's means at the fourteen points, and one learner's beside them in each panel.
 
     The learners stand in the order of their distance from people, the nearest first. The published
     model stands last, even where it is nearer than they are. Above a panel: that distance (RMSE),
@@ -46,7 +53,9 @@ def plot_likeness(results: Material, *, learners: Names = None, ax: Any = None) 
     >>> [axes.get_title(loc="left") for axes in ol.plot_likeness(results, learners=["random"])]
     ['random', 'published model']
 
-    By default the nearest :data:`MOST_DRAWN` learners are drawn. Arguments, what is returned and
+    With ``together`` there are two panels: people with the published model, and the learners that
+    are given neither the schema nor the room. By default the nearest :data:`MOST_DRAWN` learners
+    are drawn. Arguments, what is returned and
     errors are those of :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`.
     """
     trials = rows_of(results, results.trials, learners)
@@ -58,6 +67,11 @@ def plot_likeness(results: Material, *, learners: Names = None, ax: Any = None) 
         )
     own = {name: points for name, points in found.points.items() if name != PUBLISHED_MODEL}
     names = list(own) if learners is not None else list(own)[:MOST_DRAWN]
+    if together:
+        given = {spec.name for spec in results.experiment.learners if spec.origin.informed}
+        if learners is None and not given.issuperset(own):
+            names = [name for name in own if name not in given][:MOST_TOGETHER]
+        return draw_together({name: own[name] for name in names}, ax)
     drawn = {name: found.points[name] for name in [*names, PUBLISHED_MODEL]}
     return draw_points(drawn, found.effects, ax)
 
@@ -84,6 +98,56 @@ def draw_points(
              for marker, size, colour, text in looks]
         )  # fmt: skip
     return at.returned
+
+
+def draw_together(learners: Mapping[str, pd.DataFrame], ax: Any = None) -> Any:
+    """Draw people with the published model in one panel, and learners in another.
+
+    Args:
+        learners: By name, its points from :func:`~causal_openlock.paper.likeness.points_of`.
+        ax: Two axes, an empty figure, or None.
+    """
+    people, model = points_of_people(), points_of_model()
+    shown = [people, model, *learners.values()]
+    highest = max(float((own["mean"] + own["se"].fillna(0)).max()) for own in shown)
+    with panels(ax, 2, in_rows(2, 2, 1.8)) as at:
+        for axes, title, groups in zip(
+            at.axes, ("People", "Learners"),
+            ({"people": people, "published model": model}, learners), strict=True,
+        ):  # fmt: skip
+            ends = {}
+            for number, (name, own) in enumerate(groups.items()):
+                look = style.current().line(number)
+                if title == "People":
+                    look = {"color": ("black", _GREY)[number], "ls": ("-", ":")[number]}
+                _draw_line(axes, own, look)
+                ends[name] = float(own["mean"].iloc[-1]), look["color"]
+            _points_axis(axes)
+            axes.set_xlim(0.3, 26.0)
+            style.panel_title(axes, title)
+            axes.set_ylim(0, 1.08 * highest)
+            _name_lines(axes, ends, 0.075 * highest)
+        at.label_y("Attempts to solve")
+    return at.returned
+
+
+def _draw_line(axes: Axes, own: pd.DataFrame, look: Mapping[str, Any]) -> None:
+    """Draw one learner's points: baselines as lines, tests as dots."""
+    for condition, rows in own.groupby("condition", sort=False):
+        start = _TESTS.get(str(condition))
+        line = {**look, "ls": "" if start else look["ls"]}
+        x = [start] if start else _BASELINES[str(condition)] + rows["trial"].to_numpy(float)
+        axes.errorbar(x, rows["mean"], rows["se"], fmt="o", ms=3.2, lw=1.2, elinewidth=0.9, **line)
+
+
+def _name_lines(axes: Axes, ends: Mapping[str, tuple[float, str]], gap: float) -> None:
+    """Write names right of the last points, at least ``gap`` apart, in the order of the points."""
+    height = -np.inf
+    for name, (value, colour) in sorted(ends.items(), key=lambda item: item[1][0]):
+        height = max(value, height + gap)
+        axes.annotate(
+            style.label(name, 15), (19.2, height), va="center", fontsize="small", color=colour
+        )
 
 
 def signs(effects: pd.DataFrame) -> str:
@@ -120,6 +184,12 @@ def _draw_points_of_one(axes: Axes, own: pd.DataFrame) -> None:
             x + 0.13, rows["mean"], rows["se"],
             fmt=f"D{line}", ms=3.8, lw=1.1, color=colour, elinewidth=0.9,
         )  # fmt: skip
+    _points_axis(axes)
+    axes.set_xlim(0.3, 19.2)
+
+
+def _points_axis(axes: Axes) -> None:
+    """Name the fourteen points on the x axis."""
     axes.set_xticks(
         [*(start + trial for start in _BASELINES.values() for trial in range(1, 6)),
          *_TESTS.values()],
@@ -131,4 +201,3 @@ def _draw_points_of_one(axes: Axes, own: pd.DataFrame) -> None:
             text, (at, 0), xytext=(0, -18), xycoords=("data", "axes fraction"),
             textcoords="offset points", ha="center", va="top", fontsize="medium", fontweight="bold",
         )  # fmt: skip
-    axes.set_xlim(0.3, 19.2)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.decisions import Decided
-from causal_openlock.analysis.effects import ALPHA
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.section import Section
@@ -16,14 +16,13 @@ from causal_openlock.analysis.topic import Topic
 from causal_openlock.paper.likeness import (
     EFFECTS,
     PUBLISHED_MODEL,
-    Likeness,
     distance,
     effects_of,
     likeness,
     points_of_people,
     published_points,
 )
-from causal_openlock.paper.likeness_figure import plot_likeness
+from causal_openlock.paper.likeness_figure import MOST_TOGETHER, plot_likeness
 from causal_openlock.paper.noise_ceiling import (
     beside_null_models,
     chosen_settings,
@@ -35,42 +34,24 @@ from causal_openlock.paper.references import people_beside
 _PROSE = Prose(__name__)
 
 
-def compute(material: Material) -> Likeness | None:
-    """How near learners come to people."""
-    return likeness(material.trials, people_beside(material), material.learners)
-
-
-def tests(computed: Likeness | None) -> dict[Hashable, float]:
-    """The p of every effect of a learner, by learner and effect."""
-    return {
-        (name, effect.effect): effect.p
-        for name, own in (computed.effects if computed else {}).items()
-        for effect in own.itertuples()
-        if name != PUBLISHED_MODEL
-    }
-
-
-def section(material: Material, decided: Decided) -> Section | None:
+def section(material: Material, _: Decided) -> Section | None:
     """Of the learners that played all six conditions as people did; None if there are none."""
-    like: Likeness | None = decided.computed
+    like = likeness(material.trials, people_beside(material), material.learners)
     if like is None:
         return None
     table, found = like.table, like.effects
     order = ["people", *table["learner"]]
     tests = {"people": effects_of(points_of_people()), **found}
     each = pd.concat([tests[name].assign(learner=name) for name in order], ignore_index=True)
-    each["p_corrected"] = [
-        decided.p((row.learner, row.effect)) if row.learner in material.learners
-        else np.nan
-        for row in each.itertuples()
-    ]  # fmt: skip
-    clear = each["like_people"] & (each["p_corrected"] < ALPHA)
-    table["clear"] = table["learner"].map(clear.groupby(each["learner"]).sum())
-    table.loc[table["learner"] == PUBLISHED_MODEL, "clear"] = pd.NA
     published = table["learner"] == PUBLISHED_MODEL
     beside = beside_null_models(
         like, material.trials, chosen_settings(material.experiment.learners)
     )
+    nearest = {
+        "effects": len(EFFECTS),
+        "nearest": table[~published].iloc[0],
+        "published": table[published].iloc[0],
+    }
     return _PROSE.section(
         "human_likeness",
         [
@@ -78,19 +59,28 @@ def section(material: Material, decided: Decided) -> Section | None:
             _PROSE.table("human_likeness", _differences(table), _FORMATS, effects=EFFECTS),
             _PROSE.table("human_likeness_tests", each[_TESTED], _FORMATS),
         ],
-        [_PROSE.plot("human_likeness", plot_likeness, material)],
+        [
+            replace(
+                _PROSE.plot(
+                    "fourteen_points", plot_likeness, material, {"together": True},
+                    most=MOST_TOGETHER,
+                ),
+                opening=True,
+            ),
+            replace(_PROSE.plot("human_likeness", plot_likeness, material), folded=True),
+        ],
+        answer=_PROSE.sentence("answer", **nearest),
+        is_open=True,
         points=len(published_points()),
-        effects=len(EFFECTS),
-        nearest=table[~published].iloc[0],
-        published=table[published].iloc[0],
+        nearest=nearest["nearest"],
         ceiling=noise_ceiling(points_of_people()),
         curves={name: distance(curve.points)[0] for name, curve in null_curves().items()},
         # Of those that come out no farther than the nearest one beyond people's sampling error.
         alike=beside.loc[beside["verdict"] == "not ranked", "learner"].tolist(),
-    )
+    )  # fmt: skip
 
 
-_TESTED = ["learner", "effect", "difference", "t", "df", "p", "p_corrected"]
+_TESTED = ["learner", "effect", "difference", "t", "df", "p"]
 _HEADS = {
     "learner": "learner",
     "rmse": "RMSE",
@@ -126,14 +116,7 @@ def _differences(table: pd.DataFrame) -> pd.DataFrame:
         for effect in EFFECTS
     }
     frame = table.assign(**ticks).rename(columns={"shown": "signs"})
-    frame = frame.drop(columns=["points", "rmse", "rmse_se"])
-    frame.insert(frame.columns.get_loc("signs") + 1, "found", frame.pop("clear"))
-    return frame
+    return frame.drop(columns=["points", "rmse", "rmse_se"])
 
 
-def family(key: tuple[str, str]) -> Hashable:
-    """Which of people's effects a learner shows."""
-    return key[0]
-
-
-TOPIC = Topic("human_likeness", 60, section, compute, tests, family)
+TOPIC = Topic("human_likeness", 20, section)

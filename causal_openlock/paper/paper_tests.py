@@ -310,34 +310,26 @@ def section(material: Material, _: Decided) -> Section | None:
     if tests.empty:
         return None
     own = tests[tests["learner"] != PEOPLE]
-    undefined, defined = _split(own)
-    families, tables = [], []
-    for family, title in FAMILIES.items():
-        if not (own["family"] == family).any():
-            continue
-        asked = [test for test in TESTS if test.family == family]
-        without, rows = _split(defined[defined["family"] == family])
-        found = [finding(test, rows[rows["test"] == test.name]) for test in asked]
-        families.append(
-            {
-                "title": title,
-                "tests": [one for one in found if one["total"]],
-                "undefined": _reasons(without),
-            }
-        )
-        tables.append(_family_table(family, tests[tests["family"] == family], asked, material))
+    rows = [finding(test, own[own["test"] == test.name], test.family) for test in TESTS]
+    tables = [_PROSE.table("paper_tests_found", pd.DataFrame([r for r in rows if r]), {})]
+    tables += [
+        _family_table(family, tests[tests["family"] == family], material)
+        for family in FAMILIES
+        if (own["family"] == family).any()
+    ]
     conditions = {(test.family, test.name): len(test.conditions) for test in TESTS}
-    played = own[["family", "test", "subjects"]].itertuples(index=False)
-    subjects = max(2, round(min(n / conditions[family, name] for family, name, n in played)))
+    each = own["subjects"] / [
+        conditions[key] for key in zip(own["family"], own["test"], strict=True)
+    ]
+    subjects = max(2, round(each.min()))
     power = power_table(subjects)
     tables += [_power_table(power, subjects), _PROSE.table("paper_tests_all", tests, _NUMBERS)]
     return _PROSE.section(
         "paper_tests",
         tables,
-        families=families,
-        undefined=_reasons(undefined),
         alpha=ALPHA,
         subjects=subjects,
+        fewest=own.loc[each.idxmin(), "learner"],
         weak=int((power["power_here"] < POWER).sum()),
         effects=len(power),
         power=POWER,
@@ -378,9 +370,8 @@ def power_table(subjects: int) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def _family_table(
-    family: str, rows: pd.DataFrame, asked: Sequence[PaperTest], material: Material
-) -> Table:
+def _family_table(family: str, rows: pd.DataFrame, material: Material) -> Table:
+    asked = [test for test in TESTS if test.family == family]
     shown = []
     for name in (PEOPLE, *material.learners):
         cells = {row["test"]: row for row in rows[rows["learner"] == name].to_dict("records")}
@@ -401,45 +392,34 @@ def _family_table(
     return _PROSE.table("family", pd.DataFrame(shown), {}, f"paper_tests_{family}", **about)
 
 
-def finding(test: PaperTest, rows: pd.DataFrame) -> dict[str, Any]:
-    """What came of a test in people, and in which learners, of which rows are given.
+def finding(test: PaperTest, rows: pd.DataFrame, family: str) -> dict[str, str]:
+    """Say what came of a test in people and in learners, of which rows are given.
 
     Returns:
-        What the test claims of people (``claim``), what the ``paper`` prints, whether it is found
-        ``in_people``, and of the ``total`` of learners those in which it is ``shown``, its
-        ``opposite``, or is ``absent`` or ``undefined``.
+        What ``people`` do (or not), the ``printed`` statistic, and the learners in which the effect
+        is ``significant``, its ``opposite`` is, neither is, or the test is ``not defined``; empty
+        if no learner played it.
     """
+    rows = rows[rows["family"] == family]
+    if rows.empty:
+        return {}
     defined = rows[rows["note"] == ""]
     significant = defined["p"] < ALPHA
     with_sign = (defined["difference"] > 0) | (not test.directed)
     people = printed_tests().set_index(["family", "test"]).loc[(test.family, test.name)]
+    in_people = f"p {'<' if people['p'] < ALPHA else '>'} {ALPHA:g}"
     return {
-        "claim": test.claim,
-        "paper": people["paper"],
-        "in_people": bool(people["p"] < ALPHA),
-        "total": len(rows),
-        "shown": list(defined.loc[significant & with_sign, "learner"]),
-        "opposite": list(defined.loc[significant & ~with_sign, "learner"]),
-        "absent": list(defined.loc[~significant, "learner"]),
-        "undefined": list(rows.loc[rows["note"] != "", "learner"]),
+        "people": f"{FAMILIES[family]}: they {test.claim}",
+        "printed": f"{people['paper'].split(',p')[0]}, {in_people}".replace("=", " = "),
+        "significant in": _listed(defined[significant & with_sign]),
+        "opposite significant in": _listed(defined[significant & ~with_sign]),
+        "not significant in": _listed(defined[~significant]),
+        "not defined for": _listed(rows[rows["note"] != ""]),
     }
 
 
-def _split(rows: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """The rows of learners for which no test among them is defined, and those of the others."""
-    silent = (rows["note"] != "").groupby(rows["learner"]).transform("all").astype(bool)
-    return rows[silent], rows[~silent]
-
-
-def _reasons(rows: pd.DataFrame) -> dict[str, list[str]]:
-    """By reason, the learners that have no test at all."""
-    why: dict[str, list[str]] = {}
-    for name, notes in rows.groupby("learner", sort=False)["note"]:
-        reasons = list(dict.fromkeys(notes.str.removeprefix("not defined: ")))
-        alike = all(reason.startswith("every subject needed") for reason in reasons)
-        several = "subjects do not differ" if alike else "for reasons given in the tables"
-        why.setdefault(reasons[0] if len(reasons) == 1 else several, []).append(str(name))
-    return why
+def _listed(rows: pd.DataFrame) -> str:
+    return ", ".join(rows["learner"]) or "–"
 
 
 def _power_table(power: pd.DataFrame, subjects: int) -> Table:

@@ -155,4 +155,4 @@ def family(key: tuple[str, str]) -> Hashable:
     return key[0]
 
 
-TOPIC = Topic("scores", 65, section, compute, tests, family)
+TOPIC = Topic("scores", 25, section, compute, tests, family)

@@ -430,7 +430,7 @@ def _is_variant(held: Experiment, experiment: Experiment) -> bool:
     """
 
     def settings(parts: Iterable[LearnerSpec | Condition]) -> set[str]:
-        code = ("class", "package", "material", "subjects", "prior_attempts", "informed")
+        code = {"class", "package", "material", "subjects", "prior_attempts", "informed", "about"}
         data = [{k: v for k, v in part.as_dict().items() if k not in code} for part in parts]
         for one in data:
             one.get("reward", {}).pop("source", None)

@@ -187,6 +187,7 @@ class _Learner(StrictModel):
     cell_size: Count | None = None
     prior_attempts: Annotated[int, Field(ge=0)] = 0
     informed: bool = False
+    about: str = ""
 
     def built(self) -> LearnerSpec:
         reward = self.reward
@@ -204,6 +205,7 @@ class _Learner(StrictModel):
                 self.material,
                 self.prior_attempts,
                 self.informed,
+                self.about,
             ),
         )
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from causal_openlock.analysis.decisions import Decisions
-from causal_openlock.analysis.topics import transfer
+from causal_openlock.analysis.topics import congruency
 
 
 def test_a_question_is_corrected_by_itself() -> None:
@@ -29,9 +29,11 @@ def test_one_learner_more_changes_nobody_elses_answer() -> None:
     few, many = Decisions(), Decisions()
     tests = {("human", "a", "CC4"): 0.03, ("human", "a", "CE4"): 0.02}
     more = {("human", f"r{n}", c): 0.5 for n in range(9) for c in ("CC4", "CE4")}
-    few.register("transfer", tests, family=transfer.family)
-    many.register("transfer", tests | more, family=transfer.family)
-    assert [few.p("transfer", key) for key in tests] == [many.p("transfer", key) for key in tests]
+    few.register("congruency", tests, family=congruency.family)
+    many.register("congruency", tests | more, family=congruency.family)
+    assert [few.p("congruency", key) for key in tests] == [
+        many.p("congruency", key) for key in tests
+    ]
 
 
 def test_nothing_is_added_once_something_is_decided() -> None:

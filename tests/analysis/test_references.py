@@ -101,10 +101,11 @@ def test_it_stands_beside_learners_in_every_table(mine: Path, played: Path, tmp_
     ]
     assert any("Distance from guests" in heading for heading in [page.text])
     assert (tmp_path / "tables" / "distance_from_guests.csv").is_file()
-    congruency = pd.read_csv(tmp_path / "tables" / "transfer_scores_human.csv")
+    congruency = pd.read_csv(tmp_path / "tables" / "congruency_all.csv")
     assert congruency["learner"].drop_duplicates().tolist()[:3] == [
-        *("People", "Published model", "guests")
+        *("people", "published model", "guests")
     ]
+    assert {"to_people", "to_guests"} <= {*congruency.columns}
 
 
 def test_it_stands_beside_learners_in_every_figure(mine: Path, played: Path) -> None:

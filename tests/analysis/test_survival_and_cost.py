@@ -155,7 +155,7 @@ def test_a_median_between_two_numbers_of_attempts_is_not_rounded() -> None:
     assert shown(learning_costs(held))["attempts, median"].tolist() == ["2.5"]
     found = section_on(TOPIC, held)
     assert found is not None
-    assert "Medians of subjects: a 2.5." in " ".join(found.text)
+    assert "in 1 of 1 learners" in " ".join(found.text)
 
 
 def test_what_a_learner_declares_of_its_past_is_stored_and_changes_no_identity() -> None:
@@ -163,6 +163,7 @@ def test_what_a_learner_declares_of_its_past_is_stored_and_changes_no_identity()
     rl2, ideal = before.learners
     assert rl2.origin.prior_attempts == 5_022_720 // 3
     assert (rl2.origin.informed, ideal.origin.informed) == (False, True)
+    assert rl2.origin.about.startswith("A recurrent policy")
     plain = Origin(rl2.origin.class_name, rl2.origin.package, rl2.origin.artifact_hash)
     other = replace(before, learners=(replace(rl2, recorded=plain), ideal))
     assert other.identity == before.identity

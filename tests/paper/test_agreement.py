@@ -254,12 +254,16 @@ def test_section_says_what_agrees_and_what_does_not(tmp_path: Path) -> None:
     assert [one.name for one in made.tables] == names
     assert len(made.text) == 1  # nothing is said of random, nor of budgets
     text = made.text[0]
-    assert text.startswith("a (rl). “else” does not grow as it does in the paper in CC4: 50% → ")
-    assert "“else” grows as in the paper in CE4: 20% → 97% of attempts" in text
-    assert "(paper: 19% → 97%)" in text
-    assert "The share of attempts with a solution agrees in CC3-CC4 (0.2" in text
-    assert "The share of attempts with a solution disagrees in CE3-CE4 (0.5" in text
-    assert "of six pairs 6 agree, 0 disagree and 0 are undecided" in text
+    compared = {one.name: one.frame for one in made.tables}
+    grows = compared["figure6_agreement"].set_index(["point", "condition"])["verdict"]
+    assert grows["else grows"].to_dict() == {"CC4": "disagrees", "CE4": "agrees"}
+    verdicts = [*compared["figure7_agreement"]["verdict"], *grows["else grows"]]
+    assert text.startswith(
+        f"a (rl): of {len(verdicts)} comparisons with the paper's numbers "
+        f"{verdicts.count('agrees')} agree, {verdicts.count('disagrees')} disagree and "
+        f"{verdicts.count('undecided')} are undecided."
+    )
+    assert "Kendall's tau 1.00" in text
     for one in made.tables:
         for column, how in one.formats.items():
             assert all(format(value, how) for value in one.frame[column])

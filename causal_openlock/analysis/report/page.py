@@ -41,7 +41,10 @@ class Written:
             write_table(table.frame, self.folder / f"{stem}.csv")
             write_text(self.folder / f"{stem}.tex", table.latex())
             self.files += [f"{stem}.csv", f"{stem}.tex"]
-        return {**vars(section), "figures": [self.plot(plot) for plot in section.plots]}
+        return {
+            **vars(section),
+            "figures": [self.plot(plot) for plot in section.plots if not plot.opening],
+        }
 
 
 def render(template: str, **values: Any) -> str:

@@ -36,6 +36,7 @@ def what_was_run(
     each = [
         {
             "name": spec.name,
+            "about": spec.origin.about,
             "kind": spec.origin.class_name,
             "package": spec.origin.package,
             "protocol": spec.protocol.name,
@@ -47,7 +48,7 @@ def what_was_run(
     learners = [
         (
             one["name"],
-            f"{one['kind']}\n{one['package']}",
+            "\n".join(filter(None, (one["kind"], one["package"], one["about"]))),
             one["protocol"],
             spec.subjects,
             one["reward"],

@@ -122,6 +122,8 @@ def make_report(
     write_table(ranked, folder / "tables" / "leaderboard.csv")
     written.files.append("tables/leaderboard.csv")
     first, opening = list(leaderboard_tables(ranked)), answers(ranked, decisions)
+    sections = sections_of(material, topics, decisions)
+    opening_figures = [plot for one in sections for plot in one.plots if plot.opening]
     page = render(
         "report.html.j2",
         title=experiment.title or experiment.name,
@@ -132,7 +134,10 @@ def make_report(
         failed=sum(cell.failed for cell in missing),
         first=first,
         answers=opening,
-        legends={table.protocol: legend([table]) for table in first},
+        openings=tuple(one.answer for one in sections if one.answer),
+        figure=written.plot(opening_figures[0]) if opening_figures else None,
+        about={one["name"]: one["about"] for one in described["each"]},
+        legend=legend(first),
         headline={
             one.protocol: one
             for one in condition_tables(
@@ -149,7 +154,7 @@ def make_report(
             for key, rows in material.headline.groupby(["protocol", "learner"], observed=True)
         },
         figures=[written.plot(plot) for plot in plots],
-        sections=[written.section(one) for one in sections_of(material, topics, decisions)],
+        sections=[written.section(one) for one in sections],
         alpha=ALPHA,
         learners=[written.section(one) for one in pages],
         summary=_summary_blocks(summary, learners, material.references),

@@ -73,7 +73,7 @@ class ConditionTable:
             least = ["–" if attempts is None else f"{attempts:.2f}" for attempts in self.ideal]
             rows.append(["Ideal observer\nschema known", *least])
         for learner, own in self.rows.items():
-            texts = ["\n".join(in_cell(row)) for row in own]
+            texts = ["\n".join(in_cell(row)[:2]) for row in own]
             rows.append([f"{learner}\n{sizes[self.protocol, learner]}", *texts])
         heads = ["Learner", *(f"{name}\n{measured}" for name, measured in self.columns)]
         frame = pd.DataFrame(rows, columns=heads)

@@ -248,6 +248,11 @@ def difference_from(reference: Reference, references: Sequence[Beside]) -> str:
     return "difference" if reference is leading[0] else f"{reference.prefix}_difference"
 
 
+def gap_column(name: str) -> str:
+    """Return the column of differences from a reference of that name, such as ``to_people``."""
+    return "to_" + re.sub(r"\W+", "_", name)
+
+
 def beside_any(table: pd.DataFrame, references: Sequence[Beside]) -> BoolArray:
     """``[N]`` whether any reference with means stands beside each row."""
     stands = [one.stands(table) for one in references if not one.reference.points.empty]

@@ -48,6 +48,16 @@ def section(material: Material, _: Decided) -> Section | None:
             changed.append(name)  # it, or its parameters, are not those of the learner as it is now
     if not traces:
         return None
+    findings = [
+        {
+            "learner": name,
+            "known_from": trace.known_from,
+            "attempts": trace.actions[-1].attempt,
+            "found": trace.found,
+            "solutions": len(trace.truth.solutions),
+        }
+        for name, trace in traces.items()
+    ]
     information = information_per_action(list(traces.values()))
     means = mean_information(information, ["learner", "attempt"]).drop(columns="subjects")
     formats = {"predicted": ".2f", "obtained": "+.2f"}
@@ -64,6 +74,8 @@ def section(material: Material, _: Decided) -> Section | None:
                 traces.items(), file_names(traces).values(), strict=True
             )
         ],
+        answer=_PROSE.sentence("answer", findings=findings),
+        findings=findings,
         more=more,
         changed=changed,
     )  # fmt: skip

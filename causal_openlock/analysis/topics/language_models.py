@@ -88,4 +88,4 @@ def _counts(path: Path) -> Iterator[_Counts]:
                 continue  # what was said
 
 
-TOPIC = Topic("language_models", 50, section)
+TOPIC = Topic("language_models", 60, section)

@@ -24,7 +24,7 @@ from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.by_condition import records
 from causal_openlock.analysis.results.chance import attempts_at_random
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.references import Beside
+from causal_openlock.analysis.results.references import Beside, gap_column
 from causal_openlock.analysis.section import Section
 from causal_openlock.analysis.statistics import FEW_SUBJECTS
 from causal_openlock.analysis.table import Table, number, printed, share
@@ -42,6 +42,7 @@ Cell = tuple[str, str]
 """A value, and its interval or what else stands beside it in small type."""
 _PROSE = Prose(__name__)
 _EVERY = "in every subject"
+_LEADERS = 4  # fewer learners than these share the first sentence where they do not differ
 _EVERY_OF_A_CONDITION = "the same in every subject of a condition"
 
 
@@ -106,17 +107,12 @@ def leaderboard(results: Material) -> pd.DataFrame:
         *("solved", "found", "solutions", "median", "attempts", "score", "best"),
         *(f"to_best{end}" for end in ("", "_low", "_high")),
         *(
-            _to(one.reference.name) + end
+            gap_column(one.reference.name) + end
             for one in results.leading
             for end in ("", "_low", "_high", "_p")
         ),
     ]
     return pd.DataFrame([row for rows in tables for row in rows], columns=columns)
-
-
-def _to(name: str) -> str:
-    """The column of differences from a reference of that name."""
-    return "to_" + re.sub(r"\W+", "_", name)
 
 
 def _gap(name: str, gap: Difference) -> dict[str, float]:
@@ -181,7 +177,9 @@ def _rows(results: Material, protocol: str) -> list[dict[str, Any]]:
         }
         for one in results.leading:
             gap = _against(_groups(one, headline, name), own)
-            row |= _gap(_to(one.reference.name), Difference(-gap.value, -gap.high, -gap.low, gap.p))
+            row |= _gap(
+                gap_column(one.reference.name), Difference(-gap.value, -gap.high, -gap.low, gap.p)
+            )
         rows.append(row)
     return rows
 
@@ -261,7 +259,7 @@ def _groups(one: Beside, headline: pd.DataFrame, of: str | None = None) -> dict[
     for row in rows.to_dict("records"):
         n = int(sizes[row["condition"]])
         mean, se = (float(row[f"{one.reference.prefix}_{of}"]) for of in ("attempts", "se"))
-        found[str(row["condition"])] = Group(1.0, n, mean, se**2 * n**2 / max(n - 1, 1))
+        found[str(row["condition"])] = Group.published(1.0, n, mean, se)
     return found
 
 
@@ -316,13 +314,16 @@ class LeaderboardTable:
     marks: frozenset[str]
     above: bool
 
-    @property
-    def table(self) -> Table:
-        """The wide table, as a page shows it."""
+    def table(self, about: Mapping[str, str]) -> Table:
+        """Return the wide table, as a page shows it.
+
+        Args:
+            about: By learner, what it is, in a line.
+        """
         rows = []
         for learner, cells in self.rows.items():
-            given = "\nschema or room given" if learner in self.given else ""
-            rows.append([f"{learner}{given}", *("\n".join(filter(None, one)) for one in cells)])
+            what = "\n" + about[learner] if about.get(learner) else ""
+            rows.append([f"{learner}{what}", *("\n".join(filter(None, one)) for one in cells)])
         looks = {row: "published" for row, name in enumerate(self.rows) if name in self.references}
         frame = pd.DataFrame(rows, columns=[*self.heads])
         right = dict.fromkeys(self.heads[1:], "s")
@@ -349,19 +350,21 @@ def leaderboard_tables(table: pd.DataFrame) -> Iterator[LeaderboardTable]:
             column: name for column, name in _called(rows).items() if rows[column].notna().any()
         }
         columns = {
+            "before": ("Training before, in attempts", "before"),
             "attempts": ("Attempts (mean)", "attempts"),
             **{name: (f"Attempts more than {of}", f"− {of}") for name, of in gaps.items()},
             "to_best": (f"Attempts more than {best}", f"− {best}"),
-            "score": ("Score, 0 random to 1 ideal", "score"),
+            "score": ("Score", "score"),
             "solved": ("Trials solved", "solved"),
             "found": ("Solutions found", "found"),
-            "median": ("Attempts where solved (median)", "median"),
             "n": ("n", "n"),
         }
         if best is None:
             del columns["to_best"]
         if rows["score"].isna().all():
             del columns["score"]
+        if not (rows["before"] > 0).any():
+            del columns["before"]
         narrow = ("attempts", *gaps, "to_best", "score", "solved", "found", "n")
         narrow = tuple(name for name in narrow if name in columns)
         # References come first, people before all others; the rest stay in their order.
@@ -404,7 +407,9 @@ def leaderboard_tables(table: pd.DataFrame) -> Iterator[LeaderboardTable]:
 
 def _called(table: pd.DataFrame) -> dict[str, str]:
     """By column of differences, the reference that it is about."""
-    return {_to(name): name for name in table.loc[table["reference"].astype(bool), "learner"]}
+    return {
+        gap_column(name): name for name in table.loc[table["reference"].astype(bool), "learner"]
+    }
 
 
 def legend(tables: Sequence[LeaderboardTable], narrow: bool = False) -> str:
@@ -450,13 +455,16 @@ def answers(table: pd.DataFrame, decisions: Decisions) -> dict[str, tuple[str, .
             for name, called in _called(rows).items()
             if best is not None and decisions.has(TOPIC.name, (protocol, best, name))
         ]
+        alike = [name for name in own if best and _alike(decisions, str(protocol), best, name)]
+        enough = best is not None and own[best]["subjects"] >= FEW_SUBJECTS
         found[str(protocol)] = _PROSE.paragraphs(
             "answer",
             best=own.get(best),
+            level=[own[name] for name in alike] if enough and len(alike) < _LEADERS else [],
             several=sum(not row["informed"] for row in own.values()) > 1,
             least=FEW_SUBJECTS,
             gaps=gaps,
-            alike=[name for name in own if best and _alike(decisions, str(protocol), best, name)],
+            alike=alike,
             unsolved=[name for name, row in own.items() if row["solved"] == 0],
         )
     return found
@@ -484,8 +492,6 @@ def _cell(column: str, row: Mapping[str, Any], cut: Collection[str]) -> Cell:
         if row["solved"] == 0:
             return f"> {row['limit']}", ""
         return ("≥ " if row["solved"] < 1 else "") + number(value), ""
-    if column == "median" and row["solved"] is not None and value is None:
-        return f"not within {row['limit']}", ""
     if value is None:
         return ("best", "") if column == "to_best" and row["learner"] == row["best"] else ("–", "")
     if column == "attempts":
@@ -494,15 +500,17 @@ def _cell(column: str, row: Mapping[str, Any], cut: Collection[str]) -> Cell:
         return share(value), ""
     if column == "found":
         return f"{_plain(value)} of {_plain(row['solutions'])}", ""
-    if column in ("n", "median"):
+    if column == "n":
         return f"{value:g}", ""
+    if column == "before":
+        return f"{value:,.0f}" if value else "–", ""
     if column == "score":
         return printed(float(value), ".2f"), ""
     low, high = row[f"{column}_low"], row[f"{column}_high"]
     before, after = _marks(column, row, cut)
     small = _without_interval(column, row)
     if low is not None:
-        small = f"{printed(float(low), '+.2f')} to {printed(float(high), '+.2f')}"
+        small = f"[{printed(float(low), '.2f')}, {printed(float(high), '.2f')}]"
     return f"{before}{printed(float(value), '+.2f')}{after}", small
 
 

@@ -253,15 +253,13 @@ def section(material: Material, _: Decided) -> Section | None:
     table = learning_costs(material)
     if table.empty:
         return None
-    able = table[np.isfinite(table["attempts"])].sort_values("attempts", kind="stable")
     return _PROSE.section(
         "learning_cost",
         [_PROSE.table("learning_cost", shown(table), {"reached": ".0%", "n": ","})],
         [_PROSE.plot("learning_cost", plot_cost, material, name="cost_of_learning")],
         within=WITHIN,
-        able=able.assign(attempts=able["attempts"].map(_printed)).to_dict("records"),
+        able=int(np.isfinite(table["attempts"]).sum()),
         total=len(table),
-        unable=table.loc[np.isinf(table["attempts"]), "learner"].tolist(),
     )
 
 
@@ -293,4 +291,4 @@ def _printed(attempts: float) -> str:
     return f"{attempts:,.1f}".removesuffix(".0")
 
 
-TOPIC = Topic("learning_cost", 10, section)
+TOPIC = Topic("learning_cost", 30, section)

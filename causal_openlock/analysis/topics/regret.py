@@ -161,4 +161,4 @@ def section(material: Material, _: Decided) -> Section | None:
     )
 
 
-TOPIC = Topic("regret", 30, section, columns=("actions",))
+TOPIC = Topic("regret", 50, section, columns=("actions",))

@@ -325,4 +325,4 @@ def _first_and_last(table: pd.DataFrame) -> pd.DataFrame:
     return rows.drop(columns="protocol") if rows["protocol"].nunique() == 1 else rows
 
 
-TOPIC = Topic("structure_recovery", 40, section, columns=("actions",))
+TOPIC = Topic("structure_recovery", 55, section, columns=("actions",))

@@ -27,6 +27,9 @@ from causal_openlock.analysis.topic import Topic
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.wording import file_names
 
+MOST_LINES = 6
+"""Learners in one figure: with more, nobody can tell lines apart."""
+
 _PROSE = Prose(__name__)
 
 
@@ -92,8 +95,9 @@ def plot_survival(
 
     They are the trials that a condition is judged by: its test, or the last trial of a baseline. A
     trial that was not solved is censored at its limit: a line that does not reach 0 is the share
-    that never was. A panel for each condition, a line for each learner; with at most four learners
-    a band is the 95% bootstrap interval over subjects.
+    that never was. A panel for each condition, a line for each learner, by default of the
+    :data:`MOST_LINES` that are fastest; with at most four learners a band is the 95% bootstrap
+    interval over subjects.
 
     >>> import causal_openlock as ol
     >>> axes = ol.plot_survival(results, conditions=["CC4"])
@@ -104,7 +108,10 @@ def plot_survival(
     is returned and errors are those of
     :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`.
     """
-    table = unsolved_after(trials_under(results, protocol, learners, conditions)[1])
+    trials = trials_under(results, protocol, learners, conditions)[1]
+    if learners is None:
+        trials = trials[trials["learner"].isin(fastest(trials))]
+    table = unsolved_after(trials)
     names = ordered(table["learner"].unique(), results.learners)
     # The first lines are broad and the next ones narrow: where they coincide, both are still seen.
     looks = {
@@ -137,20 +144,28 @@ def plot_survival(
     return at.returned
 
 
+def fastest(trials: pd.DataFrame) -> list[str]:
+    """Return the learners with the fewest mean attempts, :data:`MOST_LINES` of them at most."""
+    means = judged(trials).astype({"learner": str}).groupby("learner")["attempts"].mean()
+    return means.sort_values(kind="stable").index[:MOST_LINES].tolist()
+
+
 def section(material: Material, _: Decided) -> Section | None:
     """A figure for each protocol; None of an empty record."""
     trials = material.trials
     names = ordered(trials["protocol"].unique(), ("human",))
     plots = []
     for protocol, part in file_names(names).items():
-        learners = trials.loc[trials["protocol"] == protocol, "learner"].nunique()
+        own = trials[trials["protocol"] == protocol]
+        learners, drawn = ordered(own["learner"].unique(), material.learners), fastest(own)
         plots.append(
             _PROSE.plot(
                 "survival", plot_survival, material, {"protocol": protocol}, f"survival_{part}",
-                protocol=protocol, bands=learners <= style.MOST_BANDS,
+                protocol=protocol, bands=len(drawn) <= style.MOST_BANDS,
+                left_out=[name for name in learners if name not in drawn],
             )
         )  # fmt: skip
     return _PROSE.section("survival", plots=plots) if plots else None
 
 
-TOPIC = Topic("survival", 20, section)
+TOPIC = Topic("survival", 40, section)
