@@ -182,7 +182,7 @@ def test_tables_of_details_are_closed_on_the_screen_and_not_printed(
     assert len(details) > 10
     assert not any("open" in attributes for attributes in details)
     text = report.read_text(encoding="utf-8")
-    assert "details:not([open]), #figures" in text[text.index("@media print") :]
+    assert "details:not([open]), nav" in text[text.index("@media print") :]
 
 
 def test_warnings_say_what_to_doubt(page: Page, tmp_path: Path) -> None:
