@@ -23,8 +23,9 @@ Its probabilities are exact where beliefs are means: sums over ties. Where belie
 are integrals without a closed form, and are estimated (:mod:`openlock_learners.theory.draws`).
 
 Equations 2 to 9 are the paper's; what it leaves open is a parameter or is said here, and
-docs/rivals.md lists it. One thing differs: beliefs in attributes are drawn once for an attempt, so
-that a change counts from the next attempt on, where the paper updates beliefs after each action.
+docs/theory_based.md lists it. One thing differs: beliefs in attributes are drawn once for an
+attempt, so that a change counts from the next attempt on, where the paper updates beliefs after
+each action.
 
 ``form: cogsci_2019`` is the model before: it settles on a whole chain for each attempt, knows no
 verbs (levers are pushed), prunes nothing, samples its beliefs for each attempt, and believes in
@@ -32,7 +33,7 @@ abstract schemas directly, without atomic ones, so that what was learned of room
 says nothing about rooms with three.
 
 Written from the papers alone. The gains and the weight were fitted, once, to the means that the
-paper of 2020 publishes of its own model (docs/rivals.md).
+paper of 2020 publishes of its own model (docs/theory_based.md).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What docs/deep_learners.md says of the rooms that networks are trained in, counted."""
+"""What docs/recurrent_policy.md says of the rooms that networks are trained in, counted."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from openlock_learners.meta.training_file import read_training
 from support.places import ROOT
 
 TRAININGS = ROOT / "experiments" / "meta_training"
-TEXT = re.sub(r"\s+", " ", (ROOT / "docs" / "deep_learners.md").read_text(encoding="utf-8"))
+TEXT = re.sub(r"\s+", " ", (ROOT / "docs" / "recurrent_policy.md").read_text(encoding="utf-8"))
 PAPERS = [find_schema(name) for name in ("CC3", "CE3", "CC4", "CE4")]
 TESTED, TRAINED = (4, 3), (3, 2)  # levers and solutions of four-lever and three-lever rooms
 
