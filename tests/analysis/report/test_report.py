@@ -143,7 +143,7 @@ def test_headline_shows_intervals_and_shares_where_there_is_something_to_show(
     assert cells == {
         "alike": "3.00",
         "never": "not within 4",
-        "mixed": "≥ 3.50 | 3.00–4.00 | 50% solved",
+        "mixed": "≥ 3.50 | 3.00–4.00",
     }
 
 
