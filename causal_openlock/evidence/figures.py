@@ -44,6 +44,9 @@ if TYPE_CHECKING:
 FORM = 1
 """Of what is drawn here; another number makes all figures again."""
 
+_NOT_DRAWN = {"trained_before"}
+"""What a table has and its figure has not."""
+
 _MARK = "\n<!-- made from "
 _PART = re.compile(r"part (\d+)$")
 _UNIT, _PUBLISHED = "#1F6F9F", "#777777"
@@ -65,7 +68,7 @@ def is_current(evidence: Evidence, name: str) -> bool:
 def _marked(svg: str, evidence: Evidence, name: str) -> str:
     """A drawing with the mark of what it was made from, and of itself."""
     file = evidence.study.file
-    what = file.derived if name == OF_ALL else file.tables[name].model_dump()
+    what = file.derived if name == OF_ALL else file.tables[name].model_dump(exclude=_NOT_DRAWN)
     made_of = json.dumps([FORM, evidence.run["files"][UNITS], what, svg])  # rows have an order
     return f"{svg}{_MARK}{digest(made_of)} -->\n"
 

@@ -271,7 +271,15 @@ class Evidence:
         note = "Correlations over n sets of parameters" if table.measure == CORRELATION else of_what
         note += ", 95% intervals." if table.interval else "."
         rows = [[*row, size] for row, size in zip(rows, sizes, strict=True)]
-        return f"{markdown(['', *table.columns, 'n'], rows)}\n\n{note}\n"
+        head = ["", *table.columns, "n"]
+        if table.trained_before:
+            before = self.derived["before"]
+            head.append("attempts of training before")
+            names = [row.split()[0] for row in table.rows]
+            rows = [
+                [*row, _plain(before.get(name))] for row, name in zip(rows, names, strict=True)
+            ]
+        return f"{markdown(head, rows)}\n\n{note}\n"
 
     def figure(self, name: str, folder: str) -> str:
         """The Markdown that shows the figure of a table; empty if it has none."""

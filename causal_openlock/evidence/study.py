@@ -183,6 +183,10 @@ class Table(StrictModel):
     rows: Annotated[dict[str, str], Field(min_length=1, description="Selection: its label.")]
     columns: Annotated[list[str], Field(min_length=1, description="The rest of the selection.")]
     interval: bool = False
+    trained_before: Annotated[
+        bool,
+        Field(description="A column for attempts of training before the experiment."),
+    ] = False
 
 
 class Networks(StrictModel):
@@ -266,6 +270,13 @@ class StudyFile(StrictModel):
         for name in self.figures:
             if name not in known:
                 raise ValueError(f"figures: there is no table {name}; {nearest(name, known)}")
+        return self
+
+    @model_validator(mode="after")
+    def _training_before_is_known(self) -> StudyFile:
+        asks = [name for name, table in self.tables.items() if table.trained_before]
+        if asks and self.derived != "learning_costs":
+            raise ValueError(f"tables: {asks[0]}: trained_before needs derived: learning_costs")
         return self
 
     @model_validator(mode="after")

@@ -173,8 +173,19 @@ def plot_cost(
             "no such learner played a condition of which the attempts of the ideal observer are "
             "known"
         )
+    return draw_costs(table, results.learners, ax)
+
+
+def draw_costs(table: pd.DataFrame, learners: Sequence[str], ax: Any = None) -> Any:
+    """Draw what :func:`plot_cost` draws from costs that are known already.
+
+    Args:
+        table: From :func:`subject_costs`.
+        learners: The learners to draw, in this order.
+        ax: As for :func:`plot_cost`.
+    """
     table = table.assign(row=_rows(table))
-    names = [name for learner in results.learners
+    names = [name for learner in learners
              for name in ordered(table.loc[table["learner"] == learner, "row"])]  # fmt: skip
     finite = table.loc[np.isfinite(table["cost"]), "cost"]
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (1.0, 10.0)
