@@ -23,11 +23,12 @@ extensions = [
     "myst_nb",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
+    "example_report",  # in _extensions: plays what the example report is of
     "from_the_program",  # in _extensions: help texts, file formats, parameters
     "links_into_the_code",  # in _extensions: relative links of the pages and lessons
     "reference",  # in _extensions: what autodoc leaves out
 ]
-exclude_patterns = ["_build", "_extensions", "example_play", "example_report", "figures"]
+exclude_patterns = ["_build", "_extensions", "example_play", "figures"]
 exclude_patterns += ["lessons/template.ipynb"]  # nothing to read in it yet
 # Two modules may each have a class of one name, such as Table.
 suppress_warnings = ["ref.python"]

@@ -276,9 +276,7 @@ class Evidence:
             before = self.derived["before"]
             head.append("attempts of training before")
             names = [row.split()[0] for row in table.rows]
-            rows = [
-                [*row, _plain(before.get(name))] for row, name in zip(rows, names, strict=True)
-            ]
+            rows = [[*row, _plain(before.get(name))] for row, name in zip(rows, names, strict=True)]
         return f"{markdown(head, rows)}\n\n{note}\n"
 
     def figure(self, name: str, folder: str) -> str:

@@ -55,8 +55,12 @@ def test_the_site_builds_without_a_warning_and_is_whole(tmp_path: Path) -> None:
     Lessons are run by tests of their own. Typographic quotes take a twentieth of the time.
     """
     site = tmp_path / "site"
-    build(site, "-Dnb_execution_mode=off", "-Dsmartquotes=0")
+    played = tmp_path / "small.yaml"  # instead of what takes two minutes
+    played.write_text("name: small\nsubjects: 2\nconditions: [CC4]\nlearners: [oracle, random]\n")
+    build(site, "-Dnb_execution_mode=off", "-Dsmartquotes=0", f"-Dexample_report={played}")
+    played.unlink()
     every_page_is_there(site)
+    the_example_report_is_there(site)
     every_study_is_there(site)
     every_module_is_in_the_reference(site)
     the_program_speaks_for_itself(site)
@@ -71,6 +75,14 @@ def every_page_is_there(site: Path) -> None:
     for path in LESSONS:
         assert (site / "lessons" / f"{path.stem}.html").is_file(), path
         assert f'href="lessons/{path.stem}.html"' in listed
+
+
+def the_example_report_is_there(site: Path) -> None:
+    page = (site / "example_report.html").read_text(encoding="utf-8")
+    (link,) = re.findall(r'href="([^"]+)"><strong>Read the whole report', page)
+    report = (site / link).read_text(encoding="utf-8")
+    assert "oracle" in report
+    assert "</html>" in report
 
 
 def every_study_is_there(site: Path) -> None:
@@ -174,6 +186,12 @@ def test_what_a_page_shows_is_what_happens(
     reports: Reports = "decided" if path.stem == "tutorial" else "short"
     reader = Reader(tmp_path, monkeypatch, reports=reports)
     reader.go_through(path.read_text(encoding="utf-8"))
+
+
+def test_the_example_report_is_of_an_experiment_that_can_be_played() -> None:
+    experiment = causal_openlock.read_experiment(DOCS / "example_report.yaml")
+    assert len(experiment.conditions) == 6
+    assert "bayes" in [spec.name for spec in experiment.learners]
 
 
 def test_make_docs_treats_warnings_as_errors() -> None:
