@@ -20,6 +20,7 @@ from causal_openlock.evidence.running import run_study
 from causal_openlock.evidence.study import Selection, read_studies, read_study
 from causal_openlock.evidence.study_files import read_run, read_units
 from causal_openlock.evidence.units import selected
+from support.places import ROOT
 
 pytestmark = pytest.mark.slow
 
@@ -388,6 +389,18 @@ def test_a_curve_has_means_of_fifty_trials_and_the_published_curve_in_its_panel(
     assert (baseline.get_xdata().tolist(), baseline.get_ydata().tolist()) == ([25, 125], [632, 307])
     assert transfer.get_ydata().tolist() == [120, 61]
     assert baseline.get_color() != transfer.get_color()
+
+
+def test_a_table_says_with_how_many_attempts_learners_were_trained_before(root: Path) -> None:
+    evidence = Evidence(read_study(ROOT / "evidence" / "default"))
+    head, _, *rows = evidence.block("in_short").splitlines()
+    assert head.split(" | ")[-1] == "attempts of training before |"
+    last = {row.split("|")[1].strip(): row.split("|")[-2].strip() for row in rows if "|" in row}
+    assert (last["`rl2`"], last["`bayes`"], last["*people*"]) == ("1,674,240", "0", "–")
+
+    (root / "small" / "study.yaml").write_text(STUDY + "    trained_before: true\n")
+    with pytest.raises(FileError, match="attempts: trained_before needs derived: learning_costs"):
+        read_study(root / "small")
 
 
 def test_a_figure_of_no_table_is_refused(root: Path) -> None:
