@@ -128,7 +128,7 @@ def compare(
         if any(before) and not failed:
             console.print(f"{sum(before)} of {len(before)} cells were there already")
         if part is None:
-            report_store(folder, console, references=references)
+            report_store(folder, console, references=references, reasons=False)
         else:
             console.print_line(
                 f"shard {part} is over; when all are: causal-openlock report "

@@ -64,8 +64,18 @@ def report_store(
     console: Terminal,
     others: Sequence[Path] = (),
     references: Sequence[ReferenceForm] = (),
+    reasons: bool = True,
 ) -> None:
-    """Write the report of a results folder, perhaps beside others, and print its headline."""
+    """Write the report of a results folder, perhaps beside others, and print its headline.
+
+    Args:
+        folder: The folder.
+        console: Where to print.
+        others: Folders whose learners or people stand beside those of this one.
+        references: What learners are compared with.
+        reasons: Whether to say why some learners are not applicable; ``compare`` has said it.
+    """
+    from causal_openlock.analysis.report.warnings import not_applicable
     from causal_openlock.analysis.results.missing import missing_cells
     from causal_openlock.comparison.leaderboard_text import print_leaderboard
     from causal_openlock.comparison.results import open_results
@@ -73,6 +83,8 @@ def report_store(
     results = open_results(folder, *others, reference=references)
     page = results.report(folder)
     print_leaderboard(page.leaderboard, console, page.answers)
+    for sentence in not_applicable(results.experiment.reasons) if reasons else ():
+        console.print(sentence, highlight=False)
     _print_missing(missing_cells(results.experiment), console)
     console.print_line(f"report: {page.path}")
 

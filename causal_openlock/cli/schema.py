@@ -115,8 +115,8 @@ def check(
     names: Annotated[list[str], typer.Argument(help="Names of schemas, or paths of files.")],
 ) -> None:
     """Check schemas: faults with line and column, and which learners are slow on them."""
+    from causal_openlock.contract.expected_cost import expected_cost
     from causal_openlock.experiment.protocol import default_action_limit
-    from causal_openlock.running.expected_cost import expected_cost
 
     faults = []
     for name in names:

@@ -177,7 +177,8 @@ def play(
         CellsFailed: If all of them did.
         OpenLockError: If what is asked for cannot be done.
     """
-    for warning in [*experiment.warnings(), *cost_warnings(experiment)]:
+    reasons = experiment.reasons if experiment.cells() else ()  # else it is an error
+    for warning in [*experiment.warnings(), *reasons, *cost_warnings(experiment)]:
         warn(warning)
     try:
         run(

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT
-from causal_openlock.analysis.report.warnings import warnings_of
+from causal_openlock.analysis.report.warnings import not_applicable, warnings_of
 from causal_openlock.analysis.results.by_condition import ConditionTable, condition_tables
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.missing import missing_cells
@@ -104,7 +104,13 @@ class Results(Material):
     @cached_property
     def by_condition(self) -> list[ConditionTable]:
         """Attempts in each condition, a table for each protocol."""
-        return condition_tables(self.headline, self.learners, self.conditions, self.references)
+        return condition_tables(
+            self.headline,
+            self.learners,
+            self.conditions,
+            self.references,
+            self.experiment.without_any,
+        )
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
@@ -118,6 +124,7 @@ class Results(Material):
         of_numbers = warnings_of(
             self.counts.trials, self.summary, experiment.versions, self.references, self.given
         )
+        of_numbers = *not_applicable(experiment.reasons), *of_numbers
         if not missing:
             return of_numbers
         return f"{unfinished}: {missing[0].text}{'; ...' if missing[1:] else ''}.", *of_numbers

@@ -14,12 +14,14 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from causal_openlock.contract.expected_cost import expected_cost
 from causal_openlock.contract.former_names import in_identities
 from causal_openlock.contract.learner import InformedLearner, Learner
 from causal_openlock.contract.registry import learner_class, origin, parse_parameters
 from causal_openlock.errors import LearnerError, OpenLockError, in_short
 from causal_openlock.experiment.protocol import Condition, Protocol
 from causal_openlock.files.json_text import present
+from causal_openlock.schemas.schema import Schema
 from causal_openlock.version import RESULTS_VERSION
 from causal_openlock.wording import counted, first_line
 from causal_openlock.world.rewards import RewardFunction
@@ -217,7 +219,7 @@ class Experiment:
     version: str = RESULTS_VERSION
 
     def cells(self) -> tuple[Cell, ...]:
-        """The units of work, always in the same order."""
+        """The units of work, always in the same order; none where a learner is not applicable."""
         return self._cells
 
     @cached_property
@@ -225,11 +227,44 @@ class Experiment:
         cells = []
         for spec in self.learners:
             size = spec.cell_size or self.cell_size
+            impossible = self.not_applicable.get(spec.name, {})
             for condition in self.conditions:
+                if condition.name in impossible:
+                    continue
                 for first in range(0, spec.subjects, size):
                     subjects = min(size, spec.subjects - first)
                     cells.append(Cell(self.name, self.seed, spec, condition, first, subjects))
         return tuple(cells)
+
+    @cached_property
+    def not_applicable(self) -> Mapping[str, Mapping[str, str]]:
+        """By learner and condition, why the learner cannot play it, in a sentence.
+
+        Learners say so themselves (:mod:`~causal_openlock.contract.expected_cost`).
+        """
+        found: dict[str, dict[str, str]] = {}
+        for spec in self.learners:
+            for condition in self.conditions:
+                for schema in condition.schemas:
+                    if why := _cannot_play(spec, schema):
+                        found.setdefault(spec.name, {})[condition.name] = why
+        return found
+
+    def without_any(self, protocol: str) -> list[str]:
+        """Labels of the learners under a protocol that can play none of the conditions."""
+        every = len(self.conditions)
+        return [
+            spec.name
+            for spec in self.learners
+            if spec.protocol.name == protocol
+            and len(self.not_applicable.get(spec.name, {})) == every
+        ]
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Each reason in :attr:`not_applicable`, once."""
+        each = (why for own in self.not_applicable.values() for why in own.values())
+        return tuple(dict.fromkeys(each))
 
     @property
     def protocols(self) -> tuple[Protocol, ...]:
@@ -284,6 +319,20 @@ class Experiment:
             for one in learners
         ]
         return _digest(asked)
+
+
+def _cannot_play(spec: LearnerSpec, schema: Schema) -> str:
+    """Why a learner cannot play in rooms of a schema; empty if it can, as far as is known."""
+    if spec.recorded is not None:  # its code need not be installed
+        return ""
+    try:
+        limit = spec.protocol.actions_for(schema)
+        cost = expected_cost(spec.learner, spec.parameters, schema, limit)
+    except Exception:  # of a user's code; an estimate is no reason not to play
+        return ""
+    if cost is None or cost.applicable:
+        return ""
+    return f"{spec.name} cannot play in rooms of {schema.name}: {cost.work}"
 
 
 def _deciding(learner: dict[str, Any]) -> dict[str, Any]:

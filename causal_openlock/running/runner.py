@@ -96,6 +96,7 @@ def run(
     Raises:
         CellsFailed: If cells failed, after all others were played; the folder's ``errors`` has the
             reasons.
+        LearnerError: If no learner can play any of the conditions.
         OpenLockError: If TensorBoard's logs are wanted and it is not installed, or no process can
             be started.
         StoreError: If the folder holds something else, was made with other versions of packages, or
@@ -129,6 +130,9 @@ def run(
     names = [spec.learner for spec in experiment.learners]
     definitions = b"" if workers == 0 else packed(names)
     sources = dict(_sources(experiment))
+    if not experiment.cells():
+        why = "; ".join(experiment.reasons)
+        raise LearnerError(f"there is nothing to play ({why}); add a learner or a condition")
     cells = shard.of(experiment.cells()) if shard else experiment.cells()
     store = Store(folder)
     store.open(experiment, shard=shard)

@@ -155,7 +155,7 @@ class Store:
                 return True
             raise
         if held.identity == experiment.identity:
-            return False
+            return held.not_applicable != experiment.not_applicable
         # While no cell is done, another experiment overwrites no results.
         if not done or (changed and (done & files or _is_variant(held, experiment))):
             return True
@@ -210,6 +210,8 @@ class Store:
             "cells": [*files],
             "versions": dict(made_with or self.made_with()),
         }
+        if experiment.not_applicable:
+            held["not_applicable"] = experiment.not_applicable
         content = json_bytes(held)
         with suppress(OSError):
             if self._declared.read_bytes() == content:

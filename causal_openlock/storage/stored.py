@@ -42,6 +42,7 @@ class StoredExperiment(Experiment):
         versions: Versions of the packages that it was made with; in a record, that the cells were.
         missing: Names of the missing cells.
         failures: Why cells failed, a sentence each, by the name of the cell.
+        not_applicable: By learner and condition, why the learner could not play it.
     """
 
     identity: str = ""
@@ -49,6 +50,7 @@ class StoredExperiment(Experiment):
     versions: Versions = field(default_factory=dict)
     missing: tuple[str, ...] = ()
     failures: Mapping[str, str] = field(default_factory=dict)
+    not_applicable: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
 
 def parse_experiment(data: Any) -> StoredExperiment:
@@ -222,6 +224,7 @@ class _File(StrictModel):
     learners: Annotated[list[_Learner], Field(min_length=1)]
     cells: list[Any]  # the store checks that these are names of files
     versions: dict[str, str | list[str]] = Field(default_factory=dict)
+    not_applicable: dict[str, dict[str, str]] = Field(default_factory=dict)
 
     def built(self) -> StoredExperiment:
         parts: dict[str, Any] = dict(self)

@@ -45,9 +45,9 @@ from causal_openlock.belief.planning import (
 )
 from causal_openlock.belief.sampling import DRAWS, LISTED_CAUSES, ROUNDS
 from causal_openlock.belief.structures import Hypotheses, behaviour_bytes
+from causal_openlock.contract.expected_cost import Cost
 from causal_openlock.contract.learner import Brief, Step, View
 from causal_openlock.contract.parameters import Count, Share
-from causal_openlock.running.expected_cost import Cost
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.randomness import Streams, pick

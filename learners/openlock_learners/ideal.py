@@ -32,6 +32,7 @@ from causal_openlock.belief.placements import (
     ways_to_place,
 )
 from causal_openlock.belief.planning import TIE, Objective, Planner, Situation, thinned
+from causal_openlock.contract.expected_cost import Cost
 from causal_openlock.contract.learner import (
     Brief,
     InformedLearner,
@@ -41,7 +42,6 @@ from causal_openlock.contract.learner import (
     View,
 )
 from causal_openlock.errors import LearnerError
-from causal_openlock.running.expected_cost import Cost
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.randomness import Streams

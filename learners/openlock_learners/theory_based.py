@@ -46,8 +46,8 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from causal_openlock.contract.expected_cost import Cost
 from causal_openlock.contract.learner import Brief, Learner, Step, Structure, View
-from causal_openlock.running.expected_cost import Cost
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.randomness import certain, pick
@@ -113,7 +113,9 @@ class TheoryBased(Checkpointed, Learner):
     ) -> Cost | None:
         """It lists all chains, and cannot play where these are too many."""
         many = number_of_chains(positions_for(schema), action_limit - 1)
-        return Cost(float("inf"), f"it lists {many:,} chains") if many > CHAIN_LIMIT else None
+        if many <= CHAIN_LIMIT:
+            return None
+        return Cost(float("inf"), f"it would have to list {many:,} chains of levers, too many")
 
     def begin(self, brief: Brief) -> None:
         """Begin with the same belief in everything."""

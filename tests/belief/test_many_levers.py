@@ -16,9 +16,10 @@ from causal_openlock.belief.hypotheses import RoomSight
 from causal_openlock.belief.sampling import Sampler, metropolis, sampled
 from causal_openlock.belief.structures import Structures, behaviour_bytes
 from causal_openlock.cli import main
+from causal_openlock.contract.expected_cost import Cost, expected_cost
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.protocol import PROTOCOLS
-from causal_openlock.running.expected_cost import Cost, cost_warnings, expected_cost
+from causal_openlock.running.expected_cost import cost_warnings
 from causal_openlock.schemas.schema import Schema
 from openlock_learners.bayes import Bayes, BayesParameters
 

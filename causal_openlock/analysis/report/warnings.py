@@ -52,6 +52,15 @@ def warnings_of(
     )
 
 
+def not_applicable(reasons: Iterable[str]) -> tuple[str, ...]:
+    """Say why learners have no results, where they cannot play: a dash in tables.
+
+    >>> not_applicable(["ideal cannot play in rooms of wide: they are too many"])
+    ('Not applicable (–): ideal cannot play in rooms of wide: they are too many.',)
+    """
+    return tuple(f"Not applicable (–): {why}." for why in reasons)
+
+
 def _by_label(values: pd.Series) -> dict[str, Any]:
     """Values by group, the lowest first."""
     ordered = values.sort_values(kind="stable")

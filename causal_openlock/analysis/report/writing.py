@@ -24,7 +24,7 @@ from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.report.all_figures import figures_of
 from causal_openlock.analysis.report.learner_pages import learner_pages
 from causal_openlock.analysis.report.page import Written, render
-from causal_openlock.analysis.report.warnings import warnings_of
+from causal_openlock.analysis.report.warnings import not_applicable, warnings_of
 from causal_openlock.analysis.report.what_was_run import trials_played, what_was_run
 from causal_openlock.analysis.results.by_condition import condition_tables
 from causal_openlock.analysis.results.material import Material
@@ -141,7 +141,11 @@ def make_report(
         headline={
             one.protocol: one
             for one in condition_tables(
-                material.headline, learners, material.conditions, material.references
+                material.headline,
+                learners,
+                material.conditions,
+                material.references,
+                experiment.without_any,
             )
         },
         details={
@@ -159,8 +163,9 @@ def make_report(
         learners=[written.section(one) for one in pages],
         summary=_summary_blocks(summary, learners, material.references),
         described=described,
-        warnings=warnings_of(
-            trials, summary, experiment.versions, material.references, material.given
+        warnings=(
+            *not_applicable(experiment.reasons),
+            *warnings_of(trials, summary, experiment.versions, material.references, material.given),
         ),
         files=written.files,
         given=material.given,

@@ -7,7 +7,7 @@ since they count as the limit, and is marked as that.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -74,7 +74,8 @@ class ConditionTable:
             rows.append(["Ideal observer\nschema known", *least])
         for learner, own in self.rows.items():
             texts = ["\n".join(in_cell(row)[:2]) for row in own]
-            rows.append([f"{learner}\n{sizes[self.protocol, learner]}", *texts])
+            size = sizes.get((self.protocol, learner), "not applicable")
+            rows.append([f"{learner}\n{size}", *texts])
         heads = ["Learner", *(f"{name}\n{measured}" for name, measured in self.columns)]
         frame = pd.DataFrame(rows, columns=heads)
         return Table(
@@ -97,6 +98,7 @@ def condition_tables(
     learners: Sequence[str] = (),
     conditions: Sequence[str] = (),
     references: Sequence[Beside] = (),
+    without_any: Callable[[str], Sequence[str]] = lambda _: (),
 ) -> list[ConditionTable]:
     """The headline as tables, one for each protocol.
 
@@ -105,6 +107,7 @@ def condition_tables(
         learners: The order of the rows; others follow.
         conditions: The order of the columns; others follow.
         references: Whose columns the headline has.
+        without_any: Learners under a protocol that can play none of the conditions.
     """
     tables = []
     for protocol, rows in headline.groupby("protocol", observed=True):
@@ -135,7 +138,7 @@ def condition_tables(
                 ideal=tuple(ideal) if any(ideal) else (),
                 rows={
                     name: tuple(cells.get((name, condition)) for condition in names)
-                    for name in ordered(rows["learner"], learners)
+                    for name in ordered([*rows["learner"], *without_any(str(protocol))], learners)
                 },
             )
         )

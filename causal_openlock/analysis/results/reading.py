@@ -62,6 +62,7 @@ def beside(
     experiments = [experiment for _, experiment in results]
     learners: dict[str, LearnerSpec] = {}
     conditions: dict[str, Condition] = {}
+    not_applicable: dict[str, dict[str, str]] = {}
     played: set[tuple[str, str]] = set()
     for record, experiment in results:
         cells = set(_names(record).itertuples(index=False, name=None))
@@ -74,6 +75,8 @@ def beside(
                     f"both of these results have a learner {twice[0][0] if twice else spec.name}; "
                     "give one of them another name (label=) where it is declared"
                 )
+        for name, own in experiment.not_applicable.items():
+            not_applicable.setdefault(name, {}).update(own)
         for condition in experiment.conditions:
             if conditions.setdefault(condition.name, condition) != condition:
                 raise StoreError(
@@ -91,6 +94,7 @@ def beside(
         missing=tuple(name for one in experiments for name in one.missing),
         failures={name: why for one in experiments for name, why in one.failures.items()},
         versions=merged_versions([one.versions for one in experiments]),
+        not_applicable=not_applicable,
     )
     return pa.concat_tables([record for record, _ in results]), together
 

@@ -84,7 +84,8 @@ def leaderboard(results: Material) -> pd.DataFrame:
     Returns:
         ``learner``; whether it is a ``reference``, such as people, of which the row has what is
         known; whether it is ``informed``: given the schema or the room, and so no competitor
-        either; ``protocol``, ``conditions`` (how many), ``subjects`` (the fewest in one);
+        either; ``protocol``, ``conditions`` (how many; 0 where the learner is not applicable, and
+        numbers are then NaN), ``subjects`` (the fewest in one);
         ``limit``, the most attempts that a trial may have; ``before``, the attempts of training
         before the experiment, such as meta-training; ``solved``, the share of trials;
         ``found`` of so many ``solutions``, means of trials; ``median`` attempts where trials were
@@ -181,6 +182,11 @@ def _rows(results: Material, protocol: str) -> list[dict[str, Any]]:
                 gap_column(one.reference.name), Difference(-gap.value, -gap.high, -gap.low, gap.p)
             )
         rows.append(row)
+    for name in results.experiment.without_any(protocol):
+        own = {"learner": name, "reference": False, "informed": name in informed}
+        rows.append(
+            {**common, **own, "conditions": 0, "subjects": 0, "before": before.get(name, 0)}
+        )
     return rows
 
 
@@ -346,6 +352,7 @@ def leaderboard_tables(table: pd.DataFrame) -> Iterator[LeaderboardTable]:
     """
     for protocol, rows in table.groupby("protocol", sort=False):
         best = next((name for name in rows["best"] if isinstance(name, str)), None)
+        played = rows[rows["conditions"] > 0]
         gaps = {
             column: name for column, name in _called(rows).items() if rows[column].notna().any()
         }
@@ -386,8 +393,8 @@ def leaderboard_tables(table: pd.DataFrame) -> Iterator[LeaderboardTable]:
                 str(row["learner"]) for row in asked if row["reference"] or row["informed"]
             ),
             given=frozenset(str(row["learner"]) for row in asked if row["informed"]),
-            few=_few(rows[~rows["reference"].astype(bool)]),
-            uneven=rows["conditions"].nunique() > 1,
+            few=_few(played[~played["reference"].astype(bool)]),
+            uneven=played["conditions"].nunique() > 1,
             columns=tuple(columns),
             heads=("Learner", *(wide_head for wide_head, _ in columns.values())),
             short_heads=("", *(columns[name][1] for name in narrow)),
@@ -443,7 +450,8 @@ def answers(table: pd.DataFrame, decisions: Decisions) -> dict[str, tuple[str, .
     """
     found = {}
     for protocol, rows in table.groupby("protocol", sort=False):
-        own = {row["learner"]: row for row in records(rows) if not row["reference"]}
+        played = records(rows[rows["conditions"] > 0])
+        own = {row["learner"]: row for row in played if not row["reference"]}
         best = next((name for name in rows["best"] if isinstance(name, str)), None)
         gaps = [
             {
@@ -488,6 +496,8 @@ def _few(rows: pd.DataFrame) -> str:
 
 def _cell(column: str, row: Mapping[str, Any], cut: Collection[str]) -> Cell:
     value = row["subjects" if column == "n" else column]
+    if not row["conditions"]:
+        return "–", ""
     if column == "attempts" and None not in (row["solved"], value):
         if row["solved"] == 0:
             return f"> {row['limit']}", ""

@@ -1,0 +1,171 @@
+"""What a learner cannot play is left out, and is no failure: a dash, and the reason once."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from pathlib import Path
+
+import pytest
+
+import causal_openlock as ol
+from causal_openlock.experiment.experiment import Experiment
+from causal_openlock.experiment.file import read_experiment
+from causal_openlock.schemas.schema import Schema
+from causal_openlock.storage.store import Store
+from support.command import Done, at_once, modules_of
+from support.html_page import Page
+
+pytestmark = pytest.mark.slow
+
+BRANCHES = {"L0": ["L1", "L2", "L3"], "L1": ["L4", "L5"], "L2": ["L6", "L7"], "L3": ["L8", "L9"]}
+LEAVES = [f"L{leaf}" for leaf in range(4, 10)]
+TREE = Schema("tree10", [*BRANCHES, *LEAVES], {**BRANCHES, **{leaf: ["door"] for leaf in LEAVES}})
+WHY = (
+    "ideal cannot play in rooms of tree10: its levers can be placed in 453,600 ways, too many to "
+    "list"
+)
+FILE = """\
+name: wide
+seed: 1
+subjects: 1
+protocols: {quick: {based_on: human, baseline_trials: 1, attempt_limit: 2}}
+protocol: quick
+conditions: [tree10.yaml]
+learners: [random, ideal]
+"""
+LIMITED = """\
+from causal_openlock import OneSubjectLearner
+from causal_openlock.contract.expected_cost import Cost
+
+class Limited(OneSubjectLearner):
+    @classmethod
+    def expected_cost(cls, parameters, schema, action_limit):
+        return Cost(float("inf"), "it has a table of 7") if len(schema.levers) > 7 else None
+
+    def act(self, observation):
+        return 0
+"""
+
+
+def written(folder: Path, text: str = FILE) -> Path:
+    (folder / "tree10.yaml").write_text(TREE.to_yaml(), encoding="utf-8")
+    path = folder / "wide.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def compared(file: Path, out: Path) -> Done:
+    return at_once("compare", file, "--out", out, cwd=file.parent)
+
+
+Played = tuple[Path, Path, Done]
+
+
+@pytest.fixture(scope="module")
+def played(tmp_path_factory: pytest.TempPathFactory) -> Played:
+    """The file, the results folder, and what was said when it was played first."""
+    file = written(tmp_path_factory.mktemp("wide"))
+    return file, (out := file.parent / "out"), compared(file, out)
+
+
+def test_it_is_left_out_said_once_and_the_folder_is_complete(played: Played) -> None:
+    file, out, first = played
+    assert first.status == 0, first.stderr
+    said = " ".join((first.stdout + first.stderr).split())
+    assert said.count("cannot play") == 1
+    assert WHY in said
+    assert "1 of 1 cells done" in said
+    assert "failed" not in said
+    assert not [*out.glob("errors/*")]
+    (row,) = [line for line in first.stdout.splitlines() if line.startswith("ideal")]
+    assert {*row.split()[1:]} == {"–"}
+
+    again = compared(file, out)
+    assert again.status == 0
+    assert "1 of 1 cells were there already" in again.stdout
+    assert "over" in at_once("status", out).stdout
+
+
+def test_tables_have_a_dash_and_the_reason_once(played: Played) -> None:
+    _, out, _ = played
+    results = ol.open_results(out)
+    ideal = results.leaderboard.set_index("learner").loc["ideal"]
+    assert (ideal["conditions"], ideal["subjects"]) == (0, 0)
+    assert ideal[["solved", "attempts", "found", "median"]].isna().all()
+    (table,) = results.by_condition
+    assert table.rows["ideal"] == (None,)
+    assert str(results).count("cannot play") == 1
+    assert results.warnings[0] == f"Not applicable (–): {WHY}."
+    page = Page((out / "report.html").read_text("utf-8")).text
+    assert page.count("cannot play") == 1
+    assert "not applicable" in page
+    reported = " ".join(at_once("report", out).stdout.split())
+    assert reported.count("cannot play") == 1
+
+
+def test_results_are_read_without_asking_the_learner(played: Played) -> None:
+    _, out, _ = played
+    stored = json.loads((out / "experiment.json").read_bytes())
+    assert stored["not_applicable"] == {"ideal": {"tree10": WHY}}
+    assert Store(out).experiment().not_applicable == {"ideal": {"tree10": WHY}}
+    assert len(Store(out).experiment().cells()) == 1
+
+
+def test_others_of_its_conditions_are_played() -> None:
+    made = ol.make_experiment([TREE, "CC3", ["CC3", TREE]], ["random", "ideal"], subjects=1)
+    assert [cell.in_words for cell in made.cells()] == [
+        "random in tree10, subject 0",
+        "random in CC3, subject 0",
+        "random in CC3-tree10, subject 0",
+        "ideal in CC3, subject 0",
+    ]
+    assert made.not_applicable == {"ideal": {"tree10": WHY, "CC3-tree10": WHY}}
+    assert made.reasons == (WHY,)
+
+
+def test_where_nobody_can_play_it_is_an_error(tmp_path: Path) -> None:
+    file = written(tmp_path, FILE.replace("[random, ideal]", "[ideal]"))
+    done = compared(file, tmp_path / "out")
+    assert done.status == 2
+    assert done.stderr == f"error: there is nothing to play ({WHY}); add a learner or a condition\n"
+    assert "cannot play" not in done.stdout
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_in_which_it_failed_before_is_complete_now(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file, out = written(tmp_path), tmp_path / "out"
+    with monkeypatch.context() as before:
+        before.setattr(Experiment, "not_applicable", {})
+        assert compared(file, out).status == 1
+    assert len([*out.glob("errors/*")]) == 1
+    assert compared(file, out).status == 0
+    assert not [*out.glob("errors/*")]
+    assert len(Store(out).experiment().files) == 1
+
+
+@pytest.mark.parametrize(
+    ("module", "code", "reasons"),
+    [
+        ("limits_said", LIMITED, ["Limited cannot play in rooms of tree10: it has a table of 7"]),
+        ("limits_unknown", LIMITED.replace("return Cost", "1 / 0; Cost"), []),
+    ],
+)
+def test_a_learner_of_ones_own_says_it_too_and_a_fault_there_stops_nobody(
+    module: str, code: str, reasons: list[str], tmp_path: Path
+) -> None:
+    (tmp_path / f"{module}.py").write_text(code, encoding="utf-8")
+    file = written(tmp_path, FILE.replace("ideal", f"{module}:Limited"))
+    with modules_of(tmp_path):
+        read = read_experiment(file)
+        assert (list(read.reasons), len(read.cells())) == (reasons, 2 - len(reasons))
+
+
+def test_python_warns_at_once() -> None:
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        results = ol.compare([TREE], ["random", "ideal"], subjects=1, workers=0)
+    assert [str(one.message) for one in caught] == [WHY]
+    assert len(results.experiment.files) == 1
