@@ -14,9 +14,28 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.schemas.fsm import FloatArray, IntArray
+from causal_openlock.wording import counted
 
 FEW_SUBJECTS = 20
 """Groups of fewer subjects than this are warned about."""
+
+
+def too_few(subjects: int, to: str = "rank learners", where: str = "") -> str:
+    """Say that subjects are too few for a conclusion; empty if there are enough.
+
+    >>> too_few(2), too_few(FEW_SUBJECTS)
+    ('2 subjects are too few to rank learners', '')
+
+    Args:
+        subjects: How many there are.
+        to: What they are too few to do.
+        where: What they are the subjects of, with a space before it.
+    """
+    if subjects >= FEW_SUBJECTS:
+        return ""
+    are = "is" if subjects == 1 else "are"
+    return f"{counted(subjects, 'subject')}{where} {are} too few to {to}"
+
 
 LEVEL = 0.95
 RESAMPLES = 2000

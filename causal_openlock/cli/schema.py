@@ -59,16 +59,20 @@ def show(
     layout: Annotated[
         str | None, typer.Option(help="Show the solutions in this layout too, such as trial7.")
     ] = None,
+    states: Annotated[
+        bool, typer.Option("--states", help="List the states that an attempt can reach, too.")
+    ] = False,
 ) -> None:
-    """Show a schema: its graph, its solutions, and the states that an attempt can reach."""
+    """Show a schema: its graph and its solutions."""
     from causal_openlock.render.graph import schema_text
     from causal_openlock.schemas.fsm import compile_schema
 
     schema = _read(name)
-    say(schema_text(schema))
+    say(schema_text(schema).rstrip())
     if layout is not None:
         _show_layout(schema, layout)
-    _show_states(compile_schema(schema))
+    if states:
+        _show_states(compile_schema(schema))
 
 
 def _show_layout(schema: Schema, layout: str) -> None:
@@ -76,10 +80,9 @@ def _show_layout(schema: Schema, layout: str) -> None:
 
     room = Room.of(schema, layout)
     names = action_names(room.positions)
-    say(f"In {room.layout.name}:")
+    say(f"\nIn {room.layout.name}:")
     for levers in schema.solutions:
         say("  " + ", ".join(names[action] for action in room.action_of(levers)))
-    say()
 
 
 def _show_states(fsm: FSM) -> None:
@@ -104,7 +107,7 @@ def _show_states(fsm: FSM) -> None:
         solution = fsm.solution[state]
         mark = f"  = solution {solution + 1}" if solution != NO_SOLUTION else ""
         table.add_row(fsm.describe(state) + mark, ", ".join(does))
-    say(f"{len(reached)} of {fsm.states} states can be reached in an attempt of {limit} actions:")
+    say(f"\n{len(reached)} of {fsm.states} states can be reached in an attempt of {limit} actions:")
     Terminal(soft_wrap=True).print(table, highlight=False)
     if len(reached) > len(shown):
         say(f"and {len(reached) - len(shown)} more")

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from html import escape
+from threading import Event, Thread
 from typing import TYPE_CHECKING, Any
 
 from causal_openlock.files.escaping import printable
@@ -20,6 +21,8 @@ Show = Callable[["RunProgress"], None]
 
 LINE_EVERY = 25.0
 """Seconds between two lines."""
+FIRST_AFTER = 3.0
+"""Seconds after which a long task first names its step."""
 STILL = 60.0
 """Seconds without a step after which a cell is reported."""
 MOST_NAMED = 3
@@ -51,6 +54,43 @@ def shown(name: str, console: Terminal) -> Iterator[Show]:
                 console.print_line(line, "yellow")
 
         yield show
+
+
+@contextmanager
+def shown_steps(name: str) -> Iterator[Callable[[str], None]]:
+    """Show on standard error which step of a long task is running.
+
+    On a terminal it is a line that disappears at the end. In a file, it is a line after three
+    seconds, and then from time to time.
+
+    Args:
+        name: The task's name.
+
+    Yields:
+        A function to call with the name of each step when it begins.
+    """
+    from causal_openlock.comparison.console import Terminal
+
+    console = Terminal(stderr=True)
+    if console.is_terminal:
+        with console.status(console.render_str(name)) as status:
+            yield lambda step: status.update(console.render_str(f"{name}: {step}"))
+        return
+    steps, over = [""], Event()
+
+    def lines() -> None:
+        wait = FIRST_AFTER
+        while not over.wait(wait):
+            console.print_line(f"{name}: {steps[-1]}")
+            wait = LINE_EVERY
+
+    thread = Thread(target=lines, daemon=True)
+    thread.start()
+    try:
+        yield steps.append
+    finally:
+        over.set()
+        thread.join()
 
 
 @contextmanager

@@ -13,9 +13,13 @@ by what the subject saw and did before it, also where that is in another fold.
 
 from __future__ import annotations
 
+import multiprocessing
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import wait
 from dataclasses import asdict, dataclass, field
+from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +57,8 @@ NEAR = 0.01
 """A value this near to a bound, as a share of the range, stands at it."""
 NONE = "none"
 """In a table, in place of the names of parameters."""
+LOOK_EVERY = 1.0
+"""Seconds between two looks at what workers have tried."""
 TOLERANCE = 1e-3
 """Of parameters, as a share of their range, and of the log-likelihood, in nats."""
 
@@ -79,6 +85,12 @@ class ActionPlan:
             )
         if self.space.second:
             raise OpenLockError("a fit to actions takes one learner; leave second: out")
+
+    @property
+    def tries(self) -> int:
+        """About how many sets of parameters a fit tries at most."""
+        moved = any(not one.whole for one in self.space.ranges.values())
+        return self.candidates + self.restarts * self.moves * moved
 
     @property
     def numbers(self) -> list[int]:
@@ -148,15 +160,26 @@ class FitJob:
     plan: ActionPlan
 
 
+def _ignore() -> None:
+    """Count nothing."""
+
+
 class Predictions:
     """How likely some subjects' actions are, by the parameters of the learner that predicts them.
+
+    Args:
+        parts: The subjects.
+        plan: Which learner predicts, and how.
+        tried: Called whenever another set of parameters has been tried.
 
     Attributes:
         known: What was computed so far.
     """
 
-    def __init__(self, parts: Sequence[Recorded], plan: ActionPlan) -> None:
-        self._parts, self._plan = parts, plan
+    def __init__(
+        self, parts: Sequence[Recorded], plan: ActionPlan, tried: Callable[[], None] = _ignore
+    ) -> None:
+        self._parts, self._plan, self._tried = parts, plan, tried
         self.known: dict[tuple[float, ...], pd.DataFrame] = {}
 
     def __call__(self, chosen: Mapping[str, float]) -> pd.DataFrame:
@@ -166,6 +189,7 @@ class Predictions:
             spec = plan.spec(chosen)
             tables = [score_part(part, spec, plan.lapse, plan.draws) for part in self._parts]
             self.known[key] = pd.concat(tables, ignore_index=True)
+            self._tried()
         return self.known[key]
 
     def loss(self, chosen: Mapping[str, float], fold: int) -> float:
@@ -175,10 +199,10 @@ class Predictions:
         return float(np.minimum(-table["log_probability"][own], PENALTY).sum())
 
 
-def fit_job(job: FitJob) -> Fitted:
-    """Do one fit."""
+def fit_job(job: FitJob, tried: Callable[[], None] = _ignore) -> Fitted:
+    """Do one fit, and call ``tried`` whenever another set of parameters has been tried."""
     plan, ranges = job.plan, job.plan.space.ranges
-    predicted = Predictions(job.parts, plan)
+    predicted = Predictions(job.parts, plan, tried)
 
     def loss(chosen: Mapping[str, float]) -> float:
         return predicted.loss(chosen, job.fold)
@@ -357,8 +381,16 @@ def fit_all(
     *,
     workers: int = 1,
     report: Callable[[int, int], None] = lambda done, total: None,
+    tried: Callable[[int], None] = lambda number: None,
 ) -> list[Fitted]:
     """Do all fits, or those that are missing; what is done is kept in the folder.
+
+    Args:
+        jobs: The fits.
+        folder: Where what is done is kept.
+        workers: How many processes fit.
+        report: Called with the number of fits that are done, and of all.
+        tried: Called now and then with how many sets of parameters have been tried so far.
 
     Raises:
         OpenLockError: If Optuna is not installed.
@@ -381,7 +413,7 @@ def fit_all(
         done = fit_of(path, whole, read, "fit to actions", DIFFERING) or []
         for number in range(1, len(done) + 1):
             _check(jobs, done[:number])
-        for found in _fits(jobs[len(done) :], workers):
+        for found in _fits(jobs[len(done) :], workers, tried):
             done.append(found)
             keep_fit(path, whole, done=[asdict(one) for one in done])
             _check(jobs, done)
@@ -419,12 +451,38 @@ def fits_of(kept: Mapping[str, Any], ranges: Mapping[str, Mapping[str, Range]]) 
     return found
 
 
-def _fits(jobs: Sequence[FitJob], workers: int) -> Iterator[Fitted]:
+def _fits(jobs: Sequence[FitJob], workers: int, tried: Callable[[int], None]) -> Iterator[Fitted]:
+    """Do fits, in order."""
     if workers == 1 or len(jobs) == 1:
-        yield from map(fit_job, jobs)
+        number = count(1)
+        for job in jobs:
+            yield fit_job(job, lambda: tried(next(number)))
         return
-    with worker_pool(min(workers, len(jobs))) as pool:
-        yield from pool.map(fit_job, jobs)
+    total = multiprocessing.get_context("spawn").Value("Q")
+    with worker_pool(min(workers, len(jobs)), partial(_count_in, total)) as pool:
+        for found in [pool.submit(_fit_counted, job) for job in jobs]:
+            while wait([found], LOOK_EVERY).not_done:
+                tried(total.value)
+            yield found.result()
+
+
+_total: Any = None
+"""In a worker: how many sets of parameters all workers have tried."""
+
+
+def _count_in(total: Any) -> None:
+    """Make a worker count in a number that it shares with the others."""
+    global _total
+    _total = total
+
+
+def _fit_counted(job: FitJob) -> Fitted:
+    return fit_job(job, _count)
+
+
+def _count() -> None:
+    with _total.get_lock():
+        _total.value += 1
 
 
 def fit_table(fits: Sequence[Fitted]) -> pd.DataFrame:

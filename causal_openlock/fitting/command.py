@@ -214,7 +214,8 @@ def _nothing_searched(learner: str) -> str:
 
 def print_fit(fitted: Fit, found: FittedLearner, console: Terminal) -> None:
     """The best candidates, the distances, the effects and the entry to paste."""
-    from causal_openlock.cli.marks import legend, marked
+    from causal_openlock.analysis.statistics import too_few
+    from causal_openlock.cli.marks import legend, marked, rounded
     from causal_openlock.comparison.console import plain_table
     from causal_openlock.files.yaml_file import dump_yaml
     from causal_openlock.fitting.actions import at_bound
@@ -239,8 +240,11 @@ def print_fit(fitted: Fit, found: FittedLearner, console: Terminal) -> None:
         values = [marked(row[name], name, own, idle) for name in names]
         nearest.add_row(str(row["number"]), *values, f"{row['rmse']:.2f}", again)
     console.print(nearest)
-    for sentence in legend(bool(bounds), bool(idle)):
+    for sentence in legend([name for name in names if name in bounds], idle):
         console.print_line(sentence)
+    console.print_line(plan.space.in_words)
+    if few := too_few(plan.final_subjects, "say how near the learner is to people"):
+        console.warn(few)
 
     console.print(
         f"\n[bold]Distance from {TARGETS[plan.target]}[/bold], RMSE of {over}, in attempts, "
@@ -276,5 +280,5 @@ def print_fit(fitted: Fit, found: FittedLearner, console: Terminal) -> None:
     console.print(effects)
     console.print(signs(found.effects))
     console.print("\n[bold]For an experiment file[/bold], under learners:", markup=True)
-    text = dump_yaml(entries(found))
+    text = dump_yaml([{**one, "parameters": rounded(one["parameters"])} for one in entries(found)])
     console.print(text, highlight=False, markup=False, soft_wrap=True, end="")

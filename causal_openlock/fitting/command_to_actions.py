@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from causal_openlock.cli.marks import legend, marked
+from causal_openlock.cli.marks import legend, marked, rounded
 from causal_openlock.cli.stopping import resumable
-from causal_openlock.wording import joined
+from causal_openlock.wording import counted, joined
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,11 +33,13 @@ def fit_to(
     ``how`` is ``all`` of them together, ``each`` by itself, or as a ``group``, which may be a
     mixture of several learners.
     """
+    from causal_openlock.analysis.statistics import too_few
     from causal_openlock.comparison.console import Terminal
+    from causal_openlock.comparison.progress_bar import shown_steps
     from causal_openlock.files.atomic import write_text
     from causal_openlock.files.escaping import csv_of
     from causal_openlock.files.yaml_file import dump_yaml
-    from causal_openlock.fitting.actions import NONE, WHOLE, fit_all, fit_table, jobs_of
+    from causal_openlock.fitting.actions import WHOLE, fit_all, fit_table, jobs_of
     from causal_openlock.fitting.hierarchical import GROUP, ROUNDS, GroupFit
     from causal_openlock.scoring.teacher_forcing import known_learners, recorded_subjects
     from causal_openlock.storage.store import Store
@@ -47,17 +49,14 @@ def fit_to(
     known_learners(of, played.learners)
     parts = recorded_subjects(record, played, of)
     plan = next(iter(plans.values()))
-    with resumable(), console.status("fitting") as status:
+    with resumable(), shown_steps("fit") as begin:
         if how == "group":
             group = GroupFit(parts, plans, out)
-            fits = group.run(workers, status.update)
+            fits = group.run(workers, begin)
         else:
-            fits = fit_all(
-                jobs_of(parts, plan, how == "each"),
-                out,
-                workers=workers,
-                report=lambda done, total: status.update(f"{done} of {total} fits"),
-            )
+            jobs = jobs_of(parts, plan, how == "each")
+            steps = _Steps(len(jobs), plan.tries, begin)
+            fits = fit_all(jobs, out, workers=workers, report=steps.fits, tried=steps.tried)
     table = fit_table(fits)
     write_text(out / "fits.csv", csv_of(table.round(6)))
     if len(plans) > 1:
@@ -68,11 +67,15 @@ def fit_to(
         _print_fits(shown, list(plan.space.ranges), console)
         if len(table) > MOST_ROWS:
             console.print_line(f"and {len(table) - MOST_ROWS} others")
-    doubts = (shown[name].ne(NONE).any() for name in ("at_bound", "without_effect"))
+    doubts = (_names(shown[name]) for name in ("at_bound", "without_effect"))
     for sentence in legend(*doubts):
         console.print_line(sentence)
+    for one in plans.values():
+        console.print_line(one.space.in_words)
+    subjects = sum(len(part.numbers) for part in parts)
+    if few := too_few(subjects, "generalise the parameters to others"):
+        console.warn(few)
     if how == "group":
-        subjects = sum(len(part.numbers) for part in parts)
         for one in fits:
             if one.who == GROUP and one.fold == WHOLE and one.between:
                 console.print_line(_spread(one, one.followed * subjects))
@@ -83,11 +86,36 @@ def fit_to(
             )
     if how == "all":
         label = f"{plan.space.learner.rpartition(':')[2]}_fitted"
-        chosen = plan.space.parameters(fits[0].chosen)
+        chosen = rounded(plan.space.parameters(fits[0].chosen))
         entry = {"learner": plan.space.learner, "name": label, "parameters": chosen}
         console.print_line("for an experiment file, under learners:")
         console.print(dump_yaml([entry]), highlight=False, markup=False, soft_wrap=True, end="")
     console.print_line(f"{out / 'fits.csv'} written")
+
+
+class _Steps:
+    """Tells how far the fits are, in a line."""
+
+    def __init__(self, jobs: int, tries: int, begin: Callable[[str], None]) -> None:
+        self._jobs, self._tries, self._begin = jobs, jobs * tries, begin
+        self._done = self._number = 0
+        self._tell()
+
+    def fits(self, done: int, _: int) -> None:
+        """Note that some fits are done."""
+        self._done = done
+        self._tell()
+
+    def tried(self, number: int) -> None:
+        """Note that some sets of parameters have been tried."""
+        self._number = number
+        self._tell()
+
+    def _tell(self) -> None:
+        self._begin(
+            f"{self._done} of {counted(self._jobs, 'fit')} done, {self._number:,} of up to "
+            f"{counted(self._tries, 'set')} of parameters tried"
+        )
 
 
 def _print_fits(table: pd.DataFrame, names: Sequence[str], console: Terminal) -> None:
@@ -115,6 +143,13 @@ def _print_mixture(table: pd.DataFrame, plans: Mapping[str, ActionPlan], console
         middle = [f"{name} {_marked(row, name)}" for name in plans[label].space.ranges]
         shown.add_row(label, f"{row['followed']:.0%}", ", ".join(middle), *_bits(row))
     console.print_whole(shown)
+
+
+def _names(column: pd.Series) -> list[str]:
+    """The parameters that any row of a column names, each once."""
+    from causal_openlock.fitting.actions import NONE
+
+    return [name for name in dict.fromkeys(" ".join(column).split()) if name != NONE]
 
 
 def _marked(row: Mapping[Hashable, Any], name: str) -> str:

@@ -55,7 +55,9 @@ def score(
     subject and learner; and scores/followed.csv, which of them each subject follows. Printed is the
     ranking, in bits per action.
     """
+    from causal_openlock.analysis.statistics import too_few
     from causal_openlock.comparison.console import Terminal
+    from causal_openlock.comparison.progress_bar import shown_steps
     from causal_openlock.experiment.building import make_experiment
     from causal_openlock.experiment.file import find_experiment, read_experiment
     from causal_openlock.fitting.predicting import read_fit, score_fits
@@ -80,7 +82,8 @@ def score(
     known_learners(of or (), played.learners)
     named = [one.learner for one in predicting]
     fitted = [read_fit(one, named) for one in fits or ()]
-    with console.status("") as status:
+    with shown_steps("score") as begin:
+        begin("no part is scored yet")
         scores = score_fits(
             record,
             played,
@@ -90,7 +93,7 @@ def score(
             lapse=lapse,
             draws=Draws(hits=hits),
             workers=workers or available_cores(),
-            report=lambda done, total: status.update(f"{done} of {total} parts are scored"),
+            report=lambda done, total: begin(f"{done} of {total} parts are scored"),
         )
     subjects, ranked = scores.subjects, scores.ranking
     before = _names_in(out := out or folder / FOLDER)
@@ -102,6 +105,8 @@ def score(
         "actions are taken to be random; a learner that knows nothing needs log2 of the "
         "number of actions"
     )
+    if few := too_few(int(ranked["subjects"].iloc[0])):
+        console.warn(few)
     for one in fitted:
         by = (
             "each action by what was fitted without it"

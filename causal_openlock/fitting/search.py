@@ -47,7 +47,7 @@ from causal_openlock.experiment.experiment import origin_of
 from causal_openlock.files.validation import StrictModel
 from causal_openlock.files.yaml_file import parse_document, read_document
 from causal_openlock.scoring import LAPSE
-from causal_openlock.wording import nearest
+from causal_openlock.wording import joined, nearest, significant
 
 BUNDLED = Path(__file__).parent
 FORM = "name=low:high, or name=low:high:log"
@@ -145,6 +145,26 @@ class SearchSpace:
             kinds.append(Kind(self.second.learner, own, subjects - other, other))
         return [kind for kind in kinds if kind.subjects]
 
+    @property
+    def in_words(self) -> str:
+        """Which form of the learner is fitted: what is fixed, and what is chosen by default.
+
+        >>> SearchSpace("bayes", {"policy": "thompson"}, {}).in_words
+        'bayes was fitted with policy thompson (fixed) and forgets everything (default).'
+        """
+        own = {*self.fixed, *self.ranges}
+        by_default = {
+            one.name: one.default
+            for one in parameter_table(self.learner)
+            if isinstance(one.default, str) and one.name not in own
+        }
+        parts = [
+            f"{', '.join(f'{name} {_plain(value)}' for name, value in values.items())} ({how})"
+            for values, how in ((self.fixed, "fixed"), (by_default, "default"))
+            if values
+        ]
+        return f"{self.learner} was fitted with {joined(parts) or 'its defaults'}."
+
     def parameters(self, chosen: Mapping[str, float]) -> dict[str, Any]:
         """All parameters that differ from the defaults, for a choice of those searched."""
         searched = {
@@ -152,6 +172,13 @@ class SearchSpace:
             for name, one in self.ranges.items()
         }
         return {**self.fixed, **searched}
+
+
+def _plain(value: Any) -> str:
+    """A parameter as an experiment file has it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return str(significant(value)) if isinstance(value, float) else str(value)
 
 
 def _code_of(learner: str, parameters: Mapping[str, Any]) -> str:

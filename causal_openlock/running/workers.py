@@ -16,6 +16,7 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
+from functools import partial
 from multiprocessing.process import BaseProcess
 from typing import Any, TypeVar
 
@@ -230,10 +231,15 @@ def open_workers(executor: Executor | None, workers: int) -> Iterator[Workers]:
 
 
 @contextmanager
-def worker_pool(workers: int) -> Iterator[Executor]:
-    """A pool of processes of this machine with one thread each."""
+def worker_pool(workers: int, prepare: Callable[[], None] | None = None) -> Iterator[Executor]:
+    """A pool of processes of this machine with one thread each.
+
+    Args:
+        workers: How many.
+        prepare: Called in each before it works; it is pickled.
+    """
     with _one_thread():
-        pool = _spawning_pool(workers, start_worker)
+        pool = _spawning_pool(workers, partial(_start, prepare) if prepare else start_worker)
         others = set(multiprocessing.active_children())
         try:
             yield pool
@@ -268,6 +274,11 @@ def _one_thread() -> Iterator[None]:
 
 def _new(others: set[BaseProcess]) -> set[BaseProcess]:
     return set(multiprocessing.active_children()) - others
+
+
+def _start(prepare: Callable[[], None]) -> None:
+    start_worker()
+    prepare()
 
 
 def start_worker() -> None:

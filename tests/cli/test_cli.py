@@ -316,7 +316,9 @@ def test_a_schema_of_ones_own_is_compared_the_same_minute(tmp_path: Path) -> Non
     said, _ = here("schema", "check", "vault.yaml", cwd=tmp_path)
     assert "good: 3 levers, 1 solution, attempts of at least 4 actions" in said
     said, _ = here("schema", "show", "vault.yaml", cwd=tmp_path)
-    assert "L0 L1 L2 door" in said
+    assert said.endswith("\n1 solution:\n  L0 L1 L2 door\n")
+    said, _ = here("schema", "show", "vault.yaml", "--states", cwd=tmp_path)
+    assert said.index("L0 L1 L2 door") < said.index("of 16 states can be reached in an attempt of")
     here(
         *("compare", "--condition", "vault.yaml", "--learner", "oracle", "--learner", "random"),
         *("--subjects", 4, "--out", "out"),

@@ -13,14 +13,17 @@ from typer.testing import CliRunner
 
 import causal_openlock as ol
 from causal_openlock.cli import app
+from causal_openlock.comparison import progress_bar
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.building import make_experiment
+from causal_openlock.fitting import actions
 from causal_openlock.fitting.actions import FILE, ActionPlan, fit_all, fit_job, fit_table, jobs_of
 from causal_openlock.fitting.kept import fitting_in, keep_fit
 from causal_openlock.fitting.search import Range, search_space
 from causal_openlock.running.runner import run
 from causal_openlock.scoring.teacher_forcing import Recorded, recorded_subjects
 from causal_openlock.storage.store import Store
+from support.command import at_once
 
 pytestmark = pytest.mark.slow
 
@@ -144,3 +147,50 @@ def test_on_the_command_line(folder: Path, tmp_path: Path) -> None:
     assert np.isfinite(pd.read_csv(tmp_path / "fit" / "fits.csv")["bits"]).all()
     wrong = CliRunner().invoke(app, [*words[:-1], str(tmp_path / "other"), "--hold-out", "points"])
     assert "'points' cannot be held out" in str(wrong.exception)
+
+
+# -- what the commands say ------------------------------------------------------------------------
+
+
+def test_a_fit_says_what_it_is_of_what_stands_at_a_bound_and_how_far_it_is(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Temperatures of 10 and more fit worse and worse, so the best is at the bound."""
+    monkeypatch.setattr(progress_bar, "FIRST_AFTER", 0.01)
+    out = tmp_path / "fit"
+    done = at_once(
+        "fit", "associative", "--to", folder, "--of", "warm", "--search", "temperature=10:100:log",
+        "--fix", "partial=0.25", "--candidates", 3, "--hold-out", "none", "--out", out,
+    )  # fmt: skip
+    assert done.status == 0, done.stderr
+    assert "* at a bound of what was searched (temperature)" in done.stdout
+    assert "associative was fitted with partial 0.25 (fixed)." in done.stdout
+    assert "warning: 6 subjects are too few to generalise" in done.stdout
+    assert "temperature: 10\n" in done.stdout
+    (kept,) = json.loads((out / FILE).read_bytes())["done"]
+    assert kept["chosen"]["temperature"] == 10.000000000000002
+    assert "fit: 0 of 1 fit done, " in done.stderr
+    assert "of up to 123 sets of parameters tried" in done.stderr
+
+
+def test_sets_of_parameters_are_counted_here_and_in_workers(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(actions, "LOOK_EVERY", 0.01)
+    jobs = jobs_of(parts(folder, "cool"), replace(PLAN, candidates=3, moves=5), each=False)[:2]
+    counts: dict[int, list[int]] = {1: [], 2: []}
+    for workers, own in counts.items():
+        fits = fit_all(jobs, tmp_path / str(workers), workers=workers, tried=own.append)
+        assert len(fits) == 2
+    every = counts[1][-1]
+    # Whether a parameter makes a difference is tried once the fit is found.
+    assert every >= sum(one.evaluations for one in fits)
+    assert counts[1] == [*range(1, every + 1)]
+    assert counts[2] == sorted(counts[2])
+    assert 0 < counts[2][-1] <= every
+
+
+def test_scores_of_few_subjects_are_cautioned_against(folder: Path, tmp_path: Path) -> None:
+    done = at_once("score", folder, "-l", "associative", "-l", "random", "--out", tmp_path / "own")
+    assert done.status == 0, done.stderr
+    assert "warning: 12 subjects are too few to rank learners\n" in done.stdout

@@ -26,7 +26,7 @@ from causal_openlock.analysis.results.chance import attempts_at_random
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import Beside, gap_column
 from causal_openlock.analysis.section import Section
-from causal_openlock.analysis.statistics import FEW_SUBJECTS
+from causal_openlock.analysis.statistics import FEW_SUBJECTS, too_few
 from causal_openlock.analysis.table import Table, number, printed, share
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.analysis.topics.pairwise import Outcomes, compared, outcomes
@@ -464,13 +464,13 @@ def answers(table: pd.DataFrame, decisions: Decisions) -> dict[str, tuple[str, .
             if best is not None and decisions.has(TOPIC.name, (protocol, best, name))
         ]
         alike = [name for name in own if best and _alike(decisions, str(protocol), best, name)]
-        enough = best is not None and own[best]["subjects"] >= FEW_SUBJECTS
+        few = too_few(own[best]["subjects"], where=" in a condition") if best else ""
         found[str(protocol)] = _PROSE.paragraphs(
             "answer",
             best=own.get(best),
-            level=[own[name] for name in alike] if enough and len(alike) < _LEADERS else [],
+            level=[own[name] for name in alike] if not few and len(alike) < _LEADERS else [],
             several=sum(not row["informed"] for row in own.values()) > 1,
-            least=FEW_SUBJECTS,
+            few=few,
             gaps=gaps,
             alike=alike,
             unsolved=[name for name, row in own.items() if row["solved"] == 0],
