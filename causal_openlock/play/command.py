@@ -106,17 +106,20 @@ def play(
         recruiting=_names(recruiting),
         command=shlex.join(words),
     )
+    console = Terminal()
+
+    def standing() -> str:
+        return f"joined: {people.number}, finished: {people.finished}"
+
     try:
         for identifier in readmit or ():
             people.readmit(identifier)
-        server = PlayServer(people, host, port, address, completion)
+        server = PlayServer(
+            people, host, port, address, completion, lambda: console.print_line(standing())
+        )
     except BaseException:
         people.close()
         raise
-    console = Terminal()
-
-    def joined() -> str:
-        return counted(people.number, "person has", "people have")
 
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
@@ -127,7 +130,7 @@ def play(
     if server.address:
         console.print_line(f"people reach it at {server.address}, through the proxy")
     if people.number:
-        console.print_line(f"{joined()} joined before; they go on where they were")
+        console.print_line(f"{standing()}; they continue where they stopped")
     if not server.loopback:
         console.print_line("warning: everybody who can reach this machine can play")
     console.print_line(f"what people do is kept in {out}; stop with Ctrl-C")
@@ -139,7 +142,7 @@ def play(
         pass
     finally:
         server.finish()
-    console.print_line(f"{joined()} joined; causal-openlock report {out}")
+    console.print_line(f"{standing()}; to see the results: causal-openlock report {out}")
 
 
 def _text(path: Path) -> str:

@@ -353,6 +353,11 @@ class People:
         """How many have joined."""
         return len(self._order)
 
+    @property
+    def finished(self) -> int:
+        """How many of them have played to the end, apart from those whose data were deleted."""
+        return sum(person.game.stage == "end" for person in [*self._there])
+
     def sync(self) -> None:
         """Flush the log to the disk."""
         self._log.sync()

@@ -99,6 +99,7 @@ class PlayServer:
             service; empty for nowhere. The page has it only at the end.
         address: What people type, such as ``https://study.example.org``, if a reverse proxy passes
             their requests on; empty without one.
+        changed: Called soon after somebody has joined or finished.
 
     Raises:
         OpenLockError: If it cannot listen there, or the address is invalid.
@@ -111,8 +112,9 @@ class PlayServer:
         port: int = 0,
         address: str = "",
         completion: str = "",
+        changed: Callable[[], None] = lambda: None,
     ) -> None:
-        self.people = people
+        self.people, self._changed = people, changed
         self.completion = _completion(completion)
         self.address = _checked(address)
         self._socket = _listening(host, port)
@@ -176,8 +178,13 @@ class PlayServer:
     def _keep(self) -> None:
         # The first time at once: a server that was killed may have left something to write.
         waited, ended_only = KEEP_EVERY, False
+        before = self.people.number, self.people.finished
         while not self._stopped.wait(1.0):
             waited += 1.0
+            now = self.people.number, self.people.finished
+            if now != before:
+                self._changed()
+            before = now
             try:
                 self.people.sync()
                 if waited >= KEEP_EVERY:
@@ -223,15 +230,15 @@ class PlayServer:
                 *(_file(path, *file) for path, file in static_files().items()),
                 _get("/brief", lambda request: self._brief()),
                 _get("/geometry/{size}", lambda request: geometry(_size(request))),
-                _get("/state", lambda request: self._state(_session(request))),
+                _get("/state", lambda request: self._told(people.view(_session(request)))),
                 _post("/join", _Join, lambda request, sent: {
                     "id": people.join(sent.agreed, sent.recruited, sent.id)}),
-                _post("/answer", _Answer, lambda request, sent: people.answer(
-                    _session(request), sent.turn, sent.edges)),
-                _post("/proceed", _Turn, lambda request, sent: people.proceed(
-                    _session(request), sent.turn)),
-                _post("/act", _Action, lambda request, sent: people.act(
-                    _session(request), sent.turn, sent.action, sent.reaction)),
+                _post("/answer", _Answer, lambda request, sent: self._told(people.answer(
+                    _session(request), sent.turn, sent.edges))),
+                _post("/proceed", _Turn, lambda request, sent: self._told(people.proceed(
+                    _session(request), sent.turn))),
+                _post("/act", _Action, lambda request, sent: self._after(people.act(
+                    _session(request), sent.turn, sent.action, sent.reaction))),
             ],
             exception_handlers=dict.fromkeys(
                 (OpenLockError, ClientDisconnect, HTTPException), self._refused
@@ -254,12 +261,15 @@ class PlayServer:
             "recruiting": self.people.recruiting,
         }
 
-    def _state(self, name: str) -> Answer:
+    def _told(self, now: Answer) -> Answer:
         """What a person may know now; only at the end where to go, which may be worth money."""
-        view = self.people.view(name)
-        if self.completion and view["stage"] == "end":
-            return {**view, "completion": self.completion}
-        return view
+        if self.completion and now["stage"] == "end":
+            return {**now, "completion": self.completion}
+        return now
+
+    def _after(self, answer: Answer) -> Answer:
+        """What came of an action, with what the person may know then."""
+        return {**answer, "next": self._told(answer["next"])}
 
     async def _refused(self, request: Request, error: Exception) -> Response:
         match error:
@@ -270,7 +280,7 @@ class PlayServer:
                     self._warn_once(error.advice)
                 said: Answer = {"error": str(error), "why": type(error).__name__}
                 if isinstance(error, OutOfTurn):
-                    said["now"] = error.now
+                    said["now"] = self._told(error.now)
                 return JSONResponse(said, error.status)
             case StoreError():
                 _warn(error)  # the page need not know paths of this machine

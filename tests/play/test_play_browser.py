@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import re
+import signal
 from collections.abc import Iterator
 from itertools import permutations
 from pathlib import Path
@@ -22,6 +23,7 @@ from causal_openlock.storage.store import Store
 from support import browsers
 from support.accessibility import violations
 from support.play_clients import serving
+from support.waiting import HANGS
 
 pytestmark = pytest.mark.browser
 
@@ -243,6 +245,52 @@ def test_a_click_at_a_server_that_is_away_counts_once_when_it_is_back(
         click(page, 4)
         again.stop()
     assert read_reactions(tmp_path)["action"].to_pylist() == [5, 6, 4]
+
+
+ONE_LEVER = "name: one\nlevers: [L0]\nedges: {L0: [door]}\n"
+
+
+def test_who_has_finished_never_reads_of_a_lost_connection(page: Page, tmp_path: Path) -> None:
+    """The server is stopped as soon as the last action is answered: all that is left is there."""
+    (tmp_path / "one.yaml").write_text(ONE_LEVER)
+    words = ["--condition", str(tmp_path / "one.yaml"), "--no-practice"]
+    words += ["--completion", "http://127.0.0.1:1/done"]
+    with serving(tmp_path / "out", *words) as server:
+        begin(page, server.url)
+        for room in range(1, 6):
+            click(page, grey(page)[0])
+            click(page, DOOR)
+            expect(page.locator("#pause-title")).to_have_text("You found every combination!")
+            if room < 5:
+                page.click("#pause-go")
+                page.click("#pause-go")
+                page.wait_for_selector(READY)
+        server.process.send_signal(signal.SIGINT)
+        said, _ = server.process.communicate(timeout=HANGS)
+    page.click("#pause-go")
+    expect(page.locator("#outcome")).to_have_text("You found every combination in every room.")
+    assert page.get_attribute("#back-link", "href") == "http://127.0.0.1:1/done"
+    page.click("#another")
+    expect(page.locator("#over")).to_contain_text("The study is closed now")
+    assert page.is_hidden("#another")
+    assert page.is_visible("#end")
+    assert page.is_hidden("#offline")
+    lines = [line for line in said.splitlines() if "joined" in line]
+    assert lines[0] == "joined: 1, finished: 0"
+    assert lines[-1].startswith("joined: 1, finished: 1; ")
+
+
+def test_the_instructions_name_the_colours_and_not_what_they_mean(
+    page: Page, tmp_path: Path
+) -> None:
+    """The paper's participants saw grey and white levers, and were not told which are active."""
+    with serving(tmp_path, *CC3) as server:
+        page.goto(server.url)
+        page.wait_for_selector("#begin")
+        told = page.inner_text("#intro")
+    (sentence,) = [line for line in told.splitlines() if "grey" in line]
+    assert "Some levers are grey and others white." in sentence
+    assert not re.search("active|belong|mechanism|move|never", sentence)
 
 
 CONTRAST = """

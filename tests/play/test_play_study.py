@@ -21,6 +21,7 @@ from causal_openlock.play.refusals import (
 from causal_openlock.storage import store
 from support.command import at_once
 from support.play_clients import asked, people, solving, walk_through
+from support.waiting import until
 
 
 def room_of(home, name: str):
@@ -282,7 +283,12 @@ def test_the_server_tells_of_consent_and_completion_and_takes_answers(tmp_path: 
     from causal_openlock.play.server import PlayServer
 
     home = people(tmp_path, consent="*Yes* <script>", practice=False, ask=True, recruiting=["PID"])
-    server = PlayServer(home, completion="https://app.prolific.com/submissions/complete?cc=C0DE")
+    counts: list[tuple[int, int]] = []
+    server = PlayServer(
+        home,
+        completion="https://app.prolific.com/submissions/complete?cc=C0DE",
+        changed=lambda: counts.append((home.number, home.finished)),
+    )
     thread = threading.Thread(target=server.serve_forever, daemon=True)
     thread.start()
     try:
@@ -309,8 +315,10 @@ def test_the_server_tells_of_consent_and_completion_and_takes_answers(tmp_path: 
         edges = [[levers[0], levers[1]], [levers[1], 7]]
         now = asked(server.url, "answer", id=me, turn=after["next"]["turn"], edges=edges)
         assert now["stage"] == "room"
+        until(lambda: counts == [(1, 0)])
         answered(home, me)
         assert asked(server.url, "state", id=me)["completion"].endswith("?cc=C0DE")
+        until(lambda: counts == [(1, 0), (1, 1)])
         with pytest.raises(urllib.error.HTTPError) as caught:
             asked(server.url, "join", agreed=mark, recruited={"PID": "5f"})
         assert caught.value.code == 410

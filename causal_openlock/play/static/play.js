@@ -251,7 +251,7 @@ async function begin(at_once) {
   occupied(false);
 }
 
-async function end() {
+function end() {
   $("where").textContent = "";
   const solved = state.ended.filter((one) => one.left === 0).length;
   const many = state.ended.length;
@@ -265,13 +265,12 @@ async function end() {
     }
     return row;
   }));
-  $("back").hidden = true;
+  // Nothing is asked of the server any more: it may be stopped as soon as everybody has finished.
+  $("back").hidden = !state.completion;
+  if (state.completion) $("back-link").href = state.completion;
   $("another").hidden = brief.recruiting.length > 0; // they come by an address of their own
+  $("over").hidden = true;
   screen("end");
-  // Only people who have finished are sent somewhere.
-  const { completion } = await got("/state");
-  $("back").hidden = !completion;
-  if (completion) $("back-link").href = completion;
 }
 
 // -- acting -----------------------------------------------------------------------------------
@@ -411,7 +410,11 @@ $("proceed").onclick = async () => {
   state = said;
   await enter();
 };
-$("another").onclick = () => {
+$("another").onclick = async () => {
+  const there = await fetch("/brief").then((answer) => answer.ok, () => false);
+  $("another").hidden = !there;
+  $("over").hidden = there;
+  if (!there) return;
   remember(null);
   state = null;
   agreed = "";
