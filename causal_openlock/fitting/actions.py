@@ -199,10 +199,10 @@ class Predictions:
         return float(np.minimum(-table["log_probability"][own], PENALTY).sum())
 
 
-def fit_job(job: FitJob, tried: Callable[[], None] = _ignore) -> Fitted:
-    """Do one fit, and call ``tried`` whenever another set of parameters has been tried."""
+def fit_job(job: FitJob, note: Callable[[], None] = _ignore) -> Fitted:
+    """Do one fit, and call ``note`` whenever another set of parameters has been tried."""
     plan, ranges = job.plan, job.plan.space.ranges
-    predicted = Predictions(job.parts, plan, tried)
+    predicted = Predictions(job.parts, plan, note)
 
     def loss(chosen: Mapping[str, float]) -> float:
         return predicted.loss(chosen, job.fold)

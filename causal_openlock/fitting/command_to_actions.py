@@ -70,8 +70,8 @@ def fit_to(
     doubts = (_names(shown[name]) for name in ("at_bound", "without_effect"))
     for sentence in legend(*doubts):
         console.print_line(sentence)
-    for one in plans.values():
-        console.print_line(one.space.in_words)
+    for each in plans.values():
+        console.print_line(each.space.in_words)
     subjects = sum(len(part.numbers) for part in parts)
     if few := too_few(subjects, "generalise the parameters to others"):
         console.warn(few)

@@ -163,9 +163,9 @@ def make_report(
         learners=[written.section(one) for one in pages],
         summary=_summary_blocks(summary, learners, material.references),
         described=described,
-        warnings=(
-            *not_applicable(experiment.reasons),
-            *warnings_of(trials, summary, experiment.versions, material.references, material.given),
+        not_applicable=not_applicable(experiment.reasons),
+        warnings=warnings_of(
+            trials, summary, experiment.versions, material.references, material.given
         ),
         files=written.files,
         given=material.given,
