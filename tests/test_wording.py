@@ -39,9 +39,10 @@ def test_sentences_with_numbers_are_right_for_one(tmp_path: Path) -> None:
     assert "An attempt has at most 1 action." in budgets(once)
     going_on = replace(once, stop_when_solved=False)
     assert budgets(going_on).startswith("1 attempt in every trial")
-    found = dict.fromkeys(("families", "undefined", "alpha", "effects", "power"), ())
-    text = Prose("causal_openlock.paper.paper_tests").sentence("text", **found, subjects=1, weak=0)
-    assert "With 1 subject in each" in text
+    text = Prose("causal_openlock.analysis.topics.leaderboard").sentence(
+        "few", few={"a": 1}, all=True, sizes=[1], least=20
+    )
+    assert text.startswith("Only 1 subject in a condition")
     assert sentence_on_changes(pd.DataFrame({"what": ["seed"]})).startswith("1 thing differs in")
     assert repr(Schema("x", ["A"], {"A": ["door"]})) == "<Schema x: 1 lever, 1 solution>"
     path = tmp_path / "e.yaml"

@@ -513,7 +513,7 @@ def _cell(column: str, row: Mapping[str, Any], cut: Collection[str]) -> Cell:
     if column == "n":
         return f"{value:g}", ""
     if column == "before":
-        return f"{value:,.0f}" if value else "–", ""
+        return f"{value:,.0f}", ""
     if column == "score":
         return printed(float(value), ".2f"), ""
     low, high = row[f"{column}_low"], row[f"{column}_high"]
