@@ -80,17 +80,10 @@ def test_intervals_are_those_of_the_mean_of_new_subjects(expected: dict[str, Any
 
 def test_a_subject_counts_once_with_the_mean_of_its_conditions() -> None:
     results = played(3, 2)
-    by_hand = [
-        np.mean(
-            [
-                results.actions.query(
-                    "learner == 'random' and condition == @name and subject == @subject"
-                )["moved"].mean()
-                for name in ("CC3", "CE3")
-            ]
-        )
-        for subject in (0, 1)
-    ]
+    moved: dict[tuple[str, int], list[bool]] = {}
+    for row in results.actions.query("learner == 'random'").itertuples():
+        moved.setdefault((row.condition, row.subject), []).append(row.moved)
+    by_hand = [np.mean([np.mean(moved[name, one]) for name in ("CC3", "CE3")]) for one in (0, 1)]
     assert of_subjects(results, "random")["moved"].tolist() == pytest.approx(by_hand)
 
 
