@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from numbers import Real
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from causal_openlock.analysis.effects import (
     power_of_t,
 )
 from causal_openlock.errors import OpenLockError
+from causal_openlock.files.validation import whole_number
 
 
 class SampleSize(NamedTuple):
@@ -70,8 +72,7 @@ def sample_size(
     Raises:
         OpenLockError: If numbers are missing or not possible, or more than a million are needed.
     """
-    values = np.atleast_1d(np.asarray(sd, float))
-    spread = float(values.std(ddof=1)) if len(values) > 1 else float(values[0])
+    spread = _spread(sd)
     if difference is None and subjects is None:
         raise OpenLockError("give the difference that matters, or the number of subjects")
     if None not in (difference, subjects, power):
@@ -80,12 +81,18 @@ def sample_size(
         ("sd", spread, 0, math.inf),
         ("alpha", alpha, 0, 1),
         ("power", power, alpha, 1),
-        ("subjects", subjects, 1, MOST_SUBJECTS + 1),
-        ("difference", difference and abs(difference), 0, math.inf),
+        (
+            "difference",
+            abs(difference) if isinstance(difference, Real) else difference,
+            0,
+            math.inf,
+        ),
     ):
-        if value is not None and not low < value < high:
-            most = f" and less than {high:,.10g}" if high < math.inf else ""
-            raise OpenLockError(f"{name} has to be more than {low:g}{most}, not {value:g}")
+        if value is not None and not (isinstance(value, Real) and low < value < high):
+            most = f" and less than {high:g}" if high < math.inf else ""
+            raise OpenLockError(f"{name} has to be more than {low:g}{most}, not {value!r}")
+    if subjects is not None:
+        subjects = whole_number(subjects, "subjects", 2)
     wanted = POWER if power is None else power
 
     def power_at(distance: float, many: int) -> float:
@@ -93,10 +100,7 @@ def sample_size(
 
     if difference is None:
         assert subjects is not None
-        high = spread
-        while power_at(high, subjects) < wanted:
-            high *= 2
-        difference = _root(lambda one: power_at(one, subjects) - wanted, high)
+        return SampleSize(subjects, _smallest(power_at, subjects, wanted, spread), wanted)
     found = subjects or fewest_subjects(lambda n: power_at(difference, n), wanted)
     if found is None:
         raise OpenLockError(
@@ -106,8 +110,24 @@ def sample_size(
     return SampleSize(found, difference, power_at(difference, found))
 
 
-def _root(function: Callable[[float], float], high: float) -> float:
-    """Where a rising function is 0, between 0 and a number."""
+def _spread(sd: float | Sequence[float]) -> float:
+    """A standard deviation, perhaps that of values."""
+    try:
+        values = np.asarray(sd, float).ravel()
+    except (TypeError, ValueError):
+        values = np.zeros(0)
+    if not len(values):
+        raise OpenLockError(f"sd is a number, or the values of a pilot study, not {sd!r}")
+    return float(values.std(ddof=1) if len(values) > 1 else values[0])
+
+
+def _smallest(
+    power_at: Callable[[float, int], float], subjects: int, power: float, start: float
+) -> float:
+    """The difference at which a power is reached."""
     from scipy.optimize import brentq
 
-    return float(brentq(function, 0.0, high))
+    high = start
+    while power_at(high, subjects) < power:
+        high *= 2
+    return float(brentq(lambda one: power_at(one, subjects) - power, 0.0, high))
