@@ -43,8 +43,10 @@ def methods(results: Material) -> Methods:
     Nothing but the results is needed. Where a learner is not installed here in the version that
     played, its defaults are not known, and all its parameters are given.
 
-    >>> print(methods(results).split(". ")[1][:51])
-    The conditions were CC4 (5 trials), CE4 (5 trials),
+    >>> from causal_openlock import compare
+    >>> results = compare("CC4", ["oracle"], subjects=2, workers=0)
+    >>> print(results.methods().split(". ")[1])
+    The condition was CC4 (5 trials)
 
     Args:
         results: The results of one or more folders.
