@@ -107,6 +107,7 @@ from .analysis.results.summary import headline_table as headline_table
 from .analysis.results.summary import summary_table as summary_table
 from .analysis.topics.structure_recovery import structure_recovery as structure_recovery
 from .analysis.topics.regret import regret as regret
+from .analysis.sample_size import sample_size as sample_size
 from .analysis.statistics import mean_interval as mean_interval
 from .scoring.model_selection import select_models as select_models
 from .scoring.scores import Scores as Scores

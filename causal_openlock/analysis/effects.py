@@ -71,17 +71,25 @@ def holm(p: FloatArray) -> FloatArray:
     return corrected
 
 
-def power_of_t(d: float, subjects: int) -> float:
+def power_of_t(d: float, subjects: int, alpha: float = ALPHA, paired: bool = False) -> float:
     """Probability that a two-sided t test of two groups, at least 2 subjects each, finds Cohen's d.
 
     >>> round(power_of_t(0.5, 64), 2)
     0.8
+
+    If it is ``paired``, d is that of the differences in as many pairs.
     """
     from scipy.special import nctdtr, stdtrit
 
     df, away = 2 * subjects - 2, abs(d) * np.sqrt(subjects / 2)
-    critical = stdtrit(df, 1 - ALPHA / 2)
-    return float(1 - nctdtr(df, away, critical) + nctdtr(df, away, -critical))
+    if paired:
+        df, away = subjects - 1, abs(d) * np.sqrt(subjects)
+    critical = stdtrit(df, 1 - alpha / 2)
+    if not np.isfinite(away):
+        return float("nan")
+    # SciPy has NaN for probabilities below 1e-15.
+    below, above = np.nan_to_num(nctdtr(df, away, [critical, -critical]))
+    return float(1 - below + above)
 
 
 def power_of_contrast(noncentrality: float, subjects: int, groups: int) -> float:
@@ -106,19 +114,20 @@ def subjects_needed(d: float) -> int | None:
 
     None if that is beyond :data:`MOST_SUBJECTS`, as for no effect at all, or if d is NaN.
     """
-    return None if np.isnan(d) else _fewest(lambda n: power_of_t(d, n))
+    return None if np.isnan(d) else fewest_subjects(lambda n: power_of_t(d, n))
 
 
 def contrast_subjects_needed(noncentrality: float, groups: int) -> int | None:
     """The fewest subjects in each group for a contrast; see :func:`power_of_contrast`."""
     if np.isnan(noncentrality):
         return None
-    return _fewest(lambda n: power_of_contrast(noncentrality, n, groups))
+    return fewest_subjects(lambda n: power_of_contrast(noncentrality, n, groups))
 
 
-def _fewest(power_at: Callable[[int], float]) -> int | None:
+def fewest_subjects(power_at: Callable[[int], float], power: float = POWER) -> int | None:
+    """The fewest subjects with a power, which rises with them; None beyond the most."""
     sizes = range(2, MOST_SUBJECTS + 1)
-    place = bisect_left(sizes, POWER, key=power_at)
+    place = bisect_left(sizes, power, key=power_at)
     return sizes[place] if place < len(sizes) else None
 
 

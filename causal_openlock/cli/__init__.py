@@ -15,6 +15,7 @@ from typing import Annotated
 import typer
 
 from causal_openlock.cli import (
+    check,
     compare,
     export,
     learners,
@@ -45,6 +46,7 @@ for _command in (
     compare.compare,
     report.report,
     status.status,
+    check.check,
     export.export,
     export.bundle,
     pictures.trace,

@@ -39,12 +39,22 @@ def report(
         Path | None,
         typer.Option("--out", "-o", help="Folder for the comparison of two; default: the first."),
     ] = None,
+    methods: Annotated[
+        bool, typer.Option("--methods", help="Print the methods section for a paper instead.")
+    ] = False,
 ) -> None:
     """Write the report of a comparison, or of what people played; or compare two of them."""
     from causal_openlock.comparison.console import Terminal
 
     console = Terminal()
-    if against is None:
+    if methods:
+        from causal_openlock.comparison.results import open_results
+
+        if against or out:
+            raise OpenLockError("--methods is about one comparison; leave out the other and --out")
+        results = open_results(folder, *beside or (), reference=reference)
+        console.print_line(results.methods())
+    elif against is None:
         if out is not None:
             raise OpenLockError(
                 "--out is for the comparison of two folders; a report is written into its own"

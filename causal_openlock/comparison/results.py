@@ -39,6 +39,7 @@ from causal_openlock.world.room import action_names, positions_for
 if TYPE_CHECKING:
     import pyarrow as pa
 
+    from causal_openlock.analysis.report.methods import Methods
     from causal_openlock.analysis.report.writing import Report
     from causal_openlock.comparison.plotting import Plots
 
@@ -271,6 +272,15 @@ class Results(Material):
             several = len(self.folders) != 1
             folder = tempfile.mkdtemp(prefix="report-") if several else self.folders[0]
         return make_report(self, folder)
+
+    def methods(self) -> Methods:
+        """Return the paragraphs for one's paper: what was compared, and how.
+
+        See :func:`~causal_openlock.analysis.report.methods.methods`.
+        """
+        from causal_openlock.analysis.report.methods import methods
+
+        return methods(self)
 
     def save(self, folder: Path | str) -> Path:
         """Copy the results into a folder of their own, where they stay.

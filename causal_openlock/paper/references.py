@@ -28,6 +28,7 @@ def people() -> Reference:
         did_what_people_did,
         title="People",
         detail="published",
+        source="Edmonds et al., 2018",
         prefix="human",
     )
 
@@ -40,6 +41,7 @@ def published_model() -> Reference:
         did_what_people_did,
         title="Published model",
         detail="theory-based",
+        source="Edmonds et al., 2020",
         prefix="model",
         in_leaderboard=False,
     )
@@ -52,6 +54,7 @@ def ddqn_2018() -> Reference:
         pd.DataFrame(columns=POINT_COLUMNS),
         _in_the_papers_rooms,
         detail="published counts",
+        source="Edmonds et al., 2018",
         in_leaderboard=False,
         categories=published.paper_ddqn(),
         protocol="",

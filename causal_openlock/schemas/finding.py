@@ -18,12 +18,12 @@ SUFFIXES = tuple(suffix for format in FORMATS.values() for suffix in format.suff
 
 
 def bundled(kind: str) -> Path:
-    """A folder of files that come with the package: ``schemas``, ``experiments`` or ``notebooks``.
+    """What comes with the package: ``schemas``, ``experiments``, ``notebooks``, ``CITATION.cff``.
 
-    In a checkout it is beside the package, in an installed wheel inside it.
+    In a checkout it is next to the package, in an installed wheel inside it.
     """
     inside = PACKAGE / "bundled" / kind
-    return inside if inside.is_dir() else PACKAGE.parent / kind
+    return inside if inside.exists() else PACKAGE.parent / kind
 
 
 def find_schema(name: str | os.PathLike[str] | Schema, beside: Iterable[Path] = ()) -> Schema:

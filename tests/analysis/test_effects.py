@@ -146,3 +146,8 @@ def test_correction_and_power_are_those_of_statsmodels() -> None:
             f2 = effect * n / (error + 2)
             expected = ftest_power_f2(f2, 1, error, ALPHA, ncc=1)
             assert power_of_contrast(effect, n, 4) == pytest.approx(expected, abs=1e-12)
+
+
+def test_power_of_a_large_effect_is_one_and_no_gap() -> None:
+    assert [power_of_t(d, 40) for d in (2.0, 3.0, 8.0)] == pytest.approx([1.0, 1.0, 1.0])
+    assert np.isnan(power_of_t(float("nan"), 40))

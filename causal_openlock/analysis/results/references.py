@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -69,6 +69,7 @@ class Reference:
             the points.
         title: What panels of figures call it; by default its name.
         detail: What it is, for small type: ``published``.
+        source: Where it is from, as a paper cites it; by default its detail.
         prefix: What its columns begin with, as in ``human_attempts``; by default its name.
         in_leaderboard: Whether the leaderboard says how many attempts more each learner needs.
         categories: What attempts came to, in blocks: ``condition``, ``phase``, ``block``,
@@ -83,6 +84,7 @@ class Reference:
     judged: pd.DataFrame | None = None
     title: str = ""
     detail: str = ""
+    source: str = field(default="", kw_only=True)
     prefix: str = ""
     in_leaderboard: bool = True
     categories: pd.DataFrame | None = None

@@ -1,0 +1,133 @@
+"""How many subjects a comparison of two means needs, before they are recruited or played.
+
+Three numbers hang together in a t test: subjects, the difference of means and the power, which is
+the probability that the test is significant if the difference is real. Two of them give the third.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from numbers import Real
+from typing import NamedTuple
+
+import numpy as np
+
+from causal_openlock.analysis.effects import (
+    ALPHA,
+    MOST_SUBJECTS,
+    POWER,
+    fewest_subjects,
+    power_of_t,
+)
+from causal_openlock.errors import OpenLockError
+from causal_openlock.files.validation import whole_number
+
+
+class SampleSize(NamedTuple):
+    """A planned t test: subjects in each group (or pairs), difference of means, power."""
+
+    subjects: int
+    difference: float
+    power: float
+
+    def __repr__(self) -> str:
+        """Three digits of each number."""
+        size = f"subjects={self.subjects}, difference={self.difference:.3g}"
+        return f"SampleSize({size}, power={self.power:.2f})"
+
+
+def sample_size(
+    difference: float | None = None,
+    *,
+    sd: float | Sequence[float],
+    subjects: int | None = None,
+    power: float | None = None,
+    alpha: float = ALPHA,
+    paired: bool = False,
+) -> SampleSize:
+    """Return what is missing of subjects, difference and power of a two-sided t test.
+
+    The paper has 40 people in each condition. With a standard deviation of 5 attempts that is
+    enough to find, four times in five, a difference of 3.2 attempts; one of 2 needs 100 people:
+
+    >>> sample_size(sd=5, subjects=40)
+    SampleSize(subjects=40, difference=3.17, power=0.80)
+    >>> sample_size(2, sd=5)
+    SampleSize(subjects=100, difference=2, power=0.80)
+    >>> sample_size(2, sd=5, subjects=40)
+    SampleSize(subjects=40, difference=2, power=0.42)
+
+    Args:
+        difference: Difference of the means, in attempts or whatever ``sd`` is in; without it, the
+            smallest that is found with this power is returned.
+        sd: Standard deviation within a group, or values of a pilot study to take it from. Of
+            paired subjects: that of the differences in pairs.
+        subjects: In each group, or pairs; without it, the fewest with this power are returned.
+        power: Wanted power, by default 0.8; with both ``difference`` and ``subjects`` it is what
+            is returned.
+        alpha: Significance level; divide it by the number of tests that are corrected together.
+        paired: Whether subjects are compared in pairs, as learners that meet the same rooms are.
+
+    Raises:
+        OpenLockError: If numbers are missing or not possible, or more than a million are needed.
+    """
+    spread = _spread(sd)
+    if difference is None and subjects is None:
+        raise OpenLockError("give the difference that matters, or the number of subjects")
+    if None not in (difference, subjects, power):
+        raise OpenLockError("difference, subjects and power: give two, and the third is returned")
+    for name, value, low, high in (
+        ("sd", spread, 0, math.inf),
+        ("alpha", alpha, 0, 1),
+        ("power", power, alpha, 1),
+        (
+            "difference",
+            abs(difference) if isinstance(difference, Real) else difference,
+            0,
+            math.inf,
+        ),
+    ):
+        if value is not None and not (isinstance(value, Real) and low < value < high):
+            most = f" and less than {high:g}" if high < math.inf else ""
+            raise OpenLockError(f"{name} has to be more than {low:g}{most}, not {value!r}")
+    if subjects is not None:
+        subjects = whole_number(subjects, "subjects", 2)
+    wanted = POWER if power is None else power
+
+    def power_at(distance: float, many: int) -> float:
+        return power_of_t(distance / spread, many, alpha, paired)
+
+    if difference is None:
+        assert subjects is not None
+        return SampleSize(subjects, _smallest(power_at, subjects, wanted, spread), wanted)
+    found = subjects or fewest_subjects(lambda n: power_at(difference, n), wanted)
+    if found is None:
+        raise OpenLockError(
+            f"a difference of {difference:g} needs more than {MOST_SUBJECTS:,} subjects; ask for a "
+            "larger one"
+        )
+    return SampleSize(found, difference, power_at(difference, found))
+
+
+def _spread(sd: float | Sequence[float]) -> float:
+    """A standard deviation, perhaps that of values."""
+    try:
+        values = np.asarray(sd, float).ravel()
+    except (TypeError, ValueError):
+        values = np.zeros(0)
+    if not len(values):
+        raise OpenLockError(f"sd is a number, or the values of a pilot study, not {sd!r}")
+    return float(values.std(ddof=1) if len(values) > 1 else values[0])
+
+
+def _smallest(
+    power_at: Callable[[float, int], float], subjects: int, power: float, start: float
+) -> float:
+    """The difference at which a power is reached."""
+    from scipy.optimize import brentq
+
+    high = start
+    while power_at(high, subjects) < power:
+        high *= 2
+    return float(brentq(lambda one: power_at(one, subjects) - power, 0.0, high))
