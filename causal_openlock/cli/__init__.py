@@ -2,8 +2,8 @@
 
 Each command is a function, a few lines over the library. Those of the core are listed below; all
 others, such as ``fit`` and ``play``, are registered by the packages that they belong to, in the
-group of entry points ``causal_openlock.commands``. ``options``, ``terminal`` and ``stopping`` serve
-them all. A mistake of the user is one sentence on standard error, with exit status 2; everything
+group of entry points ``causal_openlock.commands``. ``groups`` says under which heading ``--help``
+lists each; ``options``, ``terminal`` and ``stopping`` serve them all. A mistake of the user is one sentence on standard error, with exit status 2; everything
 heavy is loaded only by the command that needs it.
 """
 
@@ -26,6 +26,7 @@ from causal_openlock.cli import (
     status,
     text,
 )
+from causal_openlock.cli.groups import GroupedCommands
 from causal_openlock.cli.terminal import complain, say, warn_in_a_line, write_anything
 from causal_openlock.errors import OpenLockError, in_short
 from causal_openlock.files.escaping import require_utf8
@@ -34,11 +35,12 @@ from causal_openlock.version import __version__
 
 app = typer.Typer(
     name="causal-openlock",
+    cls=GroupedCommands,
     help="Which learners discover a causal schema by acting, and carry it to a new situation?",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 app.add_typer(schema.app, name="schema")
 for _command in (

@@ -76,7 +76,9 @@ def compare(
         Path | None, typer.Option(help="Folder for TensorBoard's logs, a run for each cell.")
     ] = None,
 ) -> None:
-    """Compare learners; a folder that holds a part of this comparison is completed.
+    """Compare learners, and write a report of the results.
+
+    A folder that holds a part of this comparison is completed.
 
     Exit status: 0 if everything was played, 1 if cells failed and all others were played, 2 if what
     was asked for cannot be done, 130 or 143 if it was stopped.

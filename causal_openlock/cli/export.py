@@ -83,7 +83,7 @@ def bundle(
         str, typer.Option("--license", help="Of the data, such as CC-BY-4.0, for its data card.")
     ] = "",
 ) -> None:
-    """Put an experiment, its record and its report into one file that anyone can run again."""
+    """Pack an experiment, its record and its report into one file."""
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.export.bundle import write_bundle
     from causal_openlock.storage.store import Store

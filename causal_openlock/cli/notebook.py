@@ -21,7 +21,7 @@ def notebook(
         int | None, typer.Option(help="Begin with this lesson, and not with the template.")
     ] = None,
 ) -> None:
-    """Begin a notebook: a comparison to fill in, or a copy of a lesson to change."""
+    """Begin a notebook from a template, or from a lesson."""
     from causal_openlock.schemas.finding import bundled
 
     path = Path(name if name.lower().endswith(SUFFIX) else f"{name}{SUFFIX}")

@@ -41,7 +41,7 @@ def room(
         Path | None, typer.Option("--out", "-o", help="Picture to write (SVG or PNG).")
     ] = None,
 ) -> None:
-    """Draw a room as in the paper's Figure 2: at first, or after or amid some actions."""
+    """Draw a room as in the paper's Figure 2, or after some actions."""
     from causal_openlock.render.room import look_after, save_still
     from causal_openlock.schemas.finding import find_schema
     from causal_openlock.world.room import Room, action_index, first_layout
@@ -86,7 +86,7 @@ def film(
         ),
     ] = None,
 ) -> None:
-    """Show a trial: the arm carries out what a learner did, with the console beside the room."""
+    """Film a trial: the arm carries out a learner's actions."""
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.render.film import check_suffix, save_film
     from causal_openlock.render.filmed_trial import play_trial, recorded_trial
@@ -144,7 +144,7 @@ def trace(
         Path | None, typer.Option(help="Write a row for each action to this CSV file, too.")
     ] = None,
 ) -> None:
-    """Describe a trial: what a subject did, saw and learned, and what it believes."""
+    """Describe a trial: what a subject did, saw, learned and believed."""
     from causal_openlock.analysis.plots.belief import save_trace_figure
     from causal_openlock.belief.trace import trace_text, trace_trial
     from causal_openlock.render.suffixes import path_of_picture

@@ -43,7 +43,7 @@ def report(
         bool, typer.Option("--methods", help="Print the methods section for a paper instead.")
     ] = False,
 ) -> None:
-    """Write the report of a comparison, or of what people played; or compare two of them."""
+    """Write the report of a results folder, or compare two folders."""
     from causal_openlock.comparison.console import Terminal
 
     console = Terminal()

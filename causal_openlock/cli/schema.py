@@ -24,7 +24,7 @@ Output = Annotated[Path | None, typer.Option("--out", "-o", help="File to write.
 
 @app.command("list")
 def list_schemas() -> None:
-    """List the schemas that come with the package, and those in ./schemas."""
+    """List the schemas of the package, and those in ./schemas."""
     from rich.table import Table
 
     from causal_openlock.comparison.console import Terminal
@@ -117,7 +117,7 @@ def _show_states(fsm: FSM) -> None:
 def check(
     names: Annotated[list[str], typer.Argument(help="Names of schemas, or paths of files.")],
 ) -> None:
-    """Check schemas: faults with line and column, and which learners are slow on them."""
+    """Check schemas: their faults, and which learners are slow."""
     from causal_openlock.contract.expected_cost import expected_cost
     from causal_openlock.experiment.protocol import default_action_limit
 
@@ -144,7 +144,7 @@ def check(
 
 @app.command()
 def draw(name: SchemaName, out: Output = None) -> None:
-    """Draw a schema as a figure (PNG, SVG or PDF, by the suffix of --out)."""
+    """Draw a schema as a figure: PNG, SVG or PDF."""
     from causal_openlock.render.graph import save_schema_figure
 
     schema = _read(name)
@@ -163,7 +163,10 @@ def export(
     out: Output = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
 ) -> None:
-    """Write a schema in another format; files in these formats but bif can be given, too."""
+    """Write a schema in another format.
+
+    Files in these formats, except bif, can be given as well.
+    """
     from causal_openlock.schemas.graphs import export_schema, write_schema
 
     schema = _read(name)

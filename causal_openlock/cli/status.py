@@ -11,9 +11,10 @@ MOST_LISTED = 20
 
 
 def status(folder: ResultsFolder) -> None:
-    """Show what of a comparison is done, running and failed, and when it will be over.
+    """Show what of a comparison is done, and the time left.
 
-    It may run anywhere: on this machine, on a cluster, or as shards in a job array.
+    Running and failed cells are named. The comparison may run anywhere: on this machine, on a
+    cluster, or as shards in a job array.
     """
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.comparison.progress_bar import duration

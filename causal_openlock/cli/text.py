@@ -21,7 +21,7 @@ def text(
     subject: SubjectNumber = 0,
     seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Seed of rooms and words.")] = 0,
 ) -> None:
-    """Play in words, in the terminal: what a language model is told, and how it answers."""
+    """Play in words, in the terminal, as a language model does."""
     import numpy as np
 
     from causal_openlock.experiment.protocol import Condition, find_protocol

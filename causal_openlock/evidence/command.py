@@ -43,7 +43,7 @@ def evidence(
         typer.Option(help="Let code run that this study names, also where it is only checked."),
     ] = None,
 ) -> None:
-    """Run studies: every number and verdict of the result pages comes from one.
+    """Run the studies that the documentation's numbers come from.
 
     Without names and options, list the studies, what each takes and how far it is. A study that
     is stopped keeps what was measured, and the same command completes it, on any machine. Code that

@@ -72,7 +72,9 @@ def fit(
         Path | None, typer.Option("--out", "-o", help="Folder; by default results/fit-LEARNER.")
     ] = None,
 ) -> None:
-    """Search a learner's parameters for the best likeness to people; goes on where it was.
+    """Search a learner's parameters for the best likeness to people.
+
+    A search that was stopped is continued by the same command.
 
     With --to they are fitted to single actions, by maximum likelihood. How many candidates are
     tried, what is held out and so on stands in the file of --plan, under fit:.

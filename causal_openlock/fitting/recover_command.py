@@ -60,9 +60,10 @@ def recover(
         Path | None, typer.Option("--out", "-o", help="Folder; by default results/recover-NAME.")
     ] = None,
 ) -> None:
-    """Simulate subjects of every learner, let all predict them, and say which can be told apart.
+    """Simulate learners, and say which of them can be distinguished.
 
-    Goes on where it was. Written are single.csv, groups.csv, by_size.csv, bits.csv, a figure, and
+    Every learner predicts the subjects of every learner. What was stopped is continued by the same
+    command. Written are single.csv, groups.csv, by_size.csv, bits.csv, a figure, and
     with --parameters what was recovered of each parameter.
     """
     from causal_openlock.analysis.plots import style

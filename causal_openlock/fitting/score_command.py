@@ -48,7 +48,7 @@ def score(
         Path | None, typer.Option("--out", "-o", help="Folder; by default FOLDER/scores.")
     ] = None,
 ) -> None:
-    """Score learners on every action of every subject of a results folder.
+    """Score learners on every action of every subject.
 
     Each learner sees what a subject saw, says how likely each action is, and is then shown what the
     subject did. Written are scores/actions.parquet, a row an action; scores/subjects.csv, a row a

@@ -33,10 +33,10 @@ def import_(
         typer.Option(help="Whether files name layouts, or rooms are those that the seed draws."),
     ] = "named",
 ) -> None:
-    """Make a results folder of data from elsewhere, which report and score read.
+    """Make a results folder from data of your own.
 
-    Every action is taken once more in its room; a row that could not have happened is named with
-    its file and line, and nothing is written.
+    Commands such as report and score read it. Every action is repeated in its room; a row that
+    could not have happened is named with its file and line, and nothing is written.
     """
     from causal_openlock.importing.folder import import_files
 

@@ -78,7 +78,10 @@ def play(
         bool, typer.Option("--browser/--no-browser", help="Open the page in a browser.")
     ] = True,
 ) -> None:
-    """Let people play, in a browser; people in a folder that exists go on where they were."""
+    """Let people play, in a browser.
+
+    People in a folder that exists continue where they stopped.
+    """
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.experiment.protocol import Condition, find_protocol
     from causal_openlock.play.people import People
@@ -174,7 +177,7 @@ def forget(
         str | None, typer.Option("--condition", "-c", help="The condition that they played.")
     ] = None,
 ) -> None:
-    """Delete all data of one person who played, or was imported, for good."""
+    """Delete all data of one person, played or imported, for good."""
     from causal_openlock.play.forgetting import forget_person
 
     gone, left = forget_person(folder, subject, condition)
