@@ -3,8 +3,9 @@
 Each command is a function, a few lines over the library. Those of the core are listed below; all
 others, such as ``fit`` and ``play``, are registered by the packages that they belong to, in the
 group of entry points ``causal_openlock.commands``. ``groups`` says under which heading ``--help``
-lists each; ``options``, ``terminal`` and ``stopping`` serve them all. A mistake of the user is one sentence on standard error, with exit status 2; everything
-heavy is loaded only by the command that needs it.
+lists each; ``options``, ``terminal`` and ``stopping`` serve them all. A mistake of the user is one
+sentence on standard error, with exit status 2; everything heavy is loaded only by the command that
+needs it.
 """
 
 from __future__ import annotations
