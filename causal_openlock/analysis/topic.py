@@ -26,6 +26,10 @@ def _nothing(_: Material) -> None:
     return None
 
 
+def _silent(_: str) -> None:
+    return None
+
+
 def _one_question(_: Hashable) -> None:
     return None
 
@@ -69,17 +73,26 @@ def all_topics() -> list[Topic]:
     return sorted(topics, key=lambda topic: topic.place)
 
 
-def decisions_of(material: Material, topics: Sequence[Topic]) -> Decisions:
-    """Return what is found in a report on these topics, of all their tests together."""
+def decisions_of(
+    material: Material, topics: Sequence[Topic], begin: Callable[[str], None] = _silent
+) -> Decisions:
+    """Return what is found in a report on these topics, of all their tests together.
+
+    ``begin`` is called with the name of each topic before it is computed.
+    """
     decisions = Decisions()
     for topic in topics:
+        begin(topic.name)
         computed = topic.compute(material)
         decisions.register(topic.name, topic.tests(computed), computed, topic.family)
     return decisions
 
 
 def sections_of(
-    material: Material, topics: Sequence[Topic], decisions: Decisions | None = None
+    material: Material,
+    topics: Sequence[Topic],
+    decisions: Decisions | None = None,
+    begin: Callable[[str], None] = _silent,
 ) -> list[Section]:
     """Return all sections that the record has something for.
 
@@ -87,13 +100,17 @@ def sections_of(
         material: What they are made of.
         topics: What they are about, in order.
         decisions: From :func:`decisions_of`; by default of these topics.
+        begin: Called with the name of each topic before its section is made.
 
     Raises:
         ValueError: If two sections, tables or plots have the same name.
     """
     decided = decisions_of(material, topics) if decisions is None else decisions
-    found = [topic.section(material, decided.of(topic.name)) for topic in topics]
-    sections = [section for section in found if section is not None]
+    sections = []
+    for topic in topics:
+        begin(topic.name)
+        section = topic.section(material, decided.of(topic.name))
+        sections += [] if section is None else [section]
     for what, names in (
         ("sections", [section.name for section in sections]),
         ("tables", [table.name for section in sections for table in section.tables]),

@@ -86,12 +86,16 @@ def report_store(
         reasons: Whether to say why some learners are not applicable; ``compare`` has said it.
     """
     from causal_openlock.analysis.report.warnings import not_applicable
+    from causal_openlock.analysis.report.writing import make_report
     from causal_openlock.analysis.results.missing import missing_cells
     from causal_openlock.comparison.leaderboard_text import print_leaderboard
+    from causal_openlock.comparison.progress_bar import shown_steps
     from causal_openlock.comparison.results import open_results
 
-    results = open_results(folder, *others, reference=references)
-    page = results.report(folder)
+    with shown_steps("report") as begin:
+        begin("reading")
+        results = open_results(folder, *others, reference=references)
+        page = make_report(results, folder, begin=begin)
     print_leaderboard(page.leaderboard, console, page.answers)
     for sentence in not_applicable(results.experiment.reasons) if reasons else ():
         console.print(sentence, highlight=False)
@@ -123,13 +127,16 @@ def report_difference(first: Path, second: Path, out: Path, console: Terminal) -
         write_difference,
     )
     from causal_openlock.analysis.results.reading import read_results
+    from causal_openlock.comparison.progress_bar import shown_steps
     from causal_openlock.storage.store import Store
 
     names = _names(first, second)
     path = out / f"difference_{second.resolve().name}.html"
-    changed, table = write_difference(
-        read_results(Store(first)), read_results(Store(second)), path, names
-    )
+    with shown_steps("report") as begin:
+        begin("reading")
+        both = read_results(Store(first)), read_results(Store(second))
+        begin("comparing")
+        changed, table = write_difference(*both, path, names)
     if len(changed):
         _print_changes(changed, names, console)
     else:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import itertools
+import re
+import time
 from pathlib import Path
 
 import pytest
 
-from causal_openlock.comparison.progress_bar import LINE_EVERY, Lines, duration
+from causal_openlock.comparison import progress_bar
+from causal_openlock.comparison.progress_bar import LINE_EVERY, Lines, duration, shown_steps
 from causal_openlock.experiment.experiment import Cell
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.running.progress import Playing, ProgressEstimator, RunProgress, work
@@ -102,3 +105,31 @@ def test_lines_are_regular_and_name_what_hangs(cells: list[Cell]) -> None:
 )
 def test_durations_are_told_in_words(seconds: float, words: str) -> None:
     assert duration(seconds) == words
+
+
+def test_a_long_task_names_its_step_in_a_file_and_a_quick_one_says_nothing(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with shown_steps("report") as begin:
+        begin("reading")
+    assert capsys.readouterr() == ("", "")
+    monkeypatch.setattr(progress_bar, "FIRST_AFTER", 0.05)
+    with shown_steps("report") as begin:
+        begin("reading")
+        begin("computing [transfer]")
+        time.sleep(0.5)
+    assert capsys.readouterr() == ("", "report: computing [transfer]\n")
+
+
+def test_on_a_terminal_the_step_is_a_line_that_disappears(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm")
+    with shown_steps("report") as begin:
+        begin("drawing [survival]")
+        time.sleep(0.5)
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "report: drawing [survival]" in re.sub(r"\x1b\[[\d;?]*\w", "", err)
+    assert err.endswith("\x1b[2K")

@@ -7,6 +7,7 @@ What has a page of its own (a report, a comparison of two) has a template of its
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +19,19 @@ from causal_openlock.files.atomic import write_text
 
 
 class Written:
-    """The files beside a page, in ``figures/`` and ``tables/``, as paths within its folder."""
+    """The files beside a page, in ``figures/`` and ``tables/``, as paths within its folder.
 
-    def __init__(self, folder: Path) -> None:
+    ``begin`` is called with the name of each plot before it is drawn.
+    """
+
+    def __init__(self, folder: Path, begin: Callable[[str], None] = lambda _: None) -> None:
         self.folder = folder
+        self.begin = begin
         self.files: list[str] = []
 
     def plot(self, plot: SectionPlot) -> dict[str, Any]:
         """Write a plot; returns what the template shows of it."""
+        self.begin(plot.name)
         svg = style.save(plot.figure, self.folder / "figures" / plot.name)
         self.files += [f"figures/{plot.name}.{kind}" for kind in (*style.KINDS, "svg")]
         return inline(plot, svg)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 import webbrowser
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -101,9 +101,15 @@ def write_report(
 
 
 def make_report(
-    material: Material, out_dir: Path | str, topics: Sequence[Topic] | None = None
+    material: Material,
+    out_dir: Path | str,
+    topics: Sequence[Topic] | None = None,
+    begin: Callable[[str], None] | None = None,
 ) -> Report:
-    """Write a report as :func:`write_report` does, of what is counted already."""
+    """Write a report as :func:`write_report` does, of what is counted already.
+
+    ``begin`` is called before each step with its name, such as ``drawing survival``.
+    """
     folder = Path(out_dir)
     path = folder / "report.html"
     earlier = files_of(path)
@@ -113,16 +119,17 @@ def make_report(
     described = what_was_run(experiment, trials_played(trials))
 
     write_table(with_missing(summary, missing), folder / "summary.csv")
-    written = Written(folder)
+    begin = begin or (lambda _: None)
+    written = Written(folder, lambda name: begin(f"drawing {name}"))
     plots, pages = figures_of(material), learner_pages(material, described["each"])
     topics = all_topics() if topics is None else topics
-    decisions = decisions_of(material, topics)
+    decisions = decisions_of(material, topics, lambda name: begin(f"computing {name}"))
     ranked = decisions.computed("leaderboard")
     ranked = leaderboard(material) if ranked is None else ranked
     write_table(ranked, folder / "tables" / "leaderboard.csv")
     written.files.append("tables/leaderboard.csv")
     first, opening = list(leaderboard_tables(ranked)), answers(ranked, decisions)
-    sections = sections_of(material, topics, decisions)
+    sections = sections_of(material, topics, decisions, lambda name: begin(f"describing {name}"))
     opening_figures = [plot for one in sections for plot in one.plots if plot.opening]
     page = render(
         "report.html.j2",

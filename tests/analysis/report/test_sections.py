@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from causal_openlock.analysis.measures import attempts_to_solve
-from causal_openlock.analysis.report.writing import write_report
+from causal_openlock.analysis.report.writing import make_report, write_report
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.table import Table, printed
 from causal_openlock.analysis.topic import all_topics, columns_of, sections_of
@@ -77,6 +77,15 @@ def test_latex_of_a_table_has_rules_and_no_sign_that_latex_trips_over(folder: Pa
     )
     assert r"a & +0.000 & 12.5\% & yes & 1,234,567 & -- \\" in text
     assert not re.search(r"(?<!\\)[%#_]", text.replace(r"\label{tab:paid}", ""))
+
+
+def test_each_step_is_named_when_it_begins(tmp_path: Path) -> None:
+    record = table(trial_rows([1, 2, 3]))
+    steps: list[str] = []
+    make_report(material_of(record, experiment_of(record)), tmp_path, [OURS], steps.append)
+    paid = ["computing paid", "describing paid", "drawing paid"]
+    assert [step for step in steps if step.endswith(" paid")] == paid
+    assert {step.partition(" ")[0] for step in steps} == {"computing", "describing", "drawing"}
 
 
 def test_what_a_later_report_does_not_have_is_removed(tmp_path: Path) -> None:
