@@ -12,7 +12,7 @@ EXTRAS := --extra test --extra notebooks
 OLDEST := 3.11.5
 PYTHONS := $(OLDEST) 3.12 3.13 3.14
 
-.PHONY: help compare test test-fast lint style types imports tests bench scale soak identity fuzz docs notebooks evidence \
+.PHONY: help compare test test-fast lint style types imports tests bench scale soak identity fuzz docs notebooks lessons evidence \
         evidence-check json-schemas lock lock-hashes install-locked audit pythons test-minimum dist check-dist clean
 
 help:
@@ -26,6 +26,7 @@ help:
 	@echo "make fuzz     set up, give 100,000 spoiled files to every reader (resumable: INPUTS=... FIRST=...)"
 	@echo "make audit    set up a tool, ask for security advisories about the locked set"
 	@echo "make notebooks  set up, open the lessons in JupyterLab"
+	@echo "make lessons  set up, run the lessons and store what they put out: notebooks/"
 
 compare: $(VENV)/installed
 	$(BIN)/causal-openlock compare default --out results/default
@@ -93,6 +94,10 @@ evidence-check: $(VENV)/installed
 # The lessons, to run and to change; it goes on until Ctrl-C.
 notebooks: $(VENV)/installed-notebooks
 	$(BIN)/python -m jupyterlab notebooks
+
+# The lessons, run and stored with what they put out; LESSONS="3 5" runs these two.
+lessons: $(VENV)/installed-test
+	$(BIN)/python docs/run_lessons.py $(LESSONS)
 
 # The JSON Schemas that editors use, made anew from the models.
 json-schemas: $(VENV)/installed

@@ -152,9 +152,9 @@ def _moment(watched: WatchedTrial, shot: Shot, small: bool = False) -> str:
     pictures = f'<div style="{_ROW}">{"".join(parts)}</div>'
     if small:
         size = r'width="[\d.]+in" height="[\d.]+in"'
-        pictures = re.sub(size, 'style="width:11em;height:auto"', pictures)
+        pictures = re.sub(size, 'style="width:14em;height:auto"', pictures)
     caption = f"<figcaption>{escape(words)}</figcaption>"
-    style = f"margin:0.3em;width:{12 * len(parts)}em;font-size:80%" if small else "margin:0"
+    style = f"margin:0.3em;width:{15 * len(parts)}em;font-size:80%" if small else "margin:0"
     return f'<figure style="{style}">{pictures}{caption}</figure>'
 
 

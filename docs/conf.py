@@ -38,17 +38,8 @@ myst_enable_extensions = ["colon_fence", "deflist"]
 myst_heading_anchors = 3
 
 # -- the lessons ------------------------------------------------------------------------------
-# The folder lessons is a link to notebooks, which are kept without outputs and run here. What a
-# lesson put out is kept until its text changes; after a change of the program, `make clean` first.
-nb_execution_mode = "cache"
-nb_execution_in_temp = True  # what lessons write is not kept
-nb_execution_timeout = 240  # seconds for a cell
-nb_execution_show_tb = True  # an error is a warning, and warnings end the build
-nb_merge_streams = True
-# Nothing is loaded from elsewhere; a widget, which is dead without its kernel, shows as what it
-# shows where there are no widgets.
-nb_ipywidgets_js: dict[str, dict[str, str]] = {}
-nb_mime_priority_overrides = [("html", "application/vnd.jupyter.widget-view+json", None)]
+# The folder lessons is a link to notebooks, which are stored with what they put out: make lessons.
+nb_execution_mode = "off"
 
 # -- the reference ----------------------------------------------------------------------------
 autodoc_default_options = {"members": True, "member-order": "bysource", "show-inheritance": True}
@@ -76,11 +67,10 @@ html_theme_options = {"navigation_with_keys": True}
 
 
 def setup(app: Sphinx) -> None:
-    """Keep what lessons put out with the other things that are kept for the next build."""
+    """Keep the lessons' pictures inside the build, which myst-nb puts beside it."""
 
-    def keep_outputs(app: Sphinx) -> None:
-        kept = app.doctreedir / "lessons"
-        folders = {"output_folder": f"{kept}/outputs", "execution_cache_path": f"{kept}/cache"}
-        app.env.mystnb_config = app.env.mystnb_config.copy(**folders)
+    def keep_inside(app: Sphinx) -> None:
+        folder = str(app.doctreedir / "lessons")
+        app.env.mystnb_config = app.env.mystnb_config.copy(output_folder=folder)
 
-    app.connect("builder-inited", keep_outputs, priority=900)  # after myst-nb itself
+    app.connect("builder-inited", keep_inside, priority=900)  # after myst-nb itself

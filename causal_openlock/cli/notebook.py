@@ -11,6 +11,7 @@ import typer
 from causal_openlock.cli.terminal import say
 from causal_openlock.errors import OpenLockError
 from causal_openlock.files.atomic import write_text
+from causal_openlock.files.notebooks import without_outputs
 
 SUFFIX = ".ipynb"
 
@@ -36,5 +37,5 @@ def notebook(
         source = lessons[lesson - 1]
     else:
         raise OpenLockError(f"there is no lesson {lesson}; there are lessons 1 to {len(lessons)}")
-    write_text(path, source.read_text(encoding="utf-8"))
+    write_text(path, without_outputs(source.read_text(encoding="utf-8")))
     say(f"{path} written; open it in an editor, or with: jupyter lab {shlex.quote(str(path))}")

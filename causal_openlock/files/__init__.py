@@ -9,6 +9,7 @@ by hand, with the line of each fault),
 :mod:`~causal_openlock.files.decoding` and :mod:`~causal_openlock.files.json_text` (text and JSON of
 other programs),
 :mod:`~causal_openlock.files.escaping` (untrusted text in terminals and CSV),
+:mod:`~causal_openlock.files.notebooks` (lessons without their outputs),
 :mod:`~causal_openlock.files.plugins` (what packages register) and
 :mod:`~causal_openlock.files.compiling` (the folder for what numba compiles).
 """

@@ -39,9 +39,14 @@ def test_a_notebook_begins_as_the_template_and_one_line_says_how_to_open_it(tmp_
 
 
 @pytest.mark.parametrize("number", [1, len(LESSONS)])
-def test_it_may_begin_as_a_lesson(number: int, tmp_path: Path) -> None:
+def test_it_may_begin_as_a_lesson_that_was_never_run(number: int, tmp_path: Path) -> None:
     begun(tmp_path, "mine.ipynb", "--lesson", number)
-    assert (tmp_path / "mine.ipynb").read_bytes() == LESSONS[number - 1].read_bytes()
+    mine = nbformat.read(tmp_path / "mine.ipynb", as_version=4)
+    lesson = nbformat.read(LESSONS[number - 1], as_version=4)
+    assert [cell.source for cell in mine.cells] == [cell.source for cell in lesson.cells]
+    code = [cell for cell in mine.cells if cell.cell_type == "code"]
+    assert [(cell.outputs, cell.execution_count) for cell in code] == [([], None)] * len(code)
+    assert "code_hash" not in mine.metadata
 
 
 def test_no_file_is_overwritten(tmp_path: Path) -> None:

@@ -1,8 +1,14 @@
-"""The lessons and the template: they run, show what they promise, and stay short."""
+"""The lessons and the template: they run, show what they promise, and stay short.
+
+Lessons are stored with what they put out, so that they can be read where they lie.
+"""
 
 from __future__ import annotations
 
 import ast
+import base64
+import io
+import json
 import os
 import re
 import shutil
@@ -17,8 +23,14 @@ import nbformat
 import pytest
 from jupyter_client.manager import KernelManager
 from nbclient import NotebookClient
+from PIL import Image
 
+from causal_openlock.files.notebooks import without_outputs
 from support.places import ROOT
+
+sys.path.append(str(ROOT / "docs"))
+
+from run_lessons import code_hash, same_each_time
 
 pytestmark = pytest.mark.slow
 
@@ -64,6 +76,12 @@ c.InlineBackend.print_figure_kwargs = {"bbox_inches": None, "dpi": 30}
 """
 """How a kernel hands figures over: drawn once, not a second time for their margins, and small."""
 SOLUTION = re.compile(r"```python\n(.*?)```", re.DOTALL)
+MOST_BYTES, WIDEST = 300_000, 1000
+ACCIDENTAL = re.compile(
+    r"[\s'\"(>]/\w+/|[A-Z]:\\\\|\b0x[0-9a-f]{4}|\bin [\d.]+ ?(?:s|min|h)\b"
+    r"|\b\d\d:\d\d\b|\b20\d\d-\d\d-\d\d\b|<progress|<svg|<iframe|widget"
+)
+"""What differs from run to run, such as folders, addresses and times, and what no forge shows."""
 each = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 each_lesson = pytest.mark.parametrize("path", LESSONS, ids=lambda path: path.stem)
 
@@ -134,7 +152,14 @@ def test_it_runs_from_top_to_bottom_and_shows_what_it_promises(
     client = NotebookClient(notebook, km=kernel, timeout=A_CELL)
     client.execute()
     client.kc.stop_channels()
-    for cell in [cell for cell in cells if cell.cell_type == "code"]:
+    shown_as_promised([cell for cell in cells if cell.cell_type == "code"])
+    attempts = int(notebook.cells[-1].outputs[0].text)
+    assert 0 < attempts <= MOST_ATTEMPTS
+
+
+def shown_as_promised(cells: list[Any]) -> None:
+    """Cells that plot have a picture, others that end in a value show it, and none warns."""
+    for cell in cells:
         last = ast.parse(cell.source.rstrip(";")).body[-1:]
         kinds = {kind for output in cell.outputs for kind in output.get("data", {})}
         warnings = [output.text for output in cell.outputs if output.get("name") == "stderr"]
@@ -145,20 +170,55 @@ def test_it_runs_from_top_to_bottom_and_shows_what_it_promises(
             quiet = ("learner.begin(", "people.close(")
             called = cell.source.split("\n")[-1]
             assert cell.outputs or called.startswith(quiet), cell.source
-    attempts = int(notebook.cells[-1].outputs[0].text)
-    assert 0 < attempts <= MOST_ATTEMPTS
 
 
-@each
-def test_it_is_kept_without_outputs(path: Path) -> None:
+@each_lesson
+def test_it_is_stored_with_what_its_code_put_out(path: Path) -> None:
     notebook = read(path)
     nbformat.validate(notebook)
     cells = code_cells(notebook)
-    assert cells
-    assert [cell.outputs for cell in cells] == [[]] * len(cells)
-    assert [cell.execution_count for cell in cells] == [None] * len(cells)
+    shown_as_promised(cells)
+    assert notebook.metadata["code_hash"] == code_hash(notebook), (
+        "changed since it ran: make lessons"
+    )
+    assert [cell.execution_count for cell in cells] == [*range(1, len(cells) + 1)]
+    assert path.stat().st_size <= MOST_BYTES
+    pictures = [
+        output.data.pop("image/png")
+        for cell in cells
+        for output in cell.outputs
+        if "image/png" in output.get("data", {})
+    ]
+    assert len(pictures) >= 2
+    for picture in pictures:
+        with Image.open(io.BytesIO(base64.b64decode(picture))) as image:
+            assert (image.format, image.info) == ("PNG", {})
+            assert image.width <= WIDEST
+    said = "\n".join(json.dumps(output) for cell in cells for output in cell.outputs)
+    assert ACCIDENTAL.findall(said) == []
+
+
+@pytest.mark.parametrize(
+    "text", ["Ran 9 tests in 0.412s", "4 cells done, in 3 min", "PosixPath('/tmp/x/report.html')",
+             "<Axes at 0x7f31>", "2026-11-26", "C:\\\\Users"],
+)  # fmt: skip
+def test_what_differs_from_run_to_run_would_be_noticed(text: str) -> None:
+    assert ACCIDENTAL.search(text)
+
+
+def test_times_and_folders_are_left_out_of_what_is_stored() -> None:
+    said = "Ran 9 tests in 0.412s, PosixPath('/tmp/x-1/first/report.html'), 1/2, <b>and</b>"
+    assert same_each_time(said) == "Ran 9 tests, PosixPath('report.html'), 1/2, <b>and</b>"
+
+
+@each
+def test_nothing_else_is_stored_with_it(path: Path) -> None:
+    """No times of cells, no state of widgets; and the template as if it had never been run."""
+    notebook = read(path)
     assert [dict(cell.metadata) for cell in notebook.cells] == [{}] * len(notebook.cells)
-    assert "widgets" not in notebook.metadata
+    assert {*notebook.metadata} - {"code_hash"} == {"kernelspec", "language_info"}
+    text = TEMPLATE.read_text(encoding="utf-8")
+    assert text == without_outputs(text)
 
 
 @each

@@ -1,0 +1,37 @@
+"""Notebooks without what their cells put out: lessons are stored with outputs, and given without.
+
+It needs the standard library alone, since wheels are built with it (``hatch_build.py``).
+"""
+
+from __future__ import annotations
+
+import json
+
+
+def without_outputs(text: str) -> str:
+    r"""Return a notebook as if it had never been run.
+
+    Args:
+        text: The notebook, as JSON.
+
+    >>> cell = '{"cell_type": "code", "execution_count": 3, "outputs": [{}], "source": "1"}'
+    >>> print(without_outputs('{"cells": [' + cell + '], "metadata": {"code_hash": "ab"}}'))
+    {
+     "cells": [
+      {
+       "cell_type": "code",
+       "execution_count": null,
+       "outputs": [],
+       "source": "1"
+      }
+     ],
+     "metadata": {}
+    }
+    <BLANKLINE>
+    """
+    notebook = json.loads(text)
+    notebook["metadata"].pop("code_hash", None)
+    for cell in notebook["cells"]:
+        if cell["cell_type"] == "code":
+            cell.update(execution_count=None, outputs=[])
+    return json.dumps(notebook, indent=1, ensure_ascii=False) + "\n"
