@@ -1,4 +1,4 @@
-"""How hatchling puts the lessons into a wheel: without outputs, half of what a wheel weighs."""
+"""How hatchling puts the lessons into a wheel: without outputs, which would be a quarter of it."""
 
 from __future__ import annotations
 
