@@ -7,7 +7,9 @@ from causal_openlock.errors import OpenLockError
 
 
 def check(workers: Workers = None) -> None:
-    """Check this installation: play a small experiment and compare it with stored results.
+    """Check this installation against stored results.
+
+    A small experiment is played and compared with them.
 
     It takes about a minute. Exit status: 0 if all is as it should be, 1 if something is not.
     """
