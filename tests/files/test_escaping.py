@@ -89,7 +89,7 @@ def test_a_folder_of_any_name_is_named_without_power(
 def test_the_headline_shows_labels_as_they_are() -> None:
     row = {
         **{"reference": False, "informed": False, "attempts": 4.0, "score": np.nan},
-        **{"conditions": 1, "subjects": 3, "limit": 30, "solved": 1.0, "found": 3.0},
+        **{"conditions": 1, "subjects": 3, "limit": 30, "solved": 1.0, "found": 3.0, "before": 0},
         **{"solutions": 3.0, "median": 4.0, "best": "[/]c"},
         **{"to_best": 1.0, "to_best_low": 0.5, "to_best_high": 1.5},
         "protocol": "[bold]p[/]",
