@@ -48,6 +48,7 @@ from .experiment.experiment import Experiment as Experiment
 from .experiment.building import Changes as Changes
 from .experiment.building import learner as learner
 from .experiment.building import make_experiment as make_experiment
+from .experiment.building import sweep as sweep
 from .experiment.file import find_experiment as find_experiment
 from .experiment.file import read_experiment as read_experiment
 from .experiment.protocol import PROTOCOLS as PROTOCOLS

@@ -26,11 +26,25 @@ def _first(lines: Sequence[str], before: str = "", after: str = "") -> list[str]
 class OpenLockError(Exception):
     """Base of all errors that a user of the toolkit can cause and mend.
 
+    Args:
+        message: What is wrong and what to do about it.
+        at: Where, as a path of keys into what was declared, such as ``("edges", "L0", "L3")``.
+
     Attributes:
         status: What the command line exits with.
     """
 
     status = 2
+    _parts: tuple[OpenLockError, ...] = ()
+
+    def __init__(self, message: str = "", at: tuple[str | int, ...] = ()) -> None:
+        super().__init__(message)
+        self.at = at
+
+    @property
+    def parts(self) -> tuple[OpenLockError, ...]:
+        """The errors that this one reports together; itself if it reports one."""
+        return self._parts or (self,)
 
     def _render_traceback_(self) -> list[str]:
         """What a notebook shows: the line of the cell, and the sentence."""
@@ -59,16 +73,7 @@ class EvidenceError(OpenLockError):
 
 
 class SchemaError(OpenLockError):
-    """A schema that has no meaning.
-
-    Args:
-        message: What is wrong and what to do about it.
-        at: Where, as a path of keys into the schema file, such as ``("edges", "L0", "L3")``.
-    """
-
-    def __init__(self, message: str, at: tuple[str | int, ...] = ()) -> None:
-        super().__init__(message)
-        self.at = at
+    """A schema that has no meaning."""
 
 
 class LayoutError(OpenLockError):
@@ -165,6 +170,28 @@ class FileError(OpenLockError):
 
     def __reduce__(self) -> tuple[type[FileError], tuple[str, tuple[Fault, ...]]]:
         return FileError, (self.path, self.faults)
+
+
+def together(errors: Sequence[OpenLockError]) -> OpenLockError:
+    """One error for several: a line for each, or all faults of the file that they are in.
+
+    >>> both = together([SchemaError("no door"), SchemaError("no lever")])
+    >>> type(both).__name__, str(both).splitlines()
+    ('SchemaError', ['no door', 'no lever'])
+    """
+    first, *others = errors
+    if not others:
+        return first
+    kinds = {type(one) for one in errors}
+    if isinstance(first, FileError) and {getattr(one, "path", "") for one in errors} == {
+        first.path
+    }:
+        faults = (fault for one in errors if isinstance(one, FileError) for fault in one.faults)
+        return FileError(first.path, dict.fromkeys(faults))
+    kind = OpenLockError if FileError in kinds or len(kinds) > 1 else type(first)
+    made = kind("\n".join(_first([*dict.fromkeys(map(str, errors))])), first.at)
+    made._parts = tuple(part for one in errors for part in one.parts)
+    return made
 
 
 def in_short(error: BaseException) -> str:

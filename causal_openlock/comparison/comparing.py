@@ -24,12 +24,13 @@ from causal_openlock.experiment.building import (
     Changes,
     ConditionForm,
     LearnerForm,
+    ProtocolForm,
     listed,
     make_experiment,
 )
 from causal_openlock.experiment.experiment import Cell, Experiment
 from causal_openlock.experiment.file import find_experiment, read_experiment
-from causal_openlock.experiment.protocol import Condition, Protocol
+from causal_openlock.experiment.protocol import Condition
 from causal_openlock.running.expected_cost import cost_warnings
 from causal_openlock.running.runner import run
 from causal_openlock.running.worker import Watching
@@ -50,7 +51,8 @@ def compare(
     learners: LearnerForm | Sequence[LearnerForm] | None = None,
     *,
     subjects: int | None = None,
-    protocol: str | Protocol | None = None,
+    protocol: ProtocolForm | None = None,
+    attempt_limit: int | None = None,
     seed: int | None = None,
     reward: RewardForm | None = None,
     name: str | None = None,
@@ -74,12 +76,15 @@ def compare(
             single one of these; the name or path of an experiment file; or an
             :class:`Experiment`.
         learners: Learners: each a name, a class, an instance, or what
-            :func:`~causal_openlock.learner` returns. Not needed with an experiment; with an
-            experiment file, these play in place of those in the file.
+            :func:`~causal_openlock.learner` or :func:`~causal_openlock.sweep` returns. Not needed
+            with an experiment; with an experiment file, these play in place of those in the file.
         subjects: Subjects of each learner in each condition; by default 40, or as the file says.
-        protocol: The protocol; by default ``"human"``, or as the file says.
+        protocol: The protocol: its name, a :class:`Protocol`, or settings as in an experiment file,
+            ``{"based_on": "rl", "train_loops": 2}``; by default ``"human"``, or as the file says.
+        attempt_limit: Attempts in a trial, if another number than the protocol's.
         seed: All randomness comes from it; by default 0, or as the file says.
-        reward: The reward of actions, as in an experiment file; by default the paper's.
+        reward: The reward of actions, as in an experiment file, or a function of events; by
+            default the paper's.
         name: A short name; by default ``"comparison"``.
         title: A line for the report; by default who plays what.
         cell_size: Most subjects in a unit of work; by default 40.
@@ -115,6 +120,7 @@ def compare(
 
     changes = {"subjects": subjects, "protocol": protocol, "seed": seed}
     declared = {"reward": reward, "name": name, "title": title, "cell_size": cell_size}
+    declared["attempt_limit"] = attempt_limit
     given = {key: one for key, one in {**changes, **declared}.items() if one is not None}
     experiment = _experiment(what, learners, given, out)
     references = find_references(reference)  # before anything is played: one may be misspelt

@@ -29,7 +29,7 @@ from typing import Any, NamedTuple, get_type_hints
 from causal_openlock.contract.former_names import FORMER_PACKAGE, PACKAGE, TOOLKIT
 from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.one_subject import OneSubjectLearner, PerSubjectAdapter
-from causal_openlock.errors import LearnerError
+from causal_openlock.errors import LearnerError, together
 from causal_openlock.files.digest import digest
 from causal_openlock.files.plugins import LEARNERS, registered
 from causal_openlock.files.validation import plain
@@ -228,34 +228,15 @@ def parse_parameters(name: str, parameters: Mapping[str, Any]) -> Any:
     Raises:
         LearnerError: If a parameter is unknown or missing, or its value does not fit.
     """
-    from pydantic import TypeAdapter, ValidationError
-    from pydantic_core import PydanticSerializationError, to_json
-
     declared: Any = learner_class(name).Parameters
-    hints = get_type_hints(declared, include_extras=True)
-    known = [field.name for field in fields(declared)]
-    values = {}
+    values, faults = {}, []
     for key, value in parameters.items():
-        if key not in known:
-            raise LearnerError(
-                f"the learner {name} has no parameter {key!r}; {nearest(str(key), known)}"
-            )
         try:
-            text = to_json(plain(value), inf_nan_mode="constants")
-            kind = TypeAdapter(hints[key], config={"allow_inf_nan": False})
-            values[key] = kind.validate_json(text, strict=True)
-        except PydanticSerializationError:
-            raise LearnerError(
-                f"the parameter {key} of {name} must be plain data, and this is {value!r}"
-            ) from None
-        except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            fault, remedy = first["msg"].removeprefix("Input "), ""
-            if isinstance(value, list | tuple) and not first["loc"]:  # the list, not an item of it
-                remedy = "; to compare values, list the learner once for each, by different names"
-            raise LearnerError(
-                f"the parameter {key} of {name} {fault}, and this is {value!r}{remedy}"
-            ) from None
+            values[key] = parse_parameter(name, key, value)
+        except LearnerError as error:
+            faults.append(error)
+    if faults:
+        raise together(faults)
     try:
         made = declared(**values)
     except (TypeError, ValueError) as error:  # one without default, or values at odds
@@ -269,6 +250,39 @@ def parse_parameters(name: str, parameters: Mapping[str, Any]) -> Any:
                 f"number or a text, and this is {value!r}"
             ) from None
     return made
+
+
+def require_parameter(name: str, key: str) -> None:
+    """Raise LearnerError if a learner has no such parameter."""
+    known = [field.name for field in fields(learner_class(name).Parameters)]
+    if key not in known:
+        message = f"the learner {name} has no parameter {key!r}; {nearest(str(key), known)}"
+        raise LearnerError(message, (key,))
+
+
+def parse_parameter(name: str, key: str, value: Any) -> Any:
+    """One hyper-parameter of a learner; as :func:`parse_parameters`."""
+    from pydantic import TypeAdapter, ValidationError
+    from pydantic_core import PydanticSerializationError, to_json
+
+    require_parameter(name, key)
+    hints = get_type_hints(learner_class(name).Parameters, include_extras=True)
+    try:
+        text = to_json(plain(value), inf_nan_mode="constants")
+        kind = TypeAdapter(hints[key], config={"allow_inf_nan": False})
+        return kind.validate_json(text, strict=True)
+    except PydanticSerializationError:
+        raise LearnerError(
+            f"the parameter {key} of {name} must be plain data, and this is {value!r}", (key,)
+        ) from None
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        fault, remedy = first["msg"].removeprefix("Input "), ""
+        if isinstance(value, list | tuple) and not first["loc"]:  # the list, not an item of it
+            remedy = "; to compare values, sweep: them in a file, or with ol.sweep"
+        raise LearnerError(
+            f"the parameter {key} of {name} {fault}, and this is {value!r}{remedy}", (key,)
+        ) from None
 
 
 class ParameterInfo(NamedTuple):

@@ -4,6 +4,7 @@
 ``protocol``         Conditions and protocols: which rooms, which budgets.
 ``experiment``       Learners × conditions × subjects, cut into cells.
 ``building``         Names, classes and objects become conditions and learners.
+``sweeps``           A learner once for each value of a parameter.
 ``file_format``      What an experiment file may hold.
 ``file``             Experiment files: YAML in.
 ``json_schemas``     The JSON Schemas that editors use.

@@ -27,9 +27,16 @@ from causal_openlock.contract.registry import (
     file_that_runs,
     learner_class,
     name_of,
+    parse_parameter,
     parse_parameters,
 )
-from causal_openlock.errors import ExperimentError, FileError, LearnerError, OpenLockError
+from causal_openlock.errors import (
+    ExperimentError,
+    FileError,
+    LearnerError,
+    OpenLockError,
+    together,
+)
 from causal_openlock.experiment.experiment import Experiment, LearnerSpec
 from causal_openlock.experiment.file_format import (
     NAME_FORM,
@@ -37,9 +44,11 @@ from causal_openlock.experiment.file_format import (
     ConditionFile,
     ExperimentFile,
     LearnerFile,
+    ProtocolFile,
     TrialsFile,
 )
 from causal_openlock.experiment.protocol import (
+    HUMAN_PROTOCOL,
     PROTOCOLS,
     Condition,
     Protocol,
@@ -47,6 +56,7 @@ from causal_openlock.experiment.protocol import (
     find_protocol,
     plan,
 )
+from causal_openlock.experiment.sweeps import check_swept, label_of, labels, points
 from causal_openlock.files.validation import plain, sentence, whole_number
 from causal_openlock.files.yaml_file import Document, Where
 from causal_openlock.schemas.declared import schema
@@ -54,7 +64,7 @@ from causal_openlock.schemas.finding import find_schema
 from causal_openlock.schemas.schema import NAME, Schema
 from causal_openlock.usercode.module_source import look_beside
 from causal_openlock.wording import joined
-from causal_openlock.world.rewards import PAPER_REWARD, RewardForm, find_reward
+from causal_openlock.world.rewards import PAPER_REWARD, PRESETS, RewardForm, find_reward
 from causal_openlock.world.room import Layout
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -68,10 +78,20 @@ line of text, ``A -> B -> door``), as a sequence of schemas (train on all but th
 the last), or spelled out."""
 
 LearnerForm = (
-    str | type[Learner] | type[OneSubjectLearner] | Learner | OneSubjectLearner | LearnerFile
+    str
+    | type[Learner]
+    | type[OneSubjectLearner]
+    | Learner
+    | OneSubjectLearner
+    | LearnerFile
+    | Sequence[LearnerFile]
 )
 """A learner by its name (``ddqn``, ``my_module:Mine``), as a class, as an instance, whose
-parameters count, or as :func:`learner` describes it."""
+parameters count, or as :func:`learner` describes it; or the learners of a :func:`sweep`."""
+
+ProtocolForm = str | Protocol | Mapping[str, Any]
+"""A protocol by its name, as a :class:`Protocol`, or as an experiment file has one of its own:
+``{"based_on": "human", "attempt_limit": 10}``, perhaps with a ``name``."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +105,7 @@ class Changes:
 
     conditions: Sequence[ConditionForm] | None = None
     learners: Sequence[LearnerForm] | None = None
-    protocol: str | Protocol | None = None
+    protocol: ProtocolForm | None = None
     subjects: int | None = None
     seed: int | None = None
 
@@ -129,7 +149,7 @@ def build(
             part of an installed package.
 
     Raises:
-        FileError: With the place of the first part of the document that cannot be resolved.
+        FileError: With the place of every part of the document that cannot be resolved.
         OpenLockError: The same of changes, or without a document.
     """
     builder = _Builder(file, changes or Changes(), document)
@@ -145,19 +165,23 @@ class _Builder:
         self.document, self.file, self.changes = document, file, changes
         self.folder = document.path.resolve().parent if document else Path.cwd()
         self.own_protocols: dict[str, Protocol] = {}
+        self.faults: list[OpenLockError] = []
 
     @contextmanager
     def at(self, *where: str | int) -> Iterator[None]:
-        """Add the place in the file to errors; changes to a file have no such place."""
+        """Take note of errors, with their place in the file; changes to it have none."""
         try:
             yield
-        except FileError:
-            raise
         except OpenLockError as error:
             changed = getattr(self.changes, str(where[0]), None) is not None
-            if self.document is None or changed:
-                raise
-            raise self.document.error(where, str(error)) from None
+            if self.document is not None and not changed and not isinstance(error, FileError):
+                error = self.document.error(error, where)
+            self.faults.append(error)
+
+    def check(self) -> None:
+        """Raise all that has been taken note of."""
+        if self.faults:
+            raise together(self.faults) from None
 
     def tell_what_runs(self, tell: Callable[[str], None]) -> None:
         """Report the code files that the experiment file names and that will run."""
@@ -166,7 +190,7 @@ class _Builder:
         learners = [
             one
             for one in map(as_learner, self.file.learners)
-            if chosen is None or {one.name, one.learner} & names
+            if chosen is None or {one.learner, *labels(one)} & names
         ]
         runs = {file_that_runs(one.learner, self.folder) for one in learners}
         rewards = [self.file.reward, *(one.reward for one in learners)]
@@ -179,10 +203,13 @@ class _Builder:
     def build(self) -> Experiment:
         file, changes = self.file, self.changes
         for name, declared in file.protocols.items():
+            self.own_protocols[name] = PROTOCOLS[HUMAN_PROTOCOL]  # if it is faulty, say so once
             with self.at("protocols", name):
-                self.own_protocols[name] = self.protocol(name, declared)
+                settings = declared.model_dump(exclude_unset=True)
+                self.own_protocols[name] = self.own_protocol(settings, name)
         conditions = self.resolved("conditions", self.condition)
         learners = self.resolved("learners", self.learner)
+        self.check()
         check_together(conditions.values(), learners.values())
         name, title = file.name, file.title or file.name
         if changes.conditions is not None or changes.learners is not None:
@@ -211,66 +238,89 @@ class _Builder:
         words = [self.document.path.as_posix(), *changes.options]
         return shlex.join(["causal-openlock", "compare", *words])
 
-    def resolved(self, key: str, resolve: Callable[[Any, int], Any]) -> dict[str, Any]:
+    def resolved(self, key: str, resolve: Callable[[Any, int], list[Any]]) -> dict[str, Any]:
         """By name, the conditions or learners of the file, or those of the command line."""
         declared = getattr(self.file, key)
         if (chosen := getattr(self.changes, key)) is not None:
-            known = {one.name or one.learner: one for one in declared if not isinstance(one, str)}
+            known = {
+                label: one
+                for entry in declared
+                if not isinstance(entry, str)
+                for label, one in labels(entry).items()
+            }
             declared = [known.get(one, one) if isinstance(one, str) else one for one in chosen]
         if not declared:
             raise ExperimentError(f"there are no {key}; name at least one")
         found: dict[str, Any] = {}
         for index, entry in enumerate(declared):
-            one = resolve(entry, index)
             with self.at(key, index):
-                if one.name in found:
-                    how = {
-                        "learners": "learner(..., label=...)",
-                        "conditions": "schema(..., name=...)",
-                    }
-                    raise ExperimentError(
-                        f"the {key[:-1]} {one.name} is listed twice; give one of them another name"
-                        + (f", as in {how[key]}" if self.document is None else " with name:")
-                    )
-            found[one.name] = one
+                for one in resolve(entry, index):
+                    if one.name in found:
+                        how = {
+                            "learners": "learner(..., label=...)",
+                            "conditions": "schema(..., name=...)",
+                        }
+                        raise ExperimentError(
+                            f"the {key[:-1]} {one.name} is listed twice; give one of them another "
+                            "name"
+                            + (f", as in {how[key]}" if self.document is None else " with name:")
+                        )
+                    found[one.name] = one
         return found
 
     def schema(self, name: str) -> Schema:
         return find_schema(name, beside=[self.folder])
 
-    def protocol(self, name: str, declared: BaseModel) -> Protocol:
+    def protocol(self, given: Any) -> Protocol:
+        """A protocol in any form."""
+        if isinstance(given, str):
+            return find_protocol(given, self.own_protocols)
+        if isinstance(given, Mapping):
+            settings = {**given}
+            base, name = settings.pop("based_on", HUMAN_PROTOCOL), settings.pop("name", None)
+            checked = _checked(ProtocolFile, settings).model_dump(exclude_unset=True)
+            return self.own_protocol({**checked, "based_on": base}, name)
+        if not isinstance(given, Protocol):
+            raise ExperimentError(
+                f"{given!r} is no protocol; give its name, a Protocol, or settings such as "
+                '{"attempt_limit": 10}'
+            )
+        return given
+
+    def own_protocol(self, settings: dict[str, Any], name: str | None) -> Protocol:
+        """Another protocol with some settings changed, which give it its name if it has none."""
+        base = self.protocol(settings.pop("based_on", HUMAN_PROTOCOL))
+        name = name or label_of(base.name, settings, "_")
         if name in PROTOCOLS:
             raise ExperimentError(
                 f"the protocol {name} comes with the package; choose another name"
             )
         if not NAME.fullmatch(name):
             raise ExperimentError(
-                f"{name!r} is not a valid name of a protocol; use letters and digits"
+                f"{name!r} is not a valid name of a protocol; use at most 64 letters and digits"
             )
-        settings = declared.model_dump(exclude_unset=True)
-        base = find_protocol(settings.pop("based_on", "human"), self.own_protocols)
         return replace(base, name=name, **settings)
 
-    def condition(self, declared: ConditionForm, index: int) -> Condition:
-        with self.at("conditions", index):
-            if isinstance(declared, str) and "->" in declared:
-                return self.sequence(schema(declared))
-            if isinstance(declared, str | Path):
-                return Condition.named(str(declared), self.schema)
-            if isinstance(declared, Condition):
-                # Files are called by its name, which is checked as that of a file's condition is.
-                _checked(ConditionFile, {"name": declared.name, "train": [{"schema": "CC4"}]})
-                return declared
-            if not isinstance(declared, ConditionFile):
-                return self.sequence(declared)
-            train, test = (
-                tuple(
-                    self.trials(trials, ("conditions", index, phase, number))
-                    for number, trials in enumerate(getattr(declared, phase))
-                )
-                for phase in ("train", "test")
+    def condition(self, declared: ConditionForm, index: int) -> list[Condition]:
+        if isinstance(declared, str) and "->" in declared:
+            return [self.sequence(schema(declared))]
+        if isinstance(declared, str | Path):
+            return [Condition.named(str(declared), self.schema)]
+        if isinstance(declared, Condition):
+            # Files are called by its name, which is checked as that of a file's condition is.
+            _checked(ConditionFile, {"name": declared.name, "train": [{"schema": "CC4"}]})
+            return [declared]
+        if not isinstance(declared, ConditionFile):
+            return [self.sequence(declared)]
+        train, test = (
+            tuple(
+                one
+                for number, trials in enumerate(getattr(declared, phase))
+                for one in self.trials(trials, ("conditions", index, phase, number))
             )
-            return Condition(declared.name, train, test)
+            for phase in ("train", "test")
+        )
+        return [Condition(declared.name, train, test)]
 
     def sequence(self, declared: Schema | Sequence[str | Schema]) -> Condition:
         """A baseline of one schema; or training with all but the last and a test with the last."""
@@ -287,42 +337,58 @@ class _Builder:
             return Condition(name, trials)
         return Condition(name, trials[:-1], trials[-1:])
 
-    def trials(self, declared: TrialsFile, where: Where) -> Trials:
+    def trials(self, declared: TrialsFile, where: Where) -> Iterator[Trials]:
         with self.at(*where, "schema"):
             governs = self.schema(declared.schema_)
-        layouts: Any = declared.layouts
-        if isinstance(layouts, list):
-            places = []
-            for index, layout in enumerate(layouts):
-                with self.at(*where, "layouts", index):
-                    places.append(Layout.of(governs, layout))
-            layouts = tuple(places)
-        with self.at(*where, "trials"):
-            return Trials(governs, layouts, declared.trials, declared.shuffle)
+            layouts: Any = declared.layouts
+            if isinstance(layouts, list):
+                places = []
+                for index, layout in enumerate(layouts):
+                    with self.at(*where, "layouts", index):
+                        places.append(Layout.of(governs, layout))
+                if len(places) < len(layouts):
+                    return
+                layouts = tuple(places)
+            with self.at(*where, "trials"):
+                yield Trials(governs, layouts, declared.trials, declared.shuffle)
 
-    def learner(self, entry: LearnerForm, index: int) -> LearnerSpec:
-        declared, file, where = as_learner(entry), self.file, ("learners", index)
+    def learner(self, entry: LearnerForm, index: int) -> list[LearnerSpec]:
+        """A learner, or those of a sweep."""
+        if isinstance(entry, Sequence) and not isinstance(entry, str):
+            return [spec for one in entry for spec in self.learner(one, index)]
+        declared, where, before = as_learner(entry), ("learners", index), len(self.faults)
+        if ":" in declared.learner:
+            look_beside(self.folder)
+        with self.at(*where, "learner"):
+            learner_class(declared.learner)
+            for key, values in declared.sweep.items():
+                with self.at(*where, "sweep"):
+                    check_swept(declared, key)
+                    for number, value in enumerate(values):
+                        with self.at(*where, "sweep", key, number):
+                            parse_parameter(declared.learner, key, value)
+        if len(self.faults) > before:
+            return []
+        return [self.spec(one, where) for one in points(declared)]
+
+    def spec(self, declared: LearnerFile, where: Where) -> LearnerSpec:
+        file = self.file
         own_reward = declared.reward is not None
         reward: Any = declared.reward if own_reward else file.reward
         if isinstance(reward, BaseModel):
             reward = reward.model_dump(exclude_none=True)
-        if ":" in declared.learner or (isinstance(reward, str) and ":" in reward):
+        if isinstance(reward, str) and ":" in reward:
             look_beside(self.folder)
-        with self.at(*where, "learner"):
-            learner_class(declared.learner)
+        parameters, played, pays = None, PROTOCOLS[HUMAN_PROTOCOL], PRESETS[PAPER_REWARD]
         with self.at(*where, "parameters"):
             parameters = parse_parameters(declared.learner, declared.parameters)
         own_protocol = declared.protocol and not self.changes.protocol
         with self.at(*(where if own_protocol else ()), "protocol"):
-            played = self.changes.protocol or declared.protocol or file.protocol
-            if not isinstance(played, Protocol | str):
-                raise ExperimentError(f"{played!r} is no protocol; give its name or a Protocol")
-            if isinstance(played, str):
-                played = find_protocol(played, self.own_protocols)
+            played = self.protocol(self.changes.protocol or declared.protocol or file.protocol)
         with self.at(*(where if own_reward else ()), "reward"):
             pays = find_reward(reward)
         return LearnerSpec(
-            name=declared.name or declared.learner.rpartition(":")[2],
+            name=declared.name or "",
             learner=declared.learner,
             parameters=asdict(parameters) if is_dataclass(parameters) else {},  # type: ignore[arg-type]
             protocol=played,
@@ -403,6 +469,52 @@ def learner(
     return _checked(LearnerFile, {**declared.model_dump(), "parameters": together, **changed})
 
 
+def sweep(
+    learner_: LearnerForm,
+    /,
+    *,
+    label: str | None = None,
+    subjects: int | None = None,
+    protocol: str | None = None,
+    reward: Any = None,
+    **parameters: Any,
+) -> list[LearnerFile]:
+    """A learner once for each value of a parameter, or for each combination of several.
+
+    Args:
+        learner_: As in :func:`learner`, like the following.
+        label: What labels begin with; by default the learner's name.
+        subjects: How many subjects each of them plays.
+        protocol: The protocol that they play under.
+        reward: The reward of their actions.
+        **parameters: Hyper-parameters: lists are swept, and everything else is the same for all.
+
+    Raises:
+        LearnerError: As for :func:`learner`, or if there is no list.
+
+    Example:
+        >>> [one.name for one in sweep("bayes", lapse=[0.1, 0.5])]
+        ['bayes-lapse-0.1', 'bayes-lapse-0.5']
+    """
+    swept = {
+        key: list(plain(values))
+        for key, values in parameters.items()
+        if isinstance(values, Iterable) and not isinstance(values, str | Mapping)
+    }
+    fixed = {key: value for key, value in parameters.items() if key not in swept}
+    made = learner(
+        learner_, label=label, subjects=subjects, protocol=protocol, reward=reward, **fixed
+    )
+    if not swept or not all(swept.values()):
+        raise LearnerError("a sweep needs a list of values, such as gamma=[0.5, 0.9]")
+    declared = made.model_copy(update={"sweep": swept})
+    for key, values in swept.items():
+        check_swept(declared, key)
+        for value in values:
+            parse_parameter(declared.learner, key, value)
+    return points(declared)
+
+
 def make_experiment(
     conditions: Sequence[ConditionForm],
     learners: Sequence[LearnerForm],
@@ -410,7 +522,8 @@ def make_experiment(
     name: str = "comparison",
     title: str = "",
     seed: int = 0,
-    protocol: str | Protocol = "human",
+    protocol: ProtocolForm = HUMAN_PROTOCOL,
+    attempt_limit: int | None = None,
     subjects: int = 40,
     reward: RewardForm = PAPER_REWARD,
     cell_size: int = 40,
@@ -424,7 +537,9 @@ def make_experiment(
         name: A short name.
         title: A line for the report; by default who plays what.
         seed: All randomness comes from it.
-        protocol: The protocol of learners that have none of their own.
+        protocol: The protocol of learners that have none of their own: its name, a
+            :class:`Protocol`, or settings as in an experiment file, ``{"test_trials": 2}``.
+        attempt_limit: Attempts in a trial, if another number than the protocol's.
         subjects: Subjects of each learner in each condition.
         reward: The reward of actions, as in an experiment file.
         cell_size: Most subjects in a unit of work.
@@ -439,6 +554,8 @@ def make_experiment(
     """
     file = _settings(name=name, title=title, seed=seed, subjects=subjects, cell_size=cell_size)
     given = {"conditions": list(conditions), "learners": list(learners), "reward": reward}
+    if attempt_limit is not None:
+        protocol = {"based_on": protocol, "attempt_limit": attempt_limit}
     return build(file.model_copy(update={**given, "protocol": protocol}))
 
 
@@ -452,12 +569,13 @@ def _checked(model: type[Model], values: Mapping[str, Any]) -> Model:
     """Values as a model of the file's format.
 
     Raises:
-        ExperimentError: With the first value that does not fit.
+        ExperimentError: With every value that does not fit.
     """
     try:
         return model.model_validate(plain(values))
     except ValidationError as error:
-        raise ExperimentError(sentence(error.errors(include_url=False)[0], model)) from None
+        faults = error.errors(include_url=False)
+        raise together([ExperimentError(sentence(one, model)) for one in faults]) from None
 
 
 def check_together(conditions: Iterable[Condition], learners: Iterable[LearnerSpec]) -> None:
@@ -466,12 +584,17 @@ def check_together(conditions: Iterable[Condition], learners: Iterable[LearnerSp
     Otherwise a comparison could fail after an hour.
     """
     known: dict[str, Schema] = {}
+    faults: list[OpenLockError] = []
     for condition in conditions:
         for one in condition.schemas:
             if known.setdefault(one.name, one) != one:
-                raise ExperimentError(
-                    f"two different schemas are called {one.name}; rename one of them"
-                )
+                message = f"two different schemas are called {one.name}; rename one of them"
+                faults.append(ExperimentError(message))
     for spec, condition in product(learners, conditions):
         once = replace(spec.protocol, baseline_loops=1, train_loops=1, test_loops=1)
-        plan(condition, once, np.random.default_rng(0))
+        try:
+            plan(condition, once, np.random.default_rng(0))
+        except OpenLockError as error:
+            faults.append(error)
+    if faults:
+        raise together(faults)

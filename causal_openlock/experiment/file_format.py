@@ -104,6 +104,10 @@ class LearnerFile(StrictModel):
     learner: Annotated[str, Field(description="Registered name, or module:Class.")]
     name: Annotated[Name | None, Field(description="Label in tables; the learner's name.")] = None
     parameters: dict[str, Any] = Field(default_factory=dict)
+    sweep: Annotated[
+        dict[str, Annotated[list[Any], Field(min_length=1)]],
+        Field(description="Values of parameters; each combination is a learner."),
+    ] = Field(default_factory=dict)
     protocol: str | None = None
     subjects: Positive | None = None
     cell_size: Positive | None = None

@@ -134,9 +134,10 @@ class Document:
                 break
         return Fault(line + 1, column + 1, message)
 
-    def error(self, where: Where, message: str) -> FileError:
-        """One fault as an error."""
-        return FileError(self.path, [self.fault(where, message)])
+    def error(self, error: OpenLockError, where: Where = ()) -> FileError:
+        """An error with the place of each of its parts, as seen from ``where``."""
+        parts = [self.fault((*where, *part.at), str(part)) for part in error.parts]
+        return FileError(self.path, parts)
 
     def validate(self, model: type[Model]) -> Model:
         """The content as a pydantic model.
@@ -148,7 +149,8 @@ class Document:
 
         if not isinstance(self.data, Mapping):
             found = "is empty" if self.data is None else f"holds {described(self.data)}"
-            raise self.error((), f"the file {found}; it must hold keys such as name: and values")
+            message = f"the file {found}; it must hold keys such as name: and values"
+            raise FileError(self.path, [self.fault((), message)])
         try:
             return model.model_validate(plain(self.data))
         except ValidationError as error:

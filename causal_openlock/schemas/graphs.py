@@ -34,7 +34,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import networkx as nx
 import numpy as np
 
-from causal_openlock.errors import OpenLockError, SchemaError
+from causal_openlock.errors import OpenLockError, SchemaError, together
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.json_text import DoubledKeyError, each_once
 from causal_openlock.files.yaml_file import MAX_BYTES, read_text
@@ -147,7 +147,7 @@ def read_schema(path: Path | str, format: str | None = None) -> Schema:
     try:
         return import_schema(text, chosen, stem if NAME.fullmatch(stem) else "imported")
     except SchemaError as error:
-        raise SchemaError(f"{path}: {error}", error.at) from None
+        raise _prefixed(f"{path}", error) from None
 
 
 def _format(name: str) -> Format:
@@ -226,7 +226,12 @@ def schema_of_graph(graph: nx.DiGraph, format: str, name: str) -> Schema:
                 raise SchemaError(f"the list of levers lacks the node {node!r}; add it to the list")
         return schema_from_dict(data)
     except SchemaError as error:
-        raise SchemaError(f"this {format} graph is no schema: {error}", error.at) from None
+        raise _prefixed(f"this {format} graph is no schema", error) from None
+
+
+def _prefixed(what: str, error: SchemaError) -> OpenLockError:
+    """The same faults, each with what has them."""
+    return together([SchemaError(f"{what}: {one}", one.at) for one in error.parts])
 
 
 def _names(value: Any) -> Any:

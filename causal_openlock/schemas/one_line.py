@@ -282,7 +282,8 @@ class _Reader:
             return Schema(
                 self.name, levers, self.edges, gates=self.gates, inert=self.inert, title=self.title
             )
-        except SchemaError as error:
+        except SchemaError as all_of_them:
+            error = all_of_them.parts[0]
             problem, last = str(error), max(self.places.values(), default=0)
             named = self.levers.get(str(error.at[-1]), last)
             at = self.places.get(tuple(map(str, error.at[:3])), named)

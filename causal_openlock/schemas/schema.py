@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import re
 import zlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -30,7 +30,7 @@ import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 
-from causal_openlock.errors import SchemaError
+from causal_openlock.errors import SchemaError, together
 from causal_openlock.files.plugins import SCHEMA_METHODS, attribute_of, registered
 from causal_openlock.wording import counted, nearest
 
@@ -66,6 +66,12 @@ class Gate:
         return f"at least {self.k}" if self.kind == "at_least" else self.kind
 
 
+def _twice(levers: Sequence[str], key: str) -> Iterator[SchemaError]:
+    for index, lever in enumerate(levers):
+        if lever in levers[:index]:
+            yield SchemaError(f"lever {lever} is listed twice; remove one of them", (key, index))
+
+
 class Schema:
     """A causal schema over levers and a door.
 
@@ -79,7 +85,8 @@ class Schema:
 
     Raises:
         SchemaError: If the graph has a cycle, names an unknown lever, never unlocks the door, or
-            breaks another rule; ``error.at`` says where.
+            breaks another rule. It has all faults, each as one of ``error.parts``, whose ``at``
+            says where.
 
     Example:
         >>> edges = {"L0": ["L1", "L2"], "L1": ["door"], "L2": ["door"]}
@@ -104,27 +111,36 @@ class Schema:
         self.title = title or name
         self.levers = tuple(levers)
         self.inert = tuple(inert)
-        self._check_names()
-        self.graph: nx.DiGraph = self._build(edges, dict(gates or {}))
-        self._check_causes()
+        if faults := [*self._faults_of_names()]:
+            raise together(faults)  # every other part names the levers
+        graph = self.graph = nx.DiGraph(name=name)
+        graph.add_nodes_from(self.levers, kind="lever")
+        graph.add_node(DOOR, kind="door")
+        faults = [*self._faults_of_edges(edges)]
+        complete, gates = not faults, gates or {}
+        faults += [*self._faults_of_gates(gates, complete), *self._faults_of_causes(complete)]
+        if faults:
+            raise together(faults)
+        nx.set_node_attributes(graph, {node: gates.get(node, Gate()) for node in graph}, "gate")
+        nx.freeze(graph)
 
-    # -- construction and its checks ------------------------------------------------------------
+    # -- the checks of its construction ---------------------------------------------------------
 
-    def _check_names(self) -> None:
+    def _faults_of_names(self) -> Iterator[SchemaError]:
         if bad := NO_TEXT.search(self.title):
-            raise SchemaError(
+            yield SchemaError(
                 f"the title holds the character U+{ord(bad[0]):04X}; take it out", ("title",)
             )
         if not NAME.fullmatch(self.name):
-            raise SchemaError(
+            yield SchemaError(
                 f"the name {self.name!r} must begin with a letter and hold at most 64 letters, "
                 "digits and underscores",
                 ("name",),
             )
         if not self.levers:
-            raise SchemaError("a schema needs at least one lever", ("levers",))
+            yield SchemaError("a schema needs at least one lever", ("levers",))
         if len(self.levers) > MAX_LEVERS:
-            raise SchemaError(
+            yield SchemaError(
                 f"{len(self.levers)} levers are more than the {MAX_LEVERS} positions of the "
                 "largest room; leave some out",
                 ("levers",),
@@ -132,93 +148,95 @@ class Schema:
         for index, lever in enumerate(self.levers):
             at = ("levers", index)
             if not NAME.fullmatch(lever):
-                raise SchemaError(f"{lever!r} is not a valid name of a lever; write it like L0", at)
-            if lever == DOOR:
-                raise SchemaError("the door is not a lever; take it out of the list of levers", at)
-            if lever in self.levers[:index]:
-                raise SchemaError(f"lever {lever} is listed twice; remove one of them", at)
-        for index, lever in enumerate(self.inert):
-            self._known(lever, ("inert", index), {*self.levers})
-            if lever in self.inert[:index]:
-                raise SchemaError(
-                    f"lever {lever} is listed twice; remove one of them", ("inert", index)
-                )
+                yield SchemaError(f"{lever!r} is not a valid name of a lever; write it like L0", at)
+            elif lever == DOOR:
+                yield SchemaError("the door is not a lever; take it out of the list of levers", at)
+        yield from _twice(self.levers, "levers")
 
-    def _known(self, node: str, at: tuple[str | int, ...], known: set[str]) -> None:
+    def _unknown(self, node: str, at: tuple[str | int, ...], *door: str) -> Iterator[SchemaError]:
+        known = (*self.levers, *door)
         if node not in known:
-            raise SchemaError(f"{node!r} is unknown here; {nearest(node, known)}", at)
+            yield SchemaError(f"{node!r} is unknown here; {nearest(node, known)}", at)
 
-    def _build(
-        self,
-        edges: Mapping[str, Iterable[str] | Mapping[str, float]],
-        gates: dict[str, Gate],
-    ) -> nx.DiGraph:
-        graph = nx.DiGraph(name=self.name)
-        graph.add_nodes_from(self.levers, kind="lever")
-        graph.add_node(DOOR, kind="door")
+    def _faults_of_edges(
+        self, edges: Mapping[str, Iterable[str] | Mapping[str, float]]
+    ) -> Iterator[SchemaError]:
+        """Names that no lever has, and strengths that no edge can have; adds all other edges."""
+        for index, lever in enumerate(self.inert):
+            yield from self._unknown(lever, ("inert", index))
+        yield from _twice(self.inert, "inert")
         for cause, effects in edges.items():
             if cause == DOOR:
-                raise SchemaError("the door is an effect and enables nothing", ("edges", DOOR))
-            self._known(cause, ("edges", cause), {*self.levers})
+                yield SchemaError("the door is an effect and enables nothing", ("edges", DOOR))
+                continue
+            yield from self._unknown(cause, ("edges", cause))
             strengths = effects if isinstance(effects, Mapping) else dict.fromkeys(effects, 1.0)
             for effect, strength in strengths.items():
                 at = ("edges", cause, effect)
-                self._known(effect, at, {*self.levers, DOOR})
+                yield from self._unknown(effect, at, DOOR)
                 if not 0.0 < strength <= 1.0:
-                    raise SchemaError(
+                    yield SchemaError(
                         f"the strength {strength} of {cause} -> {effect} must be above 0 and at "
                         "most 1",
                         (*at, "strength"),
                     )
-                graph.add_edge(cause, effect, strength=float(strength))
+                if cause in self.graph and effect in self.graph:
+                    self.graph.add_edge(cause, effect, strength=float(strength))
+
+    def _faults_of_gates(self, gates: Mapping[str, Gate], complete: bool) -> Iterator[SchemaError]:
+        """Gates that cannot be; whether one can ever hold is known if all edges are."""
         for node, gate in gates.items():
-            self._known(node, ("gates", node), {*self.levers, DOOR})
-            causes = graph.in_degree(node)
+            at = ("gates", node)
+            if node not in self.graph:
+                yield from self._unknown(node, at, DOOR)
+                continue
+            causes = self.graph.in_degree(node)
             if gate.kind not in GATES:
-                raise SchemaError(
-                    f"the gate of {node} is {gate.kind!r}; {nearest(gate.kind, GATES)}",
-                    ("gates", node),
+                yield SchemaError(
+                    f"the gate of {node} is {gate.kind!r}; {nearest(gate.kind, GATES)}", at
                 )
-            if causes == 0 and node != DOOR:
-                raise SchemaError(
-                    f"{node} has a gate and no cause; give it a cause or drop the gate",
-                    ("gates", node),
+            elif not complete:
+                continue
+            elif causes == 0 and node != DOOR:
+                yield SchemaError(
+                    f"{node} has a gate and no cause; give it a cause or drop the gate", at
                 )
-            if causes and not 1 <= gate.threshold(causes) <= causes:
-                raise SchemaError(
+            elif causes and not 1 <= gate.threshold(causes) <= causes:
+                yield SchemaError(
                     f"the gate of {node} requires at least {gate.k} of {causes} causes and can "
                     f"never hold; require 1 to {causes}",
-                    ("gates", node),
+                    at,
                 )
-        nx.set_node_attributes(
-            graph, {node: gates.get(node, Gate()) for node in graph.nodes}, name="gate"
-        )
-        return nx.freeze(graph)
 
-    def _check_causes(self) -> None:
+    def _faults_of_causes(self, complete: bool) -> Iterator[SchemaError]:
+        """A cycle, and levers that lead nowhere, which is known if all edges are."""
+        cycle: list[str] = []
         if not nx.is_directed_acyclic_graph(self.graph):
             cycle = [cause for cause, _ in nx.find_cycle(self.graph)]
             # Begin with the first lever of the list, so that the message is always the same.
             first = min(range(len(cycle)), key=lambda i: self.levers.index(cycle[i]))
             cycle = cycle[first:] + cycle[:first]
-            raise SchemaError(
+            yield SchemaError(
                 f"{' -> '.join([*cycle, cycle[0]])} is a cycle, and none of these levers could "
                 "move first; remove one of these edges",
                 ("edges", cycle[0], cycle[1 % len(cycle)]),
             )
+        if not complete:
+            return
         if not self.graph.in_degree(DOOR):
-            raise SchemaError(
+            yield SchemaError(
                 "nothing unlocks the door; add an edge from a lever to door", ("edges",)
             )
+            return
         useful = nx.ancestors(self.graph, DOOR)
-        for lever in self.levers:
-            if lever not in useful and lever not in self.inert:
-                raise SchemaError(
+        for index, lever in enumerate(self.levers):
+            if lever not in (*useful, *self.inert, *cycle):
+                yield SchemaError(
                     f"lever {lever} is on no path to the door; connect it or list it under inert",
-                    ("levers", self.levers.index(lever)),
+                    ("levers", index),
                 )
             if lever in useful and lever in self.inert:
-                raise SchemaError(
+                yield SchemaError(
                     f"lever {lever} leads to the door and cannot be inert; take it out of inert",
                     ("inert", self.inert.index(lever)),
                 )

@@ -8,7 +8,7 @@ A schema file looks like this; ``title``, ``gates`` and ``inert`` may be left ou
     edges:                      # cause: [effects]
       L0: [L1, L2]
       L1: [door]
-      L2: {door: {strength: 0.8}}
+      L2: {door: 0.8}           # its strength
     gates: {door: any}          # any, all, or {at_least: 2}
 
 Its form is the pydantic model :class:`SchemaFile`, also the source of the JSON Schema for editors
@@ -22,10 +22,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError, WrapValidator
+from pydantic import BeforeValidator, Field, ValidationError, WrapValidator
 from pydantic_core import PydanticCustomError
 
-from causal_openlock.errors import FileError, SchemaError
+from causal_openlock.errors import FileError, SchemaError, together
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.validation import StrictModel, described, plain, sentence
 from causal_openlock.files.yaml_file import (
@@ -40,13 +40,15 @@ PACKAGE = Path(__file__).parents[1]
 JSON_SCHEMA_ID = "https://json-schema.org/draft/2020-12/schema"
 
 
+Strength = Annotated[
+    float, Field(gt=0, le=1, description="Probability that an enabled push takes effect.")
+]
+
+
 class Edge(StrictModel):
     """Attributes of one edge."""
 
-    strength: Annotated[
-        float,
-        Field(gt=0, le=1, description="Probability that an enabled push takes effect."),
-    ] = 1.0
+    strength: Strength = 1.0
 
 
 class AtLeast(StrictModel):
@@ -85,12 +87,24 @@ def _one_of(what: str) -> WrapValidator:
     return WrapValidator(check)
 
 
+def _as_edge(value: Any) -> Any:
+    """A number in place of an edge is its strength."""
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return {"strength": value} if is_number else value
+
+
 Effects = Annotated[
-    list[str] | dict[str, Edge],
-    _one_of("effects are a list like [L1, door] or a mapping like {L1: {strength: 0.8}}"),
+    list[str]
+    | dict[str, Annotated[Edge, BeforeValidator(_as_edge, json_schema_input_type=Strength | Edge)]],
+    _one_of("effects are a list like [L1, door] or a mapping like {L1: 0.8}"),
 ]
 GateName = Annotated[
-    Literal["any", "all"] | AtLeast, _one_of("a gate is any, all or {at_least: k}")
+    Annotated[
+        Literal["any", "all"],
+        BeforeValidator(lambda name: name.lower() if isinstance(name, str) else name),
+    ]
+    | AtLeast,
+    _one_of("a gate is any, all or {at_least: k}"),
 ]
 
 
@@ -124,6 +138,7 @@ class SchemaFile(StrictModel):
     def schema_(self) -> Schema:
         """The schema that this file declares."""
         edges: dict[str, dict[str, float]] = {}
+        faults: list[SchemaError] = []
         for cause, effects in self.edges.items():
             if isinstance(effects, dict):
                 edges[cause] = {effect: edge.strength for effect, edge in effects.items()}
@@ -131,18 +146,22 @@ class SchemaFile(StrictModel):
             edges[cause] = {}
             for index, effect in enumerate(effects):
                 if effect in edges[cause]:
-                    raise SchemaError(
-                        f"the edge {cause} -> {effect} is listed twice; remove one of them",
-                        ("edges", cause, index),
-                    )
+                    message = f"the edge {cause} -> {effect} is listed twice; remove one of them"
+                    faults.append(SchemaError(message, ("edges", cause, index)))
                 edges[cause][effect] = 1.0
         gates = {
             node: Gate("at_least", gate.at_least) if isinstance(gate, AtLeast) else Gate(gate)
             for node, gate in self.gates.items()
         }
-        return Schema(
-            self.name, self.levers, edges, gates=gates, inert=self.inert, title=self.title
-        )
+        try:
+            made = Schema(
+                self.name, self.levers, edges, gates=gates, inert=self.inert, title=self.title
+            )
+        except SchemaError as error:
+            faults.append(error)
+        if faults:
+            raise together(faults)
+        return made
 
 
 def read_schema_file(path: Path | str) -> Schema:
@@ -172,8 +191,12 @@ def schema_from_dict(data: Mapping[str, Any]) -> Schema:
     try:
         return SchemaFile.model_validate(plain(data)).schema_()
     except ValidationError as error:
-        fault = error.errors(include_url=False)[0]
-        raise SchemaError(sentence(fault, SchemaFile), fault["loc"]) from None
+        raise together(
+            [
+                SchemaError(sentence(fault, SchemaFile), fault["loc"])
+                for fault in error.errors(include_url=False)
+            ]
+        ) from None
 
 
 def _schema_of(document: Document) -> Schema:
@@ -181,7 +204,7 @@ def _schema_of(document: Document) -> Schema:
     try:
         return declared.schema_()
     except SchemaError as error:
-        raise document.error(error.at, str(error)) from None
+        raise document.error(error) from None
 
 
 def write_schema_file(schema: Schema, path: Path | str) -> None:

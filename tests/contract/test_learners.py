@@ -410,7 +410,7 @@ def test_parameters_come_from_plain_data() -> None:
         (
             TUNED,
             {"rate": [0.1, 0.5]},
-            "this is .*; to compare values, list the learner once for each",
+            "this is .*; to compare values, sweep: them in a file, or with ol.sweep",
         ),
         (TUNED, {"rate": True}, "rate of .* should be a valid number, and this is True"),
         (TUNED, {"rate": 0.0}, r"rate of .* should be greater than 0, and this is 0.0"),

@@ -8,7 +8,7 @@ import pytest
 
 from causal_openlock.contract.registry import registry
 from causal_openlock.errors import FileError, OpenLockError
-from causal_openlock.experiment.building import Changes
+from causal_openlock.experiment.building import Changes, learner, make_experiment
 from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 
@@ -127,17 +127,17 @@ FAULTS = [
     ("conditions: [CC5]\nlearners: [random]", 2, 14, "did you mean CC"),
     ("conditions: [CC3-CC4-CE4]\nlearners: [random]", 2, 14, "is not a condition"),
     ("conditions: [CC3]\nlearners: [randm]", 3, 12, "did you mean random?"),
-    ("conditions: [CC3]\nlearners:\n  - {learner: ddqn, parameters: {gama: 1}}", 4, 21, "gamma"),
+    ("conditions: [CC3]\nlearners:\n  - {learner: ddqn, parameters: {gama: 1}}", 4, 34, "gamma"),
     (
         "conditions: [CC3]\nlearners:\n  - {learner: ddqn, parameters: {gamma: 1.5}}",
         4,
-        21,
+        34,
         "less than or equal to 1",
     ),
     (
         "conditions: [CC3]\nlearners:\n  - {learner: ddqn, parameters: {gamma: high}}",
         4,
-        21,
+        34,
         "valid number",
     ),
     ("conditions: [CC3]\nlearners: [random]\nprotocol: humn", 4, 1, "did you mean human?"),
@@ -222,6 +222,62 @@ def test_a_fault_is_one_sentence_with_line_and_column(
     assert (fault.line, fault.column) == (line, column)
     assert says in fault.message
     assert str(caught.value) == f"{path}:{line}:{column}: {fault.message}"
+
+
+def test_faults_of_meaning_come_together_each_with_its_line(tmp_path: Path) -> None:
+    text = """\
+name: e
+protocol: humn
+conditions:
+  - CC44
+  - {name: own, train: [{schema: CC9}, {schema: CC3, layouts: [trial7, trial99]}]}
+learners:
+  - bays
+  - {learner: bayes, parameters: {lapse: 3, beta: x}, reward: papr}
+  - learner: bayes
+    name: swept
+    sweep: {lapse: [0.1, 2.0], polcy: [a]}
+  - random
+  - random
+protocols: {short: {based_on: rll}, shorter: {based_on: short}}
+"""
+    with pytest.raises(FileError) as caught:
+        read_experiment(written(tmp_path, text))
+    said = [
+        (2, "no protocol 'humn'"),
+        (4, "no schema 'CC44'"),
+        (5, "no schema 'CC9'"),
+        (5, "layouts that fit"),
+        (5, "no layout 'trial99'"),
+        (7, "no learner 'bays'"),
+        (8, "lapse of bayes should be less"),
+        (8, "beta of bayes should be a valid"),
+        (8, "no reward 'papr'"),
+        (11, "lapse of bayes should be less"),
+        (11, "no parameter 'polcy'"),
+        (13, "random is listed twice"),
+        (14, "no protocol 'rll'"),
+    ]
+    assert [fault.line for fault in caught.value.faults] == [line for line, _ in said]
+    for fault, (_, words) in zip(caught.value.faults, said, strict=True):
+        assert words in fault.message
+
+
+def test_faults_of_several_files_and_of_a_program_come_together(tmp_path: Path) -> None:
+    schema = written(tmp_path, GATE.replace("[door]}", "[dor]}"), "gate.yaml")
+    path = written(tmp_path, "name: e\nconditions: [gate.yaml, CC3-gate.yaml]\nlearners: [bays]\n")
+    with pytest.raises(OpenLockError) as caught:
+        read_experiment(path)
+    of_schema, of_learner = str(caught.value).splitlines()  # once, although it is named twice
+    assert of_schema.startswith(f"{schema}:3:")
+    assert of_learner.startswith(f"{path}:3:12: there is no learner 'bays'")
+    with pytest.raises(OpenLockError) as caught:
+        make_experiment(["CC44", "CC4"], ["bays", learner("random")], protocol="humn")
+    assert [line[:25] for line in str(caught.value).splitlines()] == [
+        "there is no schema 'CC44'",
+        "there is no learner 'bays",
+        "there is no protocol 'hum",
+    ]
 
 
 def test_a_fault_in_a_schema_file_names_that_file(tmp_path: Path) -> None:

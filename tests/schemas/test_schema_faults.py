@@ -59,9 +59,15 @@ FORM: dict[str, tuple[str, list[Place]]] = {
     "strength infinite": (edge(".inf"), [(3, 19, "less than or equal to 1, and this is inf")]),
     "strength too large": (edge("1e400"), [(3, 19, "less than or equal to 1, and this is inf")]),
     "strength bare": (
-        good(edges="{L0: {L1: 0.5}, L1: [door]}"),
-        [(3, 14, "written {key: value}, and this is 0.5")],
+        good(edges="{L0: {L1: 1.5}, L1: [door]}"),
+        [(3, 14, "less than or equal to 1, and this is 1.5")],
     ),
+    "strength a text": (
+        good(edges="{L0: {L1: half}, L1: [door]}"),
+        [(3, 14, "written {key: value}, and this is the text 'half'")],
+    ),
+    "strength a truth": (good(edges="{L0: {L1: yes}, L1: {door: true}}"),
+        XX "written {key: value}, and this is true")]),
     "unknown key of an edge": (
         good(edges="{L0: {L1: {strenth: 0.5}}, L1: [door]}"),
         [(3, 19, "'strenth' is no key here; did you mean strength?")],
@@ -142,7 +148,35 @@ MEANING: dict[str, tuple[str, list[Place]]] = {
         good(levers=f"[{', '.join(f'L{i}' for i in range(13))}]"),
         [(2, 1, "13 levers are more than the 12 positions of the largest room; leave some out")],
     ),
-    "duplicate edge": (good(edges="{L0: [L1, door, L1]}"), [(3, 24, "the edge L0 -> L1 is list")]),
+    "duplicate edge": (
+        good(edges="{L0: [L1, door, L1]}"),
+        [(2, 14, "L1 is on no path"), (3, 24, "the edge L0 -> L1 is listed twice; remove one")],
+    ),
+    "several": (
+        "name: S\nlevers: [A, B, C, D, E]\nedges:\n  A: [B, door]\n  B: [C]\n  C: [B]\n"
+        "gates:\n  X: all\n  E: all\n  door: {at_least: 2}\n",
+        [
+            (2, 19, "lever D is on no path"),
+            (2, 22, "lever E is on no path"),
+            (5, 7, "B -> C -> B is a cycle"),
+            (8, 3, "'X' is unknown here"),
+            (9, 3, "E has a gate and no cause"),
+            (10, 3, "requires at least 2 of 1 causes and can never hold"),
+        ],
+    ),
+    "several names": (
+        good(name="X", title='"a\\0"', levers="[L0, L-1, door, L0]"),
+        [
+            (2, 14, "'L-1' is not a valid name"),
+            (2, 19, "take it out of the list"),
+            (2, 25, "listed twice"),
+            (4, 1, "the title holds"),
+        ],
+    ),
+    "several edges, and not what follows from them": (
+        good(edges="{L0: [L9], L7: [L1, dor]}", gates="{L1: {at_least: 2}}", inert="[L8]"),
+        [(3, 14, "'L9'"), (3, 19, "'L7'"), (3, 28, "did you mean door?"), (5, 9, "'L8'")],
+    ),
     "no edges": (good(edges="{}"), [(3, 1, "nothing unlocks the door; add an edge")]),
     "missing door": (good(edges="{L0: [L1]}"), [(3, 1, "nothing unlocks the door; add an edge")]),
     "lever on no path": (good(edges="{L0: [door]}"), [(2, 14, "connect it or list it under iner")]),
@@ -305,6 +339,13 @@ def test_levers_may_be_called_on_no_and_y_and_a_comment_may_be_anywhere() -> Non
     )
     assert parse_schema(text).solutions == (("on", "no", "y"),)
     assert parse_schema(text.replace("\n", "\r\n")) == parse_schema(text)
+
+
+def test_a_strength_may_stand_for_its_edge_and_gates_in_any_letters() -> None:
+    short = good(edges="{L0: {L1: 0.5}, L1: [door]}", gates="{L1: ANY, door: All}")
+    long = good(edges="{L0: {L1: {strength: 0.5}}, L1: [door]}", gates="{L1: any, door: all}")
+    assert parse_schema(short) == parse_schema(long)
+    assert VALIDATOR.is_valid({**YAML(typ="safe").load(long), "edges": {"L0": {"door": 0.5}}})
 
 
 def test_a_strength_of_1_may_be_written_as_a_whole_number_or_left_out() -> None:
