@@ -30,7 +30,6 @@ from causal_openlock.contract.former_names import FORMER_PACKAGE, PACKAGE, TOOLK
 from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.one_subject import OneSubjectLearner, PerSubjectAdapter
 from causal_openlock.errors import LearnerError, together
-from causal_openlock.files.digest import digest
 from causal_openlock.files.plugins import LEARNERS, registered
 from causal_openlock.files.validation import plain
 from causal_openlock.usercode.code_digest import code_digest, imported_digest
@@ -41,7 +40,7 @@ from causal_openlock.usercode.module_source import (
     look_beside,
     module_source,
 )
-from causal_openlock.usercode.session_code import is_of_session, session_source
+from causal_openlock.usercode.session_code import is_of_session, session_origin
 from causal_openlock.wording import nearest
 
 
@@ -76,7 +75,7 @@ def origin(name: str, *, imported: bool = False) -> str:
     if package is not None and not _is_edited(package):
         return f"{package.name} {package.version}"
     if is_of_session(name):
-        return f"{name.partition(':')[2]}.py {digest(session_source(name))}"
+        return session_origin(name)
     kind = learner_class(name)
     source = inspect.getsourcefile(kind)
     if source is None:

@@ -464,6 +464,8 @@ def learner(
         raise ExperimentError(f"{label!r} is not a label; it must have {NAME_IN_WORDS}")
     together = {**declared.parameters, **parameters}
     parse_parameters(declared.learner, together)
+    if callable(reward):
+        reward = find_reward(reward).name
     given = {"name": label, "subjects": subjects, "protocol": protocol, "reward": reward}
     changed = {key: value for key, value in given.items() if value is not None}
     return _checked(LearnerFile, {**declared.model_dump(), "parameters": together, **changed})

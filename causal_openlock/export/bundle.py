@@ -149,20 +149,23 @@ def _experiment(
         for schema in condition.schemas:
             contents[f"schemas/{schema.name}.yaml"] = schema.to_yaml().encode()
     learners, moved, warnings = [], False, []
+    of_notebook: list[str] = []
     places = _places(experiment)
     for spec in experiment.learners:
-        if is_of_session(spec.learner):
-            spec, content = _from_session(spec, store)
-            contents.update(content)
-            moved = True
-            warnings.append(
-                f"{spec.name} was defined in a notebook; its source is bundled as a module, and "
-                "counts as another learner; what only a program could make is a comment in it."
-            )
-        elif ":" in spec.learner:
+        if ":" in spec.learner and not is_of_session(spec.learner):
             found, warned = _module(spec, places, set(packages))
             contents.update(found)
             warnings += [one for one in warned if one not in warnings]
+        if is_of_session(spec.learner):
+            name, content = _from_session(spec.learner, spec.origin.package, store)
+            spec = replace(spec, learner=name)
+            contents.update(content)
+            of_notebook.append(spec.name)
+        if isinstance(spec.reward, OwnReward) and is_of_session(spec.reward.name):
+            name, content = _from_session(spec.reward.name, spec.reward.source, store)
+            spec = replace(spec, reward=replace(spec.reward, name=name))
+            contents.update(content)
+            of_notebook.append(f"the reward of {spec.name}")
         files = _files(spec)
         moved |= bool(files)
         contents.update(files.values())
@@ -170,7 +173,14 @@ def _experiment(
         learners.append(replace(spec, parameters={**spec.parameters, **inside}))
     declared = experiment_file(replace(experiment, learners=tuple(learners)))
     contents["experiment.yaml"] = dump_yaml(declared).encode()
-    return contents, warnings if moved else warnings + _checked(contents, experiment)
+    warnings += [
+        f"{one} was defined in a notebook; its source is bundled as a module, and counts as "
+        "another; what only a program could make is a comment in it."
+        for one in of_notebook
+    ]
+    if moved or of_notebook:
+        return contents, warnings
+    return contents, warnings + _checked(contents, experiment)
 
 
 def _places(experiment: StoredExperiment) -> list[Path]:
@@ -183,18 +193,17 @@ def _places(experiment: StoredExperiment) -> list[Path]:
     return [Path.cwd(), *([Path(command[2]).resolve().parent] if found else [])]
 
 
-def _from_session(spec: LearnerSpec, store: Store) -> tuple[LearnerSpec, Contents]:
-    """A learner that a notebook defined, as one of a module, and that module."""
+def _from_session(name: str, origin: str, store: Store) -> tuple[str, Contents]:
+    """What a notebook defined, as a name of a module, and that module."""
     check_inside(store.folder)
-    path = store.source(spec.origin.package)
+    path = store.source(origin)
     content = path.read_bytes() if path.is_file() else b""
-    if digest(content) != spec.origin.package[-16:]:
+    name = name.partition(":")[2]
+    if digest(content) != origin[-16:]:
         raise StoreError(
-            f"{path} is not the source of {spec.name} that the results were made with; compare "
-            "again"
+            f"{path} is not the source of {name} that the results were made with; compare again"
         )
-    name = spec.learner.partition(":")[2]
-    return replace(spec, learner=f"{path.stem}:{name}"), {path.name: content}
+    return f"{path.stem}:{name}", {path.name: content}
 
 
 def _module(

@@ -50,7 +50,7 @@ def carry(experiment: Experiment, folder: Path) -> CarriedCode:
     for spec in experiment.learners:
         if ":" in spec.learner and not is_of_session(spec.learner):
             named[spec.learner] = spec.origin.package == registry.origin(spec.learner)
-        if isinstance(spec.reward, OwnReward):
+        if isinstance(spec.reward, OwnReward) and not is_of_session(spec.reward.name):
             named[spec.reward.name] = spec.reward.source == source_of(spec.reward.name)
     found: dict[str, bytes] = {}
     for name, same in named.items():

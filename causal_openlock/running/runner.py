@@ -41,6 +41,7 @@ from causal_openlock.storage.running_files import (
 from causal_openlock.storage.shard import Shard
 from causal_openlock.storage.store import Store
 from causal_openlock.usercode.session_code import is_of_session, packed, session_source
+from causal_openlock.world.reward_code import OwnReward
 
 LOOK_EVERY = 1.0
 """Seconds between two looks at the progress of the cells."""
@@ -127,7 +128,7 @@ def run(
         watching = replace(watching, tensorboard=str(Path(watching.tensorboard).resolve()))
     if time_limit is not None and (executor is not None or cluster or workers == 0):
         warn("the time limit is ignored: only processes of its own can be ended in a cell")
-    names = [spec.learner for spec in experiment.learners]
+    names = [name for spec in experiment.learners for name in (spec.learner, spec.reward.name)]
     definitions = b"" if workers == 0 else packed(names)
     sources = dict(_sources(experiment))
     if not experiment.cells():
@@ -215,19 +216,23 @@ def run(
 
 
 def _sources(experiment: Experiment) -> Iterator[tuple[str, str]]:
-    """The source of each learner of the running session, by its origin.
+    """The source of each learner and reward of the running session, by its origin.
 
     Raises:
         LearnerError: If one has changed since the experiment was declared.
     """
     for spec in experiment.learners:
-        if is_of_session(spec.learner):
-            source = session_source(spec.learner)
-            if not spec.origin.package.endswith(f".py {digest(source)}"):
+        named = {spec.learner: spec.origin.package}
+        if isinstance(spec.reward, OwnReward):
+            named[spec.reward.name] = spec.reward.source
+        for name in filter(is_of_session, named):
+            source = session_source(name)
+            if not named[name].endswith(f".py {digest(source)}"):
+                what = spec.name if name == spec.learner else f"the reward {name}"
                 raise LearnerError(
-                    f"{spec.name} has changed since the experiment was declared; declare it again"
+                    f"{what} has changed since the experiment was declared; declare it again"
                 )
-            yield spec.origin.package, source
+            yield named[name], source
 
 
 def _ignore(*_: object) -> None:

@@ -1,7 +1,7 @@
-"""Learners that are defined in a notebook or a script, and not in a module that can be imported.
+"""Learners and rewards of a notebook or a script, and not of a module that can be imported.
 
-Such a class is one of ``__main__``, which other processes do not have. So workers get what it is
-made of: the class and everything of ``__main__`` that it uses, packed by cloudpickle
+Such a class or function is one of ``__main__``, which other processes do not have. So workers get
+what it is made of: the class and everything of ``__main__`` that it uses, packed by cloudpickle
 (:func:`packed`, :func:`unpack`). It goes from process to process and never into a results folder,
 since reading it runs code. What stays with the results is its source (:func:`session_source`), for
 people. A hash of that identifies the class, so it covers values that the source does not show.
@@ -29,6 +29,7 @@ from uuid import uuid4
 import numpy as np
 
 from causal_openlock.errors import LearnerError, in_short
+from causal_openlock.files.digest import digest
 from causal_openlock.usercode.code_digest import digest_of
 from causal_openlock.usercode.local_modules import modules_of_text
 from causal_openlock.wording import joined
@@ -66,8 +67,8 @@ def packed(names: Iterable[str]) -> bytes:
     except Exception as error:  # objects of any library refuse in their own way
         first = next((one for one, value in found.items() if not _can_be_sent(value)), "it")
         raise LearnerError(
-            f"{first}, which a learner of this session uses, cannot be sent to other processes "
-            f"({in_short(error)}); make it where the learner begins, or compare with workers=0"
+            f"{first}, which code of this session uses, cannot be sent to other processes "
+            f"({in_short(error)}); make it where the code needs it, or compare with workers=0"
         ) from None
     return pickle.dumps((_OWN, content))
 
@@ -155,6 +156,15 @@ def session_source(name: str) -> str:
     if files := modules_of_text(text, [one.__module__ for one in kinds if one.__module__]):
         text += f"# The hash of {joined(sorted(files))}: {digest_of(files)}\n"
     return text
+
+
+def session_origin(name: str) -> str:
+    """What a class or function of the session is recorded as: its name, and a hash of its source.
+
+    Raises:
+        LearnerError: If the source cannot be found.
+    """
+    return f"{name.partition(':')[2]}.py {digest(session_source(name))}"
 
 
 def _top(name: str) -> str:

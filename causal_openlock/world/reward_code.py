@@ -12,6 +12,8 @@ Each number must depend on the events of its own action alone: the function is c
 actions at once, in any order, in several processes, and also for actions that are never taken. It
 is tried out before anything is played.
 
+In Python the function itself can be given, also one that a notebook's cell defines.
+
 A hash of the function's file and of the user's modules that it imports is recorded, so that results
 of different code can be distinguished; results can be read without the code.
 """
@@ -34,6 +36,7 @@ from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.usercode.code_digest import code_digest, imported_digest
 from causal_openlock.usercode.misspelt import misspelt
 from causal_openlock.usercode.module_source import MODULE_AND_NAME, look_beside
+from causal_openlock.usercode.session_code import is_of_session, session_origin
 from causal_openlock.world.reward_table import Events, RewardFunction
 
 
@@ -59,7 +62,8 @@ class OwnReward(RewardFunction):
                 was recorded.
         """
         function, source = _loaded(self.name)
-        if source != self.source:
+        # A worker has the functions of a session as they were packed, without their source.
+        if source != self.source and not is_of_session(self.name):
             raise RewardError(
                 f"the reward {self.name} was {self.source} and is {source}; bring back the file as "
                 "it was"
@@ -96,7 +100,7 @@ def own_reward(name: str) -> OwnReward:
         RewardError: If there is no such function, or it does not work as a reward.
     """
     forget()  # its module may have been reloaded
-    reward = OwnReward(name, _loaded(name)[1])
+    reward = OwnReward(name, _loaded(name)[1] or source_of(name))
     if (now := source_of(name)) != reward.source:
         raise RewardError(
             f"the code of the reward {name} has changed since it was imported (it was "
@@ -104,6 +108,23 @@ def own_reward(name: str) -> OwnReward:
         )
     _try_out(reward)
     return reward
+
+
+def reward_name(function: Callable[..., Any]) -> str:
+    """The name by which a function is found: ``module:function``.
+
+    Raises:
+        RewardError: If it cannot be found by a name, such as one defined in another function.
+    """
+    name = f"{function.__module__}:{getattr(function, '__qualname__', '')}"
+    if inspect.isfunction(function) and MODULE_AND_NAME.fullmatch(name):
+        forget()
+        if _loaded(name)[0] is function:
+            return name
+    raise RewardError(
+        f"the reward {function!r} cannot be found by a name, as workers have to; define it with "
+        "def at the top level of a notebook or of a module"
+    )
 
 
 @cache
@@ -121,11 +142,13 @@ def _loaded(name: str) -> tuple[Callable[[Events], Any], str]:
         ) from error
     if not callable(function) or isinstance(function, type):
         raise RewardError(f"{name!r} is no function; a reward is a function of events")
-    return function, source_of(name, imported_digest)
+    return function, "" if is_of_session(name) else source_of(name, imported_digest)
 
 
 def source_of(name: str, hash_of: Callable[[Path, list[str]], str] = code_digest) -> str:
     """The file of the named module, even if the function was defined elsewhere, and a hash."""
+    if is_of_session(name):
+        return session_origin(name)
     module = name.partition(":")[0]
     source = inspect.getsourcefile(sys.modules[module])
     if source is None:

@@ -33,6 +33,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Annotated, Any, get_type_hints
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from causal_openlock.errors import RewardError
 from causal_openlock.schemas.fsm import FloatArray
@@ -287,7 +288,9 @@ def _presets() -> dict[str, RewardFunction]:
 PRESETS = _presets()
 
 
-RewardForm = str | Iterable[str] | Mapping[str, Any] | RewardFunction
+RewardForm = (
+    str | Iterable[str] | Mapping[str, Any] | RewardFunction | Callable[[Events], ArrayLike]
+)
 """What :func:`find_reward` takes."""
 
 
@@ -297,7 +300,7 @@ def find_reward(reward: RewardForm) -> RewardFunction:
     Args:
         reward: The name of a preset; a list of terms that add up; weights by name, with the
             ``preset`` or the ``terms`` that they change (by default the paper's reward); or
-            ``module:function``, a user-defined function.
+            a user-defined function, itself or as ``module:function``.
 
     Raises:
         RewardError: If there is no such preset, a term or a weight is unknown or does not fit, or
@@ -325,7 +328,9 @@ def find_reward(reward: RewardForm) -> RewardFunction:
             )
         return PRESETS[reward]
     if callable(reward):
-        raise RewardError("a reward function of your own is written module:function")
+        from causal_openlock.world.reward_code import own_reward, reward_name
+
+        return own_reward(reward_name(reward))
     terms = tuple(reward)
     for index, term in enumerate(terms):
         if term not in TERMS:

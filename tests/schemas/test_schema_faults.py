@@ -66,8 +66,10 @@ FORM: dict[str, tuple[str, list[Place]]] = {
         good(edges="{L0: {L1: half}, L1: [door]}"),
         [(3, 14, "written {key: value}, and this is the text 'half'")],
     ),
-    "strength a truth": (good(edges="{L0: {L1: yes}, L1: {door: true}}"),
-        XX "written {key: value}, and this is true")]),
+    "strength a truth": (
+        good(edges="{L0: {L1: yes}, L1: {door: true}}"),
+        [(3, 14, "this is the text 'yes'"), (3, 29, "written {key: value}, and this is true")],
+    ),
     "unknown key of an edge": (
         good(edges="{L0: {L1: {strenth: 0.5}}, L1: [door]}"),
         [(3, 19, "'strenth' is no key here; did you mean strength?")],

@@ -17,10 +17,11 @@ import pytest
 
 import causal_openlock as ol
 from causal_openlock.contract.registry import learner_class, name_of, origin, parameter_table
-from causal_openlock.errors import LearnerError, StoreError
+from causal_openlock.errors import LearnerError, RewardError, StoreError
 from causal_openlock.export.bundle import write_bundle
 from causal_openlock.usercode import session_code
 from causal_openlock.usercode.session_code import packed, session_source, unpack
+from causal_openlock.world import reward_code
 
 HEAD = """\
 import numpy as np
@@ -165,6 +166,73 @@ def test_a_bundle_has_the_source_as_a_module(run: Run, tmp_path: Path) -> None:
     kept.write_text("import os\n")
     with pytest.raises(StoreError, match="is not the source of Mine"):
         write_bundle(store, tmp_path / "b.zip")
+
+
+REWARD = """\
+def eager(events):
+    return SCALE * events.opens - 0.1
+"""
+
+
+def test_a_function_of_a_cell_is_a_reward_here_in_workers_and_in_results(
+    run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    run(HEAD + REWARD)
+    eager = vars(sys.modules["__main__"])["eager"]
+    room = ol.OpenLockEnv("CC3", layout="trial1", reward=eager, episode="trial")
+    room.reset(seed=0)
+    assert room.step(14)[1] == pytest.approx(-0.1)
+    learners = ["ddqn", ol.learner("ddqn", reward=eager, label="own")]
+    experiment = ol.make_experiment(
+        ["CC3"], learners, subjects=1, protocol={"baseline_trials": 1}, reward=eager
+    )
+    (reward,) = {spec.reward for spec in experiment.learners}
+    assert (reward.name, reward.source[:9]) == ("__main__:eager", "eager.py ")
+    store = ol.run(experiment, tmp_path / "r", workers=0)
+    (kept,) = (tmp_path / "r" / "code").iterdir()
+    assert kept.read_text() == session_source("__main__:eager")
+    ol.open_results(tmp_path / "r").report()
+    warnings = write_bundle(store, tmp_path / "b.zip")
+    assert [line[:45] for line in warnings[:2]] == [
+        "the reward of ddqn was defined in a notebook;",
+        "the reward of own was defined in a notebook; ",
+    ]
+    with zipfile.ZipFile(tmp_path / "b.zip") as bundle:
+        bundle.extractall(tmp_path / "again")
+    again = ol.read_experiment(tmp_path / "again" / "comparison" / "experiment.yaml")
+    assert again.learners[0].reward.name == f"{kept.stem}:eager"
+
+    content = packed([reward.name, "ddqn"])
+    worker = ModuleType("__main__")
+    monkeypatch.setitem(sys.modules, "__main__", worker)
+    monkeypatch.setattr(session_code, "_OWN", "another process")
+    unpack(content)
+    assert {"eager", "SCALE"} <= vars(worker).keys()
+    reward_code.forget()
+    elsewhere = ol.OpenLockEnv("CC3", layout="trial1", reward=reward, episode="trial")
+    elsewhere.reset(seed=0)
+    assert elsewhere.step(14)[1] == pytest.approx(-0.1)
+
+
+def test_a_reward_that_is_defined_anew_is_another_one(run: Run, tmp_path: Path) -> None:
+    run(HEAD + REWARD)
+    main = vars(sys.modules["__main__"])
+    before = ol.find_reward(main["eager"])
+    declared = ol.make_experiment(["CC3"], ["random"], subjects=1, reward=main["eager"])
+    run(REWARD.replace("0.1", "0.2"))
+    assert ol.find_reward(main["eager"]) != before
+    with pytest.raises(LearnerError, match="the reward __main__:eager has changed since"):
+        ol.run(declared, tmp_path, workers=0)
+
+
+def test_a_function_that_workers_could_not_find_is_refused(run: Run) -> None:
+    run("def outer():\n    def inner(events):\n        return events.opens\n    return inner\n")
+    main = vars(sys.modules["__main__"])
+    for reward in (lambda events: events.opens, main["outer"](), len):
+        with pytest.raises(RewardError):
+            ol.find_reward(reward)
+    with pytest.raises(RewardError, match="define it with def at the top level of a notebook"):
+        ol.find_reward(main["outer"]())
 
 
 def test_what_has_no_source_is_refused(run: Run) -> None:
