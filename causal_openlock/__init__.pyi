@@ -93,6 +93,7 @@ from .analysis.plots.style import PlotStyle as PlotStyle
 from .analysis.plots.style import plot_style as plot_style
 from .analysis.plots.subjects import plot_subjects as plot_subjects
 from .analysis.topics.survival import plot_survival as plot_survival
+from .analysis.plots.sweep import plot_sweep as plot_sweep
 from .analysis.topics.structure_recovery import plot_structure_recovery as plot_structure_recovery
 from .analysis.report.writing import write_report as write_report
 from .analysis.topics.learning_cost import learning_costs as learning_costs

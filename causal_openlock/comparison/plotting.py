@@ -7,7 +7,7 @@ figures too, with the results as their first argument.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial, update_wrapper
+from functools import wraps
 from typing import TYPE_CHECKING, Any
 
 from causal_openlock.analysis.plots.attempts import plot_attempts, plot_transfer
@@ -15,6 +15,7 @@ from causal_openlock.analysis.plots.belief import plot_beliefs
 from causal_openlock.analysis.plots.categories import plot_categories
 from causal_openlock.analysis.plots.course import plot_course
 from causal_openlock.analysis.plots.subjects import plot_subjects
+from causal_openlock.analysis.plots.sweep import plot_sweep
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.topics.congruency import plot_congruency
 from causal_openlock.analysis.topics.learning_cost import plot_cost
@@ -24,6 +25,7 @@ from causal_openlock.analysis.topics.structure_recovery import plot_structure_re
 from causal_openlock.analysis.topics.survival import plot_survival
 from causal_openlock.errors import renamed
 from causal_openlock.files.plugins import PLOTS, loaded, registered
+from causal_openlock.files.validation import check_arguments
 
 
 class _Of:
@@ -39,10 +41,18 @@ class _Of:
     def __get__(self, plots: Plots | None, owner: type) -> Callable[..., Any]:
         if plots is None:
             return self.function
-        bound: Callable[..., Any] = update_wrapper(
-            partial(self.function, plots.results), self.function
-        )
-        return bound
+        return bound_to(plots.results, self.function)
+
+
+def bound_to(results: Material, function: Callable[..., Any]) -> Callable[..., Any]:
+    """A plot function of some results, which refuses an argument that it lacks in a sentence."""
+
+    @wraps(function)
+    def plot(*values: Any, **options: Any) -> Any:
+        check_arguments(options, function, f"plot.{function.__name__.removeprefix('plot_')}")
+        return function(results, *values, **options)
+
+    return plot
 
 
 class Plots:
@@ -70,6 +80,7 @@ class Plots:
     pairs = _Of(plot_pairs)
     subjects = _Of(plot_subjects)
     beliefs = _Of(plot_beliefs)
+    sweep = _Of(plot_sweep)
     structure_recovery = _Of(plot_structure_recovery)
 
     if not TYPE_CHECKING:  # a misspelt name is still an error of types
@@ -81,8 +92,7 @@ class Plots:
                 return self.structure_recovery
             if name.startswith("_") or (entry := registered(PLOTS).get(name)) is None:
                 raise AttributeError(f"{type(self).__name__} has no plot {name!r}", name=name)
-            function = loaded(entry)
-            return update_wrapper(partial(function, self.results), function)
+            return bound_to(self.results, loaded(entry))
 
     def __repr__(self) -> str:
         return f"plots: {', '.join(dir(self))}; each takes ax= and returns the axes"

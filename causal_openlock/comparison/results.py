@@ -214,6 +214,15 @@ class Results(Material):
         ]
         return pd.concat(tables, ignore_index=True)
 
+    def sweep(self, parameter: str | None = None) -> pd.DataFrame:
+        """Results by the value of a parameter, the numbers of ``results.plot.sweep``.
+
+        See :func:`~causal_openlock.analysis.plots.sweep.sweep_table`.
+        """
+        from causal_openlock.analysis.plots.sweep import sweep_table
+
+        return sweep_table(self, parameter)
+
     @cached_property
     def _whole(self) -> pd.DataFrame:
         """The record with all its columns, in the order of :attr:`trials`."""

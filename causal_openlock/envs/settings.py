@@ -5,14 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 from gymnasium import spaces
 
 from causal_openlock.errors import LayoutError, OpenLockError, ProtocolError
 from causal_openlock.experiment.protocol import MAX_ACTION_LIMIT, default_action_limit
-from causal_openlock.files.validation import plain, whole_number
+from causal_openlock.files.validation import check_arguments, plain, whole_number
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.rewards import RewardForm, RewardFunction, find_reward, form_of
 from causal_openlock.world.room import RANDOM_LAYOUT, Layout, position_names, positions_for
@@ -111,11 +111,17 @@ class Settings:
 class Recreatable:
     """An environment whose ``spec`` is plain data, whatever objects it was made with.
 
-    So Gymnasium can write the spec as JSON, and make the environment again from that.
+    So Gymnasium can write the spec as JSON, and make the environment again from that. An argument
+    that it does not have is refused with the nearest one.
     """
 
     settings: Settings
     _spec: EnvSpec | None = None
+
+    def __new__(cls, *_: Any, **given: Any) -> Self:
+        """Refuse arguments that the environment does not have."""
+        check_arguments(given, cls.__init__, cls.__name__)
+        return super().__new__(cls)
 
     @property
     def spec(self) -> EnvSpec | None:

@@ -415,7 +415,8 @@ def as_learner(learner: LearnerForm) -> LearnerFile:
         learner = LearnerFile(learner=learner)
     if isinstance(learner, LearnerFile):
         return learner.model_copy(update={"learner": present_name(learner.learner)})
-    kind, parameters = learner, None
+    kind: Any = learner
+    parameters = None
     if not isinstance(learner, type):
         kind, parameters = type(learner), getattr(learner, "parameters", None)
         if isinstance(learner, PerSubjectAdapter):

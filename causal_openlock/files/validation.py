@@ -6,7 +6,8 @@ instead.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from inspect import signature
 from typing import Any, get_args
 
 import numpy as np
@@ -69,6 +70,24 @@ def whole_number(value: Any, name: str, least: int = 0) -> int:
     if isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= least:
         return int(value)
     raise OpenLockError(f"{name} must be a whole number of at least {least}, and this is {value!r}")
+
+
+def check_arguments(given: Iterable[str], function: Callable[..., Any], name: str) -> None:
+    """Refuse arguments that a function or method does not have, with the nearest that it has.
+
+    Args:
+        given: Names of keyword arguments.
+        function: Its first argument is given otherwise, as ``self`` is.
+        name: What users call it.
+
+    Raises:
+        OpenLockError: If it has no argument of a name.
+    """
+    known = [*signature(function).parameters.values()][1:]
+    names = [one.name for one in known]
+    for one in given if all(one.kind is not one.VAR_KEYWORD for one in known) else ():
+        if one not in names:
+            raise OpenLockError(f"{name} has no argument {one}; {nearest(one, names)}")
 
 
 _WANTED = {

@@ -21,12 +21,14 @@ from matplotlib.figure import Figure
 import causal_openlock as ol
 from causal_openlock.analysis.measures import TRANSFERS
 from causal_openlock.analysis.plots import style
+from causal_openlock.analysis.plots.sweep import plot_sweep, sweep_table
 from causal_openlock.analysis.report.all_figures import figures_of
 from causal_openlock.analysis.report.learner_pages import learner_pages
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.topic import all_topics, sections_of
 from causal_openlock.comparison.plotting import Plots
 from causal_openlock.errors import NothingToDrawError, OpenLockError
+from causal_openlock.experiment.building import sweep
 from causal_openlock.experiment.record import CATEGORIES
 from support import played_results
 
@@ -46,6 +48,7 @@ PLOTS: dict[str, tuple[Callable[[], Material], dict[str, Any]]] = {
     "plot_subjects": (played_results.results, {}),
     "plot_beliefs": (played_results.believed, {}),
     "plot_structure_recovery": (played_results.asked, {}),
+    "plot_sweep": (played_results.swept, {}),
 }
 EVERY = pytest.mark.parametrize("name", PLOTS)
 
@@ -75,6 +78,19 @@ def test_it_makes_a_figure_of_pyplot_or_fills_one_that_is_empty(name: str) -> No
     assert len(draw(name, ax=figure)) == len(axes)
     assert plt.get_fignums() == [1]
     assert set(draw(name, ax=(other := Figure()))) <= set(other.axes)
+
+
+@EVERY
+def test_it_fills_a_part_of_a_figure(name: str) -> None:
+    count = len(draw(name, ax=Figure()))
+    figure = Figure(layout="constrained", figsize=(9, 11))
+    aside, part = figure.subfigures(2)
+    axes = draw(name, ax=part)
+    assert len(axes) == count
+    assert set(axes) <= set(part.axes)
+    assert (aside.axes, aside.legends, figure.legends, figure.texts) == ([], [], [], [])
+    assert figure.get_size_inches().tolist() == [9, 11]
+    figure.draw_without_rendering()
 
 
 @EVERY
@@ -160,6 +176,78 @@ def test_learners_are_in_the_order_of_the_tables() -> None:
 
 
 # -- values ---------------------------------------------------------------------------------------
+
+
+def test_attempts_are_drawn_of_any_condition() -> None:
+    results = played_results.results()
+    summary = results.summary.set_index(["learner", "condition", "phase", "trial"])["attempts"]
+    (axes,) = draw("plot_attempts", learners="random", conditions=["CC4", "CC3-CE4"])
+    assert axes.get_title(loc="left") == "random"
+    assert [label.get_text() for label in axes.get_xticklabels()] == [*"123456", "test"]
+    rows = [("CC4", "train", trial) for trial in range(1, 6)]
+    rows += [("CC3-CE4", "train", trial) for trial in range(1, 7)] + [("CC3-CE4", "test", 1)]
+    assert [bar.get_height() for bar in axes.patches] == [summary["random", *row] for row in rows]
+    assert len({bar.get_x() for bar in axes.patches}) == len(rows)  # none covers another
+    mine = played_results.swept()  # rooms that people did not play: everything, without people
+    panels = np.ravel(ol.plot_attempts(mine))
+    assert [len(one.patches) for one in panels] == [10, 10]
+    other = played_results.trained()  # and another protocol than people's
+    assert [one.get_title(loc="left") for one in [ol.plot_attempts(other)]] == ["random"]
+
+
+def test_points_of_a_sweep_are_the_numbers_of_its_table() -> None:
+    results = played_results.swept()
+    table = sweep_table(results)
+    assert table["value"].tolist() == [True, False] * 2  # in the order of the experiment
+    assert set(table["parameter"]) == {"grey_only"}
+    assert set(table["series"]) == {"win_stay"}
+    headline = results.headline.set_index(["learner", "condition"])["attempts"]
+    by = zip(table["learner"], table["condition"], strict=True)
+    assert table["attempts"].tolist() == [headline[key] for key in by]
+    for axes, condition in zip(draw("plot_sweep"), ("CC3", "CE3"), strict=True):
+        own = table[table["condition"] == condition]
+        assert axes.lines[0].get_ydata().tolist() == own["attempts"].tolist()
+        assert [label.get_text() for label in axes.get_xticklabels()] == ["True", "False"]
+        bar = axes.collections[0].get_segments()
+        assert [[end[1] for end in one] for one in bar] == own[
+            ["ci_low", "ci_high"]
+        ].values.tolist()
+
+
+def test_a_sweep_of_numbers_has_them_as_its_axis_and_a_line_for_whatever_else_differs() -> None:
+    grid = sweep("bayes", lapse=[0.3, 0.0], policy=["thompson", "solve_and_learn"])
+    results = played_results.played([*grid, "bayes", "random"], ["CC3"], 2)
+    table = sweep_table(results, "lapse")
+    assert table["value"].tolist() == [0.0, 0.0, 0.3, 0.0, 0.3]  # bayes itself has the default
+    assert table["series"].tolist() == [
+        *["bayes, policy solve_and_learn"] * 3,
+        *["bayes, policy thompson"] * 2,
+    ]
+    axes = plot_sweep(results, "lapse")
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["0", "0.3"]
+    assert {*axes.lines[0].get_xdata()} == {0.0, 0.3}
+    with pytest.raises(NothingToDrawError, match="lapse and policy differ .* name one"):
+        sweep_table(results)
+    with pytest.raises(OpenLockError, match="no parameter laps; did you mean lapse"):
+        plot_sweep(results, "laps")
+    with pytest.raises(NothingToDrawError, match="no such learner has the parameter lapse"):
+        plot_sweep(results, "lapse", learners="random")
+
+
+@pytest.mark.parametrize(
+    ("plot", "argument", "said"),
+    [
+        ("congruency", "conditions", "known: ax, learners, protocol"),
+        ("attempts", "learner", "did you mean learners?"),
+        ("likeness", "axes", "plot.likeness has no argument axes"),  # a plot of another package
+    ],
+)
+def test_an_argument_that_a_plot_lacks_is_told_in_a_sentence(
+    plot: str, argument: str, said: str
+) -> None:
+    with pytest.raises(OpenLockError, match=f"plot.{plot} has no argument {argument}") as caught:
+        getattr(Plots(played_results.results()), plot)(**{argument: ["CC4"]})
+    assert said in str(caught.value)
 
 
 def test_bars_and_dots_are_the_numbers_of_the_tables() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,26 @@ def test_a_schema_is_given_by_name_by_path_or_as_it_is(tmp_path: Path) -> None:
         assert info["latent"]["schema"] == name
     with pytest.raises(OpenLockError, match="there is no schema 'CC33'; did you mean CC3"):
         gymnasium.make(causal_openlock.ENV_ID, schema="CC33")
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: gymnasium.make(causal_openlock.ENV_ID, attempts=5),
+         "OpenLockEnv has no argument attempts; did you mean attempt_limit? known: action_limit"),
+        (lambda: gymnasium.make_vec(causal_openlock.ENV_ID, num_envs=2, attempts=5),
+         "OpenLockVectorEnv has no argument attempts; did you mean attempt_limit?"),
+        (lambda: gymnasium.make("causal_openlock/OpenLockText-v0", shema="CC3"),
+         "OpenLockTextEnv has no argument shema; did you mean schema?"),
+        (lambda: gymnasium.make(causal_openlock.MIXED_ID, room=[]), "did you mean rooms?"),
+    ],
+)  # fmt: skip
+def test_an_argument_that_an_environment_lacks_is_told_with_the_nearest(
+    make: Callable[[], Any], said: str
+) -> None:
+    with pytest.raises(OpenLockError) as caught:
+        make()
+    assert said in str(caught.value)
 
 
 def test_a_layout_is_given_by_name_as_a_mapping_or_drawn() -> None:

@@ -10,6 +10,7 @@ import pyarrow as pa
 
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.contract.registry import create
+from causal_openlock.experiment.building import LearnerForm, sweep
 from causal_openlock.experiment.file import Changes, find_experiment, read_experiment
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS, PROTOCOLS, Protocol
 from causal_openlock.experiment.session import Session
@@ -26,7 +27,7 @@ SHORT = replace(
 
 
 def played(
-    learners: Sequence[str],
+    learners: Sequence[LearnerForm],
     conditions: Sequence[str] = PAPER_CONDITIONS,
     subjects: int = 3,
     protocol: Protocol | None = None,
@@ -63,6 +64,12 @@ def trained() -> Material:
 def believed() -> Material:
     """One learner that holds beliefs."""
     return played(["bayes"], ["CC3"], 2)
+
+
+@cache
+def swept() -> Material:
+    """A learner once for each of two values, in two conditions."""
+    return played(sweep("win_stay", grey_only=[True, False]), ["CC3", "CE3"], 2)
 
 
 @cache

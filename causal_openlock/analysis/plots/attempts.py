@@ -1,5 +1,8 @@
 """The paper's Figures 3 and 4: attempts in the baseline trials and in the transfer test.
 
+Where nobody did what people did, or other conditions are asked for, the same bars are drawn of
+every trial of these, without references.
+
 References come first, such as people and the published model of them (see
 :mod:`~causal_openlock.analysis.results.references`), and then every learner that did what one of
 them did, one panel each with a common scale. Error bars are the paper's, population SD / √n, so
@@ -18,7 +21,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 
-from causal_openlock.analysis.measures import BASELINES, TRANSFERS, mean_by_trial
+from causal_openlock.analysis.measures import BASELINES, TRANSFERS, mean_by_trial, ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of
 from causal_openlock.analysis.results.bounds import bounds_of
@@ -52,7 +55,10 @@ def plot_attempts(
     published: bool = True,
     ax: Any = None,
 ) -> Any:
-    """Mean attempts in each baseline trial, CC4 beside CE4: the paper's Figure 3.
+    """Mean attempts in each trial; by default of CC4 beside CE4, the paper's Figure 3.
+
+    Of other conditions, or where nobody played these as people did, bars are of every trial, the
+    test's last, and there are no references.
 
     >>> import causal_openlock as ol
     >>> panels = ol.plot_attempts(results)
@@ -62,7 +68,8 @@ def plot_attempts(
     Args:
         results: What was played.
         learners: Labels of the learners to draw; by default all that a reference stands beside.
-        conditions: Conditions to draw; by default those of the paper's that were played.
+        conditions: Conditions to draw; by default CC4 and CE4, or all if nobody played these as
+            people did.
         published: Whether references have panels before the learners.
         ax: Axes, as many as there are panels, or an empty figure; by default a new figure of
             pyplot.
@@ -71,23 +78,64 @@ def plot_attempts(
         ``[P]`` the axes of the panels; of a single panel its axes.
 
     Raises:
-        NothingToDrawError: If no such learner played CC4 or CE4 as people did.
+        NothingToDrawError: If no such learner played such a condition.
         OpenLockError: If a learner or a condition is not in the results, or ``ax`` does not fit.
     """
     means = comparable_means(results, "train", learners, conditions)
+    asked = [conditions] if isinstance(conditions, str) else conditions or ()
+    if means.empty or not {*asked} <= {*BASELINES}:
+        return _every_trial(results, learners, conditions, ax)
     count = max([5, *means["trial"]])
 
     def panel(axes: Axes, rows: pd.DataFrame, ideal: Mapping[str, float]) -> None:
         for side, condition in enumerate(BASELINES):
             one = rows[rows["condition"] == condition]
-            _bars(axes, one["trial"] + 0.4 * side - 0.2, one, condition)
+            _bars(axes, one["trial"] + 0.4 * side - 0.2, one, _trained(condition))
         for attempts in sorted(set(ideal.values())):
             style.ideal_line(axes, attempts, 0.4, count + 0.6)
         axes.set_xticks(range(1, count + 1))
         axes.set(xlim=(0.4, count + 0.6), xlabel="Trial")
 
-    keys = {name: name for name in BASELINES}
-    return _beside(results, means, "CC4 or CE4", published, panel, keys, ax)
+    keys = {name: _trained(name) for name in BASELINES}
+    return _beside(results, means, published, panel, keys, ax)
+
+
+def _every_trial(results: Material, learners: Names, conditions: Names, ax: Any) -> Any:
+    """A panel for each learner: the trials of conditions in order, those of the test last."""
+    trials = rows_of(results, results.trials, learners, conditions)
+    if trials.empty:
+        raise NothingToDrawError("no such learner played such a condition")
+    means = mean_by_trial(trials)
+    tested = means["phase"] == "test"
+    before = int(means.loc[~tested, "trial"].max()) if not tested.all() else 0
+    several = means.groupby("learner", observed=True)["protocol"].transform("nunique") > 1
+    labels = means["learner"].astype(str)
+    labels = labels.where(~several, labels + " (" + means["protocol"].astype(str) + ")")
+    means = means.assign(
+        place=means["trial"] + before * tested, learner=pd.Categorical(labels, labels.unique())
+    )
+    last = int(means["place"].max())
+    names = ordered(means["condition"].unique(), results.conditions)
+    looks = {
+        name: {"color": style.current().other(number), "hatch": ("", "///", "...")[number // 5 % 3]}
+        for number, name in enumerate(names)
+    }
+    width = 0.8 / len(names)
+
+    def panel(axes: Axes, rows: pd.DataFrame, ideal: Mapping[str, float]) -> None:
+        for number, condition in enumerate(names):
+            one = rows[rows["condition"] == condition]
+            aside = width * (number - (len(names) - 1) / 2)
+            _bars(axes, one["place"] + aside, one, looks[condition], 0.95 * width)
+        for attempts in sorted(set(ideal.values())):
+            style.ideal_line(axes, attempts, 0.4, last + 0.6)
+        step = -(-last // 12)
+        places = [*range(1, before + 1, step), *range(before + 1, last + 1, step)]
+        axes.set_xticks(places, [str(one) if one <= before else "test" for one in places])
+        axes.set(xlim=(0.4, last + 0.6), xlabel="Trial")
+
+    top = 1.02 * float((means["mean"] + means["se"]).max())
+    return _beside(results, means, False, panel, looks, ax, top)
 
 
 def plot_transfer(
@@ -113,6 +161,11 @@ def plot_transfer(
         ``[P]`` the axes of the panels; of a single panel its axes.
     """
     means = comparable_means(results, "test", learners, conditions)
+    if means.empty:
+        raise NothingToDrawError(
+            "no such learner played a transfer condition as people did, in the paper's rooms under "
+            "the protocol human, or as another reference did; plot_course draws any condition"
+        )
     played = {str(name)[-3:] for name in means["condition"]}
     tests = [name for name in BASELINES if name in played]
 
@@ -120,7 +173,7 @@ def plot_transfer(
         for place, condition in enumerate(name for name in TRANSFERS if name[-3:] in tests):
             one = rows[rows["condition"] == condition]
             x = place // 2 + 0.4 * (place % 2) - 0.2
-            _bars(axes, np.full(len(one), x), one, condition)
+            _bars(axes, np.full(len(one), x), one, _trained(condition))
             if one.empty and (conditions is None or condition in conditions):
                 axes.text(  # an empty place would look like no attempts
                     x, 1, "not played", rotation=90, ha="center", va="bottom", color="#666666",
@@ -132,25 +185,20 @@ def plot_transfer(
         axes.set_xticks(range(len(tests)), tests)
         axes.set(xlim=(-0.6, len(tests) - 0.4), xlabel="Transfer test")
 
-    keys = {f"{name} training": name for name in ("CC3", "CE3")}
-    return _beside(results, means, "a transfer condition", published, panel, keys, ax)
+    keys = {f"{name} training": _trained(name) for name in ("CC3", "CE3")}
+    return _beside(results, means, published, panel, keys, ax)
 
 
 def _beside(
     results: Material,
     means: pd.DataFrame,
-    played: str,
     published: bool,
     panel: Callable[[Axes, pd.DataFrame, Mapping[str, float]], None],
-    keys: Mapping[str, str],
+    keys: Mapping[str, Mapping[str, Any]],
     ax: Any,
+    top: float | None = None,
 ) -> Any:
     """A panel for each reference, and one for each learner."""
-    if means.empty:
-        raise NothingToDrawError(
-            f"no such learner played {played} as people did, in the paper's rooms under the "
-            "protocol human, or as another reference did; plot_course draws any condition"
-        )
     known = bounds_of(results.bounds, means)
     ideal = {condition: bound.attempts for (condition, _), bound in known.items()}
     phase = str(means["phase"].iloc[0])
@@ -163,10 +211,10 @@ def _beside(
             shown.append((reference.title, f"{reference.detail}, ", rows))
     shown += [(str(name), "", rows) for name, rows in means.groupby("learner", observed=True)]
     handles: list[Any] = [
-        Patch(fc=style.current().trained(condition), ec="black", lw=0.6, label=text)
-        for text, condition in keys.items()
+        Patch(fc=look["color"], hatch=look.get("hatch"), ec="black", lw=0.6, label=text)
+        for text, look in keys.items()
     ]
-    top = max(30.0, float(results.compared(results.trials)["last_attempt"].max()))
+    top = top or max(30.0, float(results.compared(results.trials)["last_attempt"].max()))
     with panels(ax, len(shown), in_rows(len(shown), 3, 2.3)) as at:
         for axes, (name, detail, rows) in zip(at.axes, shown, strict=True):
             panel(axes, rows, ideal)
@@ -180,8 +228,13 @@ def _beside(
     return at.returned
 
 
-def _bars(axes: Axes, x: Any, rows: pd.DataFrame, condition: str) -> None:
-    colour = style.current().trained(condition)
-    axes.bar(x, rows["mean"], width=0.38, color=colour, edgecolor="black", linewidth=0.6)
+def _trained(condition: str) -> dict[str, str]:
+    return {"color": style.current().trained(condition)}
+
+
+def _bars(
+    axes: Axes, x: Any, rows: pd.DataFrame, look: Mapping[str, Any], width: float = 0.38
+) -> None:
+    axes.bar(x, rows["mean"], width=width, edgecolor="black", linewidth=0.6, **look)
     spread = rows["se"].where(rows["subjects"] > 1)  # one subject has none
     axes.errorbar(x, rows["mean"], spread, fmt="none", ecolor="black", elinewidth=0.9, capsize=2)

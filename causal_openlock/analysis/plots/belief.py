@@ -17,7 +17,7 @@ import networkx as nx
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
@@ -271,8 +271,9 @@ def _layout(shown: Part, graphs: list[_Graph], heading: str, names: list[str]) -
     total, width = sum(heights.values()), shown.width
     place = dict(zip(heights, range(len(heights)), strict=True))
 
-    def lay_out(figure: Figure) -> list[Axes]:
-        figure.set_size_inches(width, total)
+    def lay_out(figure: FigureBase) -> list[Axes]:
+        if isinstance(figure, Figure):
+            figure.set_size_inches(width, total)
         grid = figure.add_gridspec(
             len(heights), left=_LEFT / width, right=1 - _RIGHT / width, bottom=0, top=1,
             hspace=0, height_ratios=list(heights.values()),

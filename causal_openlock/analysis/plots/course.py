@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import FigureBase
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
@@ -28,7 +28,7 @@ from causal_openlock.analysis.measures import (
     ordered,
 )
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import Layout, Names, panels, trials_under
+from causal_openlock.analysis.plots.panels import Layout, Names, panels, set_size, trials_under
 from causal_openlock.analysis.results.bounds import Bound, bounds_of
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
@@ -193,10 +193,9 @@ def _rows(
     rows = math.ceil(len(cells) / columns)
     head = 0.17 * max(map(len, families)) + 0.1
 
-    def lay_out(figure: Figure) -> list[Axes]:
-        figure.set_layout_engine("constrained")
+    def lay_out(figure: FigureBase) -> list[Axes]:
         height = head + rows * _HEIGHT + 0.3 + 0.25 * keyed
-        figure.set_size_inches(style.WIDTH if columns > 1 else 0.62 * style.WIDTH, height)
+        set_size(figure, style.WIDTH if columns > 1 else 0.62 * style.WIDTH, height)
         grid = figure.add_gridspec(rows + 1, columns, height_ratios=[head, *[_HEIGHT] * rows])
         for column, family in enumerate(families):
             key = figure.add_subplot(grid[0, column])

@@ -4,7 +4,8 @@ Every plot function takes ``ax``, which is one of three things:
 
 * None: a figure is made with pyplot, so that a notebook shows it.
 * An empty :class:`~matplotlib.figure.Figure`: it is given its size and its panels. The report does
-  this, so that pyplot holds none of its figures.
+  this, so that pyplot holds none of its figures. Or an empty
+  :class:`~matplotlib.figure.SubFigure`: it is given panels, and keeps the size that it has.
 * Axes, as many as there are panels, in any nesting. Nothing is drawn outside of them: what a figure
   has above its panels, such as a legend, is then inside the first of them.
 """
@@ -20,7 +21,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
 
 from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.plots import style
@@ -31,8 +32,15 @@ from causal_openlock.wording import counted, nearest
 Names = Collection[str] | None
 """Labels of learners or conditions; None for all."""
 
-Layout = Callable[[Figure], Sequence[Axes]]
+Layout = Callable[[FigureBase], Sequence[Axes]]
 """Gives a figure its size and its panels."""
+
+
+def set_size(figure: FigureBase, width: float, height: float) -> None:
+    """Give a figure its size in inches and lay it out for that; a part of one keeps its size."""
+    if isinstance(figure, Figure):
+        figure.set_layout_engine("constrained")
+        figure.set_size_inches(width, height)
 
 
 @dataclass(frozen=True)
@@ -45,7 +53,7 @@ class Panels:
     """
 
     axes: list[Axes]
-    figure: Figure | None
+    figure: FigureBase | None
 
     @property
     def returned(self) -> Any:
@@ -80,7 +88,7 @@ def panels(ax: Any, count: int, lay_out: Layout) -> Iterator[Panels]:
     Raises:
         OpenLockError: If ``ax`` is something else, or has more or fewer axes than there are panels.
     """
-    if ax is None or isinstance(ax, Figure):
+    if ax is None or isinstance(ax, FigureBase):
         with style.settings():
             if ax is None:
                 import matplotlib.pyplot as plt
@@ -109,7 +117,8 @@ def _flat(ax: Any) -> Iterator[Axes]:
             yield from _flat(each)
     else:
         raise OpenLockError(
-            f"ax is axes of matplotlib, or an empty figure, and not {type(ax).__name__}"
+            f"ax is axes of matplotlib, or an empty figure or subfigure, and not "
+            f"{type(ax).__name__}"
         )
 
 
@@ -123,9 +132,8 @@ def in_rows(
     rows = math.ceil(count / columns)
     columns = math.ceil(count / rows)  # four panels are two and two, not three and one
 
-    def lay_out(figure: Figure) -> list[Axes]:
-        figure.set_layout_engine("constrained")
-        figure.set_size_inches(width if columns > 1 else 0.62 * width, rows * height + 0.5)
+    def lay_out(figure: FigureBase) -> list[Axes]:
+        set_size(figure, width if columns > 1 else 0.62 * width, rows * height + 0.5)
         grid = figure.subplots(rows, columns, sharey=common, squeeze=False).ravel().tolist()
         for unused in grid[count:]:
             unused.remove()

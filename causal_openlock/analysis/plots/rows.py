@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import FigureBase
 
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import Layout, Panels
+from causal_openlock.analysis.plots.panels import Layout, Panels, set_size
 
 _HEIGHT = 0.21  # of a row, in inches
 
@@ -18,9 +18,8 @@ _HEIGHT = 0.21  # of a row, in inches
 def two_panels(names: Sequence[str]) -> Layout:
     """Return the layout of two panels with a row for each name."""
 
-    def lay_out(figure: Figure) -> list[Axes]:
-        figure.set_layout_engine("constrained")
-        figure.set_size_inches(style.WIDTH, 1.15 + _HEIGHT * len(names))
+    def lay_out(figure: FigureBase) -> list[Axes]:
+        set_size(figure, style.WIDTH, 1.15 + _HEIGHT * len(names))
         return list(figure.subplots(1, 2, sharey=True, sharex=True))
 
     return lay_out

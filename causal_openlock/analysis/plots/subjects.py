@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import FigureBase
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
@@ -68,7 +68,7 @@ def plot_subjects(
     protocols, most = table["protocol"].nunique(), max(len(own) for _, _, own in shown)
     rows_of_panels = in_rows(len(shown), 3 if most <= 4 else 2, 2.6, common=protocols == 1)
 
-    def lay_out(figure: Figure) -> Sequence[Axes]:
+    def lay_out(figure: FigureBase) -> Sequence[Axes]:
         axes = rows_of_panels(figure)
         figure.set_figheight(figure.get_figheight() + 0.2)  # for a legend of two lines
         return axes
