@@ -1,7 +1,7 @@
 """Draw the pictures of docs/gallery.md: ``python docs/figures/gallery.py``.
 
-Two small comparisons are played: four learners as people played, and one under a shortened protocol
-of the paper's networks. Takes about two minutes on two cores.
+Three small comparisons are played: four learners as people played, one under a shortened protocol
+of the paper's networks, and a sweep. Takes about two minutes on two cores.
 """
 
 from __future__ import annotations
@@ -30,6 +30,8 @@ def main() -> None:
     learners = ["bayes", like_people, "random", "oracle"]
     results = ol.compare([*PAPER_CONDITIONS], learners, subjects=12, seed=1)
     trained = ol.compare(["CC4", "CE4"], "random", protocol=SHORT, subjects=4, seed=1)
+    grid = ol.sweep("bayes", lapse=[0.0, 0.1, 0.3, 0.6], policy=["solve_and_learn", "thompson"])
+    swept = ol.compare(["CC4", "CC3-CC4"], grid, subjects=12, seed=1)
     plots = {
         name: (getattr(ol, f"plot_{name}"), results, {})
         for name in ("attempts", "transfer", "course", "survival", "cost", "likeness",
@@ -38,6 +40,7 @@ def main() -> None:
     plots["categories"] = (ol.plot_categories, trained, {})
     plots["subjects"] = (ol.plot_subjects, results, {"learners": ["like_people"]})
     plots["structure_recovery"] = (ol.plot_structure_recovery, results, {})
+    plots["sweep"] = (ol.plot_sweep, swept, {"parameter": "lapse"})
     plots["beliefs"] = (ol.plot_beliefs, results, {"condition": "CC3-CC4", "trial": 7})
     for name, (plot, drawn, options) in plots.items():
         figure = Figure()

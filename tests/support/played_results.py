@@ -68,8 +68,8 @@ def believed() -> Material:
 
 @cache
 def swept() -> Material:
-    """A learner once for each of two values, in two conditions."""
-    return played(sweep("win_stay", grey_only=[True, False]), ["CC3", "CE3"], 2)
+    """A learner once for each of two values, and another one, in two conditions."""
+    return played([*sweep("win_stay", grey_only=[True, False]), "random"], ["CC3", "CE3"], 2)
 
 
 @cache

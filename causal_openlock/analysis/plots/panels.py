@@ -123,17 +123,23 @@ def _flat(ax: Any) -> Iterator[Axes]:
 
 
 def in_rows(
-    count: int, columns: int, height: float, width: float = style.WIDTH, common: bool = True
+    count: int,
+    columns: int,
+    height: float,
+    width: float = style.WIDTH,
+    common: bool = True,
+    above: float = 0.5,
 ) -> Layout:
     """So many panels, wrapped over rows of at most ``columns``.
 
-    A panel has a height in inches. With a ``common`` y axis only the first of a row has labels.
+    A panel has a height in inches, and so has what is ``above`` all of them. With a ``common`` y
+    axis only the first of a row has labels.
     """
     rows = math.ceil(count / columns)
     columns = math.ceil(count / rows)  # four panels are two and two, not three and one
 
     def lay_out(figure: FigureBase) -> list[Axes]:
-        set_size(figure, width if columns > 1 else 0.62 * width, rows * height + 0.5)
+        set_size(figure, width if columns > 1 else 0.62 * width, rows * height + above)
         grid = figure.subplots(rows, columns, sharey=common, squeeze=False).ravel().tolist()
         for unused in grid[count:]:
             unused.remove()

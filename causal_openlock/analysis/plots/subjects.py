@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import FigureBase
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
@@ -66,14 +65,9 @@ def plot_subjects(
     if table["ideal_attempts"].notna().any():
         keys.append(style.ideal_key())
     protocols, most = table["protocol"].nunique(), max(len(own) for _, _, own in shown)
-    rows_of_panels = in_rows(len(shown), 3 if most <= 4 else 2, 2.6, common=protocols == 1)
-
-    def lay_out(figure: FigureBase) -> Sequence[Axes]:
-        axes = rows_of_panels(figure)
-        figure.set_figheight(figure.get_figheight() + 0.2)  # for a legend of two lines
-        return axes
-
-    with panels(ax, len(shown), lay_out) as at:
+    columns, common = 3 if most <= 4 else 2, protocols == 1
+    rows = in_rows(len(shown), columns, 2.6, common=common, above=0.7)  # a legend of two lines
+    with panels(ax, len(shown), rows) as at:
         for axes, (name, protocol, own) in zip(at.axes, shown, strict=True):
             played = values[values["protocol"] == protocol]
             means = results.headline[results.headline["protocol"] == protocol]
