@@ -138,7 +138,7 @@ def plot_sweep(
     words = list(dict.fromkeys(map(str, table["value"])))
     places = table["value"].astype(float) if numbers else table["value"].map(str).map(words.index)
     table = table.assign(x=places)
-    looks = {
+    looks: dict[str, dict[str, Any]] = {
         name: {**style.current().line(number), "marker": "os^D"[number % 4], "ms": 5}
         for number, name in enumerate(dict.fromkeys(table["series"]))
     }
@@ -147,7 +147,7 @@ def plot_sweep(
         Line2D([], [], label=style.label(name, 30), **look) for name, look in looks.items()
     ]
     if (table["share_solved"] < 1).any():
-        look = {"ls": "", "marker": "o", "mfc": "white", "color": "#666666"}
+        look: dict[str, Any] = {"ls": "", "marker": "o", "mfc": "white", "color": "#666666"}
         keys.append(Line2D([], [], label="lower bound: not all solved", **look))
     if table["ideal_attempts"].notna().any():
         keys.append(style.ideal_key())
