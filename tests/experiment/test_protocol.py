@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 from causal_openlock.errors import FileError, OpenLockError, ProtocolError
+from causal_openlock.experiment.building import Changes, learner, make_experiment
+from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.protocol import (
     PAPER_CONDITIONS,
     PROTOCOLS,
@@ -395,3 +397,53 @@ def test_conditions_and_protocols_are_plain_data() -> None:
     ]
     assert data["test"][0]["layouts"] is None
     assert Protocol(**RL.as_dict()) == RL
+
+
+def test_a_protocol_may_be_settings_as_a_file_has_them(tmp_path: Path) -> None:
+    path = tmp_path / "e.yaml"
+    path.write_text(
+        "name: e\nconditions: [CC3]\nlearners: [random]\nprotocol: short\n"
+        "protocols: {short: {based_on: rl, attempt_limit: 9, stop_when_solved: true}}\n"
+    )
+    settings = {"based_on": "rl", "attempt_limit": 9, "stop_when_solved": True}
+    (in_file,) = read_experiment(path).protocols
+    given = {**settings, "name": "short"}
+    (named,) = make_experiment(["CC3"], ["random"], protocol=given).protocols
+    assert named == in_file
+    for arguments, name in (
+        ({"protocol": settings}, "rl_attempt_limit_9_stop_when_solved_True"),
+        ({"attempt_limit": 9}, "human_attempt_limit_9"),
+        ({"attempt_limit": 9, "protocol": PROTOCOLS["rl"]}, "rl_attempt_limit_9"),
+        (
+            {"attempt_limit": 9, "protocol": {"test_trials": 2, "name": "two"}},
+            "two_attempt_limit_9",
+        ),
+    ):
+        (made,) = make_experiment(["CC3"], ["random"], **arguments).protocols  # type: ignore[arg-type]
+        assert (made.name, made.attempt_limit) == (name, 9)
+    changes = Changes(protocol={"based_on": "short", "test_trials": 3})
+    (changed,) = read_experiment(path, changes).protocols
+    assert (changed.name, changed.attempt_limit, changed.test_trials) == (
+        "short_test_trials_3", 9, 3,
+    )  # fmt: skip
+    own = learner("random", protocol="rl", label="own")  # it has a protocol of its own
+    both = make_experiment(["CC3"], ["random", own], attempt_limit=9)
+    assert [one.protocol.name for one in both.learners] == ["human_attempt_limit_9", "rl"]
+
+
+@pytest.mark.parametrize(
+    ("protocol", "said"),
+    [
+        ({"atempt_limit": 3}, "did you mean attempt_limit?"),
+        ({"attempt_limit": 0}, "greater than or equal to 1"),
+        ({"based_on": "rll"}, "did you mean rl?"),
+        ({"attempt_limit": 3, "name": "human"}, "choose another name"),
+        ({"attempt_limit": 3, "name": "a b"}, "is not a valid name of a protocol"),
+        (3, "3 is no protocol; give its name, a Protocol, or settings such as {"),
+    ],
+)  # fmt: skip
+def test_settings_that_are_no_protocol_are_refused(protocol: Any, said: str) -> None:
+    with pytest.raises(OpenLockError) as caught:
+        make_experiment(["CC3"], ["random"], protocol=protocol)
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
