@@ -46,7 +46,7 @@ def sigmoid(numbers: Tensor) -> Tensor:
 
 
 def padded(bias: Tensor, weight: Tensor) -> tuple[Tensor, Tensor]:
-    """Both with columns of zeros behind the others, as many as fill the processor's vectors.
+    """Pad a bias and a weight with columns of zeros, up to a multiple of the processor's vectors.
 
     Each agent's part of a product then begins where a vector does: how a product is rounded may
     depend on that.
