@@ -3,7 +3,7 @@
 A checksum in a second file can be lost, or belong to an earlier version if a process is killed
 between the two writes. So it stands inside: the file is made with 64 zeros in its place, the
 SHA-256 of that is taken, and its digits replace the zeros. Reading reverses this, so any changed
-bit is detected. It is no protection against deliberate forgery.
+bit is detected. It does not protect against deliberate forgery.
 
 In a Parquet file it is metadata, in JSON the last key; other programs read both as usual.
 

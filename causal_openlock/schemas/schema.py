@@ -44,7 +44,7 @@ NO_TEXT = re.compile("[\\x00-\\x08\\x0b-\\x1f\\x7f\\ud800-\\udfff]")
 
 @dataclass(frozen=True)
 class Gate:
-    """How a node combines its causes.
+    """Rule by which a node combines its causes.
 
     Attributes:
         kind: ``any``, ``all`` or ``at_least``.

@@ -35,7 +35,7 @@ from causal_openlock.wording import joined
 
 SESSION = "__main__"
 _OWN = uuid4().hex
-"""Of this process, which has the classes that it packs."""
+"""Identifies the process that packed the classes."""
 
 
 def is_of_session(name: str) -> bool:

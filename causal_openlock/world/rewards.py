@@ -46,7 +46,7 @@ MULTIPLIER = 1.5
 
 @dataclass(frozen=True)
 class Weights:
-    """What the terms pay; the texts explain each weight to users."""
+    """Weights of the terms; the texts explain each one to users."""
 
     unlock: Annotated[float, "for unlocking the door (basic)"] = UNLOCK
     open: Annotated[float, "for opening the door (basic)"] = OPEN
@@ -63,7 +63,7 @@ WEIGHTS: dict[str, str] = {
     name: hint.__metadata__[0]
     for name, hint in get_type_hints(Weights, include_extras=True).items()
 }
-"""What each weight means, by name."""
+"""Explanation of each weight, by name."""
 
 
 def term_of(weight: str) -> str:
@@ -288,7 +288,7 @@ PRESETS = _presets()
 
 
 RewardForm = str | Iterable[str] | Mapping[str, Any] | RewardFunction
-"""What :func:`find_reward` takes."""
+"""Forms of a reward that :func:`find_reward` takes."""
 
 
 def find_reward(reward: RewardForm) -> RewardFunction:

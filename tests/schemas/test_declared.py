@@ -170,10 +170,10 @@ def test_files_are_found_by_name_or_path(tmp_path: Path, monkeypatch: Any) -> No
 @pytest.mark.parametrize(
     ("source", "options", "words"),
     [
-        (5, {}, "5 is no edge"),
-        ([("A", "B", "C", "D")], {}, "is no edge"),
+        (5, {}, "5 is not an edge"),
+        ([("A", "B", "C", "D")], {}, "is not an edge"),
         ([("A", "door"), ("A", "door")], {}, "listed twice"),
-        ({"A": 5}, {}, "is no edge"),
+        ({"A": 5}, {}, "is not an edge"),
         ({"A": ["B"]}, {}, "no node named door"),
         (nx.Graph([("A", "door")]), {}, "declare it directed"),
         (nx.DiGraph([(1, "door")]), {}, "write it in quotes"),

@@ -64,7 +64,7 @@ FORM: dict[str, tuple[str, list[Place]]] = {
     ),
     "unknown key of an edge": (
         good(edges="{L0: {L1: {strenth: 0.5}}, L1: [door]}"),
-        [(3, 19, "'strenth' is no key here; did you mean strength?")],
+        [(3, 19, "'strenth' is not a key here; did you mean strength?")],
     ),
     "name missing": ("levers: [L0]\nedges: {L0: [door]}\n", [(1, 1, "name: is missing; add it")]),
     "everything missing": (
@@ -74,8 +74,8 @@ FORM: dict[str, tuple[str, list[Place]]] = {
     "unknown keys": (
         good(gate="any", lever="[L0]"),
         [
-            (4, 1, "'gate' is no key here; did you mean gates?"),
-            (5, 1, "'lever' is no key here; did you mean levers?"),
+            (4, 1, "'gate' is not a key here; did you mean gates?"),
+            (5, 1, "'lever' is not a key here; did you mean levers?"),
         ],
     ),
     "name a number": (good(name="3"), [(1, 1, "this is 3; write it in quotes")]),
@@ -112,7 +112,7 @@ FORM: dict[str, tuple[str, list[Place]]] = {
     "gate nothing": (good(gates="{door: }"), [(4, 9, "a gate is any, all or {at_least: k}")]),
     "gate at most": (
         good(gates="{door: {at_most: 1}}"),
-        [(4, 9, "at_least: is missing"), (4, 16, "'at_most' is no key here; did you mean at_le")],
+        [(4, 9, "at_least: is missing"), (4, 16, "'at_most' is not a key here; did you mean at_")],
     ),
     "gate of 0": (good(gates="{door: {at_least: 0}}"), [(4, 16, "greater than or equal to 1")]),
     "gate of 13": (good(gates="{door: {at_least: 13}}"), [(4, 16, "less than or equal to 12")]),
@@ -318,7 +318,7 @@ def test_a_strength_of_1_may_be_written_as_a_whole_number_or_left_out() -> None:
         ("missing.yaml", "missing.yaml: cannot be read (No such file or directory); check the na"),
         ("", ": cannot be read (Is a directory); check the name"),
         ("x" * 300 + ".yaml", "cannot be read (File name too long); check the name"),
-        ("a\0b.yaml", "is no name that a file can have"),
+        ("a\0b.yaml", "is not a name that a file can have"),
     ],
     ids=["missing", "directory", "long", "NUL"],
 )
