@@ -216,7 +216,7 @@ def _of_kind(shape: pymunk.Shape, kind: int, collides_with: int) -> pymunk.Shape
 
 @dataclass(frozen=True)
 class Pose:
-    """Where everything that moves is at one moment; all else is in the room's geometry.
+    """Pose of everything that moves at one moment; all else is in the room's geometry.
 
     Attributes:
         joints: The arm's base, its four joints and its free end: six points.
@@ -259,7 +259,7 @@ class World:
         self.steps += 1
 
     def pose(self) -> Pose:
-        """Where everything is now."""
+        """Pose of all bodies now."""
         return Pose(
             joints=self.arm.joints(),
             levers=tuple(lever.displacement for lever in self.levers),
