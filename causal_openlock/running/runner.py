@@ -231,7 +231,7 @@ def _sources(experiment: Experiment) -> Iterator[tuple[str, str]]:
 
 
 def _ignore(*_: object) -> None:
-    """The callback where none is given."""
+    """Default callback; does nothing."""
 
 
 @dataclass
@@ -255,7 +255,7 @@ class _Run:
     lost: dict[str, tuple[int, int]] = field(default_factory=dict)
 
     def play(self, workers: Workers) -> None:
-        """Play all of them; ``reasons`` then has why some failed, by the file's name."""
+        """Play all cells; ``reasons`` then has why some failed, by the file's name."""
         folder = str(self.store.folder.resolve())
         looked = self._look(workers)
         try:

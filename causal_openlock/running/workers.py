@@ -59,7 +59,7 @@ class WorkerPool:
         return future
 
     def number(self) -> int:
-        """How many there are."""
+        """Number of workers."""
         return len(self._idle) + len(self._busy)
 
     def begun(self, future: Future[Any]) -> bool:
@@ -175,12 +175,12 @@ class ExternalExecutor:
         return False
 
     def done(self, future: Future[Any]) -> str:
-        """Raise an error if the executor is broken, since its other jobs are lost too."""
+        """Raise an error if the executor is broken, since its other jobs are also lost."""
         if isinstance(future.exception(), BrokenExecutor):
             raise OpenLockError(
-                "a worker of the executor ended without a word (killed, out of memory, or a "
+                "a worker of the executor ended without a message (killed, out of memory, or a "
                 "learner that ends its process); run the same command again, perhaps with fewer "
-                "workers: it goes on where it was"
+                "workers: it continues where it stopped"
             )
         return ""
 
@@ -295,7 +295,7 @@ def start_worker() -> None:
 
 
 def start_alone() -> None:
-    """As :func:`start_worker`, and ignore SIGTERM too, which the parent handles.
+    """Do as :func:`start_worker`, and also ignore SIGTERM, which the parent handles.
 
     A batch system sends it to all processes at once; a worker that it ends would look like a
     learner that had ended its process.

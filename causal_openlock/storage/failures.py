@@ -1,4 +1,4 @@
-"""Why cells failed: a file for each with a sentence, the traceback, and how often it failed."""
+"""Reasons why cells failed: a file for each with a sentence, the traceback, and a count."""
 
 from __future__ import annotations
 

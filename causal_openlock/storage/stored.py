@@ -138,7 +138,7 @@ class _Condition(StrictModel):
         rooms = {}
         for subject, layouts in self.rooms.items():
             if not subject.isdecimal() or not {*map(len, layouts)} <= fitting.keys():
-                raise StoreError(f"rooms.{subject[:20]} are no layouts of a subject's trials")
+                raise StoreError(f"rooms.{subject[:20]} are not layouts of a subject's trials")
             rooms[int(subject)] = tuple(_placed(fitting[len(one)], one) for one in layouts)
         return Condition(self.name, train, test, rooms)
 

@@ -181,7 +181,7 @@ def test_a_given_executor_that_breaks_is_one_sentence(folder: Path) -> None:
     experiment = declared(folder, "Dies", "Fine")
     with (
         ProcessPoolExecutor(1, mp_context=prepared()) as executor,
-        pytest.raises(OpenLockError, match="a worker of the executor ended without a word"),
+        pytest.raises(OpenLockError, match="a worker of the executor ended without a message"),
     ):
         runner.run(experiment, folder / "out", executor=executor)
 

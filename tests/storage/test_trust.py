@@ -129,7 +129,7 @@ def test_a_cell_that_is_no_file_of_the_folder_is_not_read(
     status, said = run(*words)
     assert status == 2
     assert "lists" in said
-    assert "among the cells, which is no file in out/cells; do not use this folder" in said
+    assert "among the cells, which is not a file in out/cells; do not use this folder" in said
 
 
 def test_a_name_that_some_system_takes_for_a_path_is_no_cell(folder: Path) -> None:
