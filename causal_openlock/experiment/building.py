@@ -212,7 +212,7 @@ class _Builder:
         return shlex.join(["causal-openlock", "compare", *words])
 
     def resolved(self, key: str, resolve: Callable[[Any, int], Any]) -> dict[str, Any]:
-        """By name, the conditions or learners of the file, or those of the command line."""
+        """Conditions or learners by name: those of the file, or of the command line."""
         declared = getattr(self.file, key)
         if (chosen := getattr(self.changes, key)) is not None:
             known = {one.name or one.learner: one for one in declared if not isinstance(one, str)}
@@ -316,7 +316,7 @@ class _Builder:
         with self.at(*(where if own_protocol else ()), "protocol"):
             played = self.changes.protocol or declared.protocol or file.protocol
             if not isinstance(played, Protocol | str):
-                raise ExperimentError(f"{played!r} is no protocol; give its name or a Protocol")
+                raise ExperimentError(f"{played!r} is not a protocol; give its name or a Protocol")
             if isinstance(played, str):
                 played = find_protocol(played, self.own_protocols)
         with self.at(*(where if own_reward else ()), "reward"):
@@ -356,8 +356,8 @@ def as_learner(learner: LearnerForm) -> LearnerFile:
             kind = learner.single
     if not (isinstance(kind, type) and issubclass(kind, Learner | OneSubjectLearner)):
         raise LearnerError(
-            f"{learner!r} is no learner; give a name, a class of learners, an instance of one, or "
-            "learner(NAME, parameter=value)"
+            f"{learner!r} is not a learner; give a name, a class of learners, an instance of one, "
+            "or learner(NAME, parameter=value)"
         )
     if lacking := sorted(kind.__abstractmethods__):
         raise LearnerError(f"{kind.__name__} has no method {lacking[0]}; define it")

@@ -115,14 +115,14 @@ class LearnerSpec:
 
     @cached_property
     def origin(self) -> Origin:
-        """Its recorded origin, or that of the installed code."""
+        """The learner's recorded origin, or that of the installed code."""
         if self.recorded is not None:
             return self.recorded
         return origin_of(self.learner, self.parameters)
 
     @property
     def is_random(self) -> bool:
-        """Whether it draws every action at random."""
+        """Whether the learner draws every action at random."""
         return self.learner == "random" or self.origin.class_name == RANDOM_CLASS
 
     def as_dict(self) -> dict[str, Any]:
@@ -336,7 +336,7 @@ def _cannot_play(spec: LearnerSpec, schema: Schema) -> str:
 
 
 def _deciding(learner: dict[str, Any]) -> dict[str, Any]:
-    """What of a learner's description its results depend on, and identities are made of."""
+    """Part of a learner's description that determines its results and identity."""
     decides = {key: value for key, value in learner.items() if key not in _NOTES}
     return {**decides, "class": in_identities(learner["class"])}
 

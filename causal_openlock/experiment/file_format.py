@@ -65,7 +65,7 @@ LayoutEntry = Annotated[
 
 
 class TrialsFile(StrictModel):
-    """Some trials in rooms of one schema."""
+    """Trials in rooms of one schema."""
 
     schema_: Annotated[str, Field(alias="schema", description="Name or path of a schema.")]
     layouts: Annotated[

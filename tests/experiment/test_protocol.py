@@ -317,7 +317,7 @@ def test_what_is_no_condition_is_told_what_one_looks_like(name: str) -> None:
 def test_unknown_names_are_told_their_nearest() -> None:
     with pytest.raises(OpenLockError, match=r"no schema 'CC5'; did you mean CC[34]\?"):
         named("CC3-CC5")
-    with pytest.raises(ProtocolError, match="is no condition: 100,000 characters"):
+    with pytest.raises(ProtocolError, match="is not a condition: 100,000 characters"):
         Condition.named("-" * 100_000, find_schema)
     with pytest.raises(ProtocolError, match=r"no protocol 'humans'; did you mean human\?"):
         find_protocol("humans")
