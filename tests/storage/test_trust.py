@@ -258,7 +258,7 @@ def test_what_a_learner_imports_is_bundled_only_if_it_is_python_of_its_folder(
 def test_what_pip_is_told_to_install_are_packages(folder: Path) -> None:
     for package in ("--index-url=http://x 1", "evil 1\n--pre", "evil 1;x", "./evil 1"):
         forge(folder, lambda held, told=package: held["learners"][1].update(package=told))
-        with pytest.raises(OpenLockError, match="which is no version of a package"):
+        with pytest.raises(OpenLockError, match="which is not a version of a package"):
             write_bundle(Store(folder), "out.zip")
 
 
