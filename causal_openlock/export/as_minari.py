@@ -184,7 +184,7 @@ def _episodes(
 
 
 def _buffer(steps: Steps, which: slice, terminated: bool, put_back: bool) -> dict[str, Any]:
-    """The attempts of an episode in a row; a room may be put back after each of them."""
+    """The attempts of an episode in a row; a room may be put back after each attempt."""
     used, begins, seen = steps.used[which], steps.begins[which], steps.seen[which]
     if put_back:
         seen = seen.copy()
