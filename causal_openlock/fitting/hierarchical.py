@@ -58,7 +58,7 @@ ROUNDS = 25
 
 
 class GroupFit:
-    """A hierarchical fit, which goes on where it was stopped.
+    """A hierarchical fit, which continues where it stopped.
 
     Args:
         parts: The subjects.

@@ -30,7 +30,7 @@ def test_files_with_a_checksum_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ChecksumError, match="it is no JSON"):
         read_json(DOUBLED)
     (tmp_path / "fit.json").write_bytes(DOUBLED)
-    with pytest.raises(StoreError, match="this is no fit"):
+    with pytest.raises(StoreError, match="this is not a fit"):
         kept_fit(tmp_path / "fit.json", dict)
 
 
