@@ -1,10 +1,10 @@
 """CSV: this project's own, a row for each attempt, or any table with a row for each action.
 
-Which it is, its header says: the own form has the columns of a record
+Its header says which form it has: the own form has the columns of a record
 (:func:`~causal_openlock.experiment.record.record_schema`), in which ``actions`` are several; a
-table of actions has a column ``action``, and what jsPsych saves as a table has its own columns,
-too. Columns that mean nothing here are passed over. Where a spreadsheet has saved it, columns may
-be separated by ``;`` or tabs, and numbers have a decimal comma; the header says that as well.
+table of actions has a column ``action``, and a table that jsPsych saves also has its own
+columns. Columns that mean nothing here are passed over. Where a spreadsheet has saved it, columns
+may be separated by ``;`` or tabs, and numbers have a decimal comma; the header says that as well.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class Table:
 
     @property
     def is_own(self) -> bool:
-        """Whether it has the columns of a record."""
+        """Whether the table has the columns of a record."""
         return {*record_schema().names} <= {*self.header}
 
     @property
@@ -99,7 +99,7 @@ class Table:
         return [name for name in NEEDED[self.is_of_jspsych :] if name not in self.header]
 
     def remarks(self) -> list[str]:
-        """What was made of it that its writer should know, a sentence each."""
+        """Remarks on how the table was read, for its writer, a sentence each."""
         said = []
         if self.separator != ",":
             said.append(
@@ -112,10 +112,10 @@ class Table:
         return [f"{self.path}: {one}" for one in said]
 
     def rows(self) -> Iterator[tuple[Place, dict[str, str]]]:
-        """Its rows by column, each with its place; empty ones are passed over.
+        """The table's rows by column, each with its place; empty rows are skipped.
 
         Raises:
-            ImportFault: If it is no CSV, or a row has too few or too many cells.
+            ImportFault: If it is not CSV, or a row has too few or too many cells.
         """
         reader = csv.reader(
             io.StringIO(self.content, newline=""), strict=True, delimiter=self.separator
@@ -152,7 +152,7 @@ class Table:
 
 
 def _header(content: str, separator: str) -> tuple[str, ...]:
-    """The first row's cells; empty where it is no CSV."""
+    """The first row's cells; empty where the text is not CSV."""
     try:
         row = next(csv.reader(io.StringIO(content, newline=""), delimiter=separator), [])
     except csv.Error:
@@ -200,7 +200,7 @@ def experiment_of(table: Table) -> tuple[str, int] | None:
 
 
 def _attempt(place: Place, row: Mapping[str, str]) -> Iterator[ActionEntry]:
-    """The actions of an attempt; what came of it stands with its last one."""
+    """The actions of an attempt; its result is given with the last action."""
     actions, moved = row["actions"].split(), row["moved"].split()
     if not actions or len(actions) != len(moved):
         raise place.fault("actions and moved must be as many, and at least one")
