@@ -1,4 +1,4 @@
-"""People's means at fourteen points, and a learner's beside them."""
+"""Figure of people's means at fourteen points, and of a learner's."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def plot_likeness(
 
     The learners stand in the order of their distance from people, the nearest first. The published
     model stands last, even where it is nearer than they are. Above a panel: that distance (RMSE),
-    what a perfect model with as many subjects would come to, and how many differences between
+    that of a perfect model with the same number of subjects, and how many differences between
     conditions or trials go the same way as people's.
 
     >>> import causal_openlock as ol
@@ -79,7 +79,7 @@ def plot_likeness(
 def draw_points(
     points: Mapping[str, pd.DataFrame], effects: Mapping[str, pd.DataFrame], ax: Any = None
 ) -> Any:
-    """The same of points, and of effects that were tested, by name."""
+    """Draw the panels from points, and from effects that were tested, by name."""
     looks = (("o", 4, _GREY, "people"),
              ("D", 4.5, style.current().common_cause, "on CC4"),
              ("D", 4.5, style.current().common_effect, "on CE4"))  # fmt: skip
