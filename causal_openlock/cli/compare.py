@@ -52,7 +52,7 @@ def compare(
         typer.Option(help="Play this share of the cells alone, such as 3/16; writes no report."),
     ] = None,
     retry_failed: Annotated[
-        bool, typer.Option("--retry-failed", help="Try cells that have failed three times, too.")
+        bool, typer.Option("--retry-failed", help="Also try cells that have failed three times.")
     ] = False,
     allow_version: Annotated[
         bool,

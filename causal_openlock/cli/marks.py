@@ -1,4 +1,4 @@
-"""Marks at fitted parameters that are no estimates, and what they mean."""
+"""Marks at fitted parameters that are not estimates, and their meaning."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``causal-openlock status``: how a comparison stands that runs here or elsewhere."""
+"""``causal-openlock status``: the status of a comparison that runs here or elsewhere."""
 
 from __future__ import annotations
 
