@@ -1,8 +1,8 @@
 """The hypotheses about one room, and their prior.
 
 A hypothesis states which levers are active, the gate-DAG on them and the door, and the strength:
-the probability that an enabled lever moves. What marks the active levers is unknown, too: a *rule*
-may go by colour (the grey ones, or the white ones) or by position. The prior is
+the probability that an enabled lever moves. How the active levers are marked is also unknown:
+a *rule* may go by colour (the grey ones, or the white ones) or by position. The prior is
 
     P(h) = P(active levers | rule) P(rule) P(structure | class) P(class) P(strength)
 

@@ -217,7 +217,7 @@ def _experiment(
     if isinstance(what, str | Path) and not (learners and (is_condition or not _is_file(what))):
         if is_condition:
             raise ExperimentError(
-                f"{what} is a condition; name the learners, too: compare({str(what)!r}, ['bayes'])"
+                f"{what} is a condition; also name the learners: compare({str(what)!r}, ['bayes'])"
             )
         path = find_experiment(what)
         known = {field.name for field in fields(Changes)}

@@ -139,5 +139,5 @@ def read_json(content: bytes) -> dict[str, Any]:
         data = json.loads(content, object_pairs_hook=each_once)
         del data["sha256"]
     except (ValueError, TypeError, KeyError, RecursionError):
-        raise ChecksumError("it is no JSON, or holds something else") from None
+        raise ChecksumError("it is not JSON, or holds something else") from None
     return data

@@ -169,7 +169,7 @@ def read_document(path: Path | str) -> Document:
     """Parse a YAML file written by hand.
 
     Raises:
-        FileError: If it is no YAML 1.2, or uses what is refused here.
+        FileError: If it is not YAML 1.2, or uses what is refused here.
         OpenLockError: If it cannot be read.
     """
     return parse_document(read_text(path), path)
@@ -203,7 +203,7 @@ def parse_document(text: str, path: Path | str = "<text>") -> Document:
     """Parse YAML text; ``path`` is what faults are reported against.
 
     Raises:
-        FileError: If it is no YAML 1.2, or uses what is refused here.
+        FileError: If it is not YAML 1.2, or uses what is refused here.
     """
     from ruamel.yaml.error import MarkedYAMLError, YAMLError
     from ruamel.yaml.reader import ReaderError
@@ -309,7 +309,7 @@ def _refusals(text: str) -> Iterator[tuple[Any, str]]:
 
 
 def _is_text(value: str) -> bool:
-    """Whether it is free of unpaired surrogates, which no file can hold."""
+    """Whether a text is free of unpaired surrogates, which no file can hold."""
     return value.isascii() or not any("\ud800" <= character <= "\udfff" for character in value)
 
 

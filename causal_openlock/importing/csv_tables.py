@@ -90,12 +90,12 @@ class Table:
 
     @property
     def is_of_jspsych(self) -> bool:
-        """Whether it has columns of jsPsych's own."""
+        """Whether the table has columns of jsPsych's own."""
         return bool(OWN & {*self.header})
 
     @property
     def missing(self) -> list[str]:
-        """The columns that it lacks for a table of actions; jsPsych's may be one subject's."""
+        """The columns that a table of actions needs and lacks; jsPsych's may be one subject's."""
         return [name for name in NEEDED[self.is_of_jspsych :] if name not in self.header]
 
     def remarks(self) -> list[str]:
@@ -137,7 +137,7 @@ class Table:
                 yield place, self._with_points(values)
         except csv.Error as error:
             place = Place(self.path, max(reader.line_num, 1) + self.skipped)
-            raise place.fault(f"this is no CSV ({error})") from None
+            raise place.fault(f"this is not CSV ({error})") from None
 
     def _with_points(self, values: dict[str, str]) -> dict[str, str]:
         """Values with decimal points, where a comma cannot be the end of a cell."""
@@ -174,7 +174,7 @@ def table_actions(table: Table) -> Iterator[ActionEntry]:
             yield from _attempt(place, values)
         return
     if missing := table.missing:
-        next(table.rows(), None)  # says what is wrong with a header that is no CSV
+        next(table.rows(), None)  # says what is wrong with a header that is not CSV
         found = f"found: {', '.join(header)}; rename the column" if header else "it is empty"
         raise head.fault(
             f"there is no column {missing[0]}; {found}: a table of actions has "
@@ -190,7 +190,7 @@ def experiment_of(table: Table) -> tuple[str, int] | None:
     """The experiment's name and seed in the first row of an own CSV; None of another file.
 
     Raises:
-        OpenLockError: If it is no CSV.
+        OpenLockError: If it is not CSV.
     """
     if not table.is_own:
         return None

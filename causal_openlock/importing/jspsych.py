@@ -37,7 +37,7 @@ def jspsych_actions(path: Path) -> Iterator[ActionEntry]:
     """The actions in a JSON file of jsPsych, in its order.
 
     Raises:
-        OpenLockError: If it is no JSON, not whole, or an entry is none.
+        OpenLockError: If it is not JSON, not whole, or an entry is none.
     """
     return in_order(screen_actions(_entries(path), path.stem))
 
@@ -120,7 +120,7 @@ def _entries(path: Path) -> Iterator[tuple[Place, dict[str, Any]]]:
         except DoubledKeyError as error:
             raise place.fault(f"{error}; take one out") from None
         except (ValueError, RecursionError):
-            raise place.fault("this is no JSON; is the file whole?") from None
+            raise place.fault("this is not JSON; is the file whole?") from None
         entries += 1
         yield place, entry
     if depth or not entries:

@@ -179,7 +179,7 @@ def transfer_order(tested: pd.DataFrame) -> pd.DataFrame:
 
     Kendall's tau of the four means is recomputed in every resample of the subjects, and so is the
     difference of each pair of cases. Where the paper's shares differ by less than :data:`MARGIN`, a
-    pair agrees if ours surely do so too.
+    pair agrees if ours surely also do so.
 
     Returns:
         For each learner and protocol that has all four cases, a row ``tau`` (agrees if its whole

@@ -154,11 +154,11 @@ class Lever:
 
     @property
     def pushed(self) -> bool:
-        """Whether it is beyond the middle of its track."""
+        """Whether the lever is beyond the middle of its track."""
         return self.displacement > PUSHED
 
     def lock(self, locked: bool) -> None:
-        """Lock it where it is, or unlock it."""
+        """Lock the lever where it is, or unlock it."""
         if self._latch is not None and locked != self.locked:
             self.locked = locked
             self._latch.max_force = math.inf if locked else LATCH
@@ -195,7 +195,7 @@ class Door:
 
     @property
     def opened(self) -> bool:
-        """Whether it counts as open."""
+        """Whether the door counts as open."""
         return self.angle > DOOR_OPEN
 
     @property

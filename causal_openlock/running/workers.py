@@ -131,7 +131,7 @@ class _Process:
 
     @property
     def has_begun(self) -> bool:
-        """Whether it was ever ready to play."""
+        """Whether the process was ever ready to play."""
         return self._hello.done() and self._hello.exception() is None
 
     def close(self) -> str:
@@ -157,7 +157,7 @@ class ExternalExecutor:
         return 0
 
     def free(self) -> bool:
-        """Whether it takes another job: always."""
+        """Whether the executor takes another job: always."""
         return True
 
     def submit(

@@ -170,7 +170,7 @@ class _Reader:
                 try:
                     self.title = str(json.loads(token.text))
                 except ValueError as error:
-                    raise self.fault(token.at, f"the title is no JSON string: {error}") from None
+                    raise self.fault(token.at, f"the title is not a JSON string: {error}") from None
             self.need(":", "':' after name and title")
         while self.tokens[self.at].kind != "end":
             if not self.take_if(";", "\n"):

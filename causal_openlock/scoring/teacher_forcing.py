@@ -246,7 +246,7 @@ def score_actions(
         learner and its settings.
 
     Raises:
-        LearnerError: If a learner cannot be put in another's place, or what it gives are no
+        LearnerError: If a learner cannot be put in another's place, or does not give
             probabilities.
         StoreError: If what is on record cannot be played again.
     """

@@ -176,7 +176,7 @@ def _constant(name: str, value: Any) -> str:
 
 
 def _is_defined_here(value: Any) -> bool:
-    """Whether it has a definition in the session that is its whole source."""
+    """Whether a value has a definition in the session that is its whole source."""
     value = inspect.unwrap(value) if callable(value) else value
     is_definition = isinstance(value, type | FunctionType) and value.__module__ == SESSION
     return is_definition and "<" not in value.__qualname__

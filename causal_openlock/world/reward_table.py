@@ -144,12 +144,12 @@ class RewardFunction(ABC):
 
     @property
     def depends_on_repeats(self) -> bool:
-        """Whether it depends on the action before."""
+        """Whether the reward depends on the action before."""
         return self.depends_on_everything
 
     @property
     def depends_on_found(self) -> bool:
-        """Whether it depends on which solutions are already found."""
+        """Whether the reward depends on which solutions are already found."""
         return self.depends_on_everything
 
     @abstractmethod

@@ -118,12 +118,12 @@ class Reward(RewardFunction):
 
     @property
     def depends_on_repeats(self) -> bool:
-        """Whether it depends on the action before."""
+        """Whether the reward depends on the action before."""
         return "negative_repeat" in self.terms
 
     @property
     def depends_on_found(self) -> bool:
-        """Whether it depends on which solutions are already found."""
+        """Whether the reward depends on which solutions are already found."""
         return not {"unique_solutions", "solution_multiplier"}.isdisjoint(self.terms)
 
 
@@ -231,12 +231,12 @@ class AuthorsReward(RewardFunction):
 
     @property
     def depends_on_repeats(self) -> bool:
-        """Whether it depends on the action before."""
+        """Whether the reward depends on the action before."""
         return self.repeat
 
     @property
     def depends_on_found(self) -> bool:
-        """Whether it depends on which solutions are already found."""
+        """Whether the reward depends on which solutions are already found."""
         return self.unique or self.multiplier
 
     def as_dict(self) -> dict[str, Any]:

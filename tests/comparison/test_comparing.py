@@ -330,7 +330,7 @@ def test_without_links_cells_are_copied(monkeypatch: pytest.MonkeyPatch, played:
 def test_messages_of_a_notebook_say_what_to_do_there() -> None:
     with pytest.raises(ExperimentError, match=r"'slow ddqn' is not a label; it must have letters"):
         ol.learner("ddqn", label="slow ddqn")
-    with pytest.raises(ExperimentError, match="CC4 is a condition; name the learners, too"):
+    with pytest.raises(ExperimentError, match="CC4 is a condition; also name the learners"):
         ol.compare("CC4", subjects=1)
     with pytest.raises(ExperimentError, match=r"listed twice.*as in learner\(\.\.\., label="):
         ol.make_experiment(["CC3"], ["oracle", "oracle"])

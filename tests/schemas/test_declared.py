@@ -68,7 +68,7 @@ FAULTS = {
     "A -> door; inert B | C": (20, "'|' cannot come here"),
     "A (x) -> door": (4, "possible: a strength such as 0.8"),
     "A -> door -> B": (14, "the door is an effect"),
-    'x "\\q": A -> door': (3, "the title is no JSON string"),
+    'x "\\q": A -> door': (3, "the title is not a JSON string"),
     "x 'y': A -> door": (3, "cannot come here"),
     "A, B; A, B; A -> door": (7, "all levers are listed already"),
     "A ->": (5, "the end cannot come here"),

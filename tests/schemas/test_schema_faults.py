@@ -154,7 +154,7 @@ MEANING: dict[str, tuple[str, list[Place]]] = {
     "unprintable title": (good(title='"a\\0"'), [(4, 1, "the title holds the character U+0000")]),
 }  # fmt: skip
 
-# What is no YAML, or no YAML that a person would write into such a file.
+# What is not YAML, or no YAML that a person would write into such a file.
 YAML_ITSELF: dict[str, tuple[str | bytes, list[Place]]] = {
     "tab": ("name: X\n\tlevers: [L0]\n", [(2, 1, "this is not valid YAML: found character '\\t'")]),
     "unclosed list": ("name: X\nlevers: [L0\nedges: {}\n", [(3, 6, "expected ',' or ']'")]),

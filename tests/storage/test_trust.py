@@ -240,7 +240,7 @@ def test_what_a_learner_imports_is_bundled_only_if_it_is_python_of_its_folder(
 ) -> None:
     away = folder.parent.parent / "away"
     away.mkdir()
-    (away / "key.txt").write_text("a private key, which is no Python\n")
+    (away / "key.txt").write_text("a private key, which is not Python\n")
     (away / "code.py").write_text("secret = 1\n")
     source = "import keys\nimport linked\n"
     Path("a_foreign_learner.py").write_text(source)
