@@ -52,7 +52,7 @@ def plot_attempts(
     published: bool = True,
     ax: Any = None,
 ) -> Any:
-    """Mean attempts in each baseline trial, CC4 beside CE4: the paper's Figure 3.
+    """Mean attempts in each baseline trial, CC4 next to CE4: the paper's Figure 3.
 
     >>> import causal_openlock as ol
     >>> panels = ol.plot_attempts(results)
@@ -61,7 +61,7 @@ def plot_attempts(
 
     Args:
         results: What was played.
-        learners: Labels of the learners to draw; by default all that a reference stands beside.
+        learners: Labels of the learners to draw; by default all that a reference suits.
         conditions: Conditions to draw; by default those of the paper's that were played.
         published: Whether references have panels before the learners.
         ax: Axes, as many as there are panels, or an empty figure; by default a new figure of
@@ -100,7 +100,7 @@ def plot_transfer(
 ) -> Any:
     """Mean attempts in the transfer test, by what was tested and trained: the paper's Figure 4.
 
-    Tests that no learner played are left out, those of people too.
+    Tests that no learner played are left out, also those of people.
 
     >>> import causal_openlock as ol
     >>> axes = ol.plot_transfer(results, learners=["random"], published=False)

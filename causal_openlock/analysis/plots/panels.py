@@ -1,4 +1,4 @@
-"""Where a figure is drawn: in axes that are given, or in a figure that is laid out for it.
+"""Axes of a figure: given ones, or those of a figure that is laid out for them.
 
 Every plot function takes ``ax``, which is one of three things:
 
@@ -49,7 +49,7 @@ class Panels:
 
     @property
     def returned(self) -> Any:
-        """What a plot function returns: ``[P]`` axes, or the only ones."""
+        """Axes that a plot function returns: ``[P]``, or the only ones."""
         return self.axes[0] if len(self.axes) == 1 else np.array(self.axes, dtype=object)
 
     def label_y(self, text: str) -> None:
@@ -116,7 +116,7 @@ def _flat(ax: Any) -> Iterator[Axes]:
 def in_rows(
     count: int, columns: int, height: float, width: float = style.WIDTH, common: bool = True
 ) -> Layout:
-    """So many panels, wrapped over rows of at most ``columns``.
+    """Lay out ``count`` panels, in rows of at most ``columns``.
 
     A panel has a height in inches. With a ``common`` y axis only the first of a row has labels.
     """

@@ -37,7 +37,7 @@ class Written:
         return inline(plot, svg)
 
     def section(self, section: Section) -> dict[str, Any]:
-        """Write the tables and plots of a section; returns what the template shows of it.
+        """Write the tables and plots of a section; returns what the template shows.
 
         On the page and in LaTeX numbers are printed as the table asks for; the CSV file has them as
         they were computed, to six significant digits.
