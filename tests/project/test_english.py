@@ -15,7 +15,7 @@ import pytest
 from support.documents import ROOT
 
 PRODUCT = ("causal_openlock", "learners")
-NOT_YET = "causal_openlock/analysis/"
+NOT_YET = re.compile(r"causal_openlock/analysis/.*\.j2")
 KEPT = ("render/words.py",)
 """Files whose texts language models and people are shown: stored replies depend on every word."""
 
@@ -46,6 +46,7 @@ PHRASES = {
 }
 """Anywhere in a docstring, a message or a template."""
 
+ANY = re.compile("|".join(PHRASES), re.IGNORECASE)
 CODE = re.compile(
     r":\w+:`[^`]*`|``[^`]*``|`[^`]*`|\{[{%#].*?[#%}]\}|^ *>>>.*?(?:\n *\n|\Z)", re.S | re.M
 )
@@ -58,6 +59,8 @@ def stumbles(text: str, *, docstring: bool) -> Iterator[tuple[str, str]]:
         for opening, better in OPENINGS.items():
             if found := re.match(opening, first):
                 yield found.group(), better
+    if not ANY.search(" ".join(text.split())):
+        return
     prose = " ".join(CODE.sub("``", text).split())
     for phrase, better in PHRASES.items():
         if found := re.search(phrase, prose, re.IGNORECASE):
@@ -69,18 +72,14 @@ def texts(path: Path) -> Iterator[tuple[int, str, bool]]:
     if path.suffix == ".j2":
         yield 1, path.read_text("utf-8"), False
         return
-    tree = ast.parse(path.read_text("utf-8"))
-    docstrings = {
-        id(one.value)
-        for node in ast.walk(tree)
-        for one in (node.body if isinstance(getattr(node, "body", None), list) else ())
-        if isinstance(one, ast.Expr)
-    }
-    for node in ast.walk(tree):
+    docstrings: set[int] = set()
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):  # a body before what is in it
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
             docstring = id(node) in docstrings
             if docstring or len(node.value.split()) > 2:
                 yield node.lineno, node.value, docstring
+        elif isinstance(body := getattr(node, "body", None), list):
+            docstrings |= {id(one.value) for one in body if isinstance(one, ast.Expr)}
 
 
 def test_nobody_stumbles_over_docstrings_messages_and_templates() -> None:
@@ -94,7 +93,7 @@ def test_nobody_stumbles_over_docstrings_messages_and_templates() -> None:
     found = [
         f"{name}:{line}: {phrase!r}; write {better}"
         for path in paths
-        if not (name := path.relative_to(ROOT).as_posix()).startswith(NOT_YET)
+        if not NOT_YET.fullmatch(name := path.relative_to(ROOT).as_posix())
         for line, text, docstring in texts(path)
         if docstring or not name.endswith(KEPT)
         for phrase, better in stumbles(text, docstring=docstring)
