@@ -57,7 +57,7 @@ def compare(
     allow_version: Annotated[
         bool,
         typer.Option(
-            "--allow-version", help="Complete what was begun with other versions of packages."
+            "--allow-version", help="Complete cells that were begun with other package versions."
         ),
     ] = False,
     checkpoint_every: Annotated[
@@ -133,7 +133,7 @@ def compare(
             report_store(folder, console, references=references, reasons=False)
         else:
             console.print_line(
-                f"shard {part} is over; when all are: causal-openlock report "
+                f"shard {part} is done; when all shards are: causal-openlock report "
                 f"{without_password(out or folder)}"
             )
         send()

@@ -50,7 +50,7 @@ def status(folder: ResultsFolder) -> None:
         again = "; compare with --retry-failed tries the others again" if progress.failed else ""
         console.print_line(f"over{again}")
     elif progress.left is None:
-        console.print_line("when it will be over is not known yet")
+        console.print_line("the time left is not known yet")
     elif progress.playing:
         then = time.strftime("%Y-%m-%d %H:%M", time.localtime(time.time() + progress.left))
         console.print_line(f"over in about {duration(progress.left)}, at {then}")

@@ -257,7 +257,7 @@ class StudyFile(StrictModel):
         Field(description="A table that is computed from all units together."),
     ] = None
     networks: Networks | None = None
-    hours: Annotated[float, Field(gt=0, description="Of one core, for all of it.")]
+    hours: Annotated[float, Field(gt=0, description="Hours of one core for the whole study.")]
     claims: dict[str, Claim] = Field(default_factory=dict)
     tables: dict[str, Table] = Field(default_factory=dict)
     figures: Annotated[

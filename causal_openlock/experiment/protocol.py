@@ -197,7 +197,7 @@ class Trials:
     def __post_init__(self) -> None:
         if isinstance(self.layouts, tuple) and (self.number or 0) > len(self.layouts):
             raise ProtocolError(
-                f"{self.number} trials of {self.schema.name} need as many layouts, and "
+                f"{self.number} trials of {self.schema.name} need that number of layouts, and "
                 f"{len(self.layouts)} are given"
             )
 
@@ -234,7 +234,7 @@ class Trials:
             most = math.perm(positions_for(self.schema), len(self.schema.levers))
             if number > most:
                 raise ProtocolError(
-                    f"{self.schema.name} has {most} layouts and {number} trials ask for as many; "
+                    f"{self.schema.name} has {most} layouts, too few for {number} trials; "
                     "ask for fewer trials, or for more loops"
                 )
             drawn: dict[tuple[int, ...], Layout] = {}

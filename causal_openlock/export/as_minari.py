@@ -125,7 +125,7 @@ def write_minari(
         raise
     if not metadata:
         shutil.rmtree(partial, ignore_errors=True)
-        raise StoreError(f"{store.folder} holds nothing of what was chosen; run compare to the end")
+        raise StoreError(f"{store.folder} has no cells of this choice; run compare to the end")
     return folder, len(metadata)
 
 

@@ -315,7 +315,7 @@ def _checked(contents: Contents, experiment: StoredExperiment) -> list[str]:
     pairs = zip(data["learners"], then["learners"], strict=True)
     other = [one["name"] for one, before in pairs if one != before]
     return [
-        "It may not run as it did, because what it was run with is not what is installed now "
+        "It may not run as it did, because other code is installed now than it was run with "
         f"({', '.join(other) or 'its conditions'})."
     ]
 

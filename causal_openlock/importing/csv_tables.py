@@ -203,7 +203,7 @@ def _attempt(place: Place, row: Mapping[str, str]) -> Iterator[ActionEntry]:
     """The actions of an attempt; its result is given with the last action."""
     actions, moved = row["actions"].split(), row["moved"].split()
     if not actions or len(actions) != len(moved):
-        raise place.fault("actions and moved must be as many, and at least one")
+        raise place.fault("actions and moved must have the same length, at least 1")
     stated: dict[str, Any] = {name: truth(place, name, row[name]) for name in _TRUTHS}
     # -1 is no solution.
     stated |= {name: whole(place, name, row[name].removeprefix("-"), 0) for name in _NUMBERS}

@@ -126,7 +126,7 @@ def run(
         # A worker may be in another directory.
         watching = replace(watching, tensorboard=str(Path(watching.tensorboard).resolve()))
     if time_limit is not None and (executor is not None or cluster or workers == 0):
-        warn("the time limit is ignored: only processes of its own can be ended in a cell")
+        warn("the time limit is ignored: only worker processes of this machine can be ended")
     names = [spec.learner for spec in experiment.learners]
     definitions = b"" if workers == 0 else packed(names)
     sources = dict(_sources(experiment))

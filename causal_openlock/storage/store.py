@@ -229,8 +229,8 @@ class Store:
             return
         if not allow_version:
             raise StoreError(
-                f"{self.folder} was made with {other}; install what it was made with, or give "
-                "--allow-version to play what is missing with what is here: numbers may differ"
+                f"{self.folder} was made with {other}; install these versions, or give "
+                "--allow-version to play missing cells with those here: numbers may differ"
             )
         both = merged_versions([made_with, versions()])
         self.declare(experiment, experiment.cells(), made_with=both)

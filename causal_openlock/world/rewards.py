@@ -50,7 +50,7 @@ class Weights:
 
     unlock: Annotated[float, "for unlocking the door (basic)"] = UNLOCK
     open: Annotated[float, "for opening the door (basic)"] = OPEN
-    state_change: Annotated[float, "for a change of what is seen"] = 0.5
+    state_change: Annotated[float, "for a change of the observation"] = 0.5
     negative_immovable: Annotated[float, "for an action that moves nothing"] = -0.5
     negative_repeat: Annotated[float, "for the same action twice in a row"] = -0.25
     partial_sequence: Annotated[float, "for a first action that begins a solution"] = 1.0

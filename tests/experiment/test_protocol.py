@@ -193,7 +193,7 @@ def test_all_layouts_of_a_schema_can_be_asked_for_and_not_one_more() -> None:
     assert sorted(visit.layout.places for visit in visits_of(condition, HUMAN)) == [
         (place,) for place in range(7)
     ]
-    with pytest.raises(ProtocolError, match="one has 7 layouts and 8 trials ask for as many"):
+    with pytest.raises(ProtocolError, match="one has 7 layouts, too few for 8 trials"):
         visits_of(Condition("more", (Trials(ONE, "random", 8),)), HUMAN)
 
 
@@ -375,7 +375,7 @@ def test_a_test_layout_that_does_not_fit_names_the_protocol(layout: str) -> None
 
 def test_more_trials_than_given_layouts_are_refused() -> None:
     with pytest.raises(
-        ProtocolError, match="3 trials of CC3 need as many layouts, and 2 are given"
+        ProtocolError, match="3 trials of CC3 need that number of layouts, and 2 are given"
     ):
         Trials(SCHEMAS["CC3"], layouts("CC3", "trial1", "trial2"), 3)
 

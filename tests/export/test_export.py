@@ -289,7 +289,7 @@ def test_a_cell_without_rows_has_no_episodes(
 ) -> None:
     empty = store.record()[0].slice(0, 0)
     monkeypatch.setattr(Store, "read", lambda *_: empty)
-    with pytest.raises(StoreError, match="holds nothing of what was chosen"):
+    with pytest.raises(StoreError, match="has no cells of this choice"):
         write_minari(store, tmp_path)
     assert list(tmp_path.iterdir()) == []
 

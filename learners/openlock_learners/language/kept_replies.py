@@ -135,7 +135,7 @@ class Replay:
         """
         if (self.folder.parent / "experiment.json").exists():
             raise NotAvailableError(
-                f"{self.folder} is part of results, to which no replies are added, and one is "
+                f"{self.folder} belongs to results, to which no replies are added, and one is "
                 f"missing there; name a copy of it in {FOLDER}"
             )
         try:
