@@ -111,7 +111,7 @@ class CellsFailed(LearnerError):  # noqa: N818 - the others did not
 
     @property
     def summary(self) -> str:
-        """How many cells failed, and what to do."""
+        """Number of failed cells, and what to do."""
         failed = len(self.reasons)
         what = f"{failed:,} of {self.cells:,} cells failed, and all others are done"
         if failed == self.cells:

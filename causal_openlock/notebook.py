@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 MOST_SOLUTIONS = 12
 ENDS = 5
-"""How many rows of a long record are shown at its beginning, and at its end."""
+"""Rows of a long record that are shown at its beginning, and at its end."""
 
 LARGEST = 600_000
 """Characters of a strip of pictures after which no more pictures are added to it."""

@@ -46,7 +46,7 @@ from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 enumerated = lru_cache(maxsize=64)(enumerate_space)
 STRENGTH_NODES = 10
 REDRAWS = 2
-"""How often a subject samples again before it concludes that levers of a large room may fail."""
+"""Times that a subject samples again before it concludes that levers may fail."""
 FEW_DRAWS = 40
 """Draws up to which all structures are taken to be drawn: sampling again finds no others."""
 SAVED = ("slots", "which", "weight", "start", "found", "possible")

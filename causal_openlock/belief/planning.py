@@ -131,7 +131,7 @@ class Planner:
         return values
 
     def _depth(self, alive: IntArray, pushed: int) -> int:
-        """How many actions to look ahead, so that the tree of plans does not grow too large."""
+        """Number of actions to look ahead, so that the tree of plans does not grow too large."""
         can_move = (self.hypotheses.threshold[alive, : self._door] < NEVER).any(axis=0)
         choices = sum(1 for slot in np.flatnonzero(can_move).tolist() if not pushed >> slot & 1)
         most = MOST_BRANCHES

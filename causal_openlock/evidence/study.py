@@ -222,7 +222,7 @@ class Networks(StrictModel):
 
 
 class RecoverySettings(StrictModel):
-    """How a recovery is done; see :class:`~causal_openlock.fitting.recovering.ToRecover`."""
+    """Settings of a recovery; see :class:`~causal_openlock.fitting.recovering.ToRecover`."""
 
     parameters: Annotated[
         list[Label], Field(description="Learners whose parameters are also recovered.")

@@ -109,7 +109,7 @@ def read_table(content: bytes, columns: Sequence[str] | None = None) -> pa.Table
 
 
 def _values(file: ParquetFile) -> int:
-    """How many values a file holds, those within lists counted."""
+    """Number of values in a file, those within lists counted."""
     about, columns = file.metadata, range(len(file.schema))
     lists = [one for one in columns if file.schema.column(one).max_repetition_level]
     if not lists or not about.num_rows:

@@ -165,7 +165,7 @@ def _ignore() -> None:
 
 
 class Predictions:
-    """How likely some subjects' actions are, by the parameters of the learner that predicts them.
+    """Likelihood of some subjects' actions, by the parameters of the learner that predicts them.
 
     Args:
         parts: The subjects.

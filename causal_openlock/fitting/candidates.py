@@ -88,7 +88,7 @@ class Plan:
         return whole
 
     def score(self, points: pd.DataFrame) -> Score:
-        """How far a learner is from the target, by the plan's objective."""
+        """Distance of a learner from the target, by the plan's objective."""
         return score(points, self.hold_out, self.objective, self.target)
 
 
@@ -215,7 +215,7 @@ def _look_for_effects(
 
 @contextmanager
 def _players(space: SearchSpace, workers: int) -> Iterator[Start]:
-    """How candidates are played: in this process, or by several others at once."""
+    """Yield a function that plays candidates: in this process, or in several others at once."""
 
     def start(
         submit: Callable[[Job], Callable[[], pd.DataFrame]],

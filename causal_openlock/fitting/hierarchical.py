@@ -279,7 +279,7 @@ def _between(
 
 
 def _together(fold: int, peaks: Sequence[Sequence[Peak]], mixed: Mixture) -> Fitted:
-    """How well all groups predict: each subject by all learners, as it probably follows them."""
+    """Scores of all groups: each subject by all learners, as it probably follows them."""
     of_one = peaks[0]
 
     def surprise(name: str) -> float:

@@ -70,7 +70,7 @@ class Running:
 
     @property
     def processes(self) -> int:
-        """How many processes work, this one included."""
+        """Number of processes that work, this one included."""
         return available_cores() if self.workers is None else max(1, self.workers)
 
     def simulated(self, experiment: Experiment, folder: Path) -> Store:

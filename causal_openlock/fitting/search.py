@@ -335,7 +335,7 @@ def read_search(path: Path | str) -> SearchSpace:
 
 
 def read_settings(path: Path | str | None, given: Mapping[str, Any]) -> FitSettings:
-    """How a fit is made: what is given, else what the file says, else the defaults."""
+    """Settings of a fit: those given, else the file's, else the defaults."""
     settings = read_document(path).validate(SearchFile).fit if path else FitSettings()
     return settings.model_copy(update={k: v for k, v in given.items() if v is not None})
 

@@ -214,7 +214,7 @@ def _indices(own: Sequence[ActionEntry], positions: int) -> np.ndarray:
 
 
 def _end_of_trial(step: Step, row: int) -> str:
-    """How the trial of a row's subject ended, for a message."""
+    """End of the trial of a row's subject, for a message."""
     console = step.view.console
     found = int(console.solutions_found[row]) + int(step.new_solution[row])
     why = "the attempts were used up"

@@ -196,7 +196,7 @@ def learning_curves(trials: pd.DataFrame, protocol: str) -> dict[tuple[str, str]
 
 
 def steps_until(decay: float, floor: float = 0.01, start: float = 1.0) -> int:
-    """How often a share must shrink by a factor below 1 until it is below ``floor``.
+    """Number of times that a share must shrink by a factor below 1 until it is below ``floor``.
 
     >>> steps_until(0.5)
     7
@@ -237,7 +237,7 @@ def random_actions(
 
 
 def schedules(experiment: Experiment) -> pd.DataFrame:
-    """How every learner that has an epsilon explores.
+    """Exploration schedules of every learner that has an epsilon.
 
     Returns:
         One row for each: ``learner``; ``decay``, ``shrinks_with`` and ``after_trial`` (NaN if
@@ -303,13 +303,13 @@ def meanings(table: pd.DataFrame) -> pd.Series:
 
 
 def _usual(table: pd.DataFrame) -> pd.Series:
-    """How often the best learner of a usual decay opens the door there; NaN if none learns."""
+    """Share of attempts in which the best learner of a usual decay opens the door, or NaN."""
     able = table["door"].where((table["decay"] > USUAL) & (table["verdict"] == LEARNS))
     return able.groupby([table["condition"], table["protocol"]]).transform("max")
 
 
 def section(material: Material, _: Decided) -> Section | None:
-    """How fast people's attempts and learners' exploration shrink.
+    """Section: how fast people's attempts and learners' exploration shrink.
 
     Returns:
         None unless a learner's exploration shrinks, and learners differ in how it does or someone

@@ -210,7 +210,7 @@ def _beside_people_in_training(means: pd.DataFrame) -> pd.DataFrame:
 
 
 def distance(points: pd.DataFrame) -> tuple[float, float]:
-    """How far means are from people's: root mean square, in attempts and in standard errors.
+    """Distance of means from people's: root mean square, in attempts and in standard errors.
 
     NaN without points.
     """
@@ -222,7 +222,7 @@ def distance(points: pd.DataFrame) -> tuple[float, float]:
 
 
 def spread_distance(points: pd.DataFrame) -> float:
-    """How far standard deviations over subjects are from people's: root mean square, in attempts.
+    """Distance of standard deviations over subjects from people's: root mean square, in attempts.
 
     SD = SE · √n, for people as for learners. NaN without points.
     """

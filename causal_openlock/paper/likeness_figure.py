@@ -151,17 +151,17 @@ def _name_lines(axes: Axes, ends: Mapping[str, tuple[float, str]], gap: float) -
 
 
 def signs(effects: pd.DataFrame) -> str:
-    """How many of one learner's effects have people's sign, and how many are clear of chance."""
+    """Numbers of a learner's effects with people's sign, and clear of chance, in words."""
     return f"{with_peoples_sign(effects)}, {clear_of_chance(effects)} at p < {CLEAR:g}"
 
 
 def with_peoples_sign(effects: pd.DataFrame) -> str:
-    """How many of one learner's effects have people's sign."""
+    """Number of one learner's effects that have people's sign, in words."""
     return f"{int(effects['like_people'].sum())} of {len(effects)} effects with people's sign"
 
 
 def clear_of_chance(effects: pd.DataFrame) -> int:
-    """How many effects have people's sign and a p below :data:`CLEAR`."""
+    """Number of effects that have people's sign and a p below :data:`CLEAR`."""
     return int((effects["like_people"] & (effects["p"] < CLEAR)).sum())
 
 

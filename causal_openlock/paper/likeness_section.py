@@ -1,4 +1,4 @@
-"""How like people each learner is, at the points where people's means are published."""
+"""Section on each learner's likeness to people, where people's means are published."""
 
 from __future__ import annotations
 

@@ -213,7 +213,7 @@ def rmse_difference(
 
 
 def chosen_settings(learners: Iterable[LearnerSpec]) -> dict[str, int]:
-    """How many settings of each of the toolkit's learners differ from the learner's defaults.
+    """Number of settings of each of the toolkit's learners that differ from the defaults.
 
     Learners of others are left out: showing results runs no code that they name.
     """

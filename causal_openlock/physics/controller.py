@@ -36,17 +36,17 @@ TOLERANCE = 0.03
 DOOR_STEPS = 40
 """Steps in which the door is pushed open."""
 PRESS = 0.08
-"""How far the arm presses on where nothing gives way."""
+"""Distance that the arm presses on where nothing gives way."""
 STALL = 8
 """Steps after which a lever or door that has not moved at all is given up as locked."""
 MOVED = 0.03
-"""How far something must have moved to have moved at all: part of the track, or radians."""
+"""Least movement that counts: part of the track, or radians."""
 SEATED = 0.05
-"""How near the end of its track a lever is at the end of a push, as part of the track."""
+"""Distance of a lever from the end of its track after a push, as part of the track."""
 GRAZE = 0.1
-"""How far beyond its swinging radius the arm's end may be at the beginning of a swing."""
+"""Distance beyond its swinging radius that the arm's end may have when a swing begins."""
 AJAR = math.radians(5)
-"""How near its stop the door is at the end of a push."""
+"""Distance of the door from its stop after a push."""
 
 Path = list[Angles]
 
@@ -223,7 +223,7 @@ def _steps(time: float) -> int:
 
 @cache
 def _parts(steps: int) -> tuple[float, ...]:
-    """How much of a way is behind after each step: slow at both ends, 1 in the end."""
+    """Share of a way that is done after each step: slow at both ends, 1 in the end."""
     times = (step / steps for step in range(1, steps + 1))
     return tuple(time * time * (3 - 2 * time) for time in times)
 

@@ -23,18 +23,18 @@ Point = tuple[float, float]
 
 BAR_LENGTH, BAR_WIDTH = 2.0, 0.2
 DOOR_SWING = math.radians(60)
-"""How far the arm pushes the door."""
+"""Angle to which the arm pushes the door."""
 DOOR_OPEN = DOOR_SWING / 2
 """Angle from which the door counts as open."""
 PUSHED = 0.5
 """Displacement from which a lever counts as pushed."""
 
 HANDLE = 1.0
-"""How far below the hinge the arm pushes the door: at its middle."""
+"""Distance below the hinge at which the arm pushes the door: its middle."""
 GAP = 0.03
 """Gap between the arm's end and the part that it is about to touch."""
 CLEARANCE = 0.3
-"""How far the arm stays away from all levers while it swings round."""
+"""Distance that the arm keeps from all levers while it swings round."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Track:
 
     @property
     def radius(self) -> float:
-        """How far from the arm's base the bar's centre is when the lever is pulled."""
+        """Distance of the bar's centre from the arm's base when the lever is pulled."""
         return math.hypot(*self.start)
 
     @property
@@ -66,7 +66,7 @@ class Track:
         return along(self.start, self.outward, displacement * self.travel)
 
     def displacement(self, centre: Point) -> float:
-        """How far a bar whose centre is there has slid, 0 to 1."""
+        """Displacement of a bar whose centre is at a point, 0 to 1."""
         x, y = centre[0] - self.start[0], centre[1] - self.start[1]
         return (x * self.outward[0] + y * self.outward[1]) / self.travel
 

@@ -40,7 +40,7 @@ STIFF = 0.6**60
 LATCH = 4.0
 """The force of the latch of an unlocked lever."""
 LATCH_SPEED = 2.0
-"""How fast the latch of an unlocked lever draws it into the end of its track."""
+"""Speed at which the latch of an unlocked lever draws it into the end of its track."""
 HINGE_FRICTION = 5.0
 """The torque with which the hinge brakes, so that the door stays where the arm leaves it."""
 
@@ -146,7 +146,7 @@ class Lever:
 
     @property
     def displacement(self) -> float:
-        """How far it has slid: 0 pulled, 1 pushed."""
+        """Displacement of the lever: 0 pulled, 1 pushed."""
         if self._latch is None:
             return 0.0
         x, y = self.body.position
@@ -190,7 +190,7 @@ class Door:
 
     @property
     def angle(self) -> float:
-        """How far it has swung: 0 closed."""
+        """Angle of the door: 0 closed."""
         return self.body.angle
 
     @property

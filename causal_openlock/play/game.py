@@ -96,7 +96,7 @@ class Game:
 
     @property
     def trials_over(self) -> int:
-        """How many trials have ended, practice not counted."""
+        """Number of trials that have ended, practice not counted."""
         return len(self._ended)
 
     @property

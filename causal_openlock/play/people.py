@@ -53,7 +53,7 @@ from causal_openlock.storage.store import Store
 from causal_openlock.world.rewards import PAPER_REWARD, find_reward
 
 MOST_PEOPLE = 10_000
-"""How many people can join in one folder."""
+"""Most people who can join in one folder."""
 
 
 class People:

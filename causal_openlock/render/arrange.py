@@ -261,7 +261,7 @@ def _place_labels(schema: Schema, drawing: Arrangement, paths: Paths) -> None:
 
 
 def _covered(drawing: Arrangement, at: Points, others: Sequence[Points]) -> float:
-    """How bad it is to write a strength here."""
+    """Cost of writing a strength here."""
     labels = sum((np.abs(at - label) < 2 * LABEL).all() for label in drawing.labels.values())
     corners = at + np.array([[-1, -1], [-1, 1], [1, -1], [1, 1], [0, 0]]) * LABEL
     nodes = sum(distance_to_node(drawing, node, corners) < 0.02 for node in drawing.half_width)

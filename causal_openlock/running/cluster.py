@@ -61,7 +61,7 @@ class Cluster(ExternalExecutor):
         self._running: set[Future[Any]] = set()
 
     def number(self) -> int:
-        """How many workers there are."""
+        """Number of workers."""
         if self._client.status != "running":
             raise self._lost()
         try:

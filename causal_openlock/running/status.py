@@ -25,7 +25,7 @@ MOST_READ = 3
 
 @dataclass(frozen=True)
 class Status:
-    """How a comparison stands.
+    """Status of a comparison.
 
     Attributes:
         name: Its name.

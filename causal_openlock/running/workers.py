@@ -153,7 +153,7 @@ class ExternalExecutor:
         self._executor = executor
 
     def number(self) -> int:
-        """How many workers there are: not known, so 0."""
+        """Number of workers: not known, so 0."""
         return 0
 
     def free(self) -> bool:
@@ -305,7 +305,7 @@ def start_alone() -> None:
 
 
 def how_ended(code: int | None) -> str:
-    """How a process ended, in words, by its exit code."""
+    """End of a process in words, by its exit code."""
     if code is None:
         return "it is not known how"
     if code >= 0:
@@ -320,7 +320,7 @@ def how_ended(code: int | None) -> str:
 
 
 def available_cores() -> int:
-    """How many cores this process may use."""
+    """Number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

@@ -59,7 +59,7 @@ class Gate:
     k: int = 1
 
     def threshold(self, causes: int) -> int:
-        """How many of ``causes`` causes must be pushed for the gate to hold."""
+        """Number of causes, of ``causes`` in all, that must be pushed for the gate to hold."""
         return {"any": 1, "all": causes}.get(self.kind, self.k)
 
     def __str__(self) -> str:
@@ -239,7 +239,7 @@ class Schema:
         return gate
 
     def threshold(self, node: str) -> int:
-        """How many causes of ``node`` must be pushed; 0 for a free lever."""
+        """Number of causes of ``node`` that must be pushed; 0 for a free lever."""
         causes = self.graph.in_degree(node)
         return self.gate(node).threshold(causes) if causes else 0
 

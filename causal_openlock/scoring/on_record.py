@@ -49,7 +49,7 @@ class OnRecord:
 
 @property  # type: ignore[misc]  # of the results of a comparison, where it is registered
 def scores(results: Material) -> Scores:
-    """How well learners predict these subjects, as ``causal-openlock score`` left it.
+    """Scores of learners on these subjects, as ``causal-openlock score`` stored them.
 
     Scores of subjects who have been played again since are left out, with a warning.
 

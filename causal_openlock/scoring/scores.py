@@ -1,4 +1,4 @@
-"""How well learners predict: in bits per action, by subject and over all subjects.
+"""Scores of learners: bits per action, by subject and over all subjects.
 
 A learner that knows nothing predicts each of A actions with 1/A, which is log2 A bits an action.
 The bits that a better learner saves measure what it knows. Subjects are the unit: a learner's score
@@ -45,7 +45,7 @@ BY_SUBJECT, FOLLOWED = "subjects.csv", "followed.csv"
 
 @dataclass(frozen=True)
 class Scores:
-    """How well learners predict recorded subjects.
+    """Scores of learners on recorded subjects.
 
     Attributes:
         actions: A row for each action and learner, see
@@ -98,7 +98,7 @@ class Scores:
         return replace(self, actions=self.actions[self.actions["learner"] == learner])
 
     def over(self, *columns: str) -> pd.DataFrame:
-        """How well learners predict parts of what was done; see :func:`over`."""
+        """Scores on parts of what was done; see :func:`over`."""
         return over(self.actions, columns)
 
     def plot(
@@ -311,7 +311,7 @@ def _evidence(subjects: pd.DataFrame) -> pd.DataFrame:
 
 
 def over(actions: pd.DataFrame, columns: Sequence[str]) -> pd.DataFrame:
-    """How well learners predict parts of what was done, such as each trial; subjects count alike.
+    """Scores on parts of what was done, such as each trial; subjects count alike.
 
     Args:
         actions: From :func:`~causal_openlock.scoring.teacher_forcing.score_actions`.

@@ -60,7 +60,7 @@ _PLANS: WeakKeyDictionary[Space, dict[Any, FloatArray]] = WeakKeyDictionary()
 """Plans made in this process; subjects with the same posterior share them."""
 MOST_PLANS = 50_000
 SAMPLINGS, SAMPLINGS_A_SOLUTION = 8, 1.5
-"""How often hypotheses are sampled in a trial with many levers (measured), for the estimate."""
+"""Times that hypotheses are sampled in a trial with many levers (measured)."""
 SECONDS_A_NODE = 2e-6
 """Seconds to check a structure, for each lever (measured)."""
 COPIES = 4

@@ -300,7 +300,7 @@ class TheoryBased(Checkpointed, Learner):
         return self._attempts[subject].ask(moment)
 
     def _many(self, room: RoomHypotheses) -> int:
-        """How many draws are made, for memory."""
+        """Number of draws, limited by memory."""
         return int(np.clip(DRAWN_CHAINS // len(room.allowed), LOCAL, DRAWS))
 
     def _moment(self, subject: int, room: RoomHypotheses) -> Moment:

@@ -92,7 +92,7 @@ def read_network(path: Path | str, copies: int = 1) -> tuple[RecurrentPolicy, di
 
 
 def trained_actions(path: Path | str) -> int:
-    """How many actions a network was trained with, by its file.
+    """Number of actions that a network was trained with, by its file.
 
     0 if the file does not say or is none; :func:`read_network` names what is wrong with it.
     """

@@ -71,7 +71,7 @@ def best(worth: FloatArray) -> FloatArray:
 
 
 def independent(weight: FloatArray) -> float:
-    """How many draws of equal weight are worth as much (Kish's effective sample size).
+    """Effective number of draws of equal weight (Kish's effective sample size).
 
     >>> independent(np.array([2.0, 2.0, 0.0]))
     2.0
