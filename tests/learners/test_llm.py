@@ -473,7 +473,7 @@ def test_a_transcript_of_results_is_a_replay(
     assert (again, server.asked) == (record, [])
     # What is missing there is not added to results.
     (tmp_path / "experiment.json").touch()
-    with pytest.raises(LearnerError, match="part of results, to which no replies are added"):
+    with pytest.raises(LearnerError, match="belongs to results, to which no replies are added"):
         play(subjects=2, temperature=0.4)
     assert [*folder.iterdir()] == [folder / "cell.jsonl"]
 

@@ -141,7 +141,7 @@ def test_what_are_no_probabilities_is_refused(
     played: Played, monkeypatch: pytest.MonkeyPatch, wrong: object
 ) -> None:
     monkeypatch.setattr("openlock_learners.random.RandomLearner.probabilities", lambda *_: wrong)
-    with pytest.raises(LearnerError, match="the probabilities of random are no array of 15"):
+    with pytest.raises(LearnerError, match="the probabilities of random are not an array of 15"):
         score_actions(*played, spec("random", "random"))
 
 
