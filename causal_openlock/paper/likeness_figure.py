@@ -29,7 +29,7 @@ CLEAR = 0.05
 """An effect is clear of chance if its sign is people's and its p is below this."""
 
 MOST_DRAWN = 5
-"""Learners that have a panel beside the published model's: those nearest to people."""
+"""Learners that have a panel next to the published model's: those nearest to people."""
 
 MOST_TOGETHER = 5
 """Learners that are drawn in one panel: those nearest to people."""
@@ -42,7 +42,7 @@ _GREY = "#777777"
 def plot_likeness(
     results: Material, *, learners: Names = None, together: bool = False, ax: Any = None
 ) -> Any:
-    """Draw people's means at the fourteen points, and one learner's beside them in each panel.
+    """Draw people's means at the fourteen points, and one learner's in each panel.
 
     The learners stand in the order of their distance from people, the nearest first. The published
     model stands last, even where it is nearer than they are. Above a panel: that distance (RMSE),

@@ -262,7 +262,7 @@ def test_an_attempt_of_ours_that_came_to_something_else_is_named(own: Path, tmp_
         ("data.json", "[1, 2]", "this is not a list of entries"),
         ("data.json", '[{"action": 1, "action": 2}]', "the key 'action' is there twice; take one"),
         ("data.json", '[{"a":1},\n{"action":3}]', "data.json:2 (entry 2): condition is missing"),
-        ("data.json", "[" * 5000, "this is no list"),
+        ("data.json", "[" * 5000, "this is not a list"),
     ],
 )
 def test_what_is_no_data_is_refused_in_a_sentence(

@@ -413,7 +413,7 @@ def leaderboard_tables(table: pd.DataFrame) -> Iterator[LeaderboardTable]:
 
 
 def _called(table: pd.DataFrame) -> dict[str, str]:
-    """By column of differences, the reference that it is about."""
+    """Reference of each column of differences."""
     return {
         gap_column(name): name for name in table.loc[table["reference"].astype(bool), "learner"]
     }
