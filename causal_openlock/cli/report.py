@@ -76,7 +76,7 @@ def report_store(
     references: Sequence[ReferenceForm] = (),
     reasons: bool = True,
 ) -> None:
-    """Write the report of a results folder, perhaps beside others, and print its headline.
+    """Write the report of a results folder, perhaps with others, and print its leaderboard.
 
     Args:
         folder: The folder.

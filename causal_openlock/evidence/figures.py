@@ -45,7 +45,7 @@ FORM = 1
 """Version of the drawings; raising it makes all figures again."""
 
 _NOT_DRAWN = {"trained_before"}
-"""What a table has and its figure has not."""
+"""Columns of a table that its figure lacks."""
 
 _MARK = "\n<!-- made from "
 _PART = re.compile(r"part (\d+)$")

@@ -238,7 +238,7 @@ class Experiment:
 
     @cached_property
     def not_applicable(self) -> Mapping[str, Mapping[str, str]]:
-        """By learner and condition, why the learner cannot play it, in a sentence.
+        """Reasons why learners cannot play conditions, by learner and condition, in a sentence.
 
         Learners say so themselves (:mod:`~causal_openlock.contract.expected_cost`).
         """
@@ -322,7 +322,7 @@ class Experiment:
 
 
 def _cannot_play(spec: LearnerSpec, schema: Schema) -> str:
-    """Why a learner cannot play in rooms of a schema; empty if it can, as far as is known."""
+    """Reason why a learner cannot play in rooms of a schema; empty if none is known."""
     if spec.recorded is not None:  # its code need not be installed
         return ""
     try:

@@ -56,7 +56,7 @@ PENALTY = 1e6
 NEAR = 0.01
 """A value this near to a bound, as a share of the range, stands at it."""
 NONE = "none"
-"""In a table, in place of the names of parameters."""
+"""Label in a table, instead of names of parameters."""
 LOOK_EVERY = 1.0
 """Seconds between two looks at what workers have tried."""
 TOLERANCE = 1e-3
@@ -467,7 +467,7 @@ def _fits(jobs: Sequence[FitJob], workers: int, tried: Callable[[int], None]) ->
 
 
 _total: Any = None
-"""In a worker: how many sets of parameters all workers have tried."""
+"""Number of sets of parameters that all workers have tried, in a worker."""
 
 
 def _count_in(total: Any) -> None:

@@ -147,7 +147,7 @@ class SearchSpace:
 
     @property
     def in_words(self) -> str:
-        """Which form of the learner is fitted: what is fixed, and what is chosen by default.
+        """Form of the learner that is fitted: what is fixed, and what is chosen by default.
 
         >>> SearchSpace("bayes", {"policy": "thompson"}, {}).in_words
         'bayes was fitted with policy thompson (fixed) and forgets everything (default).'

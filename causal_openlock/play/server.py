@@ -262,13 +262,13 @@ class PlayServer:
         }
 
     def _told(self, now: Answer) -> Answer:
-        """What a person may know now; only at the end where to go, which may be worth money."""
+        """State that a person may know now; the link, which may be worth money, only at the end."""
         if self.completion and now["stage"] == "end":
             return {**now, "completion": self.completion}
         return now
 
     def _after(self, answer: Answer) -> Answer:
-        """What came of an action, with what the person may know then."""
+        """Result of an action, with the state that the person may know then."""
         return {**answer, "next": self._told(answer["next"])}
 
     async def _refused(self, request: Request, error: Exception) -> Response:

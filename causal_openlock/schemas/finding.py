@@ -18,7 +18,7 @@ SUFFIXES = tuple(suffix for format in FORMATS.values() for suffix in format.suff
 
 
 def bundled(kind: str) -> Path:
-    """What comes with the package: ``schemas``, ``experiments``, ``notebooks``, ``CITATION.cff``.
+    """Path of a bundled part: ``schemas``, ``experiments``, ``notebooks``, ``CITATION.cff``.
 
     In a checkout it is next to the package, in an installed wheel inside it.
     """
