@@ -81,7 +81,7 @@ def report_store(
     Args:
         folder: The folder.
         console: Where to print.
-        others: Folders whose learners or people stand beside those of this one.
+        others: Folders whose learners or people are shown with those of this one.
         references: What learners are compared with.
         reasons: Whether to say why some learners are not applicable; ``compare`` has said it.
     """
