@@ -1,4 +1,4 @@
-"""What can go wrong, in one sentence each.
+"""Errors that users can cause, and their messages.
 
 Every error that a user can cause derives from :class:`OpenLockError`; its text is complete and
 names the remedy, so the command line prints it as it is and exits with status 2.
@@ -24,7 +24,7 @@ def _first(lines: Sequence[str], before: str = "", after: str = "") -> list[str]
 
 
 class OpenLockError(Exception):
-    """Base of all errors that a user of the toolkit can cause and mend.
+    """Base of all errors that a user of the toolkit can cause and fix.
 
     Args:
         message: What is wrong and what to do about it.
@@ -47,7 +47,7 @@ class OpenLockError(Exception):
         return self._parts or (self,)
 
     def _render_traceback_(self) -> list[str]:
-        """What a notebook shows: the line of the cell, and the sentence."""
+        """Traceback in a notebook: the line of the cell, and the sentence."""
         frames = traceback.extract_tb(self.__traceback__)
         own = [frame for frame in frames if not Path(frame.filename).is_file()]
         where = [f"line {frame.lineno}: {frame.line}" for frame in own[:1]]
@@ -55,12 +55,12 @@ class OpenLockError(Exception):
 
 
 class Interrupted(OpenLockError):  # noqa: N818 - it is none
-    """The user has stopped what was going on."""
+    """The user has stopped the work."""
 
     status = 130
 
     def _render_traceback_(self) -> list[str]:
-        """What a notebook shows: the sentence, since nothing went wrong."""
+        """Traceback in a notebook: only the sentence, since nothing went wrong."""
         return [str(self)]
 
 
@@ -93,7 +93,7 @@ class LearnerError(OpenLockError):
 
 
 class NotAvailableError(LearnerError):
-    """What a learner needs from elsewhere is not there now: a server, a key, tokens of a budget.
+    """An external resource of a learner is missing now: a server, a key, tokens of a budget.
 
     Its cell ends, and is tried again by the next command, however often that happens.
     """
@@ -116,14 +116,14 @@ class CellsFailed(LearnerError):  # noqa: N818 - the others did not
 
     @property
     def summary(self) -> str:
-        """How many, and what to do."""
+        """Number of failed cells, and what to do."""
         failed = len(self.reasons)
         what = f"{failed:,} of {self.cells:,} cells failed, and all others are done"
         if failed == self.cells:
             what = "every cell failed"
         return (
-            f"{what}; mend or remove what failed and give the same command again: it plays only "
-            "what is missing"
+            f"{what}; fix or remove the failing learners and run the same command again; only "
+            "missing cells are played"
         )
 
     def __reduce__(self) -> tuple[type[CellsFailed], tuple[tuple[str, ...], int]]:

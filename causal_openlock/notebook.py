@@ -1,4 +1,4 @@
-"""What notebooks show for schemas, rooms, records, experiments and learners, as HTML.
+"""HTML that notebooks show for schemas, rooms, records, experiments and learners.
 
 IPython keeps formatters by the name of a type and loads nothing for them, so nothing else in the
 package knows about display: importing :mod:`causal_openlock` where IPython runs registers what
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 MOST_SOLUTIONS = 12
 ENDS = 5
-"""How many rows of a long record are shown at its beginning, and at its end."""
+"""Rows of a long record that are shown at its beginning, and at its end."""
 
 LARGEST = 600_000
 """Characters of a strip of pictures after which no more pictures are added to it."""
@@ -69,7 +69,7 @@ def room_html(room: Room) -> str:
 
 
 def picture_html(shown: Picture, title: str = "") -> str:
-    """A room and its console; of :class:`Seen`, also what was done and what came of it."""
+    """A room and its console; of :class:`Seen`, also the action and its result."""
     from causal_openlock.render.scene import Look
     from causal_openlock.render.svg import room_svg
 
@@ -167,7 +167,7 @@ def record_html(record: pa.Table) -> str | None:
         record: Any Arrow table.
 
     Returns:
-        The HTML, or ``None`` if the table is no record.
+        The HTML, or ``None`` if the table is not a record.
     """
     from causal_openlock.experiment.record import record_schema
 
@@ -296,7 +296,7 @@ SHOWN_AS = {
     ("causal_openlock.analysis.report.writing", "Report"): report_html,
     ("pyarrow.lib", "Table"): record_html,
 }
-"""What is shown of instances of each type and of its subclasses."""
+"""Formatter of the instances of each type and of its subclasses."""
 
 
 def register_formatters() -> None:

@@ -3,5 +3,5 @@
 __version__ = "0.2.0"
 
 RESULTS_VERSION = f"{__version__}+1"
-"""What identities of cells depend on. The number after the plus is raised when an experiment gives
+"""Part of every cell's identity. The number after the plus is raised when an experiment gives
 other results than before within one version, so that old and new cells are never mixed."""

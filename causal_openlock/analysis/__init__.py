@@ -1,4 +1,4 @@
-"""From the record to a report: measures, statistics, figures.
+"""Analysis: from the record to a report, by measures, statistics and figures.
 
 Everything here reads the record (:mod:`causal_openlock.experiment.record`) and the experiment that
 it is of, one step after the other:

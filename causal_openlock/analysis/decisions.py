@@ -1,4 +1,4 @@
-"""Which effects are significant: the tests of one question are corrected together, after Holm.
+"""Decisions on significance: the tests of one question are corrected together, after Holm.
 
 A report answers several questions, and some with several tests: which pairs of learners differ,
 which learners differ from people. If each
@@ -63,11 +63,11 @@ class Decisions:
         self._computed[section] = computed
 
     def computed(self, section: str) -> Any:
-        """What the tests of a section are taken from; None if it has registered none."""
+        """Data behind the tests of a section; None if it has registered none."""
         return self._computed.get(section)
 
     def of(self, section: str) -> Decided:
-        """What is decided of one section."""
+        """Decisions on the tests of one section."""
         return Decided(self, section)
 
     @property
@@ -102,14 +102,14 @@ class Decisions:
 
 
 class Decided(NamedTuple):
-    """What is decided of one section."""
+    """Decisions on the tests of one section."""
 
     decisions: Decisions
     section: str
 
     @property
     def computed(self) -> Any:
-        """What its tests are taken from."""
+        """Data behind the section's tests."""
         return self.decisions.computed(self.section)
 
     def p(self, key: Hashable) -> float:

@@ -144,7 +144,7 @@ class Difference(NamedTuple):
 
 
 class Group(NamedTuple):
-    """What a comparison of means needs of a group of subjects, or of differences of pairs.
+    """Summary of a group of subjects, or of differences of pairs, from which means are compared.
 
     ``variance`` has size − 1 in the denominator; the ``weight`` is that of the group's mean.
     """

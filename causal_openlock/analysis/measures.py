@@ -1,4 +1,4 @@
-"""What happened, counted: attempts to solve each trial, and attempts in each category.
+"""Counts of a record: attempts to solve each trial, and attempts in each category.
 
 A record has a row for every attempt, perhaps millions; a trial is a run of such rows. The first
 step finds the runs with NumPy, in one pass over the columns, and everything after it works on a
@@ -39,7 +39,7 @@ VISIT = ["phase", "loop", "trial"]
 """Columns that identify a trial of a subject, in the order of time."""
 
 START = 10
-"""The start of a trial are the first attempts, one in so many of them, and at least one."""
+"""The first tenth of a trial's attempts, and at least one attempt, are its start."""
 
 AT_ONCE = 1_000_000
 """Attempts that :func:`count` counts at once, or those of one cell where it has more."""
@@ -54,7 +54,7 @@ _NEVER = np.iinfo(np.int32).max
 
 
 def attempts_to_solve(record: pa.Table) -> pd.DataFrame:
-    """How many attempts every trial took, and what they came to.
+    """Number of attempts that every trial took, and their outcomes.
 
     >>> from causal_openlock import PROTOCOLS, Condition, Session, create, find_schema
     >>> session = Session(Condition.named("CC4", find_schema), PROTOCOLS["human"], 2)
@@ -75,7 +75,7 @@ def attempts_to_solve(record: pa.Table) -> pd.DataFrame:
           not solved the number of its last attempt, which is the limit.
         - ``first_solution``: number of the attempt that found the first solution, or of its last
           attempt if none was found.
-        - ``last_attempt``: number of its last attempt; a trial may go on after it is solved.
+        - ``last_attempt``: number of its last attempt; a trial may continue after it is solved.
         - ``solved``: whether every solution was found.
         - ``solutions_found``, ``solutions``: how many were found and how many there are.
         - for each of :data:`~causal_openlock.experiment.record.CATEGORIES`, how many attempts.
@@ -88,7 +88,7 @@ def attempts_to_solve(record: pa.Table) -> pd.DataFrame:
 
 
 def category_counts(record: pa.Table, blocks: int = 5) -> pd.DataFrame:
-    """What attempts came to, over the course of a phase (the paper's Figures 6 and 7).
+    """Outcomes of attempts over the course of a phase (the paper's Figures 6 and 7).
 
     Every subject's attempts in a phase are cut, in the order of time, into ``blocks`` equal
     shares (equal up to one attempt); the counts of the subjects are added up.
@@ -148,7 +148,7 @@ def trials_and_categories(record: pa.Table, blocks: int = 5) -> tuple[pd.DataFra
 
 
 class Counts(NamedTuple):
-    """What was counted in a record: :func:`attempts_to_solve` and :func:`category_counts`."""
+    """Counts of a record: :func:`attempts_to_solve` and :func:`category_counts`."""
 
     trials: pd.DataFrame
     blocks: pd.DataFrame
@@ -282,7 +282,7 @@ def judged(trials: pd.DataFrame) -> pd.DataFrame:
 
 
 def measured(table: pd.DataFrame) -> list[str]:
-    """What a condition was judged by, in words: ``test``, or such as ``trial 5``."""
+    """Trials that a condition was judged by, in words: ``test``, or such as ``trial 5``."""
     return [
         "test" if phase == "test" else f"trial {trial}"
         for phase, trial in zip(table["phase"], table["trial"], strict=True)
@@ -319,7 +319,7 @@ class _Trials:
         joins = _starts([sorted_key[column] for column in [*CELL, *SUBJECT, *VISIT]])
 
         def reduce(how: np.ufunc, values: NDArray[Any]) -> NDArray[Any]:
-            """Of each trial: first within its runs, then, runs in order, over those of a trial."""
+            """Reduce values of each trial: first within its runs, then over its runs in order."""
             if not len(starts):
                 return values[:0]
             reduced: NDArray[Any] = how.reduceat(how.reduceat(values, starts)[order], joins)
@@ -407,7 +407,7 @@ def ordered(names: Iterable[str], first: Sequence[str] = PAPER_CONDITIONS) -> tu
 
 
 def _starts(columns: Iterable[NDArray[Any]]) -> IntArray:
-    """Where a row differs from the one before it in any of the columns."""
+    """Rows that differ from the row before in any of the columns."""
     changed: Any = None
     for column in columns:
         if changed is None:

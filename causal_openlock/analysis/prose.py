@@ -1,6 +1,6 @@
 """The sentences of a report, each in one place: templates in plain text.
 
-A module ``NAME.py`` that writes has a template ``NAME.txt.j2`` beside it, made of macros. ``title``
+A module ``NAME.py`` that writes has a template ``NAME.txt.j2`` next to it, of macros. ``title``
 is its heading and ``text`` what it says; ``X_table`` and ``X_plot`` give the title and the caption
 of a table or plot X. A pilcrow (¶) starts a paragraph; line breaks and indentation mean nothing.
 Python passes what was found, as numbers and names; filters print these (:data:`FILTERS`).
@@ -32,7 +32,7 @@ _SHOWN = 8  # names in a list before "and n more"
 
 
 class Prose:
-    """The sentences of one module, from the template beside it.
+    """The sentences of one module, from the template next to it.
 
     >>> REPORT = "causal_openlock.analysis.report"
     >>> Prose(f"{REPORT}.difference_page").sentence("changes", things=["seed"])
@@ -99,7 +99,7 @@ class Prose:
         call: str | None = None,
         **findings: Any,
     ) -> SectionPlot:
-        """What a plot function draws, with the title and caption of the macro ``KIND_plot``.
+        """A plot for a section, with the title and caption of the macro ``KIND_plot``.
 
         Args:
             kind: Of the macro.

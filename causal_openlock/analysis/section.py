@@ -1,8 +1,8 @@
-"""What an analysis hands to the report: a section of text, tables and plots, as data.
+"""Section of a report that an analysis makes: text, tables and plots, as data.
 
 The report lays sections out and knows nothing of what is in them. Their sentences come from a
 template (:mod:`~causal_openlock.analysis.prose`); their tables
-(:mod:`~causal_openlock.analysis.table`) become HTML on the page, CSV and LaTeX beside it
+(:mod:`~causal_openlock.analysis.table`) become HTML on the page, CSV and LaTeX next to it
 (:mod:`~causal_openlock.analysis.report.page`).
 """
 

@@ -75,13 +75,13 @@ class Table:
 
     @property
     def heads(self) -> list[str]:
-        """What is over the columns: their names, in words."""
+        """Heads of the columns: their names, in words."""
         names = [str(name) for name in self.frame.columns]
         return names if self.verbatim else [name.replace("_", " ") for name in names]
 
     @property
     def numeric(self) -> list[bool]:
-        """Which columns hold numbers, and are set to the right."""
+        """Whether each column holds numbers, and is set to the right."""
         return [
             str(name) in self.formats
             or (pd.api.types.is_numeric_dtype(kind) and not pd.api.types.is_bool_dtype(kind))
@@ -204,7 +204,7 @@ def printed(value: Any, form: str | None) -> str:
     """A value as the page prints it.
 
     Args:
-        value: Anything; ``None`` and NaN are no value.
+        value: Anything; ``None`` and NaN stand for no value.
         form: As for :func:`format`; by default as text.
     """
     if value is None or (isinstance(value, float) and value != value) or value is pd.NA:

@@ -1,6 +1,6 @@
 """A topic: one idea of a report, whole, from its numbers to its sentences.
 
-A topic is a module with its numbers, its figure and its section, a template beside it with the
+A topic is a module with its numbers, its figure and its section, a template next to it with the
 sentences (:mod:`~causal_openlock.analysis.prose`), and a :class:`Topic` called ``TOPIC`` that names
 them. Those of the toolkit are in :mod:`causal_openlock.analysis.topics`; a package of its own
 registers one as an entry point::

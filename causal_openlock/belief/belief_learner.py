@@ -46,7 +46,7 @@ class BeliefLearner(Learner):
     beliefs: Beliefs
 
     def belief(self, subject: int) -> Belief:
-        """What a subject believes about the room that it is in.
+        """A subject's belief about its current room.
 
         Raises:
             LearnerError: If it has not seen the room yet (see :meth:`act`) or has finished.
@@ -64,7 +64,7 @@ class BeliefLearner(Learner):
         return belief
 
     def classes(self, subject: int) -> FloatArray:
-        """``[C + 1]`` a subject's probability of each schema class; the last is none of them."""
+        """``[C + 1]`` a subject's probability of each schema class; the last is the free form."""
         return self.beliefs.knowledge.classes(np.array([subject]))[0]
 
     def edges(self, subject: int) -> FloatArray:

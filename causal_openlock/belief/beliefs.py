@@ -46,9 +46,9 @@ from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 enumerated = lru_cache(maxsize=64)(enumerate_space)
 STRENGTH_NODES = 10
 REDRAWS = 2
-"""How often a subject samples again before it concludes that levers of a large room may fail."""
+"""Times that a subject samples again before it concludes that levers may fail."""
 FEW_DRAWS = 40
-"""So few draws are every structure that there is to draw; sampling again would find the same."""
+"""Draws up to which all structures are taken to be drawn: sampling again finds no others."""
 SAVED = ("slots", "which", "weight", "start", "found", "possible")
 """Fields of a belief that a checkpoint holds as they are; none of them is changed in place."""
 CACHED_EVENTS = 1000
@@ -58,7 +58,7 @@ _ALLOWED: WeakKeyDictionary[Space, dict[Event, BoolArray]] = WeakKeyDictionary()
 
 @dataclass(eq=False, repr=False)
 class Belief:
-    """What one subject believes about the room that it is in.
+    """One subject's belief about its current room.
 
     Attributes:
         space: The hypotheses.
@@ -351,7 +351,7 @@ class Beliefs:
         return alive < belief.drawn / 4
 
     def _reconsider(self, subject: int) -> None:
-        """No hypothesis is left: sample others, or conclude that levers may fail to move."""
+        """Sample other hypotheses, or conclude that levers may fail, when no hypothesis is left."""
         grey = self._belief(subject).space.sight.grey
         fresh = None
         if grey > FREE_FORM_LEVERS:
@@ -394,7 +394,7 @@ class Beliefs:
     # -- checkpoints ----------------------------------------------------------------------------
 
     def state_dict(self) -> dict[str, Any]:
-        """All of it, for a checkpoint; of enumerated hypotheses only how to enumerate them."""
+        """The whole state; of enumerated hypotheses only how to enumerate them."""
         return {
             "knowledge": self.knowledge.state_dict(),
             "unsure": self.unsure.copy(),
@@ -416,7 +416,7 @@ class Beliefs:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint."""
+        """Continue from a checkpoint."""
         self.knowledge.load_state_dict(state["knowledge"])
         self.unsure = state["unsure"].copy()
         for generator, saved in zip(self._generators, state["generators"], strict=True):

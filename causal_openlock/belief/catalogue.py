@@ -1,4 +1,4 @@
-"""All behaviours of n levers that have as many solutions as the console shows.
+"""All behaviours of n levers that have the number of solutions on the console.
 
 The classes of the grammar and the free form generate many structures that no attempt can
 distinguish. These are one hypothesis, an equivalence class with the sum of their probabilities. A
@@ -28,7 +28,7 @@ from causal_openlock.belief.structures import (
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 
 FREE_FORM_LEVERS = 4
-"""Up to so many levers every gate-DAG is enumerated; five have seventeen million."""
+"""Most levers of which every gate-DAG is enumerated; five have seventeen million."""
 
 TABLE_BYTES = 1 << 27
 """Most bytes of the table in which structures are compared; it limits how many are listed."""
@@ -36,7 +36,7 @@ TABLE_BYTES = 1 << 27
 
 @dataclass(frozen=True, eq=False)
 class Catalogue:
-    """The behaviours of n levers with k solutions in attempts of so many actions.
+    """The behaviours of n levers with k solutions, within the limit of actions.
 
     U behaviours, M labelled structures that have them, G pairs of a structure and a class that
     generates it, C classes and the free form.
@@ -79,7 +79,7 @@ class Catalogue:
 
 
 def fits(structures: Structures, solutions: int, action_limit: int) -> BoolArray:
-    """``[M]`` whether there are exactly so many solutions, each done in an attempt."""
+    """``[M]`` whether the number of solutions is exact, and each fits into an attempt."""
     return distance(structures, solutions, action_limit) == 0
 
 
@@ -94,7 +94,7 @@ def distance(structures: Structures, solutions: int, action_limit: int) -> IntAr
 
 @cache
 def feasible(levers: int) -> BoolArray:
-    """``[C + 1]`` which classes can have so many levers; the free form always can."""
+    """``[C + 1]`` which classes can have this number of levers; the free form always can."""
     return np.array(
         [any(True for _ in kind.sizes(levers)) for kind in schema_classes()] + [True], dtype=bool
     )

@@ -81,7 +81,7 @@ class SchemaClass:
         return sum(role.length for role in (*self.roles, self.door)) - 1
 
     def sizes(self, levers: int) -> Iterator[tuple[int, ...]]:
-        """How many levers can play each role, if there are so many of them."""
+        """Ways to divide a number of levers among the roles, as sizes of the roles."""
         for cuts in combinations(range(1, levers), len(self.roles) - 1):
             sizes = tuple(end - start for start, end in pairwise((0, *cuts, levers)))
             if all(role.many or size == 1 for role, size in zip(self.roles, sizes, strict=True)):
@@ -103,7 +103,7 @@ class SchemaClass:
 
 @cache
 def schema_classes(roles: int = MAX_ROLES, length: int = MAX_LENGTH) -> tuple[SchemaClass, ...]:
-    """Every class of at most so many roles and such a length, each once, the shortest first."""
+    """Every class up to a number of roles and a length, each once, the shortest first."""
 
     def extend(chosen: tuple[Role, ...], left: int) -> Iterator[SchemaClass]:
         """Classes that begin with these roles, within what is left of the length."""
@@ -123,7 +123,7 @@ def schema_classes(roles: int = MAX_ROLES, length: int = MAX_LENGTH) -> tuple[Sc
 
 @cache
 def _options(earlier: int, door: bool = False) -> list[Role]:
-    """Possible roles after so many others, or the possible causes of the door."""
+    """Possible roles after ``earlier`` others, or the possible causes of the door."""
     return [
         Role(many, causes, gate)
         for many in ((False,) if door else (False, True))
@@ -133,7 +133,7 @@ def _options(earlier: int, door: bool = False) -> list[Role]:
 
 
 def _chooses(role: Role, roles: tuple[Role, ...]) -> bool:
-    """Whether the gate makes a difference, or is the plain one."""
+    """Whether the gate differs from the plain one."""
     causes = [other for i, other in enumerate(roles) if role.causes >> i & 1]
     most = math.inf if any(other.many for other in causes) else len(causes)
     return role.gate == "any" or most > (1 if role.gate == "all" else ENOUGH[role.gate])
@@ -161,7 +161,7 @@ def _canonical(kind: SchemaClass) -> SchemaClass:
 
 @cache
 def _renamings(roles: int) -> list[tuple[tuple[int, ...], list[int]]]:
-    """Every order of so many roles, and each set of roles as a bit mask in that order."""
+    """Every order of the roles, and each set of roles as a bit mask in that order."""
     return [
         (
             order,
@@ -187,7 +187,7 @@ def class_prior(simplicity: float, free_form: float) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Generated(Rows):
-    """What classes generate on n levers: G pairs of a structure and a class that generates it.
+    """Structures of n levers and their classes: G pairs of a structure and a generating class.
 
     Attributes:
         structures: ``[G]`` the structures, each as often as classes generate it.

@@ -1,8 +1,8 @@
 """The hypotheses about one room, and their prior.
 
 A hypothesis states which levers are active, the gate-DAG on them and the door, and the strength:
-the probability that an enabled lever moves. What marks the active levers is unknown, too: a *rule*
-may go by colour (the grey ones, or the white ones) or by position. The prior is
+the probability that an enabled lever moves. How the active levers are marked is also unknown:
+a *rule* may go by colour (the grey ones, or the white ones) or by position. The prior is
 
     P(h) = P(active levers | rule) P(rule) P(structure | class) P(class) P(strength)
 
@@ -39,11 +39,11 @@ from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.schemas.schema import MAX_LEVERS
 
 RULES = ("grey", "white", "position")
-"""What may mark the active levers."""
+"""Rules by which active levers may be marked."""
 
 
 class RoomSight(NamedTuple):
-    """What distinguishes rooms before anything is tried.
+    """Features that distinguish rooms before anything is tried.
 
     Attributes:
         positions: Levers of the room, P.
@@ -65,8 +65,8 @@ class Strengths:
     Attributes:
         value: ``[G]`` the strengths.
         prior: ``[G]`` their probabilities.
-        chance: ``[G, P + 1, 16]`` probability that at least so many causes transmit: by strength,
-            by how many causes are pushed, by threshold.
+        chance: ``[G, P + 1, 16]`` probability that at least ``threshold`` causes transmit: by
+            strength, by number of pushed causes, by threshold.
     """
 
     value: FloatArray

@@ -1,4 +1,4 @@
-"""What a subject may intend, as what it did leaves it.
+"""Intentions that a subject may have, given what it did.
 
 A subject that acts on one hypothesis at a time draws a solution and carries it out, lever by lever,
 until the door or until a lever does not move. Nobody sees which solution it drew. So the
@@ -21,13 +21,13 @@ from causal_openlock.belief.structures import Hypotheses
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 
 DENSE = 4096
-"""Plans have numbers; up to so many need no sorting."""
+"""Number of plan codes up to which they need no sorting."""
 Plan = tuple[int, ...] | None
 """Slots to push, in order; None where there is none."""
 
 
 class Intention(NamedTuple):
-    """What a subject has in mind.
+    """An intention of a subject.
 
     Attributes:
         plan: The solution that it carries out.
@@ -39,7 +39,7 @@ class Intention(NamedTuple):
 
 
 class Course(NamedTuple):
-    """A way on from an intention.
+    """A continuation of an intention.
 
     Attributes:
         chance: Its probability.
@@ -58,7 +58,7 @@ def courses(
     positions: int,
     draw: Callable[[], Iterable[tuple[float, Plan]]],
 ) -> Iterator[Course]:
-    """The ways on from an intention.
+    """The continuations of an intention.
 
     Args:
         intention: What the subject has in mind.
@@ -94,7 +94,7 @@ def _on(
 
 
 class Intentions:
-    """The probabilities of what a subject may have in mind.
+    """The probabilities of a subject's possible intentions.
 
     Args:
         lapse: The share of its actions that are random and leave its intention as it is.
@@ -127,7 +127,7 @@ class Intentions:
         return odds
 
     def acted(self, slot: int | None, over: bool) -> None:
-        """Learn what was done: a slot was pushed, or something else; and whether that was all."""
+        """Update by an action: a push of a slot, or another; and by whether the attempt is over."""
         known: defaultdict[Intention, float] = defaultdict(float)
         if not over:
             for mind, course in self._courses:

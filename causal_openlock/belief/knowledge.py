@@ -1,4 +1,4 @@
-"""What is carried from room to room: schema classes, rules that mark levers, strength.
+"""Knowledge carried from room to room: schema classes, rules that mark levers, strength.
 
 The hypotheses about each room are new; their hyperparameters are learned (a hierarchical Bayesian
 model). Each subject holds
@@ -86,7 +86,7 @@ class Prior:
 
 
 class Knowledge:
-    """What B subjects have learned about schemas before they enter a room.
+    """Knowledge of B subjects about schemas before they enter a room.
 
     Args:
         subjects: B.
@@ -164,11 +164,11 @@ class Knowledge:
         self.rooms[subject] += counts
 
     def state_dict(self) -> dict[str, Any]:
-        """All of it, for a checkpoint."""
+        """The whole state, for a checkpoint."""
         names = ("rooms", "rules", "active", "visits", "strengths")
         return {name: getattr(self, name).copy() for name in names}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint."""
+        """Continue from a checkpoint."""
         for name, value in state.items():
             setattr(self, name, value.copy())

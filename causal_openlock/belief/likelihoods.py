@@ -1,4 +1,4 @@
-"""What was observed, and its likelihood under each hypothesis.
+"""Observations, and their likelihood under each hypothesis.
 
 An :class:`Event` is one action and its result: whether the lever moved, whether the door was
 unlocked afterwards, whether it opened, and whether the console counted a new solution. The
@@ -48,7 +48,7 @@ class Event(NamedTuple):
     found: tuple[int, ...] = ()
 
     def repeated(self, count: int) -> Events:
-        """The same event so many times, to compare it with as many hypotheses."""
+        """Repeat an event ``count`` times, to compare it with that number of hypotheses."""
         return Events(
             np.full(count, self.slot),
             np.full(count, self.pushed, dtype=np.uint16),
@@ -63,7 +63,7 @@ class Event(NamedTuple):
 class Events(Rows):
     """E events: the fields of :class:`Event`, each an array ``[E]``; ``found`` is ``[E, F]``.
 
-    Rows of ``found`` are padded with 0, which is no solution, as no empty set unlocks the door.
+    Rows of ``found`` are padded with 0, which is not a solution: no empty set unlocks the door.
     """
 
     slot: IntArray

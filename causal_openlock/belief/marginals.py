@@ -1,4 +1,4 @@
-"""What a posterior says about structures: edges, the most probable one, interventions.
+"""Marginals of a posterior over structures: edges, the mode, interventions.
 
 A posterior is over behaviours, and many structures can have the same behaviour. Here it is spread
 over structures again,
@@ -138,7 +138,7 @@ class StructurePosterior:
     probability: FloatArray
 
     def unlocked(self, pushed: set[str], pulled: set[str], push_probability: float) -> float:
-        """Their part of P(unlocked | do); levers that are not among theirs have no effect."""
+        """Contribution to P(unlocked | do); other levers than ``names`` have no effect."""
         n = len(self.names)
         set_to = {**dict.fromkeys(pushed, (1,)), **dict.fromkeys(pulled, (0,))}
         unset = [lever for lever, name in enumerate(self.names) if name not in set_to]

@@ -1,4 +1,4 @@
-"""The ideal observer in another subject's place: what each attempt was worth.
+"""The ideal observer in another subject's place: the worth of each attempt.
 
 The observer knows the schema of the room, and that the grey levers are the active ones; which lever
 is which it learns from what the subject does. So at every moment it has a posterior over
@@ -35,7 +35,7 @@ NO_DIFFERENCE = 1e-9
 
 
 class Worth(NamedTuple):
-    """What an attempt was worth; all but ``used`` are sums over its actions.
+    """Worth of an attempt; all but ``used`` are sums over its actions.
 
     Attributes:
         used: How many actions it had.
@@ -87,7 +87,7 @@ class Observer:
         self._truth = cache(self._hypothesis)
 
     def trial(self, layout: Layout, attempts: list[list[int]]) -> list[Worth]:
-        """What each attempt of a trial was worth, until everything is found.
+        """Worth of each attempt of a trial, until everything is found.
 
         Args:
             layout: Where the levers are.

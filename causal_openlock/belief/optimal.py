@@ -155,7 +155,7 @@ class Optimum:
         return self._after(point, 0) / self._weight(point.possible)
 
     def after(self, point: Point, action: int) -> list[tuple[float, Point]]:
-        """What an action can lead to, each with its probability.
+        """The states that an action can lead to, with their probabilities.
 
         Args:
             point: A state with an action left.
@@ -279,7 +279,7 @@ class Optimum:
             yield 2 * self._slots, self._opened(point)
 
     def _tried(self, point: Point, slot: int) -> list[Point]:
-        """What it can lead to that a lever is moved the other way."""
+        """States that moving a lever can lead to: it moves, or it does not."""
         possible, found, pushed, left = point
         moving = possible & self._holds(slot, pushed)
         after = pushed ^ 1 << slot
@@ -288,7 +288,7 @@ class Optimum:
         return [Point(part, found, now, left - 1) for part, now in parts if part]
 
     def _opened(self, point: Point) -> list[Point]:
-        """What it can lead to that the unlocked door is opened."""
+        """States that opening the unlocked door can lead to: a new solution, or none."""
         possible, found, pushed, _ = point
         new = possible & self._finds(pushed, found)
         more = tuple(sorted((*found, pushed)))
@@ -338,7 +338,7 @@ class Optimum:
         return bits(new.any(axis=1))
 
     def _reaching(self, pushed: int, left: int, found: tuple[int, ...]) -> int:
-        """The hypotheses under which so many actions may still complete a new solution."""
+        """The hypotheses under which ``left`` actions may still complete a new solution."""
         stands = (np.uint16(pushed) & ~self._own.inert)[:, None]
         missing = np.bitwise_count(self._own.solutions ^ stands) + 1 <= left
         if not self._pulls:
@@ -347,7 +347,7 @@ class Optimum:
 
 
 class Symmetry:
-    """Which levers a belief cannot distinguish, and a canonical naming of levers.
+    """Levers that a belief cannot distinguish, and a canonical naming of levers.
 
     Args:
         own: ``[H]`` every hypothesis, each once.
@@ -424,5 +424,5 @@ def _flags(mask: int, many: int) -> BoolArray:
 
 
 def swapped(mask: int, first: int, second: int) -> int:
-    """A set of slots with two of them swapped."""
+    """Swap two slots in a set."""
     return mask ^ (1 << first | 1 << second) if (mask >> first ^ mask >> second) & 1 else mask

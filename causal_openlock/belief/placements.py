@@ -28,7 +28,7 @@ class TooLargeError(Exception):
 
 
 def placements(schema: Schema, action_limit: int) -> Hypotheses:
-    """Every placement of a schema's levers on as many slots, equal behaviours merged.
+    """Every placement of a schema's levers on an equal number of slots, equal behaviours merged.
 
     Strengths are ignored.
 

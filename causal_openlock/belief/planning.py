@@ -43,15 +43,15 @@ MOST_BRANCHES = 5000
 four."""
 FEW_LEVERS = 7
 MOST_PAIRS = 1_000_000
-"""With more levers than these, also the most sequences times hypotheses; two actions are always
-looked ahead."""
+"""The most sequences times hypotheses in plans with more than ``FEW_LEVERS`` levers; plans always
+look two actions ahead."""
 TIE = 1e-9
 """Values that differ by less are equal but for rounding."""
 
 
 @dataclass(frozen=True)
 class Objective:
-    """What a plan maximises.
+    """The objective that a plan maximises.
 
     Attributes:
         information: Weight of expected information, per bit.
@@ -66,7 +66,7 @@ class Objective:
 
 @dataclass(frozen=True)
 class Situation:
-    """Where an attempt stands.
+    """The state of an attempt.
 
     Attributes:
         pushed: The pushed levers, as a bit mask of slots.
@@ -84,7 +84,7 @@ class Situation:
     def of(
         cls, view: View, subject: int, slots: IntArray, found: tuple[int, ...] = ()
     ) -> Situation:
-        """Where a subject's attempt stands, given the slot of each position in its room.
+        """The state of a subject's attempt, given the slot of each position in its room.
 
         Once every solution is found, none counts as found: repeating one is as good as any.
         """
@@ -131,7 +131,7 @@ class Planner:
         return values
 
     def _depth(self, alive: IntArray, pushed: int) -> int:
-        """How many actions to look ahead, so that the tree of plans does not grow too large."""
+        """Number of actions to look ahead, so that the tree of plans does not grow too large."""
         can_move = (self.hypotheses.threshold[alive, : self._door] < NEVER).any(axis=0)
         choices = sum(1 for slot in np.flatnonzero(can_move).tolist() if not pushed >> slot & 1)
         most = MOST_BRANCHES
@@ -258,7 +258,7 @@ def achievable(hypotheses: Hypotheses, pushed: int, left: int, found: Sequence[i
 
 
 def thinned(weight: FloatArray, most: int) -> tuple[IntArray, FloatArray]:
-    """Which hypotheses to plan with, ``[h]``, and ``[h]`` their weights, whole numbers.
+    """Hypotheses to plan with, ``[h]``, and ``[h]`` their weights, whole numbers.
 
     Probabilities are rounded to 1/1023 of the greatest, so that almost equal posteriors have the
     same plan; what is rounded to zero is left out. If more than ``most`` hypotheses are left, a

@@ -39,19 +39,19 @@ BATCH = 1000
 CHAINS = 80
 """Markov chains, where too few draws have the right number of solutions."""
 LISTED_CAUSES = 6
-"""With more levers before it than these, a lever's causes are drawn by rejection first."""
+"""Earlier levers above which a lever's causes are first drawn by rejection."""
 GUESSES = 8
 AT_ONCE = 4000
 """Draws for which every set of causes is listed at a time."""
 PULL = 1.5
 """Cost of each unit of distance in a Markov chain, in nats."""
 LOOKS = 8
-"""How often, in the second half of the steps, the structures at distance 0 are collected."""
+"""Times that structures at distance 0 are collected, in the second half of the steps."""
 
 
 @dataclass(frozen=True, eq=False)
 class Gates:
-    """Every gate that one node can have; O of them.
+    """The O gates that one node can have.
 
     Attributes:
         causes: ``[O]`` as bit masks.
@@ -239,7 +239,7 @@ def _tables(
 
 
 def _subsets(sets: IntArray, size: int, levers: int) -> IntArray:
-    """``[D, 2^size]`` every subset of each of D sets of so many levers, in ascending order."""
+    """``[D, 2^size]`` every subset of each of D sets of ``size`` levers, in ascending order."""
     held = np.nonzero(sets[:, None] >> np.arange(levers) & 1)[1].reshape(len(sets), size)
     subsets = np.zeros((len(sets), 1), dtype=np.int64)
     for column in held.T:

@@ -71,7 +71,7 @@ def same_structure(one: Schema, other: Schema) -> bool:
 
 
 def behave_alike(one: Schema, other: Schema, actions: int) -> bool:
-    """Whether no attempt of so many actions tells two schemas apart, whatever their strengths.
+    """Whether no attempt of ``actions`` actions can distinguish two schemas, strengths aside.
 
     Levers of equal names are at the same position, and a lever that one of them lacks never moves
     in it.
@@ -81,7 +81,7 @@ def behave_alike(one: Schema, other: Schema, actions: int) -> bool:
 
 
 def _beside(one: Schema, other: Schema) -> Structures:
-    """Both as structures on the levers that at least one of them has."""
+    """Two schemas as structures on the levers that at least one schema has."""
     names = sorted({*one.levers, *other.levers})
     return Structures.joined(
         [

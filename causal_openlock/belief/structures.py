@@ -39,7 +39,7 @@ _WORDS = np.dtype("<u8")
 _WORD = 6
 """Levers whose sets fit into a word."""
 _HOLDING = [sum(1 << bit for bit in range(64) if bit >> lever & 1) for lever in range(_WORD)]
-"""For each of these, the bits of the sets that hold it."""
+"""Bits of the sets that hold each of these levers."""
 
 
 class Rows:
@@ -51,7 +51,7 @@ class Rows:
         return len(getattr(self, next(iter(self.__dataclass_fields__))))
 
     def __getitem__(self, chosen: IntArray | BoolArray | slice) -> Self:
-        """Some of the elements, in any order and also repeatedly."""
+        """Select elements, in any order and also repeatedly."""
         return type(self)(*(getattr(self, name)[chosen] for name in self.__dataclass_fields__))
 
     @classmethod
@@ -152,7 +152,7 @@ class Structures(Rows):
         Args:
             action_limit: Actions in an attempt.
             uncertain: Whether enabled levers move only with some probability, which depends on
-                how many causes are pushed, so that this number matters too.
+                the number of pushed causes, so that this number also matters.
         """
         n = self.levers
         # No more levers can be pushed than there were actions.
@@ -263,7 +263,7 @@ def gate_options(levers: int, node: int) -> list[tuple[int, int]]:
 
 @cache
 def gate_dags(levers: int) -> Structures:
-    """Every labelled gate-DAG on so many levers, with every threshold gate.
+    """Every labelled gate-DAG on a number of levers, with every threshold gate.
 
     >>> [len(gate_dags(levers)) for levers in (1, 2, 3)]  # 43,168 for four, millions for five
     [1, 12, 408]
@@ -316,7 +316,7 @@ def members(families: Families, levers: int) -> BoolArray:
 
 @cache
 def meeting(levers: int) -> Families:
-    """``[2^n, 16, W]`` for a set of causes and a threshold, the sets that push enough of them."""
+    """``[2^n, 16, W]`` the sets that push enough causes, by set of causes and threshold."""
     every = np.arange(1 << levers)
     holding = with_lever(levers)
     table = np.zeros((len(every), int(NEVER) + 1, holding.shape[1]), dtype=_WORDS)

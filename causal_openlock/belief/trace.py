@@ -157,12 +157,12 @@ class Trace:
 
     @property
     def found(self) -> int:
-        """How many solutions were found."""
+        """Number of solutions found."""
         return sum(action.outcome == "new solution" for action in self.actions)
 
     @property
     def solved(self) -> bool:
-        """Whether all of them were."""
+        """Whether every solution was found."""
         return self.found == len(self.truth.solutions)
 
     @property
@@ -431,7 +431,7 @@ def _verdict(trace: Trace) -> str:
     if trace.solved:
         last = max(a.attempt for a in trace.actions if a.outcome == "new solution")
         end = f"Solved in {counted(last, 'attempt')}"
-        end += f"; the trial went on to {attempts:,}." if attempts > last else "."
+        end += f"; the trial continued to {attempts:,}." if attempts > last else "."
     else:
         found = f"{trace.found} of {len(trace.truth.solutions)} solutions"
         end = f"Not solved: {found} in {counted(attempts, 'attempt')}."
@@ -444,7 +444,7 @@ def _verdict(trace: Trace) -> str:
 
 
 def agreement(trace: Trace) -> str:
-    """How the most probable structure in the end compares with the truth, strengths aside.
+    """Compare the most probable structure in the end with the truth, strengths aside.
 
     Returns:
         ``same``, ``alike`` if it behaves alike in every attempt, or ``different``.

@@ -52,12 +52,12 @@ def compare(
         typer.Option(help="Play this share of the cells alone, such as 3/16; writes no report."),
     ] = None,
     retry_failed: Annotated[
-        bool, typer.Option("--retry-failed", help="Try cells that have failed three times, too.")
+        bool, typer.Option("--retry-failed", help="Also try cells that have failed three times.")
     ] = False,
     allow_version: Annotated[
         bool,
         typer.Option(
-            "--allow-version", help="Complete what was begun with other versions of packages."
+            "--allow-version", help="Complete cells that were begun with other package versions."
         ),
     ] = False,
     checkpoint_every: Annotated[
@@ -133,7 +133,7 @@ def compare(
             report_store(folder, console, references=references, reasons=False)
         else:
             console.print_line(
-                f"shard {part} is over; when all are: causal-openlock report "
+                f"shard {part} is done; when all shards are: causal-openlock report "
                 f"{without_password(out or folder)}"
             )
         send()

@@ -43,7 +43,7 @@ def export(
     store = Store(folder)
     if missing := store.files()[1]:
         what = counted(len(missing), "cell")
-        say(f"warning: without {what} that compare has yet to play", error=True)
+        say(f"warning: {what} not played yet and not exported; run compare", error=True)
     if form == "csv":
         if episodes or learner or condition:
             raise OpenLockError(

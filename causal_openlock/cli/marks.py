@@ -1,4 +1,4 @@
-"""Marks at fitted parameters that are no estimates, and what they mean."""
+"""Marks at fitted parameters that are not estimates, and their meaning."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def rounded(parameters: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def legend(at_bound: Collection[str], idle: Collection[str]) -> list[str]:
-    """What the marks mean, and which parameters have one; also where none stands at a bound.
+    """Explanations of the marks, with their parameters; also where none stands at a bound.
 
     >>> legend([], [])
     ['No estimate is at a bound of what was searched.']

@@ -27,7 +27,7 @@ def notebook(
 
     path = Path(name if name.lower().endswith(SUFFIX) else f"{name}{SUFFIX}")
     if not name.strip() or name.endswith(("/", "\\", ".")) or not name.isprintable():
-        raise OpenLockError(f"{name!r} is no name of a notebook; choose one such as mine")
+        raise OpenLockError(f"{name!r} is not a name of a notebook; choose one such as mine")
     if path.exists() or path.is_symlink():
         raise OpenLockError(f"{path} exists already; choose another name, or remove it first")
     lessons = sorted(bundled("notebooks").glob(f"[0-9]*{SUFFIX}"))

@@ -1,4 +1,4 @@
-"""Arguments and options that several commands have, and the trial that some of them name."""
+"""Arguments and options that several commands have, and the trial that some commands name."""
 
 from __future__ import annotations
 

@@ -141,7 +141,7 @@ def trace(
         typer.Option("--out", "-o", help="Picture to write (SVG, PNG or PDF, by its suffix)."),
     ] = None,
     table: Annotated[
-        Path | None, typer.Option(help="Write a row for each action to this CSV file, too.")
+        Path | None, typer.Option(help="Also write a row for each action to this CSV file.")
     ] = None,
 ) -> None:
     """Describe a trial: what a subject did, saw, learned and believed."""

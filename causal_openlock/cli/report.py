@@ -76,12 +76,12 @@ def report_store(
     references: Sequence[ReferenceForm] = (),
     reasons: bool = True,
 ) -> None:
-    """Write the report of a results folder, perhaps beside others, and print its headline.
+    """Write the report of a results folder, perhaps with others, and print its leaderboard.
 
     Args:
         folder: The folder.
         console: Where to print.
-        others: Folders whose learners or people stand beside those of this one.
+        others: Folders whose learners or people are shown with those of this one.
         references: What learners are compared with.
         reasons: Whether to say why some learners are not applicable; ``compare`` has said it.
     """
@@ -104,7 +104,7 @@ def report_store(
 
 
 def _print_missing(missing: Sequence[Missing], console: Terminal) -> None:
-    """The cells that none of the numbers includes, a line for each."""
+    """The cells that no number includes, a line for each."""
     from causal_openlock.analysis.prose import Prose
 
     if missing:
@@ -147,7 +147,7 @@ def report_difference(first: Path, second: Path, out: Path, console: Terminal) -
 
 
 def _names(first: Path, second: Path) -> tuple[str, str]:
-    """What to call the folders: their names, or paths if these are the same."""
+    """Names of the folders, or their paths if the names are the same."""
     short = first.resolve().name, second.resolve().name
     return short if short[0] != short[1] else (str(first), str(second))
 

@@ -57,10 +57,10 @@ def list_schemas() -> None:
 def show(
     name: SchemaName,
     layout: Annotated[
-        str | None, typer.Option(help="Show the solutions in this layout too, such as trial7.")
+        str | None, typer.Option(help="Also show the solutions in this layout, such as trial7.")
     ] = None,
     states: Annotated[
-        bool, typer.Option("--states", help="List the states that an attempt can reach, too.")
+        bool, typer.Option("--states", help="Also list the states that an attempt can reach.")
     ] = False,
 ) -> None:
     """Show a schema: its graph and its solutions."""

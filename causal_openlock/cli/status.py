@@ -1,4 +1,4 @@
-"""``causal-openlock status``: how a comparison stands that runs here or elsewhere."""
+"""``causal-openlock status``: the status of a comparison that runs here or elsewhere."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def status(folder: ResultsFolder) -> None:
         again = "; compare with --retry-failed tries the others again" if progress.failed else ""
         console.print_line(f"over{again}")
     elif progress.left is None:
-        console.print_line("when it will be over is not known yet")
+        console.print_line("the time left is not known yet")
     elif progress.playing:
         then = time.strftime("%Y-%m-%d %H:%M", time.localtime(time.time() + progress.left))
         console.print_line(f"over in about {duration(progress.left)}, at {then}")

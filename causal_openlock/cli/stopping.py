@@ -1,4 +1,4 @@
-"""How long work is stopped: Ctrl-C and SIGTERM, and what the user then reads."""
+"""Stopping long work: Ctrl-C and SIGTERM, and the message that the user reads."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def resumable() -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt as stopped:
-        interrupted = Interrupted("stopped; the same command goes on where it was")
+        interrupted = Interrupted("stopped; run the same command again to continue")
         if isinstance(stopped, Terminated):
             interrupted.status = 128 + signal.SIGTERM
         raise interrupted from None

@@ -39,7 +39,7 @@ STORED = Path(__file__).with_name("expected.json")
 
 
 class Check(NamedTuple):
-    """What was expected of a learner, what was found, and whether it is right."""
+    """A check of a learner: the expected result, the one found, and whether it is right."""
 
     learner: str
     measure: str
@@ -125,7 +125,7 @@ def of_subjects(results: Results, learner: str) -> pd.DataFrame:
 
 
 def expected_of(results: Results, learner: str) -> dict[str, Any]:
-    """What to store of a learner: a hash of its actions, or means with their intervals."""
+    """Expected results of a learner: a hash of its actions, or means with their intervals."""
     from scipy.special import stdtrit
 
     if learner in EXACT:
@@ -142,7 +142,7 @@ def expected_of(results: Results, learner: str) -> dict[str, Any]:
 
 
 def expected(experiment: Experiment, results: Results) -> dict[str, Any]:
-    """What to store of an experiment."""
+    """Expected results of an experiment."""
     learners = {one.name: expected_of(results, one.name) for one in experiment.learners}
     return {
         "experiment": experiment.declaration,

@@ -106,7 +106,7 @@ def compare(
 
     Raises:
         LearnerError: If there is no such learner or parameter; the message has the nearest name.
-        Interrupted: If it is stopped; what is done is kept, and the same call goes on.
+        Interrupted: If it is stopped; finished cells are stored, and the same call continues.
         OpenLockError: If what is asked for cannot be done.
 
     Example:
@@ -153,8 +153,8 @@ def compare(
     except KeyboardInterrupt:
         cells = len(experiment.cells())
         raise Interrupted(
-            f"stopped: {len(done)} of {cells} cells are done and kept; compare the same again, "
-            "and it goes on where it was"
+            f"stopped: {len(done)} of {cells} cells are done and stored; compare the same again, "
+            "and it continues where it stopped"
         ) from None
     return open_results(folder, reference=references)
 
@@ -167,7 +167,7 @@ def play(
     progress: Show | None = None,
     **options: Any,
 ) -> CellsFailed | None:
-    """Play what is missing of an experiment, and warn of what a user should know.
+    """Play the missing cells of an experiment, with warnings for the user.
 
     Args:
         experiment: The experiment.
@@ -223,7 +223,7 @@ def _experiment(
     if isinstance(what, str | Path) and not (learners and (is_condition or not _is_file(what))):
         if is_condition:
             raise ExperimentError(
-                f"{what} is a condition; name the learners, too: compare({str(what)!r}, ['bayes'])"
+                f"{what} is a condition; also name the learners: compare({str(what)!r}, ['bayes'])"
             )
         path = find_experiment(what)
         known = {field.name for field in fields(Changes)}
@@ -241,7 +241,7 @@ def _experiment(
 
 
 def _is_condition(name: str) -> bool:
-    """Whether it names a condition."""
+    """Whether ``name`` is that of a condition."""
     try:
         Condition.named(name, find_schema)
     except OpenLockError:
@@ -250,7 +250,7 @@ def _is_condition(name: str) -> bool:
 
 
 def _is_file(name: str | Path) -> bool:
-    """Whether it names an experiment file."""
+    """Whether ``name`` is that of an experiment file."""
     try:
         return find_experiment(name).exists()
     except OpenLockError:

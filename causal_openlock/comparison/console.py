@@ -1,7 +1,7 @@
 """Tables, styles and status lines on the terminal, by rich.
 
 It takes a while to load, so commands import it when they run. Text is printed as it is: nothing in
-it is markup (``[bold]``), an emoji's name or an escape sequence. A style is given beside the text,
+it is markup (``[bold]``), an emoji's name or an escape sequence. A style is given with the text,
 or with a :class:`rich.text.Text` that the program itself composes.
 """
 
@@ -16,7 +16,7 @@ from rich.text import Text
 from causal_openlock.files.escaping import printable
 
 MOST_COLUMNS = 1000
-"""How wide a table may become that is wider than the terminal."""
+"""Most characters of a table that is wider than the terminal."""
 
 
 class Terminal(RichConsole):

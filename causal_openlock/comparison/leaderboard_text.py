@@ -1,4 +1,4 @@
-"""What answers first, as text: a few sentences, and a row for each learner."""
+"""The leaderboard as text: a few sentences, and a row for each learner."""
 
 from __future__ import annotations
 

@@ -211,7 +211,7 @@ def _playing(those: tuple[Playing, ...]) -> str:
 
 
 def duration(seconds: float) -> str:
-    """So many seconds in words, such as ``45 s``, ``3 min`` or ``2 h 10 min``."""
+    """Seconds in words, such as ``45 s``, ``3 min`` or ``2 h 10 min``."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     minutes = round(seconds / 60)

@@ -61,8 +61,8 @@ FORMER = {
 class Results(Material):
     """The results of a comparison, read from one or more folders.
 
-    A notebook shows the table of attempts, people beside the learners where these played the same,
-    and below it what a reader should know. Tables are pandas data frames, in tidy form.
+    A notebook shows the table of attempts, people next to learners that played the same, and below
+    it the warnings. Tables are pandas data frames, in tidy form.
 
     Example:
         >>> from causal_openlock import compare
@@ -94,7 +94,7 @@ class Results(Material):
 
     @cached_property
     def leaderboard(self) -> pd.DataFrame:
-        """The table that answers first, a row for each learner and protocol.
+        """The leaderboard: a row for each learner and protocol.
 
         See :func:`~causal_openlock.analysis.topics.leaderboard.leaderboard`.
         """
@@ -115,7 +115,7 @@ class Results(Material):
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """What a reader should know before believing the numbers, a sentence each.
+        """Warnings to read before believing the numbers, a sentence each.
 
         Few subjects, trials that were not solved and count as the limit, cells that are missing.
         """
@@ -138,8 +138,8 @@ class Results(Material):
         ``subject``); the trial (``phase``, ``loop``, ``trial``, ``schema``, ``layout``); the
         number of the ``attempt`` in the trial, from 1; whether the door was ``unlocked`` and
         ``opened``; the index of the ``solution`` that opened it (-1 for none), and whether it is a
-        ``new_solution``; ``solutions_found`` in the trial so far, of so many ``solutions``; the
-        sum of the actions' ``reward``; the ``category`` (what it came to); and ``wall_time``, the
+        ``new_solution``; ``solutions_found`` in the trial so far, of all ``solutions``; the
+        sum of the actions' ``reward``; the ``category`` of its outcome; and ``wall_time``, the
         seconds since its cell began.
         """
         return self._whole.drop(columns=["actions", "moved"])
@@ -170,7 +170,7 @@ class Results(Material):
 
     @cached_property
     def regret(self) -> pd.DataFrame:
-        """What each attempt was worth, by the ideal observer in the subject's place.
+        """Worth of each attempt, by the ideal observer in the subject's place.
 
         See :func:`~causal_openlock.analysis.topics.regret.regret`.
         """
@@ -180,7 +180,7 @@ class Results(Material):
 
     @cached_property
     def structure_recovery(self) -> pd.DataFrame:
-        """What subjects took the structure of each room to be when they left it, and how it is.
+        """Structure that subjects believed each room to have when they left it, and the true one.
 
         See :func:`~causal_openlock.analysis.topics.structure_recovery.structure_recovery`. People
         were asked where ``play --ask-structure`` was used.
@@ -201,7 +201,7 @@ class Results(Material):
 
     @cached_property
     def pairs(self) -> pd.DataFrame:
-        """How many attempts one learner needs more than another, paired by subject.
+        """Additional attempts that one learner needs compared with another, paired by subject.
 
         A row for each pair of learners under a ``protocol``; the other columns are those of
         :func:`~causal_openlock.analysis.topics.pairwise.pairwise_table`.
@@ -245,7 +245,7 @@ class Results(Material):
 
     @property
     def plot(self) -> Plots:
-        """Its plots: ``results.plot.attempts()`` and so on."""
+        """Plots of the results: ``results.plot.attempts()`` and so on."""
         from causal_openlock.comparison.plotting import Plots
 
         return Plots(self)
@@ -305,7 +305,7 @@ class Results(Material):
                 "together: open_results(one, another)"
             )
         if self.folders[0] in folder.parents:
-            raise StoreError(f"{folder} is inside the results; choose a folder beside them")
+            raise StoreError(f"{folder} is inside the results; choose a folder next to them")
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise StoreError(f"{folder} is there already; choose another name")
         check_inside(self.folders[0])
@@ -323,7 +323,7 @@ class Results(Material):
         return folder
 
     def __add__(self, other: Results) -> Results:
-        """Both in one table.
+        """Join two sets of results in one table.
 
         Raises:
             StoreError: If they cannot be compared: a learner or a condition has two meanings.
@@ -343,7 +343,7 @@ class Results(Material):
         return self._together(parts, self.folders + other.folders, given)
 
     def __repr__(self) -> str:
-        """The table that answers first, as text, and what a reader should know."""
+        """The leaderboard as text, and the warnings."""
         from causal_openlock.comparison.console import Terminal
         from causal_openlock.comparison.leaderboard_text import print_leaderboard
 

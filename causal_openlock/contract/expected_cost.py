@@ -29,7 +29,7 @@ MUCH_MEMORY = 500.0
 
 @dataclass(frozen=True)
 class Cost:
-    """What a trial of one subject is expected to cost.
+    """Expected cost of a trial of one subject.
 
     Attributes:
         seconds: On one core; infinite if it cannot be played at all.
@@ -65,7 +65,7 @@ class Cost:
 def expected_cost(
     learner: str, parameters: dict[str, Any], schema: Schema, action_limit: int
 ) -> Cost | None:
-    """What a learner will cost in rooms of a schema; None if it is unknown or small.
+    """Expected cost of a learner in rooms of a schema; None if it is unknown or small.
 
     Raises:
         LearnerError: If there is no such learner.

@@ -4,7 +4,7 @@ A :class:`Learner` plays B subjects at once: every array is ``[B, ...]`` and no 
 another's data. It gets a :class:`Brief`, perceives a :class:`View`, returns actions, and learns
 from a :class:`Step` what they led to. None of these types can hold a role, a schema or a solution,
 and the generators in a brief carry no seed from which rooms can be drawn again. What is latent is
-in :class:`Truth`, which only an :class:`InformedLearner` gets; results show it as a bound beside
+in :class:`Truth`, which only an :class:`InformedLearner` gets; results show it as a bound next to
 the others. A class in the same process can still read it from the call stack: nothing is promised
 against malice.
 
@@ -31,7 +31,7 @@ Observations = NDArray[np.int8]
 
 @dataclass(frozen=True)
 class Brief:
-    """What a learner knows before it starts.
+    """A learner's knowledge before it starts.
 
     Attributes:
         subjects: How many subjects it plays, B.
@@ -64,7 +64,7 @@ class Brief:
 
 @dataclass(frozen=True)
 class Console:
-    """The console beside the room; every field is ``[B]``.
+    """The console next to the room; every field is ``[B]``.
 
     Attributes:
         solutions_left: Solutions not yet found in this trial.
@@ -81,11 +81,11 @@ class Console:
 
 @dataclass(frozen=True)
 class View:
-    """What B subjects perceive at one moment.
+    """Perception of B subjects at one moment.
 
     Attributes:
         observation: ``[B, 2P + 2]`` of 0 and 1: levers pushed, levers grey, door locked, door open.
-        console: The console beside the room.
+        console: The console next to the room.
         trial: ``[B]`` number of the trial in the whole condition, from 1.
         attempt: ``[B]`` number of the attempt in the trial, from 1.
         playing: ``[B]`` whether the subject still plays; actions of the others are ignored.
@@ -100,7 +100,7 @@ class View:
 
 @dataclass(frozen=True)
 class Step:
-    """What one action of each subject led to; ignore the rows of subjects that had finished.
+    """Result of one action of each subject; ignore the rows of subjects that had finished.
 
     Attributes:
         view: What was perceived before.
@@ -126,7 +126,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Truth:
-    """What subjects cannot perceive, for informed learners and for analysis.
+    """Latent facts, which subjects cannot perceive: for informed learners and for analysis.
 
     Attributes:
         rooms: The rooms of the session.
@@ -139,7 +139,7 @@ class Truth:
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """What a subject takes the causal structure of a room to be; P positions.
+    """A subject's belief about the causal structure of a room; P positions.
 
     Attributes:
         edges: ``[P, P + 1]`` probability that the lever at a position enables that at another, or
@@ -154,7 +154,7 @@ class Structure:
 
 @dataclass(frozen=True)
 class Account:
-    """What a learner leaves beside the record when its cell is over.
+    """Files and remarks that a learner adds to the record when its cell is over.
 
     Attributes:
         transcripts: For each subject, what was said, as plain data: a line of JSON each.
@@ -188,7 +188,8 @@ class Learner(ABC):
     learns_from_others: ClassVar[bool] = True
     """Whether ``learn`` can be given what another subject did.
 
-    What comes before it is then ``probabilities``, or, in a learner that gives none, nothing.
+    When recorded subjects are scored, ``probabilities`` is called before ``learn`` if the learner
+    implements it; ``act`` is not.
     """
 
     def __init__(self, parameters: Any = None) -> None:
@@ -196,7 +197,7 @@ class Learner(ABC):
 
     @classmethod
     def artifact_hash(cls, parameters: Any) -> str:
-        """Hash of the files that it uses besides code and parameters; empty if there are none.
+        """Hash of the files that the learner uses besides code and parameters; empty if none.
 
         A learner that reads a file, such as weights or a table, returns a hash of the file's
         content, so that results of different files can be distinguished.
@@ -205,7 +206,7 @@ class Learner(ABC):
 
     @classmethod
     def prior_attempts(cls, parameters: Any) -> int:
-        """How many attempts it was trained with before the experiment, such as meta-training.
+        """Attempts of training before the experiment, such as meta-training.
 
         The cost of learning counts them.
         """
@@ -223,25 +224,26 @@ class Learner(ABC):
         """``[B, A]`` the probability of each action now; None if the learner cannot say.
 
         ``act`` draws from exactly these, except for the error that :meth:`sample_size` implies,
-        given all that was perceived and done so far. What is hidden in a learner, such as an
-        intention that it carries out, is averaged over as what was done leaves it. It may be asked
-        before ``act``, which it does not change, or in its place: where it is known what a subject
-        did, ``learn`` follows at once. Rows of subjects that have finished are ignored.
+        given all that was perceived and done so far. Hidden states of a learner, such as an
+        intention that it carries out, are averaged over, given what it did. May be called before
+        ``act`` (without affecting it), or instead of it when recorded actions are replayed; then
+        ``learn`` follows. Rows of subjects that have finished are ignored.
         """
         return None
 
     def sample_size(self) -> FloatArray | None:
-        """``[B]`` of how many draws the probabilities just given are shares; None if of none.
+        """``[B]`` number of Monte Carlo draws behind the last probabilities; None if exact.
 
-        Probabilities are sums as a rule, and exact. Where they are integrals without a closed form,
-        a learner may estimate them, by draws that are no part of what it does.
+        Most learners compute exact sums. Where probabilities are integrals without a closed form, a
+        learner may estimate them, by draws that do not affect what it does.
         """
         return None
 
     def structure(self, subject: int) -> Structure | None:
-        """What a subject takes the structure of its room to be; None if the learner cannot say.
+        """A subject's belief about the structure of its room; None if the learner cannot say.
 
-        After the last action of a trial it is that of the room just left. Asking changes nothing.
+        After the last action of a trial it is about the room just left. Must not change the
+        learner.
         """
         return None
 
@@ -264,7 +266,7 @@ class Learner(ABC):
             raise LearnerError(f"{type(self).__name__} keeps no state and cannot load any")
 
     def account(self) -> Account:
-        """What is kept of it beside the record; asked for once, when its cell is over."""
+        """Files and remarks to add to the record; called once, when the learner's cell is over."""
         return Account()
 
     def metrics(self) -> dict[str, float]:

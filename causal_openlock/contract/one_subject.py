@@ -82,7 +82,7 @@ class OneSubjectLearner(ABC):
 
     @classmethod
     def artifact_hash(cls, parameters: Any) -> str:
-        """As :meth:`Learner.artifact_hash <causal_openlock.contract.learner.Learner>` is."""
+        """See :meth:`Learner.artifact_hash <causal_openlock.contract.learner.Learner>`."""
         return ""
 
     def begin(self) -> None:

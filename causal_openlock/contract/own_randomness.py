@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 _global: Any = np.random
-"""Its functions draw from the global generator; its type stubs lack those that exchange it."""
+"""NumPy's module of global random functions; type stubs lack those that replace the generator."""
 
 
 class _State(NamedTuple):

@@ -29,7 +29,7 @@ class InputChangedError(Exception):
 
 
 def watch(learner: Learner) -> None:
-    """From now on, give a learner read-only copies of its input.
+    """Give a learner read-only copies of its input from now on.
 
     NumPy refuses to write to them. Other libraries may write all the same, and a learner may keep
     an array for later, so the last copies are compared with the originals after every call. ``act``
@@ -95,7 +95,7 @@ def failures_of(name: str) -> Iterator[None]:
 
 
 def are_probabilities(found: Any, actions: int) -> bool:
-    """Whether these are rows of probabilities of so many actions.
+    """Whether ``found`` holds rows of probabilities of ``actions`` actions.
 
     >>> are_probabilities(np.full((2, 4), 0.25), 4), are_probabilities(np.ones((2, 4)), 4)
     (True, False)
@@ -108,7 +108,7 @@ def are_probabilities(found: Any, actions: int) -> bool:
 
 
 def is_structure(found: Any, positions: int) -> bool:
-    """Whether this is a structure over so many positions.
+    """Whether ``found`` is a structure over ``positions`` positions.
 
     >>> from causal_openlock.contract.learner import Structure
     >>> is_structure(Structure(np.zeros((2, 3)), np.full(3, np.nan)), 2), is_structure("a -> b", 2)
@@ -162,7 +162,7 @@ class GlobalRandomness:
 
     @classmethod
     def now(cls) -> GlobalRandomness:
-        """Their states now; with torch, if that is imported."""
+        """States of the global generators now; torch's included if torch is imported."""
         states: dict[str, Any] = {
             "random": random.getstate(),
             "numpy.random": np.random.get_state(),  # noqa: NPY002
@@ -173,7 +173,7 @@ class GlobalRandomness:
 
     @staticmethod
     def seed(seed: int) -> None:
-        """Seed all of them."""
+        """Seed all global generators."""
         random.seed(seed)
         np.random.seed(seed)  # noqa: NPY002
         if torch := sys.modules.get("torch"):

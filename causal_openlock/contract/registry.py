@@ -7,7 +7,7 @@ add learners by declaring them::
     mine = "my_package:MyLearner"
 
 The learners that come with the toolkit are registered in the same way. ``module:Class`` names a
-learner that is not registered, such as one in a file of the working directory or beside the
+learner that is not registered, such as one in a file of the working directory or next to the
 experiment file.
 
 Hyper-parameters are the fields of the learner's frozen dataclass ``Parameters``. The values in an
@@ -45,7 +45,7 @@ from causal_openlock.wording import nearest
 
 
 def registry() -> Mapping[str, EntryPoint]:
-    """Every installed learner by name; this loads none of them.
+    """Every installed learner by name; loads none.
 
     Raises:
         OpenLockError: If two packages register the same name.
@@ -155,7 +155,8 @@ def _load(name: str) -> type[Learner] | type[OneSubjectLearner]:
         raise LearnerError(message) from error
     if not (isinstance(loaded, type) and issubclass(loaded, Learner | OneSubjectLearner)):
         raise LearnerError(
-            f"the learner {name!r} ({entry.value}) is no subclass of Learner or OneSubjectLearner"
+            f"the learner {name!r} ({entry.value}) is not a subclass of Learner or "
+            "OneSubjectLearner"
         )
     return loaded
 
@@ -312,7 +313,7 @@ def changed_parameters(name: str, parameters: Mapping[str, Any]) -> dict[str, An
 
 
 def parameters_of(declared: Any) -> list[ParameterInfo]:
-    """The same of a class of parameters."""
+    """The hyper-parameters of a class of parameters."""
     hints = get_type_hints(declared, include_extras=True)
     table = []
     for field in fields(declared):

@@ -24,7 +24,7 @@ of transfers need.
 :func:`~causal_openlock.envs.playable.room` gives a room to try out by hand.
 
 ``reset(seed=...)`` and ``reset(options={"new_trial": True})`` always begin a new trial. ``info``
-holds the console, which people see too. On the console, the present attempt counts as left until
+holds the console, which people also see. On the console, the present attempt counts as left until
 the trial is over. What learners must not see (schema, layout, solutions) is in ``info["latent"]``,
 for analysis, only in an environment made with ``reveal=True``.
 """

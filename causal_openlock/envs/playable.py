@@ -35,7 +35,7 @@ from causal_openlock.world.room import (
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """What is shown of a room: an observation, and the console beside it."""
+    """A picture of a room: an observation, next to the console."""
 
     observation: NDArray[np.int8]
     panel: Panel = field(repr=False)
@@ -55,7 +55,7 @@ class Picture:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Seen(Picture):
-    """What came of an action; its picture is the room right after it, before any reset.
+    """Result of an action; its picture is the room right after it, before any reset.
 
     A learner gets all of this except ``lever``, which is latent, and ``reveal``.
 
@@ -88,7 +88,7 @@ class Seen(Picture):
 
     @property
     def title(self) -> str:
-        """What was done, what came of it, and, where it is revealed, what is latent."""
+        """The action, its result, and, where it is revealed, the lever's role."""
         done = f"{self.action}: {self.outcome}"
         if self.reveal and self.lever:
             return f"{done} (hidden from learners: this is {self.lever})"
@@ -199,7 +199,7 @@ class PlayableRoom:
 
     @property
     def picture(self) -> Picture:
-        """What is shown of the room now."""
+        """The room's picture now."""
         left = 0 if self.over else self._info["console"]["actions_left"]
         return Picture(self._observation, self._panel(left))
 

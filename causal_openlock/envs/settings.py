@@ -125,7 +125,7 @@ class Recreatable:
 
     @property
     def spec(self) -> EnvSpec | None:
-        """How Gymnasium has made this environment; None if it has not."""
+        """The spec with which Gymnasium made this environment; None if it did not."""
         return self._spec
 
     @spec.setter

@@ -113,7 +113,7 @@ class OpenLockEnv(Recreatable, gymnasium.Env[NDArray[np.int8], int]):
         positions: Number of positions; by default seven, or as many as there are levers.
         render_mode: ``ansi`` (text) or ``rgb_array`` (a picture).
         render_size: Height of a picture in pixels.
-        render_console: Whether the console is shown beside the room in a picture.
+        render_console: Whether the console is shown next to the room in a picture.
         physics: Whether an action is a whole movement of a simulated arm
             (:mod:`causal_openlock.physics`), and the observation follows from the simulated levers
             and door. ``info["physics"]`` holds whether the last movement was ``finished`` within
@@ -318,7 +318,7 @@ class OpenLockEnv(Recreatable, gymnasium.Env[NDArray[np.int8], int]):
         return info
 
     def _describe(self) -> dict[str, Any]:
-        """What learners must not see, in immutable values."""
+        """Latent facts, which learners must not see, in immutable values."""
         schema = self.settings.schema
         return {
             "schema": schema.name,

@@ -113,7 +113,7 @@ class OpenLockTextEnv(Recreatable, gymnasium.Env[str, str]):
 
         Raises:
             ResetNeeded: Before the first reset, and after the end of an episode.
-            InvalidAction: If the action is no text.
+            InvalidAction: If the action is not a text.
         """
         if not self._text or self._over:
             raise ResetNeeded("call reset() before step(), and after the end of every episode")

@@ -1,4 +1,4 @@
-"""Whether everything that is written follows from what was measured, and from what is declared now.
+"""Check that pages and figures follow from the stored measurements and the present declarations.
 
 Recomputing takes seconds: it reads the stored units and runs nothing.
 """
@@ -40,12 +40,12 @@ class PagesFile(StrictModel):
 
 @dataclass
 class Written:
-    """What is written from studies: for each file, its text as it should be.
+    """Text and figures written from studies, as they should be.
 
     Attributes:
-        texts: By file, its text.
-        figures: By file of those that are of something else, what draws it.
-        faults: What is wrong otherwise, a sentence each.
+        texts: Text by file.
+        figures: Function that draws a figure, by file, for figures that are out of date.
+        faults: Other faults, a sentence each.
     """
 
     texts: dict[Path, str] = field(default_factory=dict)
@@ -105,7 +105,7 @@ def written(root: Path, trusted: Collection[str] = ()) -> Written:
 
 
 def check(root: Path, trusted: Collection[str] = ()) -> list[str]:
-    """What does not follow from the stored units, a sentence each; nothing is changed."""
+    """Faults of what is written, a sentence each; nothing is changed."""
     made = written(root, trusted)
     remedy = "write it again with: causal-openlock evidence --write"
     return [*made.faults, *(f"{path} is not what was measured; {remedy}" for path in made.stale)]
@@ -141,7 +141,7 @@ def _pages(root: Path) -> Iterator[tuple[Path, bool]]:
         for name in names:
             page = Path(os.path.normpath(root / name))
             if not page.is_file():
-                raise EvidenceError(f"{path} names {name}, which is no file; mend the name")
+                raise EvidenceError(f"{path} names {name}, which is not a file; fix the name")
             yield page, bound
 
 

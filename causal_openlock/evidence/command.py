@@ -25,10 +25,10 @@ def evidence(
     every: Annotated[bool, typer.Option("--all", help="Run or complete all studies.")] = False,
     check: Annotated[
         bool,
-        typer.Option("--check", help="Recompute all from what is stored; exit with 1 on a fault."),
+        typer.Option("--check", help="Recompute all from stored units; exit with 1 on a fault."),
     ] = False,
     write: Annotated[
-        bool, typer.Option("--write", help="Write verdicts and pages again from what is stored.")
+        bool, typer.Option("--write", help="Write verdicts and pages again from the stored units.")
     ] = False,
     folder: Annotated[Path, typer.Option(help="Folder of the studies.")] = Path("evidence"),
     results: Annotated[
@@ -36,7 +36,7 @@ def evidence(
     ] = Path("results/evidence"),
     workers: Workers = None,
     anew: Annotated[
-        bool, typer.Option("--anew", help="Also play what is stored with the studies.")
+        bool, typer.Option("--anew", help="Also play cells that are stored with the studies.")
     ] = False,
     trust: Annotated[
         list[str] | None,
@@ -80,7 +80,7 @@ def evidence(
         error.status = 1
         raise error
     if check:
-        console.print("all numbers and verdicts follow from what is stored")
+        console.print("all numbers and verdicts follow from the stored units")
 
 
 def _run(

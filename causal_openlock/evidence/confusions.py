@@ -1,4 +1,4 @@
-"""What a study of recovery keeps, and what follows: which learner subjects are attributed to.
+"""Stored rows of a recovery study, and the learners to which subjects are attributed.
 
 A study with ``measured: recovery`` simulates subjects of every learner of its experiment, and lets
 every learner predict all of them (:mod:`~causal_openlock.fitting.recovery`). Its
@@ -7,8 +7,8 @@ every learner predict all of them (:mod:`~causal_openlock.fitting.recovery`). It
 - a row for each simulated subject: ``nats NAME``, the log-likelihood of what it did under each
   learner; how many ``actions`` it took; and ``single``, 1 if it is attributed to the learner that
   made it, 0 if to others, and a share where several predict it equally well;
-- a row for each group of so many ``subjects`` of a learner in a condition: ``groups``, all of them,
-  and ``halves``, two groups of half as many; 1 or 0, or a share, as of a subject;
+- a row for each group of a learner in a condition, with its number of ``subjects``: ``groups``, all
+  subjects, and ``halves``, two groups of half the number; 1 or 0, or a share, as for a subject;
 - a row for each set and ``parameter`` that was recovered: the ``true`` value and the ``fitted``
   one, logarithms where these were searched. ``r``, their correlation over sets, follows from them.
 """
@@ -87,7 +87,7 @@ def units_of_parameters(learner: str, pairs: pd.DataFrame, space: SearchSpace) -
 
 
 def recovery_of(units: pd.DataFrame, seed: int) -> Recovery:
-    """Which learner subjects are attributed to, from the rows of subjects."""
+    """Attribution of subjects to learners, from the rows of subjects."""
     names = [str(name) for name in units.columns if str(name).startswith(NATS)]
     subjects = units.dropna(subset=names).rename(columns={"unit": "subject"})
     key = subjects[["learner", "condition", "protocol", "subject"]].assign(experiment="", seed=seed)
@@ -102,7 +102,7 @@ def recovery_of(units: pd.DataFrame, seed: int) -> Recovery:
 
 
 def confusion(study: Study, units: pd.DataFrame) -> pd.DataFrame:
-    """Which learners are taken for which.
+    """Confusion of learners: which are taken for which.
 
     Columns: by learner, the share of single subjects that are attributed to it; ``groups``, the
     share of groups that are attributed to the learner that made them, and ``taken for``, what else

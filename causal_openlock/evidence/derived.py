@@ -1,4 +1,4 @@
-"""What is computed from all units of a study together, in a table with a row for each learner."""
+"""Tables with a row for each learner, computed from all units of a study together."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from causal_openlock.paper.references import people
 
 
 def distances_from_people(study: Study, units: pd.DataFrame) -> pd.DataFrame:
-    """How far learners are from people's means, beside what such distances are worth.
+    """Distances of learners from people's means, next to the noise ceiling and null models.
 
     Columns: as :func:`~causal_openlock.paper.noise_ceiling.beside_null_models`
     returns; ``effects``, of how many of people's six effects a learner has the sign; and ``model``,
@@ -38,7 +38,7 @@ def distances_from_people(study: Study, units: pd.DataFrame) -> pd.DataFrame:
 
 
 def beside_people(study: Study, units: pd.DataFrame) -> tuple[pd.DataFrame, Likeness]:
-    """The trials of a study, and its learners beside people's fourteen means.
+    """The trials of a study, and its learners compared with people's fourteen means.
 
     Raises:
         EvidenceError: If no learner has played all six conditions.
@@ -55,7 +55,7 @@ def learning_costs(study: Study, units: pd.DataFrame) -> pd.DataFrame:
     """The attempts that each learner needs, all training counted, until it solves a new room well.
 
     Columns: ``protocol``; ``subjects``; ``before``, attempts of its training before; ``reached``,
-    the share of subjects that came so far; ``attempts``, the median, in words.
+    the share of subjects that reached this; ``attempts``, the median, in words.
     """
     table = costs_by_learner(read_units(study, COSTS))
     learners = [spec.name for spec in study.asked.learners]
@@ -81,4 +81,4 @@ DERIVED: Mapping[str, Callable[[Study, pd.DataFrame], pd.DataFrame]] = {
     "learning_costs": learning_costs,
     "confusion": confusion,
 }
-"""What a study may declare as ``derived``."""
+"""Tables that a study may declare as ``derived``."""

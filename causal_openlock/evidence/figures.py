@@ -5,7 +5,7 @@ course a panel has a thin line for each unit and a thick one for their mean, and
 one for what AAAI 2020 published of the same algorithm; otherwise a panel for each column has a dot
 for each unit of a row, and their mean with its interval. Of distances from people the figure has
 people's means and the nearest learner's, and of a recovery which learners are taken for which.
-A figure stands in the study's folder beside what it was made from, and holds a mark of that and of
+A figure is in the study's folder, next to its data, and holds a mark of the data and of
 the drawing: so a figure of other units, or one that was changed, is found without drawing it again.
 """
 
@@ -42,10 +42,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 FORM = 1
-"""Of what is drawn here; another number makes all figures again."""
+"""Version of the drawings; raising it makes all figures again."""
 
 _NOT_DRAWN = {"trained_before"}
-"""What a table has and its figure has not."""
+"""Columns of a table that its figure lacks."""
 
 _MARK = "\n<!-- made from "
 _PART = re.compile(r"part (\d+)$")
@@ -54,7 +54,7 @@ _DASHES = (0, (4, 2))
 
 
 def figure_path(evidence: Evidence, name: str) -> Path:
-    """Where the figure of a table is."""
+    """Path of the figure of a table."""
     return evidence.study.folder / f"{name}.svg"
 
 
@@ -259,7 +259,7 @@ def draw_distances(evidence: Evidence, figure: Any) -> None:
 
 
 def _limits(evidence: Evidence, table: Table) -> tuple[float, float]:
-    """Those of all panels: of shares all there are, of attempts as many as a unit needed."""
+    """Limits of all panels: 0 to 1 for shares, up to the most that a unit needed for attempts."""
     if table.measure not in ATTEMPTS:
         return -0.03, 1.03
     cells = (_units(evidence, table, row, c) for row in table.rows for c in table.columns)

@@ -1,4 +1,4 @@
-"""What is kept of a run, whatever was measured: units, and what is known of how they came about."""
+"""Stored files of a run, whatever was measured: units, and how they were made."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from causal_openlock.wording import joined
 
 @dataclass(frozen=True)
 class Watched:
-    """How a run is watched.
+    """Callbacks that watch a run.
 
     Attributes:
-        say: Called with a sentence on what goes on.
+        say: Called with a sentence on the progress.
         warn: Called with a sentence on what a reader should know.
         show: Called with the progress every second.
         workers: Number of processes; by default one for each core.
@@ -42,7 +42,7 @@ class Watched:
 
 @dataclass(frozen=True)
 class Part:
-    """What is played in one go: all of a study without networks, or one network.
+    """Part that is played at once: a whole study without networks, or one network.
 
     Attributes:
         name: Of its results folder.
@@ -80,7 +80,7 @@ OF_A_RUN = ("date", "machine", "commit", "versions")
 
 @dataclass(frozen=True)
 class Measured:
-    """What was measured of a part.
+    """Measurements of a part.
 
     Attributes:
         tables: By file, what is kept: a row for each unit and time, or subject.
@@ -107,7 +107,7 @@ class Measured:
 
 
 def of_this_run(study: Study, last: float, versions: Mapping[str, Any]) -> dict[str, list[Any]]:
-    """What is known of a run that ended at this time, in seconds since 1970."""
+    """Facts about a run that ended at this time, in seconds since 1970."""
     return {
         "date": [datetime.fromtimestamp(last, UTC).date().isoformat()],
         "machine": [_machine()],
@@ -117,7 +117,7 @@ def of_this_run(study: Study, last: float, versions: Mapping[str, Any]) -> dict[
 
 
 def write_measured(study: Study, found: Mapping[str, Measured], known: bool) -> bool:
-    """Write what was measured; returns whether that is more than was kept before.
+    """Write the measurements; returns whether there are more than were stored before.
 
     Args:
         study: The study.
@@ -149,7 +149,7 @@ def each_once(values: list[Any]) -> list[Any]:
 
 
 def _about(study: Study, found: Mapping[str, Measured], claims: dict[str, str]) -> dict[str, Any]:
-    """What ``run.json`` holds."""
+    """Content of ``run.json``."""
     kept = found.values()
     missing = sum(one.missing for one in kept) + len(parts_of(study)) - len(found)
     cells = missing + sum(len(one.cells) for one in kept)

@@ -1,4 +1,4 @@
-"""What was measured in a study, as text: numbers, tables, and the verdicts on its claims."""
+"""Measurements of a study as text: numbers, tables, and the verdicts on its claims."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ OF_THE_RUN = ("core_hours", "machine", "date")
 
 @dataclass(frozen=True)
 class Evidence:
-    """What was measured in a study, and what follows from it.
+    """Measurements of a study, and the verdicts on its claims.
 
     Attributes:
         study: The study.
@@ -72,7 +72,7 @@ class Evidence:
 
     @cached_property
     def derived(self) -> pd.DataFrame:
-        """What is computed from all units together, by learner.
+        """Table computed from all units together, by learner.
 
         Raises:
             EvidenceError: If the study declares no such table.
@@ -84,7 +84,7 @@ class Evidence:
 
     @cached_property
     def run(self) -> dict[str, Any]:
-        """What is known of the run."""
+        """Facts about the run, from ``run.json``."""
         return read_run(self.study)
 
     @property
@@ -111,7 +111,7 @@ class Evidence:
 
     @cached_property
     def estimates(self) -> Mapping[tuple[str, str], tuple[Estimate, Verdict] | str]:
-        """By claim and contrast, the difference and the verdict, or why there is none."""
+        """Difference and verdict by claim and contrast, or why there is none."""
         found: dict[tuple[str, str], tuple[Estimate, Verdict] | str] = {}
         for name, claim in self.study.file.claims.items():
             for part, contrast in claim.contrasts.items():
@@ -182,7 +182,7 @@ class Evidence:
                 f"{nearest(kind, get_args(Measure))}"
             )
         if ending in ("verdict", "without_sign"):
-            raise EvidenceError(f"{title!r} asks for the {ending} of what is no claim")
+            raise EvidenceError(f"{title!r} asks for the {ending} of what is not a claim")
         chosen = Selection.parse(rest)
         found, of = of_side(self.units, chosen, kind)
         return _written(found, kind, ending, of)

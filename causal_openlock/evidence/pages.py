@@ -68,7 +68,7 @@ class Pages:
     _known: dict[str, Evidence] = field(default_factory=dict)
 
     def evidence(self, name: str) -> Evidence:
-        """What was measured in a study.
+        """Measurements of a study.
 
         Raises:
             EvidenceError: If there is no such study.
@@ -124,7 +124,7 @@ class Pages:
 
         blocks = len(BLOCK.findall(text))
         if not blocks == text.count("<!-- evidence:") == text.count(END):
-            faults.append(f"{page}: a block of evidence has no end, or no known beginning; mend it")
+            faults.append(f"{page}: a block of evidence has no end, or no known beginning; fix it")
             return text, faults
         return BLOCK.sub(block, LINK.sub(link, text)), faults
 
@@ -139,7 +139,7 @@ def unbound_numbers(
     """The numbers in the prose of a page that no evidence accounts for, each with its line.
 
     Settings are written as code (```300```); names such as Figure 6 and CC4, and years of
-    references, are no numbers.
+    references, do not count as numbers.
 
     >>> unbound_numbers("It opens in .57 of `300` attempts of Figure 6.")
     [(1, '.57')]
@@ -190,7 +190,7 @@ def unbound_numbers(
 
 
 def page_of(evidence: Evidence) -> str:
-    """The ``README.md`` of a study: what was run, how, and what came of it."""
+    """The ``README.md`` of a study: what was run, how, and with which result."""
     file = evidence.study.file
     parts = [f"# {file.title}\n"]
     if file.about:

@@ -1,8 +1,8 @@
 """Running a study of recovery: simulate subjects, let all learners predict all, keep who is who.
 
-All of it goes on where it was, from what is in ``results``; where that is gone, from what is kept
-with the study, which is written once every learner has predicted every subject, and again once the
-parameters of a learner are recovered.
+Everything continues where it stopped, from the files in ``results``, or, if these are gone, from
+the stored units. These are written once every learner has predicted every subject, and again once
+the parameters of a learner are recovered.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def run_recovery(study: Study, results: Path, watched: Watched, anew: bool = Fal
 
 
 def _stored(study: Study) -> Measured | None:
-    """What is stored with the study, if that is what it declares now."""
+    """Measurements stored with the study, if they fit what it declares now."""
     try:
         run, units = read_run(study), read_units(study)
     except EvidenceError:

@@ -1,10 +1,10 @@
 """Running a study: train its networks, play its experiment, and keep what was measured.
 
-A study can be stopped at any time and goes on where it was. What has been played by then is already
-evidence, of fewer units: verdicts on it are undecided where it does not suffice. Records and
-networks stay in ``results``, which is not kept; what lasts is in the study's folder
+A study can be stopped at any time and continues where it stopped. What has been played by then is
+already evidence, of fewer units: verdicts on it are undecided where it does not suffice. Records
+and networks stay in ``results``, which is not kept; what lasts is in the study's folder
 (:mod:`~causal_openlock.evidence.study_files`). A study whose records are gone, on another machine
-for instance, goes on from there: what was measured is not played again.
+for instance, continues from there: what was measured is not played again.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def _folder(results: Path, part: Part) -> Path:
 
 
 def _experiment(study: Study, part: Part, results: Path, watched: Watched) -> Experiment:
-    """What is played in a part; its network is trained before."""
+    """Experiment that a part plays; its network is trained first."""
     networks = study.file.networks
     if not networks:
         return study.asked
@@ -149,7 +149,7 @@ def _train(study: Study, networks: Networks, part: Part, results: Path, watched:
 
 
 def keep(study: Study, results: Path, found: dict[str, Measured] | None = None) -> bool:
-    """Keep what has been played so far; returns whether that is more than was kept before.
+    """Store what has been played so far; returns whether that is more than was stored before.
 
     Args:
         study: The study.
@@ -169,7 +169,7 @@ def keep(study: Study, results: Path, found: dict[str, Measured] | None = None) 
 
 
 def _stored(study: Study) -> dict[str, Measured]:
-    """By part, what is stored with the study, as far as the study asks for it now."""
+    """Measurements stored with the study, by part, as far as the study asks for them now."""
     try:
         run, tables = read_run(study), {UNITS: read_units(study)}
         if COSTS in run["files"]:
@@ -204,7 +204,7 @@ def _stored(study: Study) -> dict[str, Measured]:
 
 
 def _played(study: Study, part: Part, results: Path) -> Measured | None:
-    """What has been played of a part, if it is what the study asks for now."""
+    """Measurements of a part from its played cells, if they fit what the study asks for now."""
     folder = _folder(results, part)
     if not any((folder / "cells").glob("*.parquet")):
         return None
@@ -248,7 +248,7 @@ def _is_part(study: Study, part: Part, learners: Sequence[LearnerSpec]) -> bool:
 
 
 def _added(study: Study, played: Measured, before: Measured | None) -> Measured:
-    """What was played now and, of other cells, before."""
+    """Measurements of this run, with those of other cells from before."""
     names = set(before.cells) - set(played.cells) if before else set()
     cells = [cell for cell in study.asked.cells() if cell.file_name in names]
     if not (before and cells):
@@ -266,7 +266,7 @@ def _added(study: Study, played: Measured, before: Measured | None) -> Measured:
 
 
 def _of(table: pd.DataFrame, cells: list[Cell]) -> BoolArray:
-    """Which rows are of some cells."""
+    """Mask of the rows that belong to some cells."""
     subjects = table["unit" if "unit" in table else "subject"]
     own: BoolArray = np.zeros(len(table), dtype=bool)
     for cell in cells:
@@ -279,7 +279,7 @@ def _of(table: pd.DataFrame, cells: list[Cell]) -> BoolArray:
 
 
 def _seconds(cells: list[Path]) -> float:
-    """How long cells took together."""
+    """Seconds that cells took together."""
     import pyarrow.compute as pc
     import pyarrow.parquet as pq
 

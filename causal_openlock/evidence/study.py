@@ -50,7 +50,7 @@ OF_ALL = "derived"
 """The name of the table that is computed from all units."""
 
 DRAWN = ("distances_from_people", "confusion")
-"""Those of such tables that have a figure."""
+"""Derived tables that have a figure."""
 
 RL_2020 = {f"paper_{name.lower()}": name for name in ("DQN", "A2C", "TRPO", "PPO", "MAML")}
 """The published curves of AAAI 2020 by the names under which studies compare and show them."""
@@ -60,22 +60,22 @@ PUBLISHED = ("people", "published_model", "paper_ddqn", *RL_2020)
 
 TRIALS = ("attempts", "first_solution", "solved", "found")
 COURSE = ("opens", "finds_all", "found", "unlocks", "else")
-"""What is measured of each trial, and of each part of a course."""
+"""Measures of each trial, and of each part of a course."""
 
 BLOCK = 50
-"""Trials in a part of a curve: each point of a published curve seems to be a mean of so many."""
+"""Trials in a part of a curve; published points seem to be means of this number of trials."""
 
 ATTEMPTS = ("attempts", "first_solution")
-"""Those of all measures that are numbers of attempts; the others are shares."""
+"""Measures that are numbers of attempts; the others are shares."""
 
 RECOVERED = ("single", "groups", "halves")
-"""Of a recovery: shares that are attributed to the learner that made them; every row is a unit."""
+"""Measures of a recovery: shares attributed to the true learner; every row is a unit."""
 
 CORRELATION = "r"
-"""Of a recovery: of parameters that made subjects with what is fitted to these."""
+"""Measure of a recovery: correlation of true parameters with fitted ones."""
 
 EVERYONE = "everyone"
-"""Of a recovery: all learners together."""
+"""Name of all learners of a recovery together."""
 
 MEASURED: Mapping[str, Sequence[str]] = {
     "trials": TRIALS,
@@ -88,7 +88,7 @@ Measure = Literal[
     "attempts", "first_solution", "solved", "found", "opens", "finds_all", "else", "unlocks",
     "single", "groups", "halves", "r",
 ]  # fmt: skip
-"""What is measured of each unit: see :mod:`~causal_openlock.evidence.units`."""
+"""Measures of each unit: see :mod:`~causal_openlock.evidence.units`."""
 
 Label = Annotated[str, Field(pattern=NAME_FORM)]
 
@@ -96,7 +96,7 @@ Expected = Literal["less", "more", "same"]
 
 
 class Selection(StrictModel):
-    """Some of the units, and when they are looked at; what is left out is averaged over.
+    """Selection of units, and of trials or parts; what is left out is averaged over.
 
     Without ``phase``, ``trial`` and ``part`` it is the trial that a condition is judged by: its
     test, or the last trial of a baseline.
@@ -222,10 +222,10 @@ class Networks(StrictModel):
 
 
 class RecoverySettings(StrictModel):
-    """How a recovery is done; see :class:`~causal_openlock.fitting.recovering.ToRecover`."""
+    """Settings of a recovery; see :class:`~causal_openlock.fitting.recovering.ToRecover`."""
 
     parameters: Annotated[
-        list[Label], Field(description="Learners whose parameters are recovered, too.")
+        list[Label], Field(description="Learners whose parameters are also recovered.")
     ] = Field(default_factory=list)
     draws: Count = 128
     lapse: Annotated[float, Field(ge=0, le=1)] = 0.01
@@ -257,11 +257,11 @@ class StudyFile(StrictModel):
         Field(description="A table that is computed from all units together."),
     ] = None
     networks: Networks | None = None
-    hours: Annotated[float, Field(gt=0, description="Of one core, for all of it.")]
+    hours: Annotated[float, Field(gt=0, description="Hours of one core for the whole study.")]
     claims: dict[str, Claim] = Field(default_factory=dict)
     tables: dict[str, Table] = Field(default_factory=dict)
     figures: Annotated[
-        list[str], Field(description="Names of tables that are drawn, too; or ``derived``.")
+        list[str], Field(description="Names of tables that are also drawn; or ``derived``.")
     ] = Field(default_factory=list)
 
     @model_validator(mode="after")
@@ -333,17 +333,17 @@ class Study:
 
     @property
     def unit(self) -> Literal["network", "subject"]:
-        """What was drawn independently."""
+        """Unit that was drawn independently."""
         return "network" if self.file.networks else "subject"
 
     @property
     def experiment(self) -> Path:
-        """Its experiment file."""
+        """The study's experiment file."""
         return (self.folder / self.file.experiment).resolve()
 
     @property
     def training_files(self) -> Mapping[str, Path]:
-        """By label, the files that declare trainings."""
+        """Files that declare trainings, by label."""
         files = self.file.networks.files if self.file.networks else {}
         return {label: (self.folder / file).resolve() for label, file in files.items()}
 
@@ -397,7 +397,7 @@ class Study:
         return _digest(played)
 
     def faults(self) -> list[str]:
-        """Which claims and tables are about what is not played, a sentence each."""
+        """Faults of claims and tables about learners or conditions that are not played."""
         networks = self.file.networks
         learners = {one.name for one in self.asked.learners}
         if networks:
@@ -480,7 +480,7 @@ def read_study(folder: Path, tell: Callable[[str], None] | None = None) -> Study
     study = Study(folder, read_document(folder / FILE).validate(StudyFile), tell)
     for path in (study.experiment, *study.training_files.values()):
         if not path.is_file():
-            raise EvidenceError(f"{folder / FILE} names {path}, which is no file; mend the name")
+            raise EvidenceError(f"{folder / FILE} names {path}, which is not a file; fix the name")
     return study
 
 

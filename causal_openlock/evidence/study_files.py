@@ -1,4 +1,4 @@
-"""What lasts of a study's run: files in its folder, each whole or not there at all.
+"""Stored files of a study's run, in its folder, each whole or not there at all.
 
 ``run.json`` holds the hash of ``units.parquet`` (and of ``costs.parquet``), so that neither can be
 of another run.
@@ -28,7 +28,7 @@ UNITS, COSTS, RUN = "units.parquet", "costs.parquet", "run.json"
 
 
 def write_run(study: Study, tables: dict[str, pd.DataFrame], run: dict[str, Any]) -> None:
-    """Write what was measured, and then what is known of the run."""
+    """Write the measurements, and then the facts about the run."""
     import pyarrow as pa
 
     hashes = {}
@@ -40,7 +40,7 @@ def write_run(study: Study, tables: dict[str, pd.DataFrame], run: dict[str, Any]
 
 
 def read_run(study: Study) -> dict[str, Any]:
-    """What is known of the run: the content of ``run.json``.
+    """Facts about the run: the content of ``run.json``.
 
     Raises:
         EvidenceError: If it has not been run, or the file is damaged.
@@ -52,7 +52,7 @@ def read_run(study: Study) -> dict[str, Any]:
 
 
 def read_units(study: Study, name: str = UNITS) -> pd.DataFrame:
-    """What was measured.
+    """Measured units.
 
     Args:
         study: The study.

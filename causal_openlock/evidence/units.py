@@ -1,4 +1,4 @@
-"""What a study keeps of a run: a row for each thing that was drawn independently.
+"""Units of a run that a study stores: a row for each thing that was drawn independently.
 
 A subject that learns alone is such a unit. Subjects that share the weights of one trained network
 are not: they say how that network plays, and nothing about another training. There the network is
@@ -119,7 +119,7 @@ class Selected:
         return self.share and single and bool(np.isin(self.values, (0.0, 1.0)).all())
 
     def only(self, units: IntArray) -> Selected:
-        """Those of some units."""
+        """The values of some units."""
         kept = np.isin(self.units, units)
         return replace(self, values=self.values[kept], units=self.units[kept])
 

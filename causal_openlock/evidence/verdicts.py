@@ -22,7 +22,7 @@ undecided while one of them is, and holds in part otherwise.
 Intervals are Student's t; of two independent groups Welch's; of correlations Fisher's. Fewer than
 three units decide nothing. There are two exceptions. Of shares of which each subject, or group of
 a recovery, has 0 or 1 they are Clopper and Pearson's (1934). And where units are all equal, at the
-limit of attempts for instance, they cover what so many draws can miss: of n draws a fraction of
+limit of attempts for instance, they cover what n draws can miss: a fraction of
 ``1 - 0.025 ** (1 / n)``, each as far off as the measure reaches; a network counts for as many draws
 as it had subjects. Differences with such a side are put together from the intervals of both
 (Newcombe, 1998).
@@ -76,7 +76,7 @@ class Estimate:
 
     @property
     def n(self) -> str:
-        """How many units each side has, in words."""
+        """Number of units on each side, in words."""
         return " and ".join(map(str, self.units))
 
 
@@ -120,7 +120,7 @@ def correlation(units: pd.DataFrame, selection: Selection) -> Estimate:
 def of_side(
     units: pd.DataFrame, selection: Selection, measure: str
 ) -> tuple[Estimate, Selected | None]:
-    """The mean of what is selected, and that; of ``r`` the correlation, which is of no mean.
+    """The mean of a selection and its units; for ``r`` the correlation, which is not a mean.
 
     Raises:
         EvidenceError: If it has not been run.
@@ -241,7 +241,7 @@ def paired(one: Selection, other: Selection, unit: str, same: Mapping[str, str])
 
 
 def verdict(found: Estimate, expected: Expected, smallest: float) -> Verdict:
-    """What follows from an estimate.
+    """Verdict that follows from an estimate.
 
     >>> found = mean_of(Selected(np.array([2.0, 3, 2, 3])))
     >>> verdict(found, "more", smallest=1), verdict(found, "less", smallest=1)

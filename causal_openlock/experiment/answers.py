@@ -1,4 +1,4 @@
-"""What people said of a room when they had left it: a table beside the record.
+"""Participants' answers to the structure question: a table next to the record.
 
 It is in ``structures/``, a file of the same name as the person's in ``cells/``, with a row for
 every pair of levers that the person was asked about, and whether they said that one enables the
@@ -24,7 +24,7 @@ FOLDER = "structures"
 
 @dataclass(frozen=True)
 class Answer:
-    """What a subject takes the structure of a room to be.
+    """A subject's answer about the structure of a room.
 
     Attributes:
         learner: Label of who answers.
@@ -65,7 +65,7 @@ def answers_schema() -> pa.Schema:
 
 
 def write_answers(path: Path, answers: Sequence[Answer], door: int) -> None:
-    """Keep what one person said; ``door`` is the number of positions."""
+    """Store one person's answer; ``door`` is the number of positions."""
     import pyarrow as pa
 
     rows = [
@@ -81,7 +81,7 @@ def write_answers(path: Path, answers: Sequence[Answer], door: int) -> None:
 
 
 def read_answers(folder: Path | str) -> list[Answer]:
-    """What people said in a results folder; nothing if they were not asked.
+    """Participants' answers in a results folder; none if they were not asked.
 
     Raises:
         StoreError: If a file cannot be read.

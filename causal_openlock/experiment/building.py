@@ -239,7 +239,7 @@ class _Builder:
         return shlex.join(["causal-openlock", "compare", *words])
 
     def resolved(self, key: str, resolve: Callable[[Any, int], list[Any]]) -> dict[str, Any]:
-        """By name, the conditions or learners of the file, or those of the command line."""
+        """Conditions or learners by name: those of the file, or of the command line."""
         declared = getattr(self.file, key)
         if (chosen := getattr(self.changes, key)) is not None:
             known = {
@@ -282,7 +282,7 @@ class _Builder:
             return self.own_protocol({**checked, "based_on": base}, name)
         if not isinstance(given, Protocol):
             raise ExperimentError(
-                f"{given!r} is no protocol; give its name, a Protocol, or settings such as "
+                f"{given!r} is not a protocol; give its name, a Protocol, or settings such as "
                 '{"attempt_limit": 10}'
             )
         return given
@@ -423,8 +423,8 @@ def as_learner(learner: LearnerForm) -> LearnerFile:
             kind = learner.single
     if not (isinstance(kind, type) and issubclass(kind, Learner | OneSubjectLearner)):
         raise LearnerError(
-            f"{learner!r} is no learner; give a name, a class of learners, an instance of one, or "
-            "learner(NAME, parameter=value)"
+            f"{learner!r} is not a learner; give a name, a class of learners, an instance of one, "
+            "or learner(NAME, parameter=value)"
         )
     if lacking := sorted(kind.__abstractmethods__):
         raise LearnerError(f"{kind.__name__} has no method {lacking[0]}; define it")

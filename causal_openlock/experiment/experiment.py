@@ -115,14 +115,14 @@ class LearnerSpec:
 
     @cached_property
     def origin(self) -> Origin:
-        """Its recorded origin, or that of the installed code."""
+        """The learner's recorded origin, or that of the installed code."""
         if self.recorded is not None:
             return self.recorded
         return origin_of(self.learner, self.parameters)
 
     @property
     def is_random(self) -> bool:
-        """Whether it draws every action at random."""
+        """Whether the learner draws every action at random."""
         return self.learner == "random" or self.origin.class_name == RANDOM_CLASS
 
     def as_dict(self) -> dict[str, Any]:
@@ -238,7 +238,7 @@ class Experiment:
 
     @cached_property
     def not_applicable(self) -> Mapping[str, Mapping[str, str]]:
-        """By learner and condition, why the learner cannot play it, in a sentence.
+        """Reasons why learners cannot play conditions, by learner and condition, in a sentence.
 
         Learners say so themselves (:mod:`~causal_openlock.contract.expected_cost`).
         """
@@ -322,7 +322,7 @@ class Experiment:
 
 
 def _cannot_play(spec: LearnerSpec, schema: Schema) -> str:
-    """Why a learner cannot play in rooms of a schema; empty if it can, as far as is known."""
+    """Reason why a learner cannot play in rooms of a schema; empty if none is known."""
     if spec.recorded is not None:  # its code need not be installed
         return ""
     try:
@@ -336,7 +336,7 @@ def _cannot_play(spec: LearnerSpec, schema: Schema) -> str:
 
 
 def _deciding(learner: dict[str, Any]) -> dict[str, Any]:
-    """What of a learner's description its results depend on, and identities are made of."""
+    """Part of a learner's description that determines its results and identity."""
     decides = {key: value for key, value in learner.items() if key not in _NOTES}
     return {**decides, "class": in_identities(learner["class"])}
 

@@ -45,7 +45,7 @@ def _maybe(kind: Any, meaning: str) -> tuple[Any, None]:
 
 
 _CHANGES: dict[str, Any] = {
-    "preset": _maybe(str, "What is changed; the paper's reward if nothing is said."),
+    "preset": _maybe(str, "Preset that is changed; by default the paper's reward."),
     "terms": _maybe(list[str], "Terms that add up, instead of a preset."),
     **{
         name: _maybe(Annotated[float, Field(allow_inf_nan=False)], meaning)
@@ -65,7 +65,7 @@ LayoutEntry = Annotated[
 
 
 class TrialsFile(StrictModel):
-    """Some trials in rooms of one schema."""
+    """Trials in rooms of one schema."""
 
     schema_: Annotated[str, Field(alias="schema", description="Name or path of a schema.")]
     layouts: Annotated[

@@ -1,6 +1,6 @@
 """The JSON Schemas with which editors check and complete schema and experiment files.
 
-In a checkout, ``python -m causal_openlock.experiment.json_schemas`` writes them beside the files
+In a checkout, ``python -m causal_openlock.experiment.json_schemas`` writes them next to the files
 that they describe.
 """
 

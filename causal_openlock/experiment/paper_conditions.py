@@ -1,6 +1,6 @@
-"""Which conditions of an experiment are the paper's: by their rooms, and not by their names alone.
+"""Conditions of an experiment that are the paper's: by their rooms, not by their names alone.
 
-A record holds names, and a schema of one's own may be called ``CC4`` too.
+A record holds names, and a schema of one's own may also be called ``CC4``.
 """
 
 from __future__ import annotations

@@ -45,7 +45,7 @@ HUMAN_PROTOCOL = "human"
 
 PAPER_CONDITIONS = ("CC4", "CE4", "CC3-CC4", "CE3-CC4", "CC3-CE4", "CE3-CE4")
 MOST_CHARACTERS = 9000
-"""Of a condition: two paths are never longer."""
+"""Most characters of a condition: two paths are never longer."""
 LayoutSource = Literal["published", "random"]
 
 
@@ -62,7 +62,7 @@ def default_action_limit(schema: Schema) -> int:
 
 @dataclass(frozen=True)
 class Protocol:
-    """How a condition is played.
+    """Protocol: the budgets and rules under which a condition is played.
 
     Attributes:
         name: For the record.
@@ -179,7 +179,7 @@ def find_protocol(name: str, own: dict[str, Protocol] | None = None) -> Protocol
 
 @dataclass(frozen=True)
 class Trials:
-    """Some trials in rooms of one schema.
+    """Trials in rooms of one schema.
 
     Attributes:
         schema: The schema of the rooms.
@@ -197,7 +197,7 @@ class Trials:
     def __post_init__(self) -> None:
         if isinstance(self.layouts, tuple) and (self.number or 0) > len(self.layouts):
             raise ProtocolError(
-                f"{self.number} trials of {self.schema.name} need as many layouts, and "
+                f"{self.number} trials of {self.schema.name} need that number of layouts, and "
                 f"{len(self.layouts)} are given"
             )
 
@@ -224,7 +224,7 @@ class Trials:
             source: Where they come from, if the trials do not say.
 
         Raises:
-            ProtocolError: If there are not so many layouts.
+            ProtocolError: If there are not enough layouts.
         """
         layouts: Any = self.layouts or source
         if layouts == "published":
@@ -234,7 +234,7 @@ class Trials:
             most = math.perm(positions_for(self.schema), len(self.schema.levers))
             if number > most:
                 raise ProtocolError(
-                    f"{self.schema.name} has {most} layouts and {number} trials ask for as many; "
+                    f"{self.schema.name} has {most} layouts, too few for {number} trials; "
                     "ask for fewer trials, or for more loops"
                 )
             drawn: dict[tuple[int, ...], Layout] = {}
@@ -294,7 +294,7 @@ class Condition:
             OpenLockError: If there is no such schema, or its file has faults.
         """
         if len(name) > MOST_CHARACTERS:
-            raise ProtocolError(f"{name[:40]!r}... is no condition: {len(name):,} characters")
+            raise ProtocolError(f"{name[:40]!r}... is not a condition: {len(name):,} characters")
         dashes = [index for index, sign in enumerate(name) if sign == "-"]
         missing: tuple[int, OpenLockError] | None = None
         for parts in ((name,), *((name[:dash], name[dash + 1 :]) for dash in dashes)):
@@ -326,7 +326,7 @@ class Condition:
 
     @property
     def schemas(self) -> tuple[Schema, ...]:
-        """Its schemas, each once, in order."""
+        """The condition's schemas, each once, in order."""
         return tuple(dict.fromkeys(trials.schema for trials in (*self.train, *self.test)))
 
     def as_dict(self) -> dict[str, Any]:

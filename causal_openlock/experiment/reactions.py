@@ -1,9 +1,9 @@
-"""Reaction times: a table with a row for every action of a person, beside the record.
+"""Reaction times: a table with a row for every action of a person, next to the record.
 
 The record has a row for every attempt and is the same for people and learners; how long a person
-took over an action is kept in a file of its own, ``reactions/`` beside ``cells/`` and of the same
-name. Once the server has stopped, it also holds the attempts of a trial that is not over yet, which
-a record does not.
+took over an action is stored in a file of its own, in ``reactions/`` next to ``cells/``, of the
+same name. Once the server has stopped, it also holds the attempts of a trial that is not over yet,
+which a record does not.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def reactions_schema() -> pa.Schema:
 
 
 def reactions_table(condition: str, subject: int, done: Sequence[Any]) -> pa.Table:
-    """What one person did, action by action: :class:`~causal_openlock.play.game.PlayedAction`."""
+    """Table of a person's actions, each a :class:`~causal_openlock.play.game.PlayedAction`."""
     import pyarrow as pa
 
     rows, moment = [], 0
@@ -55,12 +55,12 @@ def reactions_table(condition: str, subject: int, done: Sequence[Any]) -> pa.Tab
 
 
 def write_reactions(path: Path, table: pa.Table) -> None:
-    """Keep a person's reaction times."""
+    """Store a person's reaction times."""
     write_bytes(path, table_bytes(table))
 
 
 def rows_kept(path: Path) -> int:
-    """How many actions a person's file holds; none if it is not there or damaged."""
+    """Number of actions in a person's file; 0 if it is missing or damaged."""
     try:
         rows: int = read_table(path.read_bytes()).num_rows
     except (OSError, ChecksumError):

@@ -44,7 +44,7 @@ KEPT = ("visit", "playing", "actions", "moved", "was_unlocked", "earned")
 """The changing state of a session, apart from the rooms, the log and the random numbers."""
 
 AT_ONCE = 40
-"""So many recorded subjects are played again in one session."""
+"""Number of recorded subjects replayed in one batch."""
 
 
 class Session:
@@ -168,7 +168,7 @@ class Session:
 
     @property
     def view(self) -> View:
-        """What the subjects perceive now."""
+        """Perception of the subjects now."""
         return self._view
 
     @property
@@ -178,7 +178,7 @@ class Session:
 
     @property
     def truth(self) -> Truth:
-        """What is latent; for informed learners and for analysis."""
+        """Latent facts, for informed learners and for analysis."""
         return Truth(rooms=tuple(self._tables.rooms), room=self._batch.room.copy())
 
     def _perceive(self) -> View:
@@ -245,7 +245,7 @@ class Session:
 
         Args:
             done: For each of the B subjects its actions, in the order of time. One that has fewer
-                than others goes on with actions that mean nothing.
+                than others continues with actions that mean nothing.
 
         Yields:
             ``[B]`` whose actions these are, and the step.
@@ -355,7 +355,7 @@ class Session:
 
     @property
     def seconds(self) -> float:
-        """How long it has been played, also before it was interrupted."""
+        """Seconds played, also before an interruption."""
         return time.perf_counter() - self._clock
 
     def _arrays(self) -> dict[str, NDArray[Any]]:

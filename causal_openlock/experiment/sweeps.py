@@ -55,7 +55,7 @@ def check_swept(declared: LearnerFile, key: str) -> None:
         raise LearnerError(f"this sweep has {size:,} learners; sweep at most {MOST_SWEPT}")
     for one in points(declared):
         if not re.fullmatch(NAME_FORM, str(one.name)):
-            raise LearnerError(f"{one.name!r} is no label; give the learner a shorter name")
+            raise LearnerError(f"{one.name!r} is not a label; give the learner a shorter name")
 
 
 def label_of(name: str, values: Mapping[str, Any], mark: str) -> str:
@@ -72,6 +72,6 @@ def label_of(name: str, values: Mapping[str, Any], mark: str) -> str:
 
 
 def labels(entry: Any) -> dict[str, Any]:
-    """What an entry of a file can be chosen by: its name, and the labels of its sweep."""
+    """Names by which an entry of a file can be chosen: its own, and the labels of its sweep."""
     swept = points(entry) if isinstance(entry, LearnerFile) and entry.sweep else []
     return {entry.name or entry.learner: entry, **{str(one.name): one for one in swept}}

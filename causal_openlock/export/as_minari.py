@@ -60,7 +60,7 @@ def write_minari(
 
     Raises:
         OpenLockError: If a package is missing, the data set is there already, or cannot be written.
-        StoreError: If there is no cell, one is damaged, or does not come to what is on record.
+        StoreError: If there is no cell, one is damaged, or its replay differs from the record.
     """
     require_minari()
     from gymnasium import spaces
@@ -125,7 +125,7 @@ def write_minari(
         raise
     if not metadata:
         shutil.rmtree(partial, ignore_errors=True)
-        raise StoreError(f"{store.folder} holds nothing of what was chosen; run compare to the end")
+        raise StoreError(f"{store.folder} has no cells of this choice; run compare to the end")
     return folder, len(metadata)
 
 
@@ -184,7 +184,7 @@ def _episodes(
 
 
 def _buffer(steps: Steps, which: slice, terminated: bool, put_back: bool) -> dict[str, Any]:
-    """The attempts of an episode in a row; a room may be put back after each of them."""
+    """The attempts of an episode in a row; a room may be put back after each attempt."""
     used, begins, seen = steps.used[which], steps.begins[which], steps.seen[which]
     if put_back:
         seen = seen.copy()
@@ -203,12 +203,12 @@ def _buffer(steps: Steps, which: slice, terminated: bool, put_back: bool) -> dic
 
 
 def why_no_environment(store: Store, episodes: str, learners: Sequence[str] = ()) -> str | None:
-    """Why ``recover_environment()`` of a data set of these learners does not work, or ``None``."""
+    """Reason why ``recover_environment()`` of a data set of these learners fails, or ``None``."""
     specs = _chosen(store.experiment().learners, learners, "learner")
     going_on = [name for name, one in specs.items() if not one.protocol.stop_when_solved]
     if episodes == "trial" and going_on:
         return (
-            f"trials of {', '.join(going_on)} go on after they are solved, and an environment's "
+            f"trials of {', '.join(going_on)} continue after they are solved, and an environment's "
             "do not; export attempts, or choose learners with --learner"
         )
     return None
@@ -220,7 +220,7 @@ def _environment(
     episodes: str,
     positions: int,
 ) -> Any:
-    """The environment that all of it was played in, as far as an environment can be that."""
+    """The environment in which the episodes were played, if there is one."""
     import gymnasium
 
     if episodes == "trial" and not all(spec.protocol.stop_when_solved for spec in specs):

@@ -1,4 +1,4 @@
-"""Everything that it takes to run an experiment again, and what came of it, in one file.
+"""Everything that is needed to run an experiment again, and its results, in one file.
 
 A bundle is a ZIP file with one folder in it::
 
@@ -65,10 +65,10 @@ Contents = dict[str, bytes]
 """Files by their paths in a bundle."""
 
 COMMAND = "causal-openlock compare experiment.yaml --out again"
-"""What runs the experiment of a bundle again, in its folder."""
+"""Command that runs the experiment of a bundle again, in its folder."""
 
 BESIDE = ("reactions", "structures")
-"""Folders with a file for each person beside their cell."""
+"""Folders with a file for each person, in addition to the person's cell."""
 
 _THEN = (1980, 1, 1, 0, 0, 0)  # the date of every file in a bundle
 _PACKED = (".parquet", ".png")  # these cannot be made any smaller
@@ -184,7 +184,7 @@ def _experiment(
 
 
 def _places(experiment: StoredExperiment) -> list[Path]:
-    """Where learners may have been found: here, and beside the experiment file where it was."""
+    """Folders in which learners may have been found: this one, and that of the experiment file."""
     try:
         command = shlex.split(experiment.command)
         found = len(command) > 2 and Path(command[2]).is_file()
@@ -194,7 +194,7 @@ def _places(experiment: StoredExperiment) -> list[Path]:
 
 
 def _from_session(name: str, origin: str, store: Store) -> tuple[str, Contents]:
-    """What a notebook defined, as a name of a module, and that module."""
+    """A notebook's definitions, as a name of a module, and that module."""
     check_inside(store.folder)
     path = store.source(origin)
     content = path.read_bytes() if path.is_file() else b""
@@ -209,7 +209,7 @@ def _from_session(name: str, origin: str, store: Store) -> tuple[str, Contents]:
 def _module(
     spec: LearnerSpec, places: Iterable[Path], packages: set[str]
 ) -> tuple[Contents, list[str]]:
-    """The files of a learner that comes with no package, and what is to be known of them."""
+    """The files of a learner that comes with no package, and remarks about them."""
     name, package = spec.learner, spec.origin.package
     if name.startswith("causal_openlock."):
         return {}, []
@@ -286,7 +286,7 @@ def _is_file(value: str) -> bool:
 
 
 def _checked(contents: Contents, experiment: StoredExperiment) -> list[str]:
-    """Why reading the experiment file does not give the experiment that was run, if it does not."""
+    """Reasons why reading the experiment file does not give the experiment that was run."""
     # No code runs for this: another learner stands in for those that come with no package, whose
     # source has been found to be what it was, and the paper's reward for functions of one's own.
     stand_ins = []
@@ -315,7 +315,7 @@ def _checked(contents: Contents, experiment: StoredExperiment) -> list[str]:
     if data == then:
         codes = {spec.reward.name for spec in learners if isinstance(spec.reward, OwnReward)}
         return [
-            f"The reward {code} is not in the bundle; put its file beside experiment.yaml."
+            f"The reward {code} is not in the bundle; put its file next to experiment.yaml."
             for code in sorted(codes)
         ]
     if experiment.version != RESULTS_VERSION:
@@ -324,13 +324,13 @@ def _checked(contents: Contents, experiment: StoredExperiment) -> list[str]:
     pairs = zip(data["learners"], then["learners"], strict=True)
     other = [one["name"] for one, before in pairs if one != before]
     return [
-        "It may not run as it did, because what it was run with is not what is installed now "
+        "It may not run as it did, because other code is installed now than it was run with "
         f"({', '.join(other) or 'its conditions'})."
     ]
 
 
 def _put_back(read: LearnerSpec, spec: LearnerSpec) -> LearnerSpec:
-    """What was read, with the code that another stood in for."""
+    """A learner that was read, with its own code in place of the stand-in's."""
     if ":" in spec.learner:
         parts = {"learner": spec.learner, "parameters": spec.parameters, "recorded": spec.recorded}
         read = replace(read, **parts)  # type: ignore[arg-type]
@@ -338,7 +338,7 @@ def _put_back(read: LearnerSpec, spec: LearnerSpec) -> LearnerSpec:
 
 
 def _plain(experiment: Experiment) -> dict[str, Any]:
-    """As plain data, in which a tuple is a list."""
+    """An experiment as plain data, in which a tuple is a list."""
     data: dict[str, Any] = json.loads(json.dumps(experiment.as_dict(), default=str))
     return data
 
@@ -354,14 +354,14 @@ def _packages(experiment: StoredExperiment, versions: Versions) -> dict[str, str
 
 
 def _requirements(packages: Versions) -> str:
-    """What pip needs to install the packages that cells were run with."""
+    """Requirements with which pip installs the packages that cells were run with."""
     lines = []
     for package, version in packages.items():
         for one in version if isinstance(version, list) else [version]:
             if not _REQUIREMENT.fullmatch(f"{package} {one}"):
                 raise StoreError(
                     f"the results say that they were made with {f'{package} {one}'[:80]!r}, which "
-                    "is no version of a package; do not use them, they have been changed"
+                    "is not a version of a package; do not use them, they have been changed"
                 )
         if isinstance(version, list):
             lines.append(f"# {package}: cells were run with {', '.join(version)}")
@@ -376,7 +376,7 @@ def _requirements(packages: Versions) -> str:
 def _readme(
     experiment: StoredExperiment, versions: Versions, again: bool, warnings: list[str]
 ) -> str:
-    """What the bundle says of itself."""
+    """The README of the bundle."""
     text = Path(__file__).with_name("README.md.j2").read_text("utf-8")
     return Template(text, trim_blocks=True, keep_trailing_newline=True).render(
         title=" ".join((experiment.title or experiment.name).split()),

@@ -1,4 +1,4 @@
-"""What a bundle holds, for programs and for people: Croissant metadata, and a data card.
+"""Description of a bundle for programs and for people: Croissant metadata, and a data card.
 
 Croissant (https://docs.mlcommons.org/croissant/docs/croissant-spec.html, version 1.0) is JSON-LD
 that catalogues of data sets read: the files with their hashes, and the columns of their tables. The
@@ -120,7 +120,7 @@ def _record_set(part: str) -> dict[str, Any]:
 
 
 def meaning_of(field: pa.Field) -> str:
-    """What a column means."""
+    """Meaning of a column."""
     meaning: bytes = field.metadata[b"meaning"]
     return meaning.decode()
 

@@ -1,4 +1,4 @@
-"""An experiment as an experiment file: what :func:`read_experiment` reads it back from."""
+"""An experiment as an experiment file, which :func:`read_experiment` reads back."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def experiment_file(experiment: Experiment, schemas: str = "schemas") -> dict[st
     """The experiment file of an experiment, as plain data to write as YAML.
 
     Reading it gives an experiment of the same identity where the schemas, the learners and this
-    package are the same. The file names each schema as ``NAME.yaml`` in a folder beside it.
+    package are the same. The file names each schema as ``NAME.yaml`` in a folder next to it.
     """
     own = [one for one in experiment.protocols if PROTOCOLS.get(one.name) != one]
     return present(

@@ -1,4 +1,4 @@
-"""What was seen and paid in every step, from the record alone.
+"""Observations and rewards of every step, from the record alone.
 
 A record keeps the actions of every attempt and what came of it, not what was seen on the way: in a
 room that is known, that follows from the actions. So they are carried out once more, all attempts
@@ -149,7 +149,7 @@ def _disagreement(columns: Mapping[str, Any], row: int, condition: Condition) ->
     at = {name: columns[name][row].as_py() for name in ("learner", *TRIAL, "attempt")}
     return StoreError(
         f"attempt {at['attempt']} of subject {at['subject']} of {at['learner']} in "
-        f"{condition.name} ({at['phase']} {at['trial']}, loop {at['loop']}) does not come to "
-        "what is on record when it is played again; the record is damaged or another version’s: "
+        f"{condition.name} ({at['phase']} {at['trial']}, loop {at['loop']}) differs from "
+        "the record when it is replayed; the record is damaged or another version’s: "
         "compare again"
     )

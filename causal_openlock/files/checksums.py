@@ -3,7 +3,7 @@
 A checksum in a second file can be lost, or belong to an earlier version if a process is killed
 between the two writes. So it stands inside: the file is made with 64 zeros in its place, the
 SHA-256 of that is taken, and its digits replace the zeros. Reading reverses this, so any changed
-bit is detected. It is no protection against deliberate forgery.
+bit is detected. It does not protect against deliberate forgery.
 
 In a Parquet file it is metadata, in JSON the last key; other programs read both as usual.
 
@@ -109,7 +109,7 @@ def read_table(content: bytes, columns: Sequence[str] | None = None) -> pa.Table
 
 
 def _values(file: ParquetFile) -> int:
-    """How many values a file holds, those within lists counted."""
+    """Number of values in a file, those within lists counted."""
     about, columns = file.metadata, range(len(file.schema))
     lists = [one for one in columns if file.schema.column(one).max_repetition_level]
     if not lists or not about.num_rows:
@@ -139,5 +139,5 @@ def read_json(content: bytes) -> dict[str, Any]:
         data = json.loads(content, object_pairs_hook=each_once)
         del data["sha256"]
     except (ValueError, TypeError, KeyError, RecursionError):
-        raise ChecksumError("it is no JSON, or holds something else") from None
+        raise ChecksumError("it is not JSON, or holds something else") from None
     return data

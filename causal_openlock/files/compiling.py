@@ -50,7 +50,7 @@ def compiled(function: Compiled, **options: Any) -> Compiled:
 
 
 def without_cache() -> list[str]:
-    """A sentence if this process compiles what it cannot keep."""
+    """A sentence if this process compiles code that it cannot store."""
     return [*_said]
 
 
@@ -61,7 +61,7 @@ def _checked_cache() -> Any:
     from numba.core.serialize import dumps
 
     class Sealed(CompileResultCacheImpl):
-        """What is kept, with its digest: machine code that has changed must never run."""
+        """Cached machine code with its digest: code that has changed must never run."""
 
         def reduce(self, data: Any) -> Any:
             content = dumps(super().reduce(data))  # type: ignore[no-untyped-call]

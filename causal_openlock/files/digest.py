@@ -1,4 +1,4 @@
-"""Telling contents apart by a short hash: code that was run, a consent that was read, a claim."""
+"""A short hash that identifies contents: code that was run, a consent that was read, a claim."""
 
 from __future__ import annotations
 

@@ -67,7 +67,7 @@ def require_utf8(name: str) -> None:
     """Refuse a name that no file of results could say, before hours of work.
 
     Raises:
-        OpenLockError: If a part of the name is no character.
+        OpenLockError: If a part of the name is not a character.
     """
     try:
         name.encode()

@@ -35,12 +35,12 @@ def parse_json(text: str | bytes) -> Any:
     {'levers': 3}
 
     Raises:
-        ValueError: If it is no JSON, or holds what is none, such as NaN, or a key twice.
+        ValueError: If it is not JSON, or holds what is none, such as NaN, or a key twice.
         RecursionError: If it is nested too deeply.
     """
 
     def refuse(constant: str) -> None:
-        raise ValueError(f"{constant} is no JSON")
+        raise ValueError(f"{constant} is not JSON")
 
     return json.loads(text, parse_constant=refuse, object_pairs_hook=each_once)
 

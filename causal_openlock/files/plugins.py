@@ -1,4 +1,4 @@
-"""What packages register: learners, commands, topics of a report, references, parts of results.
+"""Parts that packages register: learners, commands, topics of a report, references, results.
 
 Each kind has a group of entry points. Any package can add to it, and what comes with the toolkit is
 registered in the same way, so the core knows no guest by name::
@@ -25,7 +25,7 @@ COMMANDS = "causal_openlock.commands"
 TOPICS = "causal_openlock.topics"
 """Ideas of a report: each a :class:`~causal_openlock.analysis.topic.Topic`."""
 REFERENCES = "causal_openlock.references"
-"""Results that learners stand beside: functions that return a
+"""References that learners are compared with: functions that return a
 :class:`~causal_openlock.analysis.results.references.Reference`."""
 PLOTS = "causal_openlock.plots"
 """Plots of results: functions whose first argument is the results."""
@@ -69,7 +69,7 @@ def loaded(entry: EntryPoint) -> Any:
 
 
 def registered(group: str) -> Mapping[str, EntryPoint]:
-    """Return what is registered in a group by name, sorted; this loads none of it.
+    """Return the entry points of a group by name, sorted; loads none.
 
     Raises:
         OpenLockError: If two packages register the same name.
@@ -79,7 +79,7 @@ def registered(group: str) -> Mapping[str, EntryPoint]:
 
 @lru_cache(maxsize=16)
 def _registered(group: str, places: tuple[tuple[str, int], ...]) -> dict[str, EntryPoint]:
-    """As :func:`registered`: read once for as long as nothing is installed in any of the places."""
+    """Cache of :func:`registered`, until something is installed in one of the places."""
     found: dict[str, EntryPoint] = {}
     for entry in entry_points(group=group):
         other = found.setdefault(entry.name, entry)

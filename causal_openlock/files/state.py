@@ -44,7 +44,7 @@ HEADER = 1 << 14
 
 
 class StateError(OpenLockError):
-    """A state cannot be saved as plain data, or a file is no archive of arrays, or is damaged."""
+    """A state is not plain data, or a file is not an archive of arrays, or is damaged."""
 
 
 class Transient(bytes):
@@ -192,7 +192,7 @@ def open_archive(path: Path | str, most: int | None = None) -> Iterator[Archive]
     """
     path = Path(path)
     if path.exists() and not path.is_file():
-        raise StateError("it is no file")
+        raise StateError("it is not a file")
     with path.open("rb") as file:
         try:
             yield Archive(zipfile.ZipFile(file), path.stat().st_size if most is None else most)

@@ -111,7 +111,7 @@ def sentence(fault: Any, model: type[BaseModel]) -> str:
         return f"{where[-1]}: is missing; add it"
     if kind == "extra_forbidden":
         known = _fields(model, where[:-1])
-        return f"{where[-1]!r} is no key here; {nearest(str(where[-1]), known)}"
+        return f"{where[-1]!r} is not a key here; {nearest(str(where[-1]), known)}"
     if kind.startswith("custom."):
         return f"{fault['msg']}"
     if where and where[-1] == "[key]":

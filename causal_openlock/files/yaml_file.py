@@ -5,7 +5,7 @@ and then by a pydantic model. Faults of syntax, form or meaning become a
 :class:`~causal_openlock.errors.FileError`. What nobody writes by hand is refused before anything is
 built from it: more than 128 kB, 5,000 lines or values, nesting deeper than 16 levels, and the parts
 of YAML that are ambiguous or make a small file large (anchors, aliases, merge keys, tags, keys that
-are no names, several documents in one file).
+are not names, several documents in one file).
 
 Dumping a parsed file moves or loses comments. So a change is made in the text (:func:`rewritten`):
 the parser gives the start and end of each value, and only those characters are replaced. Additions
@@ -171,7 +171,7 @@ def read_document(path: Path | str) -> Document:
     """Parse a YAML file written by hand.
 
     Raises:
-        FileError: If it is no YAML 1.2, or uses what is refused here.
+        FileError: If it is not YAML 1.2, or uses what is refused here.
         OpenLockError: If it cannot be read.
     """
     return parse_document(read_text(path), path)
@@ -190,7 +190,7 @@ def read_text(path: Path | str) -> str:
     except OSError as error:
         raise OpenLockError(f"{path}: cannot be read ({error.strerror}); check the name") from None
     except ValueError:
-        raise OpenLockError(f"{str(path)!r} is no name that a file can have") from None
+        raise OpenLockError(f"{str(path)!r} is not a name that a file can have") from None
     if len(content) > MAX_BYTES:
         raise FileError(path, [TOO_LARGE])
     try:
@@ -205,7 +205,7 @@ def parse_document(text: str, path: Path | str = "<text>") -> Document:
     """Parse YAML text; ``path`` is what faults are reported against.
 
     Raises:
-        FileError: If it is no YAML 1.2, or uses what is refused here.
+        FileError: If it is not YAML 1.2, or uses what is refused here.
     """
     from ruamel.yaml.error import MarkedYAMLError, YAMLError
     from ruamel.yaml.reader import ReaderError
@@ -311,7 +311,7 @@ def _refusals(text: str) -> Iterator[tuple[Any, str]]:
 
 
 def _is_text(value: str) -> bool:
-    """Whether it is free of unpaired surrogates, which no file can hold."""
+    """Whether a text is free of unpaired surrogates, which no file can hold."""
     return value.isascii() or not any("\ud800" <= character <= "\udfff" for character in value)
 
 

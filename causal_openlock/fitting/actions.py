@@ -52,15 +52,15 @@ WHOLE = -1
 """The number of the fold in which nothing is held out."""
 DIFFERING = "its subjects, what they did, search space, the learner's code, seed, folds"
 PENALTY = 1e6
-"""The surprise, in nats, at an action that is impossible, from which a search goes on."""
+"""Surprise, in nats, at an impossible action; finite, so that a search can continue."""
 NEAR = 0.01
 """A value this near to a bound, as a share of the range, stands at it."""
 NONE = "none"
-"""In a table, in place of the names of parameters."""
+"""Label in a table, instead of names of parameters."""
 LOOK_EVERY = 1.0
 """Seconds between two looks at what workers have tried."""
 TOLERANCE = 1e-3
-"""Of parameters, as a share of their range, and of the log-likelihood, in nats."""
+"""Tolerance of parameters, as a share of their range, and of the log-likelihood, in nats."""
 
 
 @dataclass(frozen=True)
@@ -116,11 +116,11 @@ class Fitted:
         who: Label of the subjects: a subject's, or ``all``.
         fold: What was held out; :data:`WHOLE` for nothing.
         chosen: The parameters.
-        nll: Negative log-likelihood of what they were fitted to, in nats.
-        actions: Of so many actions.
-        held_out: Negative log-likelihood of what was held out; 0 if nothing was.
-        held_out_actions: Of so many actions.
-        standard_error: Of ``nll``; 0 where it is exact.
+        nll: Negative log-likelihood of the actions fitted to, in nats.
+        actions: Number of these actions.
+        held_out: Negative log-likelihood of the actions held out; 0 if there are none.
+        held_out_actions: Number of these actions.
+        standard_error: Standard error of ``nll``; 0 where it is exact.
         evaluations: How often likelihoods were computed.
         bic: Of the learner with these parameters; of a subject of a hierarchical fit, its part of
             the integrated BIC.
@@ -165,7 +165,7 @@ def _ignore() -> None:
 
 
 class Predictions:
-    """How likely some subjects' actions are, by the parameters of the learner that predicts them.
+    """Likelihood of some subjects' actions, by the parameters of the learner that predicts them.
 
     Args:
         parts: The subjects.
@@ -229,7 +229,7 @@ def fit_job(job: FitJob, note: Callable[[], None] = _ignore) -> Fitted:
 
 
 def held_out(table: pd.DataFrame, plan: ActionPlan, fold: int) -> BoolArray:
-    """Which actions are of a fold: every so-many-th trial, or subject."""
+    """Mask of the actions in one cross-validation fold."""
     if fold == WHOLE:
         return np.zeros(len(table), dtype=bool)
     number = table["trial"] - 1 if plan.hold_out == "trials" else table["subject"]
@@ -263,7 +263,7 @@ def _downhill(
     ranges: Mapping[str, Range],
     moves: int,
 ) -> tuple[dict[str, int | float], float]:
-    """From a candidate to the nearest minimum; whole numbers stay as they are."""
+    """Descend from a candidate to the nearest minimum; whole numbers stay as they are."""
     free = [name for name, one in ranges.items() if not one.whole]
     if not free or not moves:
         return dict(start), loss(start)
@@ -291,7 +291,7 @@ def _downhill(
 
 
 def share_of(one: Range, value: float) -> float:
-    """Where a value stands between its bounds, from 0 to 1.
+    """Position of a value between its bounds, from 0 to 1.
 
     >>> share_of(Range(1.0, 100.0, log=True), 10.0)
     0.5
@@ -301,7 +301,7 @@ def share_of(one: Range, value: float) -> float:
 
 
 def of_share(one: Range, share: float) -> float:
-    """The value that stands there.
+    """Value at a position between the bounds, from 0 to 1.
 
     >>> of_share(Range(0.0, 4.0), 0.25)
     1.0
@@ -371,7 +371,7 @@ def check_folds(parts: Sequence[Recorded], plan: ActionPlan) -> None:
 
 
 def _most_trials(part: Recorded) -> int:
-    """The trials of the subject that played most of them."""
+    """Largest number of trials that a subject played."""
     return int((part.rows["attempt"] == 1).groupby(part.rows["subject"]).sum().max())
 
 
@@ -383,7 +383,7 @@ def fit_all(
     report: Callable[[int, int], None] = lambda done, total: None,
     tried: Callable[[int], None] = lambda number: None,
 ) -> list[Fitted]:
-    """Do all fits, or those that are missing; what is done is kept in the folder.
+    """Do all fits, or those that are missing; finished fits are stored in the folder.
 
     Args:
         jobs: The fits.
@@ -441,7 +441,7 @@ def fits_of(kept: Mapping[str, Any], ranges: Mapping[str, Mapping[str, Range]]) 
     """The fits that a file keeps, by :attr:`Fitted.learner` within the ranges of what is searched.
 
     Raises:
-        ValueError: If they are no such fits; or what is raised of data of another form.
+        ValueError: If they are not such fits; or the error that data of another form raise.
     """
     found = TypeAdapter(list[Fitted]).validate_python(kept["done"])
     for one in found:
@@ -467,7 +467,7 @@ def _fits(jobs: Sequence[FitJob], workers: int, tried: Callable[[int], None]) ->
 
 
 _total: Any = None
-"""In a worker: how many sets of parameters all workers have tried."""
+"""Number of sets of parameters that all workers have tried, in a worker."""
 
 
 def _count_in(total: Any) -> None:

@@ -1,4 +1,4 @@
-"""The search for the candidate that is most like people; it goes on where it was stopped.
+"""The search for the candidate that is most like people; it continues where it stopped.
 
 Optuna's tree-structured Parzen estimator proposes candidates in rounds of a fixed size: each round
 from the results of all rounds before it, with a seed of its own. So the proposals depend neither on
@@ -49,7 +49,7 @@ ROUND = 4
 """Candidates that are proposed at a time."""
 
 Start = Callable[[Mapping[str, float], tuple[str, ...], int, int], Callable[[], pd.DataFrame]]
-"""Starts to play a candidate, in some conditions, with a seed and so many subjects.
+"""Starts to play a candidate, in some conditions, with a seed and a number of subjects.
 
 What it returns waits until all is played, and returns the trials.
 """
@@ -88,13 +88,13 @@ class Plan:
         return whole
 
     def score(self, points: pd.DataFrame) -> Score:
-        """How far a learner is from the target, by the plan's objective."""
+        """Distance of a learner from the target, by the plan's objective."""
         return score(points, self.hold_out, self.objective, self.target)
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """Parameters that were tried, and how near to people they come."""
+    """Parameters that were tried, and their distance from people."""
 
     number: int  #: in the order of the proposals, from 0
     chosen: dict[str, int | float]
@@ -116,7 +116,7 @@ class Fit:
 
     @property
     def best(self) -> Candidate:
-        """The nearest to people of those played again."""
+        """The candidate nearest to people, among those played again."""
         number = min(self.again, key=lambda number: (self.again[number], number))
         return self.done[number]
 
@@ -144,7 +144,7 @@ def fit(
         plan: Its settings.
         folder: Where it is kept; one that holds a part of the same fit is completed.
         workers: How many processes play; with one it is this process.
-        report: Called with how many candidates are done, of how many, and what is going on.
+        report: Called with how many candidates are done, of how many, and the present step.
 
     Returns:
         The fit, and what the best candidate did in all six conditions with a fresh seed, as
@@ -215,7 +215,7 @@ def _look_for_effects(
 
 @contextmanager
 def _players(space: SearchSpace, workers: int) -> Iterator[Start]:
-    """How candidates are played: in this process, or by several others at once."""
+    """Yield a function that plays candidates: in this process, or in several others at once."""
 
     def start(
         submit: Callable[[Job], Callable[[], pd.DataFrame]],
@@ -239,7 +239,7 @@ def _players(space: SearchSpace, workers: int) -> Iterator[Start]:
 
 
 def _proposals(state: Fit, first: int) -> list[dict[str, int | float]]:
-    """The candidates of the round that begins with a number, whatever came after it."""
+    """The candidates of the round that begins with a number, whatever was tried later."""
     done = [(known.chosen, known.rmse) for known in state.done[:first]]
     return proposals(state.plan.space, done, state.plan.seed)
 

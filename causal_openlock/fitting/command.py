@@ -109,7 +109,7 @@ def fit(
             "--hierarchical fits each subject of a folder; give --to, and no --each"
         )
     if beside and not hierarchical:
-        raise OpenLockError("--or is for a mixture of groups; give --hierarchical, too")
+        raise OpenLockError("--or is for a mixture of groups; also give --hierarchical")
     if not hierarchical:
         require_optuna()
     learner_class(learner)  # fails at once if there is none

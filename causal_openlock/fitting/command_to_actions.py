@@ -130,7 +130,7 @@ def _print_fits(table: pd.DataFrame, names: Sequence[str], console: Terminal) ->
 
 
 def _print_mixture(table: pd.DataFrame, plans: Mapping[str, ActionPlan], console: Terminal) -> None:
-    """How many subjects follow each learner, and how well they predict, alone and together."""
+    """Print how many subjects follow each learner, and the scores, alone and together."""
     from causal_openlock.comparison.console import plain_table
     from causal_openlock.fitting.mixture import MIXTURE
 

@@ -1,4 +1,4 @@
-"""Parameters that make no difference: whatever a search comes to, nothing is known of them."""
+"""Parameters that make no difference: whatever a search returns, they are not identified."""
 
 from __future__ import annotations
 

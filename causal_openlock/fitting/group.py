@@ -31,17 +31,17 @@ from scipy.stats import norm
 from causal_openlock.schemas.fsm import FloatArray
 
 STEP = 0.05
-"""Of differences, in log-odds."""
+"""Step of finite differences, in log-odds."""
 SPREADS = 0.05, 1.6
 """The least spread of a group, and the greatest, with which it begins: about even over a range."""
 FARTHEST = 4.6
-"""The mean of a group stays so near the middle: between the hundredths at the ends of a range."""
+"""Largest distance of a group's mean from the middle, in log-odds: 1% to 99% of a range."""
 GRADIENT = 0.05
 """A peak is where the slope is less than this, in nats per spread of the group."""
 SETTLED = 0.02
 """A round that changes no mean and no spread by more is the last one; in log-odds."""
 LARGEST = 1e12
-"""No number of a peak is as large."""
+"""Upper bound of all numbers of a peak."""
 EASY_ROUNDS = 10_000
 """The most rounds in which likelihoods are taken to be normal."""
 
@@ -60,7 +60,7 @@ class Group:
 
     @classmethod
     def wide(cls, parameters: int) -> Group:
-        """The group that a fit begins with, of so many parameters."""
+        """The group that a fit begins with, for a number of parameters."""
         return cls(np.zeros(parameters), np.full(parameters, SPREADS[1]))
 
     def apart(self, other: Group) -> float:
@@ -77,10 +77,10 @@ class Peak:
         at: ``[D]`` where it is, in log-odds.
         slope: ``[D]`` first derivatives of the negative log-likelihood there, in nats.
         curvature: ``[D, D]`` its second derivatives; no direction bends down.
-        nll: Negative log-likelihood there, in nats, of what is fitted.
-        actions: Of so many actions.
-        held_out: The same of what is held out.
-        held_out_actions: Of so many actions.
+        nll: Negative log-likelihood there, in nats, of the actions fitted to.
+        actions: Number of these actions.
+        held_out: Negative log-likelihood of the actions held out.
+        held_out_actions: Number of these actions.
         evaluations: How often likelihoods were computed.
     """
 
@@ -97,7 +97,7 @@ class Peak:
         """Check what was read from a file.
 
         Raises:
-            ValueError: If it cannot be a peak of so many parameters.
+            ValueError: If it cannot be a peak of this number of parameters.
         """
         shapes = [np.shape(each) for each in (self.at, self.slope, self.curvature)]
         square = (parameters, parameters) if parameters else (0,)

@@ -1,7 +1,7 @@
-"""What is done of a hierarchical fit: it goes on where it was stopped, whatever stopped it.
+"""Progress of a hierarchical fit, which continues where it stopped.
 
-A fit takes the same steps in the same order each time. What each came to is kept as soon as it is
-known, and a fit that goes on asks for all of them again: those that are known are not repeated.
+A fit takes the same steps in the same order each time. The result of each is stored as soon as it
+is known, and a resumed fit asks for all results again: those that are known are not repeated.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from causal_openlock.fitting.subject_peak import PeakJob, StartJob, Starts, peak
 from causal_openlock.scoring.teacher_forcing import Recorded
 
 PROGRESS = "hierarchical.json"
-"""What is done of a fit that goes on."""
+"""File of the finished steps of a fit."""
 
 Do = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
-"""What carries out a function on several jobs, in their order."""
+"""Function that carries out another one on several jobs, in their order."""
 
 
 class Progress:
@@ -63,7 +63,7 @@ class Progress:
         self._known = iter(list(self._peaks))
 
     def starts(self) -> list[Starts]:
-        """By learner, where the search for the peak of each subject begins."""
+        """Start of the search for the peak of each subject, by learner."""
         jobs = [StartJob(part, plan) for plan in self._plans.values() for part in self._parts]
         for found in self._do(start_job, jobs[len(self._starts) :]):
             self._starts.append(found)
@@ -73,7 +73,7 @@ class Progress:
         return [{who: at for part in own for who, at in part.items()} for own in by_learner]
 
     def peaks(self, jobs: Sequence[PeakJob]) -> list[Peak]:
-        """What some jobs find."""
+        """Peaks that some jobs find."""
         peaks = list(islice(self._known, len(jobs)))
         for found in self._do(peak_job, jobs[len(peaks) :]):
             peaks.append(found)
@@ -82,14 +82,14 @@ class Progress:
         return peaks
 
     def finish(self, fits: Sequence[Fitted]) -> None:
-        """Keep what it all came to.
+        """Store the result of the fit.
 
         Raises:
             StoreError: If more is kept than was asked for.
         """
         if next(self._known, None):
             raise StoreError(
-                f"{self._folder / PROGRESS}: this is no fit; choose another folder with --out"
+                f"{self._folder / PROGRESS}: this is not a fit; choose another folder with --out"
             )
         keep_fit(self._folder / FILE, self._about, done=[asdict(one) for one in fits])
 
@@ -103,7 +103,7 @@ class Progress:
         return fits_of(kept, {**ranges, MIXTURE: {}} if several else ranges)
 
     def _steps(self, kept: Mapping[str, Any]) -> tuple[list[Starts], list[Peak]]:
-        """What a file holds; raises ValueError if it is not of these learners and subjects."""
+        """Content of a file; raises ValueError if it is not of these learners and subjects."""
         starts = TypeAdapter(list[Starts]).validate_python(kept["starts"])
         peaks = TypeAdapter(list[Peak]).validate_python(kept["peaks"])
         alone = [part.alone() for part in self._parts]

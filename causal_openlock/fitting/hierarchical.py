@@ -58,7 +58,7 @@ ROUNDS = 25
 
 
 class GroupFit:
-    """A hierarchical fit, which goes on where it was stopped.
+    """A hierarchical fit, which continues where it stopped.
 
     Args:
         parts: The subjects.
@@ -279,7 +279,7 @@ def _between(
 
 
 def _together(fold: int, peaks: Sequence[Sequence[Peak]], mixed: Mixture) -> Fitted:
-    """How well all groups predict: each subject by all learners, as it probably follows them."""
+    """Scores of all groups: each subject by all learners, as it probably follows them."""
     of_one = peaks[0]
 
     def surprise(name: str) -> float:

@@ -1,4 +1,4 @@
-"""What a folder keeps of a fit: its plan and what is done, in one file that is replaced whole.
+"""Stored state of a fit: its plan and the finished parts, in one file that is replaced whole.
 
 The file contains its checksum, and one fit at a time works in a folder.
 """
@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 @contextmanager
 def fitting_in(folder: Path) -> Iterator[None]:
-    """A block in which no other fit works in a folder; what killed ones have left is removed.
+    """A block in which no other fit works in a folder; files of killed fits are removed.
 
     Raises:
         StoreError: If another fit works there, or the folder cannot be written to.
@@ -43,7 +43,7 @@ def fitting_in(folder: Path) -> Iterator[None]:
 
 
 def keep_fit(path: Path, plan: Mapping[str, Any], **done: Any) -> None:
-    """Write a plan and what is done of it, as plain data."""
+    """Write a plan and its finished parts, as plain data."""
     write_bytes(path, json_bytes({"plan": plan, **done}))
 
 
@@ -52,20 +52,20 @@ def kept_fit(
     read: Callable[[dict[str, Any]], T],
     remedy: str = "choose another folder with --out",
 ) -> T:
-    """What ``read`` makes of a file.
+    """Read a file with ``read``.
 
     Raises:
-        StoreError: If the file is no fit: it cannot be read, is not what was written, or ``read``
-            raises what is raised of data of another form.
+        StoreError: If the file is not a fit: it cannot be read, is not what was written, or
+            ``read`` raises what is raised of data of another form.
     """
     try:
         content = path.read_bytes()
         check(content, IN_JSON)
         return read(json.loads(content, parse_constant=_number, object_pairs_hook=each_once))
     except ChecksumError as error:
-        raise StoreError(f"{path}: this is no fit ({error}); {remedy}") from None
+        raise StoreError(f"{path}: this is not a fit ({error}); {remedy}") from None
     except (ValueError, OSError, TypeError, LookupError, ArithmeticError, RecursionError):
-        raise StoreError(f"{path}: this is no fit; {remedy}") from None
+        raise StoreError(f"{path}: this is not a fit; {remedy}") from None
 
 
 def _number(constant: str) -> float:
@@ -81,7 +81,7 @@ def fit_of(
     what: str,
     parts: str,
 ) -> T | None:
-    """What is done of a plan, or None if nothing is.
+    """The finished parts of a plan, or None if there are none.
 
     Args:
         path: Where it is kept.
@@ -91,7 +91,7 @@ def fit_of(
         parts: What may differ, in words.
 
     Raises:
-        StoreError: If the file is no fit, or that of another plan.
+        StoreError: If the file is not a fit, or that of another plan.
     """
     if not path.exists():
         return None

@@ -1,4 +1,4 @@
-"""Which of several groups a subject is of, from the evidence of each.
+"""Attribution of subjects to one of several groups, from the evidence of each group.
 
 The evidence of a learner for a subject (:func:`~causal_openlock.fitting.group.evidence_of`) is that
 of parameters drawn from the learner's group. The means and spreads of the group were chosen in the
@@ -27,7 +27,7 @@ ROUNDS, ENOUGH = 1000, 1e-6
 
 @dataclass(frozen=True)
 class Mixture:
-    """Which of M groups each of S subjects is of.
+    """Attribution of S subjects to M groups.
 
     Attributes:
         followed: ``[S, M]`` probability that each subject is of each group; for one without
@@ -44,7 +44,7 @@ class Mixture:
 
 
 def mixture_of(evidence: FloatArray, actions: IntArray, parameters: IntArray) -> Mixture:
-    """Which groups subjects are of.
+    """Attribute subjects to groups.
 
     Args:
         evidence: ``[S, M]`` log evidence, in nats.

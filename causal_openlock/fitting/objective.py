@@ -1,4 +1,4 @@
-"""What a candidate plays, and how far it is from people: on what it is fitted to, and on the rest.
+"""A candidate's distance from people: on the points that it is fitted to, and on the others.
 
 A fit that is judged by what it was fitted to says little. So some of people's fourteen points are
 held out of the search, which plays only the conditions that it needs:
@@ -49,7 +49,7 @@ OBJECTIVES: Mapping[str, Callable[[pd.DataFrame], float]] = {
 }
 """Distances from people that can be made small, in attempts."""
 TARGETS = {"people": "people", "model": "the published model"}
-"""Whose published means can be fitted to, in words."""
+"""Targets of a fit, in words: whose published means it is fitted to."""
 CHUNK = 40
 """Subjects that are played at once."""
 
@@ -84,7 +84,7 @@ def conditions_to_fit(how: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Job:
-    """Some subjects of one candidate in one of the paper's conditions, from number ``first`` on.
+    """Subjects of one candidate in one of the paper's conditions, from number ``first`` on.
 
     ``parameters`` are those that differ from the learner's defaults.
     """
@@ -138,7 +138,7 @@ def joined(played: list[pd.DataFrame]) -> pd.DataFrame:
 
 @dataclass(frozen=True)
 class Score:
-    """How far a candidate is from people, in attempts."""
+    """Distance of a candidate from people, in attempts."""
 
     fitted: float  #: on the points that it is fitted to
     held_out: float  #: on the others; NaN if it did not play them
@@ -165,7 +165,7 @@ def towards(points: pd.DataFrame, target: str) -> pd.DataFrame:
 def score(
     points: pd.DataFrame, how: str, objective: str = "means", target: str = "people"
 ) -> Score:
-    """How far one learner is from people, or from the published model.
+    """Distance of one learner from people, or from the published model.
 
     Args:
         points: From :func:`~causal_openlock.paper.likeness.points_of`.

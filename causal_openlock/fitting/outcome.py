@@ -81,7 +81,7 @@ def write_fitted_learner(fitted: Fit, found: FittedLearner, folder: Path | str) 
     """Write the result of a fit into a folder.
 
     Returns:
-        The files: ``experiment.yaml``, which plays the fitted learner beside the plain one,
+        The files: ``experiment.yaml``, which plays the fitted learner and the plain one,
         ``candidates.csv``, ``points.csv``, ``effects.csv``, ``fit.svg`` and ``fit.png``.
 
     Raises:

@@ -14,8 +14,8 @@ chosen. Each learner is fitted as if all subjects followed it; a mixture, in whi
 to those who follow them, is fitted at once (:mod:`~causal_openlock.fitting.hierarchical`) and says
 by itself how well it predicts.
 
-A fit may come from other people. It is read as numbers; a learner that is code beside it, or whose
-settings may name a file or an address, is used only if the user names this learner too.
+A fit may come from other people. It is read as numbers; a learner that is code next to it, or whose
+settings may name a file or an address, is used only if the user also names this learner.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FitOfActions:
-    """A whole fit to actions, as it is kept.
+    """A whole fit to actions, as it is stored.
 
     Attributes:
         label: Name of its folder; the learner goes by it.
@@ -87,7 +87,7 @@ class FitOfActions:
         return self.fits.get((who, fold)) or self.fits["all", fold]
 
     def price(self, who: str) -> float:
-        """What a subject's BIC is above twice its negative log-likelihood."""
+        """Difference of a subject's BIC from twice its negative log-likelihood."""
         if self.holds_out:
             return 0.0
         found = self.of(who, WHOLE)
@@ -160,7 +160,7 @@ def _check_named(
             and get_origin(hints.get(name)) is not Literal
         ]
     if ":" in learner or free:
-        why = f"sets {free[0]}, which may name a file" if free else "is code beside it"
+        why = f"sets {free[0]}, which may name a file" if free else "is code next to it"
         raise StoreError(
             f"{path}: its learner {learner} {why}; if you trust it, name it too: "
             f"--learner {learner}"
@@ -179,7 +179,7 @@ def score_fits(
     workers: int = 1,
     report: Callable[[int, int], None] = lambda done, total: None,
 ) -> Scores:
-    """Score fitted learners, and others beside them, on the subjects of all these fits.
+    """Score fitted learners, and other learners, on the subjects of all these fits.
 
     The other arguments and errors are those of
     :func:`~causal_openlock.scoring.scores.score_learners`.

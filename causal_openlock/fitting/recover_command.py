@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from causal_openlock.fitting.recovery import Recovery
 
 FEW = 20
-"""With fewer simulated subjects in a condition, groups drawn from them say little."""
+"""Simulated subjects in a condition below which groups drawn from them say little."""
 
 
 def recover(
@@ -32,7 +32,7 @@ def recover(
     ] = None,
     parameters: Annotated[
         list[str] | None,
-        typer.Option(help="Recover the parameters of this learner, too."),
+        typer.Option(help="Also recover the parameters of this learner."),
     ] = None,
     search: Annotated[
         list[str] | None,

@@ -1,6 +1,6 @@
 """The steps of a recovery: simulate subjects, let learners predict them, fit parameters to them.
 
-Each step goes on where it was, from what is in its folder.
+Each step continues where it stopped, from the files in its folder.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ SIMULATED, SCORES = "simulated", "scores"
 
 @dataclass(frozen=True)
 class ToRecover:
-    """The size of a recovery, and how it is done.
+    """Size and settings of a recovery.
 
     Attributes:
         draws: The most copies to ask of a learner without probabilities.
@@ -41,7 +41,7 @@ class ToRecover:
         sets: Sets of parameters to recover.
         each: Subjects in each condition that share a set.
         candidates: Settings to try for each fit.
-        restarts: From so many of them, the best, the fit goes downhill.
+        restarts: Number of the best settings from which the fit goes downhill.
     """
 
     draws: int = 128
@@ -54,7 +54,7 @@ class ToRecover:
 
 @dataclass(frozen=True)
 class Running:
-    """How it is run, and watched.
+    """Workers and callbacks of a recovery.
 
     Attributes:
         workers: Number of processes; 0 for this one, by default one for each core.
@@ -70,7 +70,7 @@ class Running:
 
     @property
     def processes(self) -> int:
-        """How many processes work, this one included."""
+        """Number of processes that work, this one included."""
         return available_cores() if self.workers is None else max(1, self.workers)
 
     def simulated(self, experiment: Experiment, folder: Path) -> Store:
@@ -121,7 +121,7 @@ def predicted(
 
 
 def searched(spec: LearnerSpec, ranges: Sequence[str] = ()) -> SearchSpace:
-    """What is searched of a learner as it is set.
+    """Search space of a learner as it is set.
 
     Args:
         spec: The learner.

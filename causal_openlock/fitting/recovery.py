@@ -3,7 +3,7 @@
 Before any person is asked, subjects are simulated from every learner, and every learner predicts
 all of them (Wilson & Collins 2019). A subject, or a group of subjects in one condition, is
 attributed to the learner that predicts it best. How often that is the learner that made it is the
-diagonal of a confusion matrix; theories that are confused here cannot be told apart in
+diagonal of a confusion matrix; theories that are confused here cannot be distinguished in
 people either. How well the learner that made a subject predicts it is the ceiling: no theory can do
 better.
 
@@ -38,7 +38,7 @@ SIZES = (1, 2, 5, 10, 20, 40, 80, 160)
 
 @dataclass(frozen=True)
 class Recovery:
-    """Which learner subjects are attributed to.
+    """Attribution of subjects to learners.
 
     Attributes:
         single: Confusion of single subjects: rows made them, columns are what they are attributed
@@ -60,7 +60,7 @@ class Recovery:
     made: int
 
     def shares_right(self) -> tuple[float, float]:
-        """The share of groups and of single subjects that are attributed right."""
+        """Share of groups and of single subjects that are attributed correctly."""
         return float(np.diag(self.groups).mean()), float(np.diag(self.single).mean())
 
     def confused(self, table: pd.DataFrame, above: float = 0.1) -> list[tuple[str, str, float]]:
@@ -163,7 +163,7 @@ def _matrix(shares: Mapping[str, FloatArray], names: Sequence[str]) -> pd.DataFr
 
 
 def space_of(spec: LearnerSpec) -> SearchSpace | None:
-    """What is searched of a learner as it is set, if its search space comes with the toolkit."""
+    """Search space of a learner as it is set, if the space comes with the toolkit."""
     space = bundled_search(spec.learner)
     if space is None or any(spec.parameters[name] != kept for name, kept in space.fixed.items()):
         return None
@@ -196,7 +196,7 @@ def made_with(
 def recovered(
     sets: Sequence[Mapping[str, float]], fits: Sequence[Fitted], space: SearchSpace
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """What made subjects beside what was fitted to them.
+    """True parameters of subjects, next to the fitted ones.
 
     Returns:
         A row for each set and parameter, ``parameter``, ``true``, ``fitted`` and whether that is

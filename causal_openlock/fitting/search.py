@@ -1,4 +1,4 @@
-"""Which parameters of a learner are searched, and between what bounds.
+"""Search spaces: the parameters of a learner that are searched, and their bounds.
 
 A search space is a YAML file, or options of the command line::
 
@@ -52,7 +52,7 @@ from causal_openlock.wording import joined, nearest, significant
 BUNDLED = Path(__file__).parent
 FORM = "name=low:high, or name=low:high:log"
 SHARE = "share"
-"""Name of the share of subjects that are of a second kind, among what is searched."""
+"""Name of the share of subjects of a second kind, among the searched parameters."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ def check_chosen(chosen: Mapping[str, float], ranges: Mapping[str, Range]) -> No
 
 @dataclass(frozen=True)
 class Second:
-    """A second kind of subject: a learner with its parameters, and what share may be of it."""
+    """A second kind of subject: a learner with its parameters, and the range of its share."""
 
     learner: str
     fixed: Mapping[str, Any]
@@ -87,7 +87,7 @@ class Second:
 
 @dataclass(frozen=True)
 class Kind:
-    """So many subjects of a candidate that play with the same parameters, from a number on."""
+    """Subjects of a candidate that play with the same parameters, from number ``first`` on."""
 
     learner: str
     parameters: dict[str, Any]
@@ -106,14 +106,14 @@ class SearchSpace:
 
     @property
     def searched(self) -> dict[str, Range]:
-        """The ranges, and that of the share of the second kind under the name ``share``."""
+        """The ranges; that of the share of the second kind has the name ``share``."""
         if self.second is None:
             return dict(self.ranges)
         return {**self.ranges, SHARE: self.second.share}
 
     @cached_property
     def code(self) -> dict[str, str]:
-        """By learner, its code and files; nothing of the toolkit's, which have their version.
+        """Code and files by learner; none of the toolkit's, which have their version.
 
         Once known it stays: what is fitted while files are edited was begun with the old ones.
         """
@@ -147,7 +147,7 @@ class SearchSpace:
 
     @property
     def in_words(self) -> str:
-        """Which form of the learner is fitted: what is fixed, and what is chosen by default.
+        """Form of the learner that is fitted: what is fixed, and what is chosen by default.
 
         >>> SearchSpace("bayes", {"policy": "thompson"}, {}).in_words
         'bayes was fitted with policy thompson (fixed) and forgets everything (default).'
@@ -209,7 +209,7 @@ class SecondFile(StrictModel):
 
 
 class FitSettings(StrictModel):
-    """How a learner is fitted, whatever is searched."""
+    """Settings of a fit, whatever is searched."""
 
     candidates: Annotated[Count, Field(description="Parameter settings to try.")] = 60
     seed: Annotated[
@@ -273,7 +273,7 @@ def search_space(
     """A search space, checked.
 
     Raises:
-        LearnerError: If a parameter is unknown, is no number, is both fixed and searched, or has
+        LearnerError: If a parameter is unknown, is not a number, is both fixed and searched, or has
             bounds that it cannot take; or if the share of a second kind is none.
     """
     fixed = dict(fixed or {})
@@ -289,7 +289,7 @@ def search_space(
         default = defaults[name]
         if isinstance(default, bool) or not isinstance(default, int | float):
             raise LearnerError(
-                f"the parameter {name} of {learner} is no number, so it cannot be searched; "
+                f"the parameter {name} of {learner} is not a number, so it cannot be searched; "
                 f"fix it: {name}={default}"
             )
         if name in fixed:
@@ -324,7 +324,7 @@ def read_search(path: Path | str) -> SearchSpace:
     """A search space from a file.
 
     Raises:
-        FileError: If it is no search space.
+        FileError: If it is not a search space.
         LearnerError: If it does not fit the learner.
     """
     content = read_document(path).validate(SearchFile)
@@ -335,7 +335,7 @@ def read_search(path: Path | str) -> SearchSpace:
 
 
 def read_settings(path: Path | str | None, given: Mapping[str, Any]) -> FitSettings:
-    """How a fit is made: what is given, else what the file says, else the defaults."""
+    """Settings of a fit: those given, else the file's, else the defaults."""
     settings = read_document(path).validate(SearchFile).fit if path else FitSettings()
     return settings.model_copy(update={k: v for k, v in given.items() if v is not None})
 
@@ -351,7 +351,7 @@ def bundled_search(learner: str) -> SearchSpace | None:
 
 
 def search_beside(named: str) -> SearchSpace:
-    """What is searched of a learner that takes part in a mixture.
+    """Search space of a learner that takes part in a mixture.
 
     Args:
         named: A file with a search space; or a learner, which is searched in the space that comes
@@ -394,7 +394,7 @@ def parse_range(text: str) -> tuple[str, Range]:
     except ValueError:
         known = False
     if not (equals and known):
-        raise OpenLockError(f"{text!r} is no range; write {FORM}")
+        raise OpenLockError(f"{text!r} is not a range; write {FORM}")
     return name.strip(), Range(low, high, log=len(parts) == 3)
 
 
@@ -406,7 +406,7 @@ def parse_setting(text: str) -> tuple[str, Any]:
     """
     name, equals, value = text.partition("=")
     if not equals or not value.strip():
-        raise OpenLockError(f"{text!r} is no setting; write name=value")
+        raise OpenLockError(f"{text!r} is not a setting; write name=value")
     return name.strip(), parse_document(f"value: {value}", "--fix").data["value"]
 
 

@@ -1,4 +1,4 @@
-"""Where one subject's parameters are most probable: the steps that a hierarchical fit consists of.
+"""Most probable parameters of one subject: the steps of a hierarchical fit.
 
 The first peaks are looked for from the best of a number of points that are spread evenly (Halton),
 the same for all subjects; later ones from the peaks of the round before. Each step is a job that
@@ -21,7 +21,7 @@ from causal_openlock.scoring.teacher_forcing import Recorded
 
 @dataclass(frozen=True)
 class StartJob:
-    """Where the search begins for some subjects."""
+    """A job that finds where the search begins for some subjects."""
 
     part: Recorded
     plan: ActionPlan
@@ -39,7 +39,7 @@ class PeakJob:
 
 
 Starts = dict[str, list[list[float]]]
-"""By subject, and then by fold, where the search begins, in log-odds."""
+"""Starts of the search by subject, and then by fold, in log-odds."""
 
 
 def start_job(job: StartJob) -> Starts:

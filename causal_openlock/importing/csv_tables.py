@@ -1,10 +1,10 @@
 """CSV: this project's own, a row for each attempt, or any table with a row for each action.
 
-Which it is, its header says: the own form has the columns of a record
+Its header says which form it has: the own form has the columns of a record
 (:func:`~causal_openlock.experiment.record.record_schema`), in which ``actions`` are several; a
-table of actions has a column ``action``, and what jsPsych saves as a table has its own columns,
-too. Columns that mean nothing here are passed over. Where a spreadsheet has saved it, columns may
-be separated by ``;`` or tabs, and numbers have a decimal comma; the header says that as well.
+table of actions has a column ``action``, and a table that jsPsych saves also has its own
+columns. Columns that mean nothing here are passed over. Where a spreadsheet has saved it, columns
+may be separated by ``;`` or tabs, and numbers have a decimal comma; the header says that as well.
 """
 
 from __future__ import annotations
@@ -85,21 +85,21 @@ class Table:
 
     @property
     def is_own(self) -> bool:
-        """Whether it has the columns of a record."""
+        """Whether the table has the columns of a record."""
         return {*record_schema().names} <= {*self.header}
 
     @property
     def is_of_jspsych(self) -> bool:
-        """Whether it has columns of jsPsych's own."""
+        """Whether the table has columns of jsPsych's own."""
         return bool(OWN & {*self.header})
 
     @property
     def missing(self) -> list[str]:
-        """The columns that it lacks for a table of actions; jsPsych's may be one subject's."""
+        """The columns that a table of actions needs and lacks; jsPsych's may be one subject's."""
         return [name for name in NEEDED[self.is_of_jspsych :] if name not in self.header]
 
     def remarks(self) -> list[str]:
-        """What was made of it that its writer should know, a sentence each."""
+        """Remarks on how the table was read, for its writer, a sentence each."""
         said = []
         if self.separator != ",":
             said.append(
@@ -112,10 +112,10 @@ class Table:
         return [f"{self.path}: {one}" for one in said]
 
     def rows(self) -> Iterator[tuple[Place, dict[str, str]]]:
-        """Its rows by column, each with its place; empty ones are passed over.
+        """The table's rows by column, each with its place; empty rows are skipped.
 
         Raises:
-            ImportFault: If it is no CSV, or a row has too few or too many cells.
+            ImportFault: If it is not CSV, or a row has too few or too many cells.
         """
         reader = csv.reader(
             io.StringIO(self.content, newline=""), strict=True, delimiter=self.separator
@@ -137,7 +137,7 @@ class Table:
                 yield place, self._with_points(values)
         except csv.Error as error:
             place = Place(self.path, max(reader.line_num, 1) + self.skipped)
-            raise place.fault(f"this is no CSV ({error})") from None
+            raise place.fault(f"this is not CSV ({error})") from None
 
     def _with_points(self, values: dict[str, str]) -> dict[str, str]:
         """Values with decimal points, where a comma cannot be the end of a cell."""
@@ -152,7 +152,7 @@ class Table:
 
 
 def _header(content: str, separator: str) -> tuple[str, ...]:
-    """The first row's cells; empty where it is no CSV."""
+    """The first row's cells; empty where the text is not CSV."""
     try:
         row = next(csv.reader(io.StringIO(content, newline=""), delimiter=separator), [])
     except csv.Error:
@@ -174,7 +174,7 @@ def table_actions(table: Table) -> Iterator[ActionEntry]:
             yield from _attempt(place, values)
         return
     if missing := table.missing:
-        next(table.rows(), None)  # says what is wrong with a header that is no CSV
+        next(table.rows(), None)  # says what is wrong with a header that is not CSV
         found = f"found: {', '.join(header)}; rename the column" if header else "it is empty"
         raise head.fault(
             f"there is no column {missing[0]}; {found}: a table of actions has "
@@ -190,7 +190,7 @@ def experiment_of(table: Table) -> tuple[str, int] | None:
     """The experiment's name and seed in the first row of an own CSV; None of another file.
 
     Raises:
-        OpenLockError: If it is no CSV.
+        OpenLockError: If it is not CSV.
     """
     if not table.is_own:
         return None
@@ -200,10 +200,10 @@ def experiment_of(table: Table) -> tuple[str, int] | None:
 
 
 def _attempt(place: Place, row: Mapping[str, str]) -> Iterator[ActionEntry]:
-    """The actions of an attempt; what came of it stands with its last one."""
+    """The actions of an attempt; its result is given with the last action."""
     actions, moved = row["actions"].split(), row["moved"].split()
     if not actions or len(actions) != len(moved):
-        raise place.fault("actions and moved must be as many, and at least one")
+        raise place.fault("actions and moved must have the same length, at least 1")
     stated: dict[str, Any] = {name: truth(place, name, row[name]) for name in _TRUTHS}
     # -1 is no solution.
     stated |= {name: whole(place, name, row[name].removeprefix("-"), 0) for name in _NUMBERS}

@@ -38,12 +38,12 @@ from causal_openlock.world.rewards import PAPER_REWARD, find_reward
 from causal_openlock.world.room import Layout
 
 BESIDE = ".importing-"
-"""The beginning of the name of the folder that is written to, beside ``out``."""
+"""The beginning of the name of the temporary folder, next to ``out``."""
 
 
 @dataclass(frozen=True)
 class Imported:
-    """What was imported.
+    """Summary of an import.
 
     Attributes:
         subjects: How many subjects have a trial that is over.
@@ -189,7 +189,7 @@ def _grouped(
                 "are alike; rename one, or add subject to the entries"
             )
         if one.learner and not re.fullmatch(NAME_FORM, one.learner):
-            raise one.place.fault(f"{one.learner!r} is no label; one is {NAME_IN_WORDS}")
+            raise one.place.fault(f"{one.learner!r} is not a label; one is {NAME_IN_WORDS}")
         group = groups[one.learner or learner, one.condition, one.protocol or protocol]
         group.setdefault(one.subject, []).append(one)
     return groups
@@ -239,7 +239,7 @@ def _write(
     conditions: Sequence[Condition],
     found: Sequence[tuple[LearnerSpec, Checked]],
 ) -> None:
-    """Write everything beside the folder first, so that it is whole or not there."""
+    """Write everything into a temporary folder first, so that it is whole or not there."""
     most = {spec.name: 1 + max(o.subject for s, o in found if s is spec) for spec in specs}
     rooms: dict[str, dict[int, tuple[Layout, ...]]] = {one.name: {} for one in conditions}
     for _, one in found:

@@ -12,15 +12,15 @@ from causal_openlock.errors import OpenLockError
 from causal_openlock.files.validation import described
 
 COLUMNS = ("phase", "loop", "learner", "protocol", "layout", "reaction", "time")
-"""What a row may say besides who took which action when."""
+"""Columns that a row may have, besides who took which action when."""
 CLAIMS = ("moved", "unlocked", "opened", "new_solution")
-"""What a row may say came of its action."""
+"""Columns in which a row may give the result of its action."""
 MOST = 2**31 - 1
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 
 
 class ImportFault(OpenLockError):  # noqa: N818 - a fault of a file
-    """A row that is none, or that could not have happened; the message names file and line.
+    """A row that is not valid, or could not have happened; the message names file and line.
 
     Attributes:
         place: Where it stands.
@@ -33,7 +33,7 @@ class ImportFault(OpenLockError):  # noqa: N818 - a fault of a file
 
 @dataclass(frozen=True)
 class Place:
-    """Where something stands: a file and a line, and the entry where lines say little.
+    """Place of a row: a file and a line, and the entry where lines say little.
 
     >>> str(Place(Path("data.csv"), 3))
     'data.csv:3'
@@ -186,7 +186,7 @@ def number(place: Place, name: str, value: Any) -> float:
 
 
 def seconds(place: Place, name: str, value: Any, unit: float = 1.0) -> float | None:
-    """A time in seconds, given in a ``unit`` of so many seconds; None if it is not given."""
+    """A time in seconds, given in units of ``unit`` seconds; None if it is not given."""
     if value is None:
         return None
     found = number(place, name, value) * unit

@@ -1,10 +1,10 @@
-"""What jsPsych saves: a list, or a table, of what happened on each of its screens.
+"""Files of jsPsych: a list, or a table, of what happened on each of its screens.
 
 A screen that has an ``action`` describes one, as a row of a table does; all others (instructions,
 consent) are passed over. An experiment adds its values as ``data`` of its screens, or with
 ``jsPsych.data.addProperties``. jsPsych's own ``rt`` and ``time_elapsed``, in milliseconds, are when
-the action was taken; after a page was loaded again, ``time_elapsed`` begins anew, and the time goes
-on from where it was. A JSON file without any ``subject`` is one subject's, named after the file.
+the action was taken; after a page was loaded again, ``time_elapsed`` begins anew, and the time
+continues. A JSON file without any ``subject`` is one subject's, named after the file.
 Lists in a list, or one in each line, as servers join them, are read as well.
 """
 
@@ -28,7 +28,7 @@ from causal_openlock.importing.imported_actions import (
 from causal_openlock.importing.text import read_text
 
 OWN = frozenset({"trial_type", "time_elapsed"})
-"""What jsPsych says of every screen; a table with one of these columns is its own."""
+"""Columns that jsPsych gives every screen; a table with one of them is jsPsych's own."""
 _BETWEEN = re.compile(r"[\s,]*")
 _DEPTH = 3
 
@@ -37,7 +37,7 @@ def jspsych_actions(path: Path) -> Iterator[ActionEntry]:
     """The actions in a JSON file of jsPsych, in its order.
 
     Raises:
-        OpenLockError: If it is no JSON, not whole, or an entry is none.
+        OpenLockError: If it is not JSON, not whole, or an entry is none.
     """
     return in_order(screen_actions(_entries(path), path.stem))
 
@@ -84,7 +84,7 @@ def screen_actions(
 
 
 def _within(value: Any, depth: int = 0) -> str | None:
-    """Where an action stands within a screen's values, such as ``response.answers``."""
+    """Path to an action within a screen's values, such as ``response.answers``."""
     parts = value.items() if isinstance(value, Mapping) else enumerate(value)
     for key, held in parts:
         if isinstance(held, str):
@@ -114,13 +114,13 @@ def _entries(path: Path) -> Iterator[tuple[Place, dict[str, Any]]]:
                 continue
         place = Place(path, line, entries + 1)
         if not (depth in (1, 2) and text.startswith("{", at)):
-            raise place.fault("this is no list of entries, as jsPsych saves it")
+            raise place.fault("this is not a list of entries, as jsPsych saves it")
         try:
             entry, at = decoder.raw_decode(text, at)
         except DoubledKeyError as error:
             raise place.fault(f"{error}; take one out") from None
         except (ValueError, RecursionError):
-            raise place.fault("this is no JSON; is the file whole?") from None
+            raise place.fault("this is not JSON; is the file whole?") from None
         entries += 1
         yield place, entry
     if depth or not entries:

@@ -1,7 +1,7 @@
-"""The actions of a file, played again: each is taken in its room, and what came of it compared.
+"""Replay of the actions of a file: each is taken in its room, and its result is compared.
 
 The machine of the room decides, not the file. So a record of imported data is one like any other,
-and a row that could not have happened is found where it stands: an attempt that went on after its
+and a row that could not have happened is found where it stands: an attempt that continued after its
 last action, a trial after the last solution, a lever that moved while nothing enabled it.
 """
 
@@ -35,7 +35,7 @@ _ROLE = re.compile(r"(push|pull)[_ ](l|inactive)\d", re.IGNORECASE)
 
 @dataclass(frozen=True, eq=False)
 class Checked:
-    """What one subject did, played again.
+    """One subject's actions, replayed and checked.
 
     Attributes:
         subject: Its number.
@@ -63,7 +63,7 @@ def play_again(
     seed: int,
     drawn: bool = False,
 ) -> list[Checked]:
-    """Play again what some subjects of one learner did in one condition.
+    """Replay the actions of some subjects of one learner in one condition.
 
     Args:
         entries: The actions of each subject, in the order of time.
@@ -214,7 +214,7 @@ def _indices(own: Sequence[ActionEntry], positions: int) -> np.ndarray:
 
 
 def _end_of_trial(step: Step, row: int) -> str:
-    """How the trial of a row's subject ended, for a message."""
+    """End of the trial of a row's subject, for a message."""
     console = step.view.console
     found = int(console.solutions_found[row]) + int(step.new_solution[row])
     why = "the attempts were used up"
@@ -229,7 +229,7 @@ def _end_of_trial(step: Step, row: int) -> str:
 def _impossible(
     one: ActionEntry, number: int, step: Step, row: int, moved: bool, end: str
 ) -> str | None:
-    """Why an action could not have been taken then, or what else came of it.
+    """Reason why an action could not have been taken then, or its different result.
 
     ``end`` says how the trial before this one ended; nothing in the first trial.
     """
@@ -266,7 +266,7 @@ def _impossible(
 def _different(
     record: pa.Table, own: Sequence[ActionEntry], done: Sequence[PlayedAction]
 ) -> ImportFault | None:
-    """The first attempt of which a file says something else than what is on record."""
+    """The first attempt of which a file differs from the record."""
     ends = [one for one, taken in zip(own, done, strict=True) if taken.attempt_over]
     for one, row in zip(ends, record.to_pylist(), strict=False):
         stated = {"trial": one.trial, **one.of_attempt} if "phase" in one.of_attempt else {}

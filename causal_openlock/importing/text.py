@@ -12,14 +12,14 @@ from causal_openlock.errors import OpenLockError
 from causal_openlock.files.decoding import decoded
 
 MOST_BYTES, MOST_LINES = 128 << 20, 1_000_000
-"""Of a file, unpacked: what is read is held in memory, a few hundred bytes for each line."""
+"""Limits of an unpacked file, which is held in memory: a few hundred bytes for each line."""
 
 
 def read_text(path: Path) -> str:
     """The text of a file, perhaps compressed by gzip.
 
     Raises:
-        OpenLockError: If it cannot be read, or is no text.
+        OpenLockError: If it cannot be read, or is not a text.
     """
     try:
         with _opened(path) as file:
@@ -33,7 +33,7 @@ def read_text(path: Path) -> str:
     except UnicodeDecodeError as error:
         raise OpenLockError(f"{path} is not UTF-8 ({error.reason}); save it as UTF-8") from None
     except (OSError, EOFError, zlib.error) as error:
-        why = getattr(error, "strerror", None) or "it is no whole gzip file"
+        why = getattr(error, "strerror", None) or "it is not a whole gzip file"
         raise OpenLockError(f"{path} cannot be read ({why}); give a file of CSV or JSON") from None
 
 

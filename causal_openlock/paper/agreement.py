@@ -1,4 +1,4 @@
-"""Where a learner agrees with the paper's own DDQN, point by point (Figures 6 and 7).
+"""Agreement of a learner with the paper's own DDQN, point by point (Figures 6 and 7).
 
 The paper's counts are known for each category and block, but not how many agents they add up, so
 they are taken as exact, and only the learner's subjects have uncertainty. Two shares *agree* if the
@@ -78,10 +78,10 @@ def published_shares(counts: Mapping[str, int]) -> dict[str, float]:
 
 
 def margin_of(measure: str, share: float, visits: float) -> float:
-    """How far from the paper's share of so many visits counts as the same.
+    """Margin around the paper's share of ``visits`` visits that counts as the same.
 
     For ``finds_all`` visits are independent draws at best, so the margin is at least the 95%
-    interval of so many.
+    interval of their share.
     """
     noise = 1.96 * np.sqrt(share * (1 - share) / visits) if measure == FINDS_ALL else 0.0
     return max(MARGIN, float(noise))
@@ -99,7 +99,7 @@ def _published(phase: str) -> dict[str, list[dict[str, int]]]:
 def same(
     values: FloatArray, paper: float, margin: float, visits: int = 0
 ) -> tuple[float, float, float, str]:
-    """Whether subjects come to the paper's number.
+    """Compare the mean of subjects with the paper's number.
 
     Args:
         values: ``[n]`` one number for each subject.
@@ -107,7 +107,7 @@ def same(
         margin: How far from it counts as the same.
         visits: If the numbers are shares of visits, of how many in all. Where all subjects are
             equal, as with no success in few visits, the bootstrap interval has no width; so the
-            interval is at least Wilson's for so many visits.
+            interval is at least Wilson's for this number of visits.
 
     Returns:
         Their mean, the ends of its interval, and the verdict.
@@ -143,7 +143,7 @@ def grows(gain: FloatArray) -> str:
 def _beside_paper(
     group: Group, mine: pd.DataFrame, measures: Sequence[str], blocks: Sequence[int]
 ) -> Iterator[tuple[str, int, tuple[float, float, float, float, float, str]]]:
-    """Of each measure in each block what stands in :data:`POINT_COLUMNS` from ``ours`` on."""
+    """Values of :data:`POINT_COLUMNS`, from ``ours`` on, for each measure in each block."""
     published = _published(mine["phase"].iloc[0])[group.condition]
     for measure in measures:
         values = matrix(mine, measure)
@@ -179,7 +179,7 @@ def transfer_order(tested: pd.DataFrame) -> pd.DataFrame:
 
     Kendall's tau of the four means is recomputed in every resample of the subjects, and so is the
     difference of each pair of cases. Where the paper's shares differ by less than :data:`MARGIN`, a
-    pair agrees if ours surely do so too.
+    pair agrees if ours surely also do so.
 
     Returns:
         For each learner and protocol that has all four cases, a row ``tau`` (agrees if its whole
@@ -252,7 +252,7 @@ def baseline_course(parts: pd.DataFrame) -> pd.DataFrame:
 
 
 def baseline_points(parts: pd.DataFrame) -> pd.DataFrame:
-    """Figure 6: whether ``else`` grows, and what the first and the last block come to.
+    """Figure 6: whether ``else`` grows, and its share in the first and the last block.
 
     Returns:
         Rows of :data:`POINT_COLUMNS`; ``point`` is ``else grows`` or a share with its block, such
@@ -273,7 +273,7 @@ def baseline_points(parts: pd.DataFrame) -> pd.DataFrame:
 
 
 def _baselines(parts: pd.DataFrame) -> list[tuple[Group, pd.DataFrame]]:
-    """Baselines whose course is long enough for as many blocks as the paper's."""
+    """Baselines whose course is long enough for the paper's number of blocks."""
     return [
         (group, mine)
         for group, mine in each_group(parts, "train")
@@ -348,7 +348,7 @@ def findings(
 
 
 def _short(experiment: Experiment, protocols: set[str]) -> dict[str, bool]:
-    """Of each protocol, whether some budget of it is below the paper's."""
+    """Whether some budget of each protocol is below the paper's."""
     return {
         one.name: any(getattr(one, size) < getattr(PROTOCOLS["rl"], size) for size in _SIZES)
         for one in sorted(experiment.protocols, key=lambda one: one.name)

@@ -1,4 +1,4 @@
-"""How far learners are from people of one's own, or from any reference but the paper's people."""
+"""Distances of learners from people of one's own, or any reference but the paper's people."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 The paper lets epsilon of its DDQN shrink by the decays that it fitted to people, and sees "no
 meaningful learning". It does not say with what it shrinks, every action, attempt or trial, so an
 experiment can try all of these; the section holds every learner whose epsilon shrinks in some way
-against the paper's sentence, beside the fits of
+against the paper's sentence, next to the fits of
 :mod:`~causal_openlock.paper.exploration`.
 """
 
@@ -104,7 +104,7 @@ FITS = (exponential_fit, log_linear_fit, offset_fit)
 
 
 def _least_squares(form: str, values: Sequence[float] | FloatArray, with_offset: bool) -> DecayFit:
-    """For a given decay the fit is linear, so only the decay is searched."""
+    """Least-squares fit of a curve; linear for a given decay, so only the decay is searched."""
     from scipy.optimize import minimize_scalar
 
     known = np.asarray(values, dtype=float)
@@ -130,7 +130,7 @@ def _least_squares(form: str, values: Sequence[float] | FloatArray, with_offset:
 
 
 def _squared_errors(known: FloatArray, curves: FloatArray, with_offset: bool) -> FloatArray:
-    """Of the best multiple of each curve, plus the best offset: simple linear regressions."""
+    """Squared errors of each curve's best multiple, plus the best offset (linear regression)."""
     if with_offset:
         known, curves = known - known.mean(), curves - curves.mean(axis=1, keepdims=True)
     scales = curves @ known / (curves**2).sum(axis=1)
@@ -146,7 +146,7 @@ def people_over_trials() -> dict[str, list[float]]:
     """People's mean attempts in successive trials, by what they played.
 
     Training means are of all people of a condition; ``CC3 and CE3`` is the average of both. The
-    paper's own four-lever baselines are beside them.
+    paper's own four-lever baselines are included.
     """
     known = facts.results()
     training = {name: own["mean"] for name, own in known["cogsci2019"]["human"]["all"].items()}
@@ -196,7 +196,7 @@ def learning_curves(trials: pd.DataFrame, protocol: str) -> dict[tuple[str, str]
 
 
 def steps_until(decay: float, floor: float = 0.01, start: float = 1.0) -> int:
-    """How often a share must shrink by a factor below 1 until it is below ``floor``.
+    """Number of times that a share must shrink by a factor below 1 until it is below ``floor``.
 
     >>> steps_until(0.5)
     7
@@ -237,7 +237,7 @@ def random_actions(
 
 
 def schedules(experiment: Experiment) -> pd.DataFrame:
-    """How every learner that has an epsilon explores.
+    """Exploration schedules of every learner that has an epsilon.
 
     Returns:
         One row for each: ``learner``; ``decay``, ``shrinks_with`` and ``after_trial`` (NaN if
@@ -261,12 +261,12 @@ def schedules(experiment: Experiment) -> pd.DataFrame:
 
 
 def changing(explored: pd.DataFrame) -> bool:
-    """Whether an epsilon shrinks at all, of those of :func:`schedules`."""
+    """Whether the epsilon of any schedule from :func:`schedules` shrinks."""
     return bool(((explored["decay"] != 1) | explored["after_trial"].notna()).any())
 
 
 def beside_learning(explored: pd.DataFrame, progressed: pd.DataFrame) -> pd.DataFrame:
-    """Schedules with what each of them led to.
+    """Schedules with what was learned under each.
 
     Returns:
         One row for each learner, condition and protocol that both tables have: the columns of
@@ -303,13 +303,13 @@ def meanings(table: pd.DataFrame) -> pd.Series:
 
 
 def _usual(table: pd.DataFrame) -> pd.Series:
-    """How often the best learner of a usual decay opens the door there; NaN if none learns."""
+    """Share of attempts in which the best learner of a usual decay opens the door, or NaN."""
     able = table["door"].where((table["decay"] > USUAL) & (table["verdict"] == LEARNS))
     return able.groupby([table["condition"], table["protocol"]]).transform("max")
 
 
 def section(material: Material, _: Decided) -> Section | None:
-    """How fast people's attempts and learners' exploration shrink.
+    """Section: how fast people's attempts and learners' exploration shrink.
 
     Returns:
         None unless a learner's exploration shrinks, and learners differ in how it does or someone

@@ -1,4 +1,4 @@
-"""How like people a learner is: how far its means are from theirs, and which effects it shows.
+"""Likeness of learners to people: the distance of their means, and the effects that they show.
 
 The paper reports what people did at fourteen *points*: the five trials of each baseline, and the
 test of each of the four transfer conditions. A learner's likeness is measured there in two ways.
@@ -105,7 +105,7 @@ EFFECTS = (
         for own, other, tested in (("CC", "CE", "CC4"), ("CE", "CC", "CE4"))
     ),
 )
-"""What people show at the fourteen points; the last four are tested in the paper as well."""
+"""People's effects at the fourteen points; the last four are tested in the paper as well."""
 
 
 def published_points() -> pd.DataFrame:
@@ -122,7 +122,7 @@ def published_points() -> pd.DataFrame:
 
 
 def points_of(trials: pd.DataFrame) -> pd.DataFrame:
-    """What each learner that played as people did came to at the points.
+    """Means at the points, of each learner that played as people did.
 
     Returns:
         One row for each ``learner`` and point, in the order of publication: ``condition``,
@@ -144,7 +144,7 @@ def points_of_people() -> pd.DataFrame:
 
 
 def points_beside(one: Beside, trials: pd.DataFrame) -> pd.DataFrame:
-    """What learners came to at the points of any reference, in the form of :func:`points_of`.
+    """Means of learners at the points of any reference, in the form of :func:`points_of`.
 
     Columns are those of people there, whoever the reference is.
     """
@@ -164,7 +164,7 @@ _MEANS = ["subjects", "mean", "se", "people_subjects", "people_mean", "people_se
 
 
 def training_points_of(trials: pd.DataFrame) -> pd.DataFrame:
-    """What each learner came to in the training trials of the transfer conditions.
+    """Means of each learner in the training trials of the transfer conditions.
 
     As published of people, conditions with the same training are taken together, and the attempts
     to the first solution, and from there to the second, are those of subjects that solved every
@@ -210,7 +210,7 @@ def _beside_people_in_training(means: pd.DataFrame) -> pd.DataFrame:
 
 
 def distance(points: pd.DataFrame) -> tuple[float, float]:
-    """How far means are from people's: root mean square, in attempts and in standard errors.
+    """Distance of means from people's: root mean square, in attempts and in standard errors.
 
     NaN without points.
     """
@@ -222,7 +222,7 @@ def distance(points: pd.DataFrame) -> tuple[float, float]:
 
 
 def spread_distance(points: pd.DataFrame) -> float:
-    """How far standard deviations over subjects are from people's: root mean square, in attempts.
+    """Distance of standard deviations over subjects from people's: root mean square, in attempts.
 
     SD = SE · √n, for people as for learners. NaN without points.
     """
@@ -260,7 +260,7 @@ def mixture(trials: pd.DataFrame, parts: Mapping[str, int], name: str) -> pd.Dat
 
 
 def effects_of(points: pd.DataFrame, trials: pd.DataFrame | None = None) -> pd.DataFrame:
-    """Which of people's effects a learner shows.
+    """Test which of people's effects a learner shows.
 
     Args:
         points: Its points, as :func:`points_of` gives them.
@@ -345,7 +345,7 @@ def likeness_table(points: Sequence[pd.DataFrame], effects: Sequence[pd.DataFram
 
 
 class Likeness(NamedTuple):
-    """Learners beside people: :func:`likeness_table`, and by learner what is in it.
+    """Learners compared with people: :func:`likeness_table`, and its content by learner.
 
     Attributes:
         table: The nearest learner first, the published model among them.
@@ -359,11 +359,11 @@ class Likeness(NamedTuple):
 
 
 def likeness(trials: pd.DataFrame, people: Beside, learners: Sequence[str]) -> Likeness | None:
-    """The learners that played all six conditions as people did, beside the published model.
+    """Compare learners that played all six conditions as people did, and the published model.
 
     Args:
         trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-        people: People, with the learners that they stand beside.
+        people: People, with the learners that they are compared with.
         learners: Their labels.
 
     Returns:

@@ -1,4 +1,4 @@
-"""People's means at fourteen points, and a learner's beside them."""
+"""Figure of people's means at fourteen points, and of a learner's."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ CLEAR = 0.05
 """An effect is clear of chance if its sign is people's and its p is below this."""
 
 MOST_DRAWN = 5
-"""Learners that have a panel beside the published model's: those nearest to people."""
+"""Learners that have a panel next to the published model's: those nearest to people."""
 
 MOST_TOGETHER = 5
 """Learners that are drawn in one panel: those nearest to people."""
@@ -42,11 +42,11 @@ _GREY = "#777777"
 def plot_likeness(
     results: Material, *, learners: Names = None, together: bool = False, ax: Any = None
 ) -> Any:
-    """Draw people's means at the fourteen points, and one learner's beside them in each panel.
+    """Draw people's means at the fourteen points, and one learner's in each panel.
 
     The learners stand in the order of their distance from people, the nearest first. The published
     model stands last, even where it is nearer than they are. Above a panel: that distance (RMSE),
-    what a perfect model with as many subjects would come to, and how many differences between
+    that of a perfect model with the same number of subjects, and how many differences between
     conditions or trials go the same way as people's.
 
     >>> import causal_openlock as ol
@@ -79,7 +79,7 @@ def plot_likeness(
 def draw_points(
     points: Mapping[str, pd.DataFrame], effects: Mapping[str, pd.DataFrame], ax: Any = None
 ) -> Any:
-    """The same of points, and of effects that were tested, by name."""
+    """Draw the panels from points, and from effects that were tested, by name."""
     looks = (("o", 4, _GREY, "people"),
              ("D", 4.5, style.current().common_cause, "on CC4"),
              ("D", 4.5, style.current().common_effect, "on CE4"))  # fmt: skip
@@ -151,17 +151,17 @@ def _name_lines(axes: Axes, ends: Mapping[str, tuple[float, str]], gap: float) -
 
 
 def signs(effects: pd.DataFrame) -> str:
-    """How many of one learner's effects have people's sign, and how many are clear of chance."""
+    """Numbers of a learner's effects with people's sign, and clear of chance, in words."""
     return f"{with_peoples_sign(effects)}, {clear_of_chance(effects)} at p < {CLEAR:g}"
 
 
 def with_peoples_sign(effects: pd.DataFrame) -> str:
-    """How many of one learner's effects have people's sign."""
+    """Number of one learner's effects that have people's sign, in words."""
     return f"{int(effects['like_people'].sum())} of {len(effects)} effects with people's sign"
 
 
 def clear_of_chance(effects: pd.DataFrame) -> int:
-    """How many effects have people's sign and a p below :data:`CLEAR`."""
+    """Number of effects that have people's sign and a p below :data:`CLEAR`."""
     return int((effects["like_people"] & (effects["p"] < CLEAR)).sum())
 
 

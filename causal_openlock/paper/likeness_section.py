@@ -1,4 +1,4 @@
-"""How like people each learner is, at the points where people's means are published."""
+"""Section on each learner's likeness to people, where people's means are published."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _PROSE = Prose(__name__)
 
 
 def section(material: Material, _: Decided) -> Section | None:
-    """Of the learners that played all six conditions as people did; None if there are none."""
+    """Section on learners that played all six conditions as people did; None without any."""
     like = likeness(material.trials, people_beside(material), material.learners)
     if like is None:
         return None

@@ -1,15 +1,15 @@
-"""What a distance from people is worth: sampling error, and curves that know nothing of levers.
+"""Noise ceiling and null models, to judge a distance from people.
 
 Fourteen means of forty people each are not what people do, but a measurement of it. So a distance
-is read beside three others:
+is compared with three others:
 
 * The *noise ceiling*: how far a perfect model would be, because people's means are off by their
   standard errors. A learner's own means are off as well, the more so the fewer its subjects are.
 * *Null curves*: three or four numbers fitted to the same fourteen means. Attempts fall
   exponentially with the number of rooms that were played before:
   ``last + gain · exp(-rooms / rate)``; the fourth number is added in common effect rooms and, once
-  more, in tests after training with the other structure. A model that is no nearer than such a
-  curve explains no more than it, with as many numbers.
+  more, in tests after training with the other structure. A model that is not nearer than such a
+  curve explains no more than it, with the same number of parameters.
 * *The difference of two models* with its interval. Where that includes zero, people's own sampling
   error could have put the models in the other order, and they are not ranked.
 """
@@ -51,11 +51,11 @@ class Ceiling(NamedTuple):
     """The distance of a perfect model from people, in attempts (root mean square).
 
     Attributes:
-        people: What people's sampling error makes of it.
+        people: The distance due to people's sampling error.
         low: Between this and ``high`` it is in 95 of 100 such studies of people.
         high: See there.
         own: What the sampling error of the learner's own means adds, if it were alone.
-        both: What both come to.
+        both: The distance due to both.
     """
 
     people: float
@@ -66,7 +66,7 @@ class Ceiling(NamedTuple):
 
 
 def noise_ceiling(points: pd.DataFrame) -> Ceiling:
-    """How far a perfect model would be from people's means.
+    """Distance of a perfect model from people's means.
 
     >>> from causal_openlock.paper.likeness import points_of_model
     >>> found = noise_ceiling(points_of_model())
@@ -144,7 +144,7 @@ def _curve(x: FloatArray, last: float, gain: float, rate: float, cost: float = 0
 
 
 class Difference(NamedTuple):
-    """How much farther from people one model is than another.
+    """Difference of two models' distances from people.
 
     Attributes:
         rmse: Difference of their RMSEs, in attempts; negative if the first is nearer.
@@ -213,7 +213,7 @@ def rmse_difference(
 
 
 def chosen_settings(learners: Iterable[LearnerSpec]) -> dict[str, int]:
-    """How many settings of each of the toolkit's learners differ from the learner's defaults.
+    """Number of settings of each of the toolkit's learners that differ from the defaults.
 
     Learners of others are left out: showing results runs no code that they name.
     """
@@ -227,7 +227,7 @@ def chosen_settings(learners: Iterable[LearnerSpec]) -> dict[str, int]:
 def beside_null_models(
     like: Likeness, trials: pd.DataFrame, settings: Mapping[str, int]
 ) -> pd.DataFrame:
-    """Distances from people, beside what they are worth.
+    """Distances from people, next to the noise ceiling and null models.
 
     Args:
         like: The learners, from

@@ -2,9 +2,9 @@
 
 The paper tests whether people learn over the baseline trials, and which structure is the harder
 one; whether the groups that are trained learn alike; and whether training with one structure helps
-more with the same structure than with the other. The same tests are run on learners here, and what
-the paper prints stands beside them. Their p values are not corrected; a report corrects all that it
-has (:mod:`~causal_openlock.analysis.decisions`).
+more with the same structure than with the other. The same tests are run on learners here, and next
+to the statistics that the paper prints. Their p values are not corrected; a report corrects all
+that it has (:mod:`~causal_openlock.analysis.decisions`).
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ class PaperTest:
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """All conditions that it needs."""
+        """All conditions that the test needs."""
         return tuple(name for side in self.sides for name in side)
 
     def run(self, attempts: Mapping[str, FloatArray]) -> SignificanceTest:
@@ -157,7 +157,7 @@ the effect."""
 
 @cache
 def printed_tests() -> pd.DataFrame:
-    """What the paper prints, in the form of :func:`paper_tests`.
+    """The paper's printed tests, in the form of :func:`paper_tests`.
 
     p values and sizes of effects follow from the printed statistics and their degrees of freedom,
     differences from the published means. Training trials are not published: there differences are
@@ -247,7 +247,7 @@ def _p(name: str, p: float) -> str:
 
 
 def _printed() -> dict[str, str]:
-    """What the paper prints of each test, as its text has it."""
+    """The printed statistics of each test, as the paper's text has them."""
     return {**_PRINTED_OF_TRAINING, **facts.results()["cogsci2018"]["human"]["statistics"]}
 
 
@@ -267,7 +267,7 @@ def _parsed(text: str) -> SignificanceTest:
 
 
 def _matrices(means: pd.DataFrame) -> dict[str, tuple[FloatArray, bool]]:
-    """By condition, ``[n, T]`` attempts of its subjects, and whether any trial was solved."""
+    """``[n, T]`` attempts of the subjects of each condition, and whether any trial was solved."""
     held = {}
     for name, rows in means.groupby("condition", observed=True, sort=False):
         wide = rows.set_index([*SUBJECT, "trial"])["attempts"].unstack("trial")
@@ -337,14 +337,14 @@ def section(material: Material, _: Decided) -> Section | None:
 
 
 def power_table(subjects: int) -> pd.DataFrame:
-    """How likely the paper's tests are to find in a learner what they find in people.
+    """Power of the paper's tests to find in a learner what they find in people.
 
-    The learner has so many subjects in each condition, at least 2.
+    The learner has ``subjects`` subjects in each condition, at least 2.
 
     Returns:
         A row for each test of two groups or of the interaction that the paper prints of baseline
-        and transfer: ``test``, ``effect``, ``effect_size`` (of people), ``power_here`` (with so
-        many subjects), ``power_of_paper`` (with the paper's 40) and ``subjects_needed`` (in each
+        and transfer: ``test``, ``effect``, ``effect_size`` (of people), ``power_here`` (with
+        ``subjects``), ``power_of_paper`` (with the paper's 40) and ``subjects_needed`` (in each
         condition, for a power of 0.8).
     """
     of_people = printed_tests().set_index(["family", "test"])

@@ -1,10 +1,10 @@
-"""What is published: means of people and of models, and counts of the paper's DDQN.
+"""Published results: means of people and of models, and counts of the paper's DDQN.
 
 Only means and error bars are published, of the same trials: the baseline trials, and the test after
 training. People are those of the paper (Figures 3 and 4). The published model is the theory-based
 causal model of a later paper, *Theory-based Causal Transfer* (Edmonds et al., AAAI 2020, Figure 5),
-whose agents played as people had. Which learners they stand beside is said by
-:mod:`causal_openlock.paper.references`.
+whose agents played as people had. :mod:`causal_openlock.paper.references` says which
+learners they are compared with.
 
 Of the paper's own DDQN the categories of attempts are published (Figures 6 and 7).
 
@@ -24,17 +24,17 @@ import pandas as pd
 from causal_openlock.world import facts
 
 POINT = ["condition", "phase", "trial"]
-"""What identifies the trials of which means are published."""
+"""Columns that identify the trials of which means are published."""
 
 AGENTS = 40
 """Number of agents behind each published mean of the model."""
 
 TRAINING_POINT = ["schema", "solution", "trial"]
-"""What identifies the training trials of which means are published."""
+"""Columns that identify the training trials of which means are published."""
 
 
 def people() -> pd.DataFrame:
-    """What people did, as published.
+    """People's published means.
 
     >>> people().query("condition == 'CC4'")["mean"].tolist()
     [19.375, 12.825, 8.525, 7.225, 6.45]
@@ -48,7 +48,7 @@ def people() -> pd.DataFrame:
 
 
 def model() -> pd.DataFrame:
-    """What the theory-based model did, in the form of :func:`people`; ``se`` as drawn."""
+    """The theory-based model's means, in the form of :func:`people`; ``se`` as drawn."""
     return _means(facts.results()["aaai2020"]["model"], AGENTS)
 
 
@@ -66,7 +66,7 @@ def _means(source: Mapping[str, Any], subjects: int) -> pd.DataFrame:
 
 
 def people_in_training() -> pd.DataFrame:
-    """What people did in the six training trials before the test, by the schema of the rooms.
+    """People's means in the six training trials before the test, by the schema of the rooms.
 
     >>> people_in_training().query("schema == 'CC3' and solution == 'second'")["mean"].tolist()
     [4.9, 2.68, 2.23, 1.54, 1.31, 1.23]
@@ -82,7 +82,7 @@ def people_in_training() -> pd.DataFrame:
 
 
 def model_in_training() -> pd.DataFrame:
-    """What the model of CogSci 2019 did, in the form of :func:`people_in_training`."""
+    """Means of the model of CogSci 2019, in the form of :func:`people_in_training`."""
     return _training("model")
 
 
@@ -98,7 +98,7 @@ def _training(who: str) -> pd.DataFrame:
 
 
 def paper_ddqn() -> pd.DataFrame:
-    """What attempts of the paper's DDQN came to: five blocks of the baselines, and the tests.
+    """Counts of attempts of the paper's DDQN: five blocks of the baselines, and the tests.
 
     Returns:
         One row for each ``condition``, ``phase``, ``block`` (from 1) and ``category``, with

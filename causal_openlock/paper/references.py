@@ -1,9 +1,9 @@
 """The paper's people, the published model and the DDQN of 2018 as references.
 
-People and the model stand beside learners that played under the same protocol, ``human``, in the
-same rooms: a schema of one's own may be called ``CC4`` too, so rooms and budgets are compared with
-the paper's, and where they differ, nothing published is shown. The DDQN stands beside learners in
-the paper's rooms under protocols with many attempts in a trial.
+People and the model are compared with learners that played under the same protocol, ``human``, in
+the same rooms: a schema of one's own may also be called ``CC4``, so rooms and budgets are compared
+with the paper's, and where they differ, nothing published is shown. The DDQN is compared with
+learners in the paper's rooms under protocols with many attempts in a trial.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def people_beside(results: Material) -> Beside:
 
 
 def did_what_people_did(spec: LearnerSpec, condition: Condition) -> bool:
-    """Whether a learner plays as people did: their rooms, as many of them, in random order."""
+    """Whether a learner plays as people did: their rooms, the same number, in random order."""
     human = PROTOCOLS[HUMAN_PROTOCOL]
     train = human.training_trials if condition.test else human.baseline_trials
     return (

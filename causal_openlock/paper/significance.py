@@ -27,7 +27,7 @@ squares of type III)."""
 
 @dataclass(frozen=True)
 class GroupSummary:
-    """What a comparison of means needs to know of a group of subjects.
+    """Summary of a group of subjects, from which means are compared.
 
     The variance has size − 1 in the denominator; it is 0 for a single subject.
     """
@@ -77,7 +77,7 @@ class SignificanceTest:
     undefined: str = ""
 
     def __str__(self) -> str:
-        """As a paper prints it: ``F(1, 156) = 24.94, p < .001``."""
+        """The result as a paper prints it: ``F(1, 156) = 24.94, p < .001``."""
         if self.value is None or self.p is None:
             return f"not defined: {self.undefined}"
         p = "p < .001" if self.p < 0.001 else f"p = {self.p:.3f}".replace("0.", ".")
@@ -191,7 +191,7 @@ def _pooled(groups: Sequence[GroupSummary]) -> tuple[float, int, str]:
 def _not_testable(
     groups: Sequence[FloatArray], steps: Sequence[FloatArray], df: tuple[int, int]
 ) -> str:
-    """Why trials cannot be compared; empty if they can."""
+    """Reason why trials cannot be compared; empty if they can."""
     tested, rest = df
     if tested < 1:
         return "there is only one trial"

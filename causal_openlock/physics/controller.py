@@ -2,8 +2,8 @@
 
 A movement is made of *phases*: swing round to where the lever is, reach out to it, take hold and
 press it along its track, let go and draw back. Each phase is a path of joint angles, one for each
-step of the simulation, and the motors are driven as velocity servos: at the speed at which the path
-goes on, plus a correction for how far the arm lags behind it. After the last point of a path the
+step of the simulation, and the motors are driven as velocity servos: at the speed of the path,
+plus a correction for how far the arm lags behind it. After the last point of a path the
 arm gets some time to settle there; a movement that does not get through all its phases within its
 budget is broken off where it is and says so.
 """
@@ -30,34 +30,34 @@ JOINT_SPEED = 4.0
 TIP_SPEED = 3.0
 """Average lengths per unit of time of the arm's end along a line."""
 PRESS_SPEED = 2.0
-"""The same while it moves a lever."""
+"""Average lengths per unit of time of the arm's end while it moves a lever."""
 TOLERANCE = 0.03
-"""How near every joint must come to the end of a path, in radians."""
+"""Largest distance of any joint from the end of a path, in radians, that counts as arrival."""
 DOOR_STEPS = 40
 """Steps in which the door is pushed open."""
 PRESS = 0.08
-"""How far the arm presses on where nothing gives way."""
+"""Distance that the arm presses on where nothing gives way."""
 STALL = 8
 """Steps after which a lever or door that has not moved at all is given up as locked."""
 MOVED = 0.03
-"""How far something must have moved to have moved at all: part of the track, or radians."""
+"""Least movement that counts: part of the track, or radians."""
 SEATED = 0.05
-"""How near the end of its track a lever is at the end of a push, as part of the track."""
+"""Distance of a lever from the end of its track after a push, as part of the track."""
 GRAZE = 0.1
-"""How far beyond its swinging radius the arm's end may be at the beginning of a swing."""
+"""Distance beyond its swinging radius that the arm's end may have when a swing begins."""
 AJAR = math.radians(5)
-"""How near its stop the door is at the end of a push."""
+"""Distance of the door from its stop after a push."""
 
 Path = list[Angles]
 
 
 @dataclass(frozen=True)
 class Movement:
-    """How a movement went.
+    """Outcome of a movement.
 
     Attributes:
-        finished: Whether the arm got through it: it came to its target, what is not locked went
-            all the way, and the arm drew back again.
+        finished: Whether the movement was completed: the arm reached its target, what was not
+            locked moved all the way, and the arm drew back again.
         steps: Steps of the simulation that it took.
     """
 
@@ -200,7 +200,7 @@ class Controller:
 
 
 def swing(start: Sequence[float], end: Sequence[float]) -> Path:
-    """From one posture to another, all joints together, the base the short way round."""
+    """Path from one posture to another, all joints together, the base the short way round."""
     ways = [to - now for now, to in zip(start, end, strict=True)]
     ways[0] = wrap(ways[0])
     steps = _steps(max(map(abs, ways)) / JOINT_SPEED)
@@ -211,7 +211,7 @@ def swing(start: Sequence[float], end: Sequence[float]) -> Path:
 
 
 def straight(start: Point, end: Point, link: float, speed: float = TIP_SPEED) -> Path:
-    """With the arm's end along a line."""
+    """Path of the arm's end along a line."""
     x, y = end[0] - start[0], end[1] - start[1]
     parts = _parts(_steps(math.hypot(x, y) / speed))
     return [reaching((start[0] + part * x, start[1] + part * y), link) for part in parts]
@@ -223,12 +223,12 @@ def _steps(time: float) -> int:
 
 @cache
 def _parts(steps: int) -> tuple[float, ...]:
-    """How much of a way is behind after each step: slow at both ends, 1 in the end."""
+    """Share of a way that is done after each step: slow at both ends, 1 in the end."""
     times = (step / steps for step in range(1, steps + 1))
     return tuple(time * time * (3 - 2 * time) for time in times)
 
 
 def _apart(one: Sequence[float], other: Sequence[float]) -> float:
-    """By how much two postures differ in the joint that differs most."""
+    """Largest difference between two postures in any joint."""
     base = abs(wrap(one[0] - other[0]))
     return max(base, *(abs(a - b) for a, b in zip(one[1:], other[1:], strict=True)))

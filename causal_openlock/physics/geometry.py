@@ -1,4 +1,4 @@
-"""Where everything in a physical room is, as plain numbers.
+"""Geometry of a physical room, as plain numbers.
 
 Lengths are in links of the paper's arm, the arm's base is at (0, 0), y points up, angles are in
 radians, counter-clockwise. In a room of more than seven levers the circle of levers is larger, and
@@ -23,18 +23,18 @@ Point = tuple[float, float]
 
 BAR_LENGTH, BAR_WIDTH = 2.0, 0.2
 DOOR_SWING = math.radians(60)
-"""How far the arm pushes the door."""
+"""Angle to which the arm pushes the door."""
 DOOR_OPEN = DOOR_SWING / 2
-"""From which angle on the door counts as open."""
+"""Angle from which the door counts as open."""
 PUSHED = 0.5
-"""From which displacement on a lever counts as pushed."""
+"""Displacement from which a lever counts as pushed."""
 
 HANDLE = 1.0
-"""How far below the hinge the arm pushes the door: at its middle."""
+"""Distance below the hinge at which the arm pushes the door: its middle."""
 GAP = 0.03
-"""Between the arm's end and what it is about to touch."""
+"""Gap between the arm's end and the part that it is about to touch."""
 CLEARANCE = 0.3
-"""How far the arm stays away from all levers while it swings round."""
+"""Distance that the arm keeps from all levers while it swings round."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Track:
 
     @property
     def radius(self) -> float:
-        """How far from the arm's base the bar's centre is when the lever is pulled."""
+        """Distance of the bar's centre from the arm's base when the lever is pulled."""
         return math.hypot(*self.start)
 
     @property
@@ -66,7 +66,7 @@ class Track:
         return along(self.start, self.outward, displacement * self.travel)
 
     def displacement(self, centre: Point) -> float:
-        """How far a bar whose centre is there has slid, 0 to 1."""
+        """Displacement of a bar whose centre is at a point, 0 to 1."""
         x, y = centre[0] - self.start[0], centre[1] - self.start[1]
         return (x * self.outward[0] + y * self.outward[1]) / self.travel
 
@@ -84,14 +84,14 @@ class Track:
         ]
 
     def line(self) -> tuple[Point, Point]:
-        """Where the visible track begins and ends: the bar's inner edge and its outermost one."""
+        """Ends of the visible track: the bar's inner edge and its outermost one."""
         half = BAR_WIDTH / 2
         return along(self.start, self.outward, -half), along(self.end, self.outward, half)
 
 
 @dataclass(frozen=True, eq=False)
 class RoomGeometry:
-    """Where everything in a room of some size is.
+    """Geometry of a room of some size.
 
     Attributes:
         stretch: How much larger the circle of levers is than the paper's, and so the arm.
@@ -103,7 +103,7 @@ class RoomGeometry:
         hinge: The door's hinge, its upper end.
         door_length: From the hinge to the lower end.
         door_thickness: Thickness of the door.
-        button: Centre of the green button beside the door.
+        button: Centre of the green button next to the door.
     """
 
     stretch: float
@@ -123,7 +123,7 @@ class RoomGeometry:
         """The geometry of a room of 7 to 12 levers; the same object for the same number.
 
         Raises:
-            LayoutError: If no room has so many positions.
+            LayoutError: If no room has this number of positions.
         """
         facts = room_facts()
         arm, door, travel = facts["arm"], facts["door"], facts["track"]["visible_outside_bar"]
@@ -160,13 +160,13 @@ class RoomGeometry:
         return along(self.hinge, (math.sin(angle), -math.cos(angle)), self.door_length)
 
     def at_lever(self, place: int, displacement: float) -> Point:
-        """Where the arm's end is when it touches a lever from within."""
+        """Point of the arm's end when it touches a lever from within."""
         track = self.tracks[place]
         back = BAR_WIDTH / 2 + self.half_width + GAP
         return along(track.centre(displacement), track.outward, -back)
 
     def at_door(self, angle: float) -> Point:
-        """Where the arm's end is when it touches the door from within."""
+        """Point of the arm's end when it touches the door from within."""
         down, outward = (math.sin(angle), -math.cos(angle)), (math.cos(angle), math.sin(angle))
         back = self.door_thickness / 2 + self.half_width + GAP
         return along(along(self.hinge, down, HANDLE), outward, -back)

@@ -1,4 +1,4 @@
-"""Which joint angles bring the arm's end to a point (inverse kinematics), and where they do.
+"""Inverse and forward kinematics of the arm: joint angles for a point, and points for angles.
 
 An arm of five links can reach a point in many ways. This one always does so in the way that is
 safe in a ring of levers: its last link points straight away from the base, so that it meets a
@@ -64,7 +64,7 @@ def reaching(point: Point, link: float = 1.0) -> Angles:
 
 
 def equal_bend(span: float) -> float:
-    """By how much each of four links of length 1 bends for their ends to be ``span`` apart."""
+    """Bend between four links of length 1, in radians, whose ends are ``span`` apart."""
     # span = 4 c (2 c^2 - 1) with c = cos(bend / 2). It is convex there, so from c = 1 Newton's
     # steps come down to the root and never pass it.
     c = 1.0

@@ -63,7 +63,7 @@ class PhysicalRoom:
         return self._layout.observations(self._fsm, np.array([self.state]))[0]
 
     def pose(self) -> Pose:
-        """Where everything is, to draw it."""
+        """Pose of all bodies, to draw them."""
         return self.world.pose()
 
     def reset(self) -> None:

@@ -40,7 +40,7 @@ STIFF = 0.6**60
 LATCH = 4.0
 """The force of the latch of an unlocked lever."""
 LATCH_SPEED = 2.0
-"""How fast the latch of an unlocked lever draws it into the end of its track."""
+"""Speed at which the latch of an unlocked lever draws it into the end of its track."""
 HINGE_FRICTION = 5.0
 """The torque with which the hinge brakes, so that the door stays where the arm leaves it."""
 
@@ -146,7 +146,7 @@ class Lever:
 
     @property
     def displacement(self) -> float:
-        """How far it has slid: 0 pulled, 1 pushed."""
+        """Displacement of the lever: 0 pulled, 1 pushed."""
         if self._latch is None:
             return 0.0
         x, y = self.body.position
@@ -154,11 +154,11 @@ class Lever:
 
     @property
     def pushed(self) -> bool:
-        """Whether it is beyond the middle of its track."""
+        """Whether the lever is beyond the middle of its track."""
         return self.displacement > PUSHED
 
     def lock(self, locked: bool) -> None:
-        """Lock it where it is, or unlock it."""
+        """Lock the lever where it is, or unlock it."""
         if self._latch is not None and locked != self.locked:
             self.locked = locked
             self._latch.max_force = math.inf if locked else LATCH
@@ -190,12 +190,12 @@ class Door:
 
     @property
     def angle(self) -> float:
-        """How far it has swung: 0 closed."""
+        """Angle of the door: 0 closed."""
         return self.body.angle
 
     @property
     def opened(self) -> bool:
-        """Whether it counts as open."""
+        """Whether the door counts as open."""
         return self.angle > DOOR_OPEN
 
     @property
@@ -216,7 +216,7 @@ def _of_kind(shape: pymunk.Shape, kind: int, collides_with: int) -> pymunk.Shape
 
 @dataclass(frozen=True)
 class Pose:
-    """Where everything that moves is at one moment; all else is in the room's geometry.
+    """Pose of everything that moves at one moment; all else is in the room's geometry.
 
     Attributes:
         joints: The arm's base, its four joints and its free end: six points.
@@ -259,7 +259,7 @@ class World:
         self.steps += 1
 
     def pose(self) -> Pose:
-        """Where everything is now."""
+        """Pose of all bodies now."""
         return Pose(
             joints=self.arm.joints(),
             levers=tuple(lever.displacement for lever in self.levers),

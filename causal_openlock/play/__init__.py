@@ -7,6 +7,6 @@ recorded is what it is for a learner; schema, layout and solutions never leave t
 accepted click is on file before it is answered (:mod:`~causal_openlock.play.log`), and a restarted
 server reads that file and continues where the last one stopped
 (:mod:`~causal_openlock.play.people`). From Python, :mod:`~causal_openlock.play.background` opens a
-room beside what goes on. Reaction times are kept beside the record
+room while other code runs. Reaction times are stored next to the record
 (:mod:`~causal_openlock.experiment.reactions`); the page itself is in ``static/``.
 """

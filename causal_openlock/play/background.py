@@ -1,4 +1,4 @@
-"""A room in the browser, served from a notebook or a script while that goes on."""
+"""A room in the browser, served from a notebook or a script that keeps running."""
 
 from __future__ import annotations
 

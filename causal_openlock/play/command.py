@@ -185,7 +185,8 @@ def forget(
     say(f"person {subject} is deleted from {folder}: {files}, and all there was in its logs")
     if left:
         say(
-            f"may be made of what they did, and is to be made again or deleted: {', '.join(left)}",
+            "these files may contain this person's data; regenerate or delete them: "
+            + ", ".join(left),
             error=True,
         )
-    say("whatever was made of the folder elsewhere (bundles, fits, copies) is to be deleted, too")
+    say("also delete whatever was made of the folder elsewhere (bundles, fits, copies)")

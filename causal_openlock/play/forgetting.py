@@ -22,7 +22,7 @@ from causal_openlock.storage.store import LOG, Store
 from causal_openlock.storage.stored import StoredExperiment
 
 OWN = (*DATA, "experiment.json", LOG, RECRUITED, "consent_*.md", ".*")
-"""What ``play`` and ``import`` write themselves, of which a person is deleted."""
+"""Files that ``play`` and ``import`` write themselves, and from which a person is deleted."""
 
 
 def forget_person(
@@ -39,7 +39,7 @@ def forget_person(
         The files that were deleted, and the names of all else in the folder.
 
     Raises:
-        StoreError: If it is no such folder, it is in use, or there is no such person.
+        StoreError: If it is not such a folder, it is in use, or there is no such person.
     """
     store = Store(folder)
     experiment = store.experiment()
@@ -96,7 +96,7 @@ def _files_of(
 
 
 def _is_of(store: Store, name: str, condition: str) -> bool:
-    """Whether a cell is of a condition: ``a_b_CE3`` can be of ``CE3`` and of ``b_CE3``."""
+    """Whether a cell belongs to a condition: ``a_b_CE3`` can belong to ``CE3`` and to ``b_CE3``."""
     with suppress(StoreError):
         column = store.read(store.cells / name, columns=["condition"])["condition"]
         return set(column.to_pylist()) == {condition}

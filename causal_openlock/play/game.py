@@ -23,7 +23,7 @@ from causal_openlock.world.room import Layout
 
 Stage = Literal["practice", "room", "question", "end"]
 Answer = dict[str, Any]
-"""What is sent to the page: plain data, ready for JSON."""
+"""Answer to the page: plain data, ready for JSON."""
 
 EXPERIMENT = "people"
 PRACTICE = Schema("practice", ["L0"], {"L0": ["door"]})
@@ -57,7 +57,7 @@ class PlayedAction:
 
 
 class Game:
-    """What one person plays.
+    """One person's game.
 
     Args:
         condition: Which rooms are visited.
@@ -96,12 +96,12 @@ class Game:
 
     @property
     def trials_over(self) -> int:
-        """How many trials have ended, practice not counted."""
+        """Number of trials that have ended, practice not counted."""
         return len(self._ended)
 
     @property
     def stage(self) -> Stage:
-        """Where the person is."""
+        """Stage of the game that the person is at."""
         if self._practice is not None:
             return "practice"
         if self._question is not None:
@@ -130,7 +130,7 @@ class Game:
         )
 
     def view(self) -> Answer:
-        """What the person may know now."""
+        """State of the game that the person may know now."""
         brief, stage = self.session.brief, self.stage
         shown: Answer = {
             "stage": stage,

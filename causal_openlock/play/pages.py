@@ -1,4 +1,4 @@
-"""What the page is made of: its files, and the geometry of the room that it draws."""
+"""Content of the page: its files, and the geometry of the room that it draws."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def as_html(markdown: str) -> str:
 
 @cache
 def geometry(positions: int) -> dict[str, Any]:
-    """Where everything in a room of some size is, as the page needs it; nothing of it is latent.
+    """Geometry of a room of some size, as the page needs it; it holds nothing latent.
 
     Lengths are in links of the paper's arm, y points up; see
     :mod:`causal_openlock.physics.geometry`.

@@ -1,4 +1,4 @@
-"""One person who plays: their game, and the files that are kept of it."""
+"""One person who plays: their game, and its files."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ class Participant:
 
 
 def delete_files(store: Store, name: str) -> list[Path]:
-    """Delete the files of this name in all folders that have one for each person."""
+    """Delete the files of this name in all folders that have a file for each person."""
     paths = [store.folder / folder / name for folder in DATA]
     there = [path for path in paths if path.exists()]
     for path in there:

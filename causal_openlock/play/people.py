@@ -53,7 +53,7 @@ from causal_openlock.storage.store import Store
 from causal_openlock.world.rewards import PAPER_REWARD, find_reward
 
 MOST_PEOPLE = 10_000
-"""How many people can join in one folder."""
+"""Most people who can join in one folder."""
 
 
 class People:
@@ -210,7 +210,7 @@ class People:
         self._people[key] = person
 
     def view(self, name: str) -> Answer:
-        """What a person may know now.
+        """State of a person's game that the person may know now.
 
         Raises:
             UnknownPerson: If there is no such session.
@@ -228,7 +228,7 @@ class People:
         return self._turn(name, turn, {"edges": edges})
 
     def act(self, name: str, turn: int, action: int, reaction: int | None) -> Answer:
-        """Carry out a person's action, after so many milliseconds if the page sends them.
+        """Carry out a person's action, with its reaction time in milliseconds if the page sends it.
 
         Raises:
             UnknownPerson: If there is no such session.
@@ -268,7 +268,7 @@ class People:
         self._people[entry["key"]] = person
 
     def _cell(self, number: int) -> Cell:
-        """What a person plays: conditions come in shuffled blocks."""
+        """Cell that a person plays; conditions come in shuffled blocks."""
         conditions = self.experiment.conditions
         subject, place = divmod(number, len(conditions))
         generator = np.random.default_rng([self.experiment.seed, subject])
@@ -297,7 +297,7 @@ class People:
             known = (is_turn(entry) or is_return(entry)) and entry["of"] < len(self._order)
             person = self._order[entry["of"]] if known else None
             if person is None:
-                raise self._log.fault(number, "this line is no entry of a play")
+                raise self._log.fault(number, "this line is not an entry of a play")
             if "key" in entry:
                 self._people[entry["key"]] = person
                 continue
@@ -316,7 +316,7 @@ class People:
 
     @property
     def _there(self) -> list[Participant]:
-        """Those whose data have not been deleted."""
+        """People whose data have not been deleted."""
         return [person for person in self._order if person is not None]
 
     def forget(self, condition: str, subject: int) -> list[Path]:
@@ -350,7 +350,7 @@ class People:
 
     @property
     def number(self) -> int:
-        """How many have joined."""
+        """Number of people who have joined."""
         return len(self._order)
 
     @property

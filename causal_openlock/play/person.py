@@ -17,7 +17,7 @@ class Person(Learner):
     """A person who plays in a browser.
 
     It takes part in no comparison, since nobody can be asked to act here: ``causal-openlock play``
-    lets people play, and a report then shows them beside learners.
+    lets people play, and a report then shows them next to learners.
     """
 
     def begin(self, brief: Brief) -> None:

@@ -16,7 +16,7 @@ LONGEST = 300
 PLACEHOLDER = re.compile(
     r"\{\{.*\}\}|\{%.*%\}|\{[A-Za-z_]+\}|\$\{.*\}|\[?%\w+%\]?|<.*>|ASSIGNMENT_ID_NOT_AVAILABLE"
 )
-"""What services replace by an identifier, and what Mechanical Turk gives for a mere preview."""
+"""Placeholders that services replace by an identifier, and Mechanical Turk's for a preview."""
 
 
 class Recruited:
@@ -104,7 +104,7 @@ class Recruited:
 
 
 def _fault(key: str, value: str) -> str:
-    """What is wrong with an identifier, as the end of a sentence; empty if nothing is."""
+    """Fault of an identifier, as the end of a sentence; empty if there is none."""
     if len(value) > LONGEST:
         return f"is longer than {LONGEST} characters"
     if not value.isprintable():

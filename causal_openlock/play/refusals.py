@@ -1,4 +1,4 @@
-"""Requests that are refused and change nothing, each with what the page is told."""
+"""Requests that are refused and change nothing, each with its advice to the page."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class OutOfTurn(Refused):
 
 
 class TooManyPeople(Refused):
-    """As many people have joined as can."""
+    """The folder is full: no more people can join."""
 
     status = 429
     advice = "a person could not join: this folder is full; start again with another --out"

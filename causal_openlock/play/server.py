@@ -154,7 +154,7 @@ class PlayServer:
 
     @property
     def url(self) -> str:
-        """Where the page is, for this machine."""
+        """Address of the page, for this machine."""
         host = {"0.0.0.0": "127.0.0.1", "": "127.0.0.1", "::": "[::1]"}.get(self.host, self.host)
         return f"http://{f'[{host}]' if ':' in host and '[' not in host else host}:{self.port}/"
 
@@ -262,13 +262,13 @@ class PlayServer:
         }
 
     def _told(self, now: Answer) -> Answer:
-        """What a person may know now; only at the end where to go, which may be worth money."""
+        """State that a person may know now; the link, which may be worth money, only at the end."""
         if self.completion and now["stage"] == "end":
             return {**now, "completion": self.completion}
         return now
 
     def _after(self, answer: Answer) -> Answer:
-        """What came of an action, with what the person may know then."""
+        """Result of an action, with the state that the person may know then."""
         return {**answer, "next": self._told(answer["next"])}
 
     async def _refused(self, request: Request, error: Exception) -> Response:
@@ -327,14 +327,14 @@ def _checked(address: str) -> str:
         parts, whole = urlsplit(""), False
     if address and (not whole or parts.query or parts.fragment or "@" in parts.netloc):
         raise OpenLockError(
-            f"{address!r} is no address of a server; give one such as https://study.example.org, "
-            "without a path: the page needs a host name of its own"
+            f"{address!r} is not an address of a server; give one such as "
+            "https://study.example.org, without a path: the page needs a host name of its own"
         )
     return f"{parts.scheme}://{parts.netloc.lower()}/" if address else ""
 
 
 def _completion(address: str) -> str:
-    """Where people go when they have finished, which must be a page of the web."""
+    """Address to which people go when they have finished; it must be a web page."""
     try:
         parts = urlsplit(address)
         whole = parts.scheme in ("http", "https") and bool(parts.hostname)
@@ -342,7 +342,7 @@ def _completion(address: str) -> str:
         whole = False
     if address and not whole:
         raise OpenLockError(
-            f"{address!r} is no address of a page; give one such as "
+            f"{address!r} is not an address of a page; give one such as "
             "https://app.prolific.com/submissions/complete?cc=C0DE"
         )
     return address

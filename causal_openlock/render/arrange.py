@@ -1,4 +1,4 @@
-"""Where everything in the figure of a schema goes.
+"""Arrange the figure of a schema: nodes, edges and labels.
 
 Causes stand above their effects: a lever's row is the length of the longest path to it, and the
 door has the last row for itself. An edge that skips rows runs through a free slot in each of them;
@@ -39,7 +39,7 @@ PIECE = 24  # points in each piece of an edge
 
 @dataclass
 class Arrangement:
-    """Where everything in the figure of a schema is.
+    """Positions of everything in the figure of a schema.
 
     Attributes:
         centre: ``[2]`` centre of each node, y up, and of each slot.
@@ -177,7 +177,7 @@ def _upright(
 
 
 def _route(drawing: Arrangement, paths: Paths) -> bool:
-    """Draw every edge as straight as possible; whether all of them keep clear of nodes."""
+    """Draw every edge as straight as possible; return whether all edges keep clear of nodes."""
     clear = True
     for edge, path in paths.items():
         for steepest in (60.0, 45.0, 30.0, 15.0, 0.0):
@@ -228,7 +228,7 @@ def _curve(drawing: Arrangement, path: Sequence[Place], steepest: float) -> Poin
 
 
 def _to_border(drawing: Arrangement, place: Place, way: Points, tip: float = 0.0) -> Points:
-    """From the centre of a place to its border, in a direction that points down or up."""
+    """Vector from the centre of a place to its border, in a direction that points down or up."""
     if isinstance(place, tuple):
         return np.zeros(2)
     if place == DOOR:
@@ -261,7 +261,7 @@ def _place_labels(schema: Schema, drawing: Arrangement, paths: Paths) -> None:
 
 
 def _covered(drawing: Arrangement, at: Points, others: Sequence[Points]) -> float:
-    """How bad it is to write a strength here."""
+    """Cost of writing a strength here."""
     labels = sum((np.abs(at - label) < 2 * LABEL).all() for label in drawing.labels.values())
     corners = at + np.array([[-1, -1], [-1, 1], [1, -1], [1, 1], [0, 0]]) * LABEL
     nodes = sum(distance_to_node(drawing, node, corners) < 0.02 for node in drawing.half_width)

@@ -1,4 +1,4 @@
-"""A film of a trial: the physical room carries out what was done, the console beside it.
+"""A film of a trial: the physical room carries out the actions, next to the console.
 
 A film is a sequence of *shots*. While the arm moves there is one for each frame; before and after a
 movement the film pauses, which is one shot of several frames. The record says
@@ -34,12 +34,12 @@ action of an attempt, at the end."""
 
 @dataclass(frozen=True)
 class Shot:
-    """What is shown for a while.
+    """A picture that is shown for some frames.
 
     Attributes:
         look: The room.
-        panel: The console beside it.
-        frames: For how many frames.
+        panel: The console next to the room.
+        frames: Number of frames.
         attempt: Number of the attempt, from 1.
         action: Number of the action in it, from 1; 0 before the first.
         moving: Whether the arm is under way.
@@ -107,7 +107,7 @@ def stills(trial: FilmedTrial, attempts: int | None = None) -> Iterator[Shot]:
 
 
 class _Console:
-    """What the console shows at each point of a trial."""
+    """Panels of the console at each point of a trial."""
 
     def __init__(self, trial: FilmedTrial, room: Room) -> None:
         self._trial, self._room = trial, room
@@ -120,7 +120,7 @@ class _Console:
         )
 
     def panel(self, number: int, done: int, moving: bool = False) -> Panel:
-        """After some actions of the attempt of some number, perhaps while the next is going on."""
+        """The panel after ``done`` actions of an attempt, perhaps during the next action."""
         trial, attempt = self._trial, self._trial.attempts[number - 1]
         over = done == len(attempt.actions)
         ended = trial.attempts[: number if over else number - 1]
@@ -145,7 +145,7 @@ class _Console:
         return ", ".join(self._names[a].removeprefix("push ") for a in actions[:-1])
 
     def _outcomes(self, attempt: FilmedAttempt) -> list[ShownAction]:
-        """What came of each action, and whether it was progress."""
+        """Result of each action of an attempt, and whether it was progress."""
         seen, state, shown = self._room.observation, 0, []
         for action, moved in zip(attempt.actions, attempt.moved, strict=True):
             before, state = state, int(self._room.next_state[state, action]) if moved else state
@@ -154,7 +154,7 @@ class _Console:
         return shown
 
     def remark(self, shown: int) -> str:
-        """The last line of a film that shows so many attempts."""
+        """The last line of a film that shows the first ``shown`` attempts."""
         attempts = self._trial.attempts
         left = len(self._trial.schema.solutions) - sum(one.new for one in attempts[:shown])
         if more := len(attempts) - shown:

@@ -84,7 +84,7 @@ class FilmedTrial:
 
     @property
     def found(self) -> int:
-        """How many solutions were found."""
+        """Number of solutions found."""
         return sum(attempt.new for attempt in self.attempts)
 
 

@@ -1,4 +1,4 @@
-"""The console beside a room: what a subject is shown, and in a film what it did.
+"""The console next to a room: what a subject is shown, and in a film what it did.
 
 A panel is laid out once, as shapes and labels, and is then painted as pixels or written as SVG. It
 is as high as the picture of the room; lengths are in 1/7.6 of that height.
@@ -28,7 +28,7 @@ MOST_SOLUTIONS = 5
 
 
 class Label(NamedTuple):
-    """A line of text; it begins at ``x``, its baseline is ``y``, and its type is so high."""
+    """A line of text: where it begins, ``x``, its baseline ``y``, and the height of its type."""
 
     x: float
     y: float
@@ -65,7 +65,7 @@ class ShownAction:
 
 @dataclass(frozen=True)
 class Panel:
-    """What is shown beside a room.
+    """Content of the console next to a room.
 
     Attributes:
         solutions: For each solution how it was found, such as ``LEFT, UPPER, door``; empty for
@@ -172,7 +172,7 @@ def font(pixels: int, bold: bool) -> Any:
 
 
 def draw(look: Look, size: int, panel: Panel | None = None) -> Bytes:
-    """A new ``[size, width, 3]`` picture of a room, with the console beside it if there is one."""
+    """A new ``[size, width, 3]`` picture of a room, with the console next to it if there is one."""
     room = room_pixels(look, size)
     return room if panel is None else np.hstack([room, panel_picture(panel, size)])
 

@@ -108,7 +108,7 @@ def _empty_room(positions: int, size: int, pressed: bool) -> Bytes:
 
 @lru_cache(maxsize=768)
 def _piece(positions: int, size: int, part: Callable[..., list[Shape]], *state: Any) -> Piece:
-    """Which pixels of an empty picture a part of the room in some state changes, and to what."""
+    """Pixels of an empty picture that a part of the room changes, and their colours."""
     shown = frame(positions, size)
     picture = _blank(shown)
     paint(picture, part(positions, *state), shown)

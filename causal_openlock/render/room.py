@@ -40,22 +40,22 @@ def draw_room(
         positions: P, 7 to 12.
         size: Height of the picture in pixels; it is about a quarter wider, and with a console
             five sixths.
-        panel: The console to show beside the room, if any.
+        panel: The console to show next to the room, if any.
 
     Returns:
         ``[size, width, 3]`` red, green, blue; a new array each time.
 
     Raises:
         ValueError: If the observation has another length.
-        LayoutError: If no room has so many positions.
+        LayoutError: If no room has this number of positions.
     """
     return draw(Look.of_observation(observation, positions), size, panel)
 
 
 def look_after(room: Room, actions: Sequence[int] = (), part: float = 1.0) -> Look:
-    """What a room looks like after actions from the start of an attempt, none of which fails.
+    """Look of a room after actions from the start of an attempt, none of which fails.
 
-    Of the last movement only a ``part`` is carried out, 0 to 1.
+    Only a ``part`` of the last movement is carried out, 0 to 1.
     """
     physical = PhysicalRoom(room.fsm, room.layout)
     pose, pressed = physical.pose(), False

@@ -1,9 +1,9 @@
-"""What a picture of a room is made of, before it is pixels or SVG.
+"""Parts of a picture of a room, before it is pixels or SVG.
 
 The room is drawn after the paper's Figure 2a. Everything in it is a :class:`Shape`, a bar with
 more or less rounded ends: a disc is a bar that is all ends, the button one that is as long as it
 is wide. Where things are comes from :class:`~causal_openlock.physics.geometry.RoomGeometry`, which
-the simulated room is built from too; a :class:`Look` says where the parts that move are.
+the simulated room is also built from; a :class:`Look` says where the parts that move are.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ OUTLINE: Colour = (0, 0, 0)
 
 
 class Frame(NamedTuple):
-    """What part of the plane a picture shows, in arm links, and at how many pixels per link."""
+    """Part of the plane that a picture shows, in arm links, and its pixels per link."""
 
     left: float
     top: float
@@ -58,10 +58,10 @@ class Frame(NamedTuple):
 
 @cache
 def frame(positions: int, size: int) -> Frame:
-    """What a picture of a room shows, ``size`` pixels high and about a quarter wider.
+    """Frame of a picture of a room, ``size`` pixels high and about a quarter wider.
 
     Raises:
-        LayoutError: If no room has so many positions.
+        LayoutError: If no room has this number of positions.
     """
     geometry = RoomGeometry.of(positions)
     reach = max(abs(x) for track in geometry.tracks for x in track.end) + BAR_WIDTH / 2
@@ -118,7 +118,7 @@ def colour(name: str) -> Colour:
 
 @dataclass(frozen=True)
 class Look:
-    """What a room looks like at one moment; P positions.
+    """Look of a room at one moment; P positions.
 
     Attributes:
         joints: The arm's base, its four joints and its free end.
@@ -195,7 +195,7 @@ def resting(positions: int) -> tuple[Point, ...]:
 
 
 def button(positions: int, pressed: bool = False) -> Shape:
-    """The green button beside the door's hinge, darker while it is pressed."""
+    """The green button next to the door's hinge, darker while it is pressed."""
     x, y = RoomGeometry.of(positions).button
     half = room_facts()["button"]["side"] / 2
     return Shape(x, y, half, half, 0.0, 0.0, colour("button_pressed" if pressed else "button"))

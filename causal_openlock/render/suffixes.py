@@ -1,4 +1,4 @@
-"""What pictures can be saved as, by the suffix of their file."""
+"""Formats in which pictures can be saved, by the suffix of their file."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ INCHES = 3.3
 
 
 def room_svg(look: Look, panel: Panel | None = None, title: str = "An OpenLock room") -> str:
-    """A room as an SVG file, a console beside it if there is one; the title is its description."""
+    """A room as an SVG file, with a console if there is one; the title is its description."""
     shown = frame(look.positions, UNIT)
     high = UNIT * UNIT / shown.scale  # of the room, in the SVG's units
     wide = high * shown.width / shown.height

@@ -1,4 +1,4 @@
-"""A trial to look at, moment by moment, with what the learner believes beside it.
+"""A trial to look at, moment by moment, next to the learner's beliefs.
 
 A :class:`WatchedTrial` holds what is shown; a notebook shows it with a slider, or as a strip of
 pictures (:mod:`causal_openlock.notebook`), and :meth:`WatchedTrial.save` makes a film of it.
@@ -47,17 +47,17 @@ class WatchedTrial:
 
     @cached_property
     def shots(self) -> tuple[Shot, ...]:
-        """What is shown: a picture before each attempt, and one after each action."""
+        """Pictures of the trial: one before each attempt, and one after each action."""
         return tuple(stills(self.trial, self.attempts))
 
     def belief(self, shot: Shot) -> Snapshot | None:
-        """What the learner believes at a moment."""
+        """The learner's belief at a moment; None if it has none."""
         before = sum(len(one.actions) for one in self.trial.attempts[: shot.attempt - 1])
         return self.trace.snapshots[before + shot.action] if self.trace else None
 
     @property
     def title(self) -> str:
-        """Who plays what."""
+        """Learner, condition and trial, in words."""
         trial = self.trial
         return (
             f"{trial.learner} in {trial.condition}, trial {trial.trial} of {trial.trials} "
@@ -150,7 +150,7 @@ def _in_layout(condition: Condition, layout: str | Mapping[str, str] | Layout) -
 # -- a belief as a picture ------------------------------------------------------------------------
 
 LINK, HIGH, LETTER = 100, 22, 6.2
-"""In the picture's units: an arm link, half the height of a name's box, half a letter's width."""
+"""Arm link, half the height of a name's box, half a letter's width, in the picture's units."""
 BELIEVED, TRUE = "#00427A", "#009E73"
 
 

@@ -26,7 +26,7 @@ from causal_openlock.wording import counted, joined, nearest
 
 StoryName = Literal["levers", "switches", "symbols", "any"]
 ANY: Literal["any"] = "any"
-"""Instead of a story's name: one of them is drawn."""
+"""Stands for a story's name: one story is drawn."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ of them; you have at most {attempts} with each {place}.
 
 
 class Counters(NamedTuple):
-    """The console beside the room; numbers of trials and attempts count from 1."""
+    """The console next to the room; numbers of trials and attempts count from 1."""
 
     solutions_left: int
     attempts_left: int
@@ -206,7 +206,7 @@ class Wording:
         return f"That is no action, and nothing was done. The actions are: {listed}."
 
     def room(self, observation: ArrayLike, now: Counters) -> str:
-        """What is seen of a room, and the console."""
+        """Text of an observation of a room, and of the console."""
         bits, many, terms = _bits(observation), len(self.names), self._terms
         things = "; ".join(
             f"{self.names[place]}: {terms.grey if bits[many + place] else terms.white}, "
@@ -226,7 +226,7 @@ class Wording:
         return f"{terms.goal} is {lock} and {terms.open if bits[-1] else terms.closed}"
 
     def outcome(self, before: ArrayLike, after: ArrayLike, new_solution: bool = False) -> str:
-        """What an action did, from the observations before it and right after it."""
+        """Text of an action's result, from the observations before it and right after it."""
         old, new, terms = _bits(before), _bits(after), self._terms
         if new[-1] and not old[-1]:
             how = ", by a new combination!" if new_solution else ", but by no new combination."
@@ -273,7 +273,7 @@ class Wording:
 
 
 def room_now(words: Wording, view: View, subject: int, trials: int) -> str:
-    """What a subject sees of its room, and the console, from a learner's view."""
+    """Text of a subject's room and console, from a learner's view."""
     console = view.console
     now = Counters(
         solutions_left=int(console.solutions_left[subject]),

@@ -1,9 +1,9 @@
 """Code that goes with an experiment to other machines: learners and rewards that no package brings.
 
 ``module:Class`` names a class in a file of the user, which other machines need not have, or may
-have in an older form. So its file, and those beside it that it imports, are copied into the results
-folder (:func:`carry`). A worker compares their hashes with those that it was sent, and imports
-them from there (:func:`use`).
+have in an older form. So its file, and those next to it that it imports, are copied into the
+results folder (:func:`carry`). A worker compares their hashes with those that it was sent, and
+imports them from there (:func:`use`).
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def carry(experiment: Experiment, folder: Path) -> CarriedCode:
 
 
 def use(carried: CarriedCode) -> None:
-    """Import from these files from now on, in place of others that have the same names.
+    """Import from these files, in place of others that have the same names.
 
     Raises:
         OpenLockError: If one is missing or is not what was carried.

@@ -1,6 +1,6 @@
 """Checkpoints: a killed cell continues where it was.
 
-While a worker plays a cell, it keeps two files beside that of the cell's record::
+While a worker plays a cell, it keeps two files next to that of the cell's record::
 
     NAME.checkpoint   the state of the session and the learner (see causal_openlock.files.state)
     NAME.attempts     the attempts so far, one after the other, a fixed number of bytes each

@@ -39,7 +39,7 @@ SETTINGS = {
     "distributed.scheduler.allowed-failures": 0,
     "distributed.scheduler.worker-ttl": None,
 }
-"""Of a scheduler that is started here; the scripts in ``examples/clusters`` set the same."""
+"""Settings of a scheduler that is started here, as in the scripts of ``examples/clusters``."""
 PATIENCE = 10.0
 """Seconds to wait for a scheduler."""
 
@@ -61,7 +61,7 @@ class Cluster(ExternalExecutor):
         self._running: set[Future[Any]] = set()
 
     def number(self) -> int:
-        """How many workers there are."""
+        """Number of workers."""
         if self._client.status != "running":
             raise self._lost()
         try:
@@ -108,7 +108,7 @@ class Cluster(ExternalExecutor):
     def _lost(self) -> OpenLockError:
         return OpenLockError(
             f"the scheduler {self._address} was lost; start it, and give the same command again: "
-            "it goes on where it was"
+            "it continues where it stopped"
         )
 
 

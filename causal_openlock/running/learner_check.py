@@ -32,7 +32,7 @@ IN_TORCH = (
     "int(self.generator.integers(2**63)), to what takes a generator; put what takes none, such as "
     "new layers, under `with torch.random.fork_rng():` after torch.manual_seed(seed) inside it"
 )
-"""What a learner that draws with torch is told besides."""
+"""Additional hint for a learner that draws with torch."""
 
 _seen: set[str] = set()
 """The learners that this process has checked."""

@@ -127,7 +127,7 @@ def run(
         # A worker may be in another directory.
         watching = replace(watching, tensorboard=str(Path(watching.tensorboard).resolve()))
     if time_limit is not None and (executor is not None or cluster or workers == 0):
-        warn("the time limit is ignored: only processes of its own can be ended in a cell")
+        warn("the time limit is ignored: only worker processes of this machine can be ended")
     names = [name for spec in experiment.learners for name in (spec.learner, spec.reward.name)]
     definitions = b"" if workers == 0 else packed(names)
     sources = dict(_sources(experiment))
@@ -236,7 +236,7 @@ def _sources(experiment: Experiment) -> Iterator[tuple[str, str]]:
 
 
 def _ignore(*_: object) -> None:
-    """The callback where none is given."""
+    """Default callback; does nothing."""
 
 
 @dataclass
@@ -260,7 +260,7 @@ class _Run:
     lost: dict[str, tuple[int, int]] = field(default_factory=dict)
 
     def play(self, workers: Workers) -> None:
-        """Play all of them; ``reasons`` then has why some failed, by the file's name."""
+        """Play all cells; ``reasons`` then has why some failed, by the file's name."""
         folder = str(self.store.folder.resolve())
         looked = self._look(workers)
         try:

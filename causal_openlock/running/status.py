@@ -1,8 +1,8 @@
-"""How a comparison stands, as far as its results folder says.
+"""Status of a comparison, as far as its results folder says.
 
-Workers report the share of their cells that is done in files beside them, wherever they run, and a
-finished record has the seconds that it took. So the status is the same whether processes, a cluster
-or the shards of a job array play.
+Workers report the share of their cells that is done in files next to the cells, wherever they run,
+and a finished record has the seconds that it took. So the status is the same whether processes, a
+cluster or the shards of a job array play.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ MOST_READ = 3
 
 @dataclass(frozen=True)
 class Status:
-    """How a comparison stands.
+    """Status of a comparison.
 
     Attributes:
         name: Its name.
@@ -42,7 +42,7 @@ class Status:
 
 
 def status_of(store: Store) -> Status:
-    """How the comparison in a results folder stands.
+    """Status of the comparison in a results folder.
 
     Raises:
         StoreError: If the folder holds no results.

@@ -35,7 +35,7 @@ REPORT_EVERY = 1.0
 
 @dataclass(frozen=True)
 class Watching:
-    """What a worker does besides playing.
+    """Duties of a worker besides playing.
 
     Attributes:
         checkpoint_every: Seconds between checkpoints inside a cell; 0 takes one after every step,
@@ -179,7 +179,7 @@ def _require_declared(spec: LearnerSpec) -> None:
 
 
 def _require(awaited: str) -> None:
-    """Raise :class:`NotAwaitedError` if there is no such file; another fault may pass."""
+    """Raise :class:`NotAwaitedError` if the file is missing; ignore other OS errors."""
     try:
         Path(awaited).stat()
     except FileNotFoundError:

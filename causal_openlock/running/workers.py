@@ -59,7 +59,7 @@ class WorkerPool:
         return future
 
     def number(self) -> int:
-        """How many there are."""
+        """Number of workers."""
         return len(self._idle) + len(self._busy)
 
     def begun(self, future: Future[Any]) -> bool:
@@ -131,7 +131,7 @@ class _Process:
 
     @property
     def has_begun(self) -> bool:
-        """Whether it was ever ready to play."""
+        """Whether the process was ever ready to play."""
         return self._hello.done() and self._hello.exception() is None
 
     def close(self) -> str:
@@ -153,11 +153,11 @@ class ExternalExecutor:
         self._executor = executor
 
     def number(self) -> int:
-        """How many workers there are: not known, so 0."""
+        """Number of workers: not known, so 0."""
         return 0
 
     def free(self) -> bool:
-        """Whether it takes another job: always."""
+        """Whether the executor takes another job: always."""
         return True
 
     def submit(
@@ -175,12 +175,12 @@ class ExternalExecutor:
         return False
 
     def done(self, future: Future[Any]) -> str:
-        """Raise an error if the executor is broken, since its other jobs are lost too."""
+        """Raise an error if the executor is broken, since its other jobs are also lost."""
         if isinstance(future.exception(), BrokenExecutor):
             raise OpenLockError(
-                "a worker of the executor ended without a word (killed, out of memory, or a "
+                "a worker of the executor ended without a message (killed, out of memory, or a "
                 "learner that ends its process); run the same command again, perhaps with fewer "
-                "workers: it goes on where it was"
+                "workers: it continues where it stopped"
             )
         return ""
 
@@ -295,7 +295,7 @@ def start_worker() -> None:
 
 
 def start_alone() -> None:
-    """As :func:`start_worker`, and ignore SIGTERM too, which the parent handles.
+    """Do as :func:`start_worker`, and also ignore SIGTERM, which the parent handles.
 
     A batch system sends it to all processes at once; a worker that it ends would look like a
     learner that had ended its process.
@@ -305,7 +305,7 @@ def start_alone() -> None:
 
 
 def how_ended(code: int | None) -> str:
-    """How a process ended, in words, by its exit code."""
+    """End of a process in words, by its exit code."""
     if code is None:
         return "it is not known how"
     if code >= 0:
@@ -320,7 +320,7 @@ def how_ended(code: int | None) -> str:
 
 
 def available_cores() -> int:
-    """How many cores this process may use."""
+    """Number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

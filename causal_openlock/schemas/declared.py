@@ -95,8 +95,8 @@ def _graph(source: Any) -> nx.DiGraph:
         ends = [*edge][:2] if _several(edge) else []
         if len(ends) < 2 or len([*edge]) > 3 or not all(isinstance(one, str) for one in ends):
             raise SchemaError(
-                f"{edge!r} is no edge; write (cause, effect), or declare the schema with a text "
-                'such as "A -> B, C; B | C -> door"'
+                f"{edge!r} is not an edge; write (cause, effect), or declare the schema with a "
+                'text such as "A -> B, C; B | C -> door"'
             )
         if graph.has_edge(*edge[:2]):
             raise SchemaError(
@@ -121,7 +121,9 @@ def _add(parts: Any, attribute: str, values: Mapping[Any, Any]) -> None:
 
     for part, value in values.items():
         if attribute == "strength" and not (isinstance(part, tuple) and len(part) == 2):
-            raise SchemaError(f"{part!r} is no edge; strengths are {{(cause, effect): strength}}")
+            raise SchemaError(
+                f"{part!r} is not an edge; strengths are {{(cause, effect): strength}}"
+            )
         if part not in parts:
             known = nearest(written(part), map(written, parts))
             raise SchemaError(f"{written(part)!r} has a {attribute} and is not there; {known}")

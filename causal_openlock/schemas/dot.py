@@ -1,4 +1,4 @@
-"""Directed graphs in DOT (Graphviz) and in DAGitty's dialect of it.
+"""Directed graphs in DOT (Graphviz) and in DAGitty's dialect of DOT.
 
 Both are lists of statements in braces: nodes and edges with attributes in brackets, and
 ``key=value`` for the whole graph. Also read are chains ``a -> b -> c``, groups ``{a b} -> c``,
@@ -50,7 +50,7 @@ def parse_graph(text: str, format: str) -> nx.DiGraph:
     """The graph of a text, with all attributes as strings.
 
     Raises:
-        SchemaError: If the text is no directed graph in that format, ``dot`` or ``dagitty``.
+        SchemaError: If the text is not a directed graph in that format, ``dot`` or ``dagitty``.
 
     Example:
         >>> list(parse_graph("digraph { a -> b -> c }", "dot").edges)

@@ -1,4 +1,4 @@
-"""Where schemas are found: by name in folders and in the package, or in a file of any format."""
+"""Finding schemas: by name in folders and in the package, or in a file of any format."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from causal_openlock.wording import nearest
 
 PACKAGE = Path(__file__).parents[1]
 SUFFIXES = tuple(suffix for format in FORMATS.values() for suffix in format.suffixes)
-"""Of files that a schema can be read from or written to."""
+"""Suffixes of files that a schema can be read from or written to."""
 
 
 def bundled(kind: str) -> Path:
-    """What comes with the package: ``schemas``, ``experiments``, ``notebooks``, ``CITATION.cff``.
+    """Path of a bundled part: ``schemas``, ``experiments``, ``notebooks``, ``CITATION.cff``.
 
     In a checkout it is next to the package, in an installed wheel inside it.
     """

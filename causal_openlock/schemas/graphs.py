@@ -96,7 +96,7 @@ def import_schema(text: str, format: str, name: str = "imported") -> Schema:
         name: Name of the schema if the text has none.
 
     Raises:
-        SchemaError: If the text is not in that format, or the graph in it is no schema.
+        SchemaError: If the text is not in that format, or its graph is not a schema.
         OpenLockError: If there is no such format or it can only be written.
     """
     chosen = _format(format)
@@ -226,7 +226,7 @@ def schema_of_graph(graph: nx.DiGraph, format: str, name: str) -> Schema:
                 raise SchemaError(f"the list of levers lacks the node {node!r}; add it to the list")
         return schema_from_dict(data)
     except SchemaError as error:
-        raise _prefixed(f"this {format} graph is no schema", error) from None
+        raise _prefixed(f"this {format} graph is not a schema", error) from None
 
 
 def _prefixed(what: str, error: SchemaError) -> OpenLockError:
@@ -262,7 +262,7 @@ def _no_graph(format: str, why: object, remedy: str) -> SchemaError:
 # -- the formats ----------------------------------------------------------------------------------
 
 _UNREADABLE = (LookupError, ValueError, TypeError, AttributeError, RecursionError, nx.NetworkXError)
-"""What networkx raises for a text that is no graph."""
+"""Exceptions that networkx raises for a text that is not a graph."""
 
 
 def _write_node_link(schema: Schema) -> str:
@@ -283,7 +283,7 @@ def _read_node_link(text: str, name: str) -> Schema:
     except SchemaError:
         raise
     except DoubledKeyError as error:
-        raise SchemaError(f"this is no node-link graph: {error}; take one out") from None
+        raise SchemaError(f"this is not a node-link graph: {error}; take one out") from None
     except KeyError as error:
         raise _no_graph("node-link", f"the key {error} is missing", remedy) from None
     except _UNREADABLE as error:
@@ -295,7 +295,7 @@ def _check_node_link(data: Any, edges: str) -> None:
     """Refuse what networkx would misread, or would not say plainly."""
 
     def refuse(what: str) -> None:
-        raise SchemaError(f"this is no node-link graph: {what}; {_NODE_LINK}")
+        raise SchemaError(f"this is not a node-link graph: {what}; {_NODE_LINK}")
 
     if not isinstance(data, dict):
         refuse("it begins with a list or a value; a graph is an object with nodes and edges")
@@ -402,7 +402,7 @@ def to_bayesian_network(
         A checked model whose nodes are the schema's and have the states 0 and 1.
 
     Raises:
-        OpenLockError: If ``push_probability`` is no probability.
+        OpenLockError: If ``push_probability`` is not a probability.
     """
     from pgmpy.models import DiscreteBayesianNetwork
 

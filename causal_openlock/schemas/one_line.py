@@ -54,7 +54,7 @@ _Names = tuple[list[_Token], str, dict[str, float]]
 
 
 class _Side(NamedTuple):
-    """One side of an arrow: its names, what joins them, and the strengths that some have."""
+    """One side of an arrow: its names, the sign that joins them, and strengths of some."""
 
     names: list[_Token]
     gate: Gate | None
@@ -70,7 +70,7 @@ def parse_line(text: str, name: str = "schema") -> Schema:
         name: Its name if the text begins with none.
 
     Raises:
-        SchemaError: Where the text cannot be understood, or is no schema; the message names the
+        SchemaError: Where the text cannot be understood, or is not a schema; the message names the
             column.
 
     Example:
@@ -170,7 +170,7 @@ class _Reader:
                 try:
                     self.title = str(json.loads(token.text))
                 except ValueError as error:
-                    raise self.fault(token.at, f"the title is no JSON string: {error}") from None
+                    raise self.fault(token.at, f"the title is not a JSON string: {error}") from None
             self.need(":", "':' after name and title")
         while self.tokens[self.at].kind != "end":
             if not self.take_if(";", "\n"):

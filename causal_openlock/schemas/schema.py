@@ -44,7 +44,7 @@ NO_TEXT = re.compile("[\\x00-\\x08\\x0b-\\x1f\\x7f\\ud800-\\udfff]")
 
 @dataclass(frozen=True)
 class Gate:
-    """How a node combines its causes.
+    """Rule by which a node combines its causes.
 
     Attributes:
         kind: ``any``, ``all`` or ``at_least``.
@@ -59,7 +59,7 @@ class Gate:
     k: int = 1
 
     def threshold(self, causes: int) -> int:
-        """How many of ``causes`` causes must be pushed for the gate to hold."""
+        """Number of causes, of ``causes`` in all, that must be pushed for the gate to hold."""
         return {"any": 1, "all": causes}.get(self.kind, self.k)
 
     def __str__(self) -> str:
@@ -257,7 +257,7 @@ class Schema:
         return gate
 
     def threshold(self, node: str) -> int:
-        """How many causes of ``node`` must be pushed; 0 for a free lever."""
+        """Number of causes of ``node`` that must be pushed; 0 for a free lever."""
         causes = self.graph.in_degree(node)
         return self.gate(node).threshold(causes) if causes else 0
 

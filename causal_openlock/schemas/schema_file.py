@@ -52,7 +52,7 @@ class Edge(StrictModel):
 
 
 class AtLeast(StrictModel):
-    """A gate that holds while at least so many causes are pushed."""
+    """A gate that holds while at least this number of causes are pushed."""
 
     at_least: Annotated[int, Field(ge=1, le=MAX_LEVERS)]
 
@@ -186,7 +186,7 @@ def schema_from_dict(data: Mapping[str, Any]) -> Schema:
     """A schema from plain data in the form of a schema file.
 
     Raises:
-        SchemaError: If the data are no schema.
+        SchemaError: If the data are not a schema.
     """
     try:
         return SchemaFile.model_validate(plain(data)).schema_()

@@ -1,4 +1,4 @@
-"""How well learners predict over trials, in bits per action: means, and a thin line a subject."""
+"""Figure of learners' scores over trials, in bits per action: means, and a line a subject."""
 
 from __future__ import annotations
 

@@ -14,9 +14,9 @@ numbers of its own, and what it would do is a draw. What is hidden in a learner,
 taken to last for an attempt at most: of later actions in an attempt, only those copies are asked
 that did what the subject did from its beginning on, so that draws are from what is possible after
 it. Subjects are played again with more copies until every action has been hit, or
-:attr:`Draws.most` copies were asked. What is left then, and the first actions that none of the
-copies came to, get what the estimate would come to if the probability were the share of all copies
-that did it.
+:attr:`Draws.most` copies were asked. The actions left then, and the first actions that no copy
+reached, get the estimate that would follow if the probability were the share of the copies that
+took it.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ FIRST_COPIES = 16
 MOST_COPIES = 640
 """Copies of all subjects that are played at once."""
 TERMS = 100_000
-"""Of a sum, added up one by one."""
+"""Most terms of a sum that are added up one by one."""
 
 
 @dataclass(frozen=True)
 class Draws:
-    """How learners without probabilities are asked.
+    """Settings of draws from learners without probabilities.
 
     Attributes:
         hits: How often each action has to be hit; the variance falls in proportion.
@@ -104,11 +104,11 @@ class Tally:
 
     @property
     def open(self) -> BoolArray:
-        """Which actions have not been hit often enough."""
+        """Mask of the actions that have not been hit often enough."""
         return self.exists & (self._hits < self._draws.hits)
 
     def wanted(self) -> BoolArray:
-        """Which actions have to be asked for: those up to the last open one of an attempt."""
+        """Mask of the actions to ask for: those up to the last open one of an attempt."""
         wanted = self.open
         for moment in range(wanted.shape[1] - 2, -1, -1):
             same = self._attempt[:, moment] == self._attempt[:, moment + 1]
@@ -160,7 +160,7 @@ class Tally:
 
 @lru_cache(maxsize=4096)
 def expected_rest(misses: int, probability: float) -> float:
-    """What is still to be added after so many misses, in the mean.
+    """Expected remainder of the IBS sum after ``misses`` misses.
 
     >>> round(expected_rest(0, 0.25), 6), float(np.round(-np.log(0.25), 6))
     (1.386294, 1.386294)
@@ -179,7 +179,7 @@ def expected_rest(misses: int, probability: float) -> float:
 
 
 def tiled(given: Any, copies: int) -> Any:
-    """A view or a step in which every subject has so many copies, side by side."""
+    """A view or a step in which every subject has ``copies`` copies, side by side."""
     return replace(
         given,
         **{
@@ -217,7 +217,7 @@ def by_draws(
 
 
 def _rounds(most: int) -> Iterator[tuple[int, int]]:
-    """How many copies were asked before each round, and how many are asked in it."""
+    """Number of copies asked before each round, and in the round."""
     asked, copies = 0, FIRST_COPIES
     while asked < most:
         copies = min(copies, most - asked)
@@ -233,7 +233,7 @@ def _ask(
     tally: Tally,
     draws: Draws,
 ) -> None:
-    """Play some subjects again with so many copies of the learner, and note what these do."""
+    """Replay some subjects with copies of the learner, and note what the copies do."""
     session, learner = replays.session(places), replays.learner()
     numbers = [replays.numbers[place] * 10**6 + asked + copy
                for place in places for copy in range(copies)]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Every subject may follow another learner: random-effects Bayesian model selection.
+"""Random-effects Bayesian model selection: every subject may follow another learner.
 
 A sum over subjects asks which one learner all of them follow. Here each subject follows one of M,
 drawn with frequencies that are unknown, with a flat Dirichlet prior (Stephan et al. 2009). What is
@@ -29,7 +29,7 @@ ROUNDS, ENOUGH = 10_000, 1e-9
 
 @dataclass(frozen=True)
 class Selection:
-    """Which learners subjects follow.
+    """Result of model selection: which learners subjects follow.
 
     Attributes:
         frequencies: ``[M]`` expected share of subjects that follow each learner.
@@ -73,7 +73,7 @@ def select_models(evidence: FloatArray) -> Selection:
 
 
 def frequencies_of(evidence: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """How frequent learners are, and who follows whom.
+    """Frequencies of learners, and the probabilities that subjects follow them.
 
     Args:
         evidence: As :func:`select_models` takes it.

@@ -1,4 +1,4 @@
-"""The scores in a results folder that are of what is on record there.
+"""Scores in a results folder that belong to the actions on record there.
 
 Subjects can be played again, with other parameters or other code, and the scores stay where they
 were. So each score carries a digest of what its subject did and met; those of other actions are
@@ -28,7 +28,7 @@ _KEY = {name: (int if name in ("seed", "subject") else str) for name in SUBJECT}
 
 @dataclass(frozen=True)
 class OnRecord:
-    """The scores of what is on record.
+    """Scores of the actions on record.
 
     Attributes:
         scores: The scores, or None if there are none.
@@ -41,7 +41,7 @@ class OnRecord:
 
     @cached_property
     def each(self) -> dict[str, Scores]:
-        """Those of the subjects of each learner, by its label."""
+        """Scores of the subjects of each learner, by its label."""
         if self.scores is None:
             return {}
         return {name: self.scores.of(name) for name in self.scores.actions["learner"].unique()}
@@ -49,7 +49,7 @@ class OnRecord:
 
 @property  # type: ignore[misc]  # of the results of a comparison, where it is registered
 def scores(results: Material) -> Scores:
-    """How well learners predict these subjects, as ``causal-openlock score`` left it.
+    """Scores of learners on these subjects, as ``causal-openlock score`` stored them.
 
     Scores of subjects who have been played again since are left out, with a warning.
 
@@ -115,6 +115,6 @@ def scores_on_record(material: Material) -> OnRecord:
 
 
 def _compared(actions: pd.DataFrame) -> bool:
-    """Whether some subject is scored by all learners that score any."""
+    """Whether there is a subject that is scored by all learners that score any subject."""
     by_whom = actions.groupby(SUBJECT)["scored"].nunique()
     return bool(by_whom.max() == actions["scored"].nunique())

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 GROUP = ["learner", "condition", "protocol", "experiment", "seed"]
-"""What identifies subjects who can be played again in one session."""
+"""Columns that identify subjects who can be replayed in one session."""
 PLAYED = "played"
 _COUNTS = ["subject", "trial", "attempt", "action", "action_index"]
 COLUMNS = [
@@ -35,7 +35,7 @@ class OutdatedError(StoreError):
 
 
 def score_schema() -> pa.Schema:
-    """The columns of a table of scores as they are kept."""
+    """The columns of a stored table of scores."""
     import pyarrow as pa
 
     texts = ["scored", "learner", "condition", "protocol", "experiment", PLAYED, "setting"]

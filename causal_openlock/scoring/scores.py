@@ -1,7 +1,7 @@
-"""How well learners predict: in bits per action, by subject and over all of them.
+"""Scores of learners: bits per action, by subject and over all subjects.
 
 A learner that knows nothing predicts each of A actions with 1/A, which is log2 A bits an action.
-What one that predicts better needs less is what it knows. Subjects are the unit: a learner's score
+The bits that a better learner saves measure what it knows. Subjects are the unit: a learner's score
 is the mean of subjects, and two learners are compared on the same subjects.
 """
 
@@ -38,14 +38,14 @@ if TYPE_CHECKING:
 SUBJECT = [*GROUP, "subject"]
 LN2 = float(np.log(2.0))
 FOLDER, ACTIONS = "scores", "actions.parquet"
-"""Where scores are kept in a results folder."""
+"""Folder and file of scores in a results folder."""
 BY_SUBJECT, FOLLOWED = "subjects.csv", "followed.csv"
-"""What follows from them, for other programs; nothing here reads it."""
+"""Files derived from the scores, for other programs; nothing here reads them."""
 
 
 @dataclass(frozen=True)
 class Scores:
-    """How well learners predict recorded subjects.
+    """Scores of learners on recorded subjects.
 
     Attributes:
         actions: A row for each action and learner, see
@@ -69,12 +69,12 @@ class Scores:
 
     @cached_property
     def followed(self) -> pd.DataFrame:
-        """Which learners subjects follow, if each follows one; see :func:`followed`."""
+        """Frequencies of learners, if each subject follows one; see :func:`followed`."""
         return followed(self.subjects)
 
     @cached_property
     def attributed(self) -> pd.DataFrame:
-        """Which learner each subject follows, if each follows one; see :func:`attributed`."""
+        """The learner that each subject follows, if each follows one; see :func:`attributed`."""
         return attributed(self.subjects)
 
     @classmethod
@@ -94,11 +94,11 @@ class Scores:
             ) from None
 
     def of(self, learner: str) -> Scores:
-        """Those of the subjects of one learner."""
+        """Scores of the subjects of one learner."""
         return replace(self, actions=self.actions[self.actions["learner"] == learner])
 
     def over(self, *columns: str) -> pd.DataFrame:
-        """How well learners predict parts of what was done; see :func:`over`."""
+        """Scores on parts of what was done; see :func:`over`."""
         return over(self.actions, columns)
 
     def plot(
@@ -172,7 +172,7 @@ def score_learners(
 
 
 def choices_in(experiment: Experiment) -> dict[str, int]:
-    """By condition, among how many actions a subject chooses."""
+    """Number of actions among which a subject chooses, by condition."""
     return {
         one.name: len(action_names(max(map(positions_for, one.schemas))))
         for one in experiment.conditions
@@ -254,7 +254,7 @@ def ranking(subjects: pd.DataFrame) -> pd.DataFrame:
 
 
 def followed(subjects: pd.DataFrame) -> pd.DataFrame:
-    """Which learners subjects follow, if each follows one of these.
+    """Frequencies of learners, if each subject follows one.
 
     Args:
         subjects: From :func:`by_subject`.
@@ -278,7 +278,7 @@ def followed(subjects: pd.DataFrame) -> pd.DataFrame:
 
 
 def attributed(subjects: pd.DataFrame) -> pd.DataFrame:
-    """Which learner each subject follows, if each follows one of these.
+    """The learner that each subject follows, if each follows one.
 
     Args:
         subjects: From :func:`by_subject`.
@@ -311,7 +311,7 @@ def _evidence(subjects: pd.DataFrame) -> pd.DataFrame:
 
 
 def over(actions: pd.DataFrame, columns: Sequence[str]) -> pd.DataFrame:
-    """How well learners predict parts of what was done, such as each trial; subjects count alike.
+    """Scores on parts of what was done, such as each trial; subjects count alike.
 
     Args:
         actions: From :func:`~causal_openlock.scoring.teacher_forcing.score_actions`.
@@ -334,7 +334,7 @@ def over(actions: pd.DataFrame, columns: Sequence[str]) -> pd.DataFrame:
 
 
 def _of_each(actions: pd.DataFrame, columns: Sequence[str]) -> pd.DataFrame:
-    """Of each subject, in each part: mean ``bits`` and ``expected``, and actions ``done``."""
+    """Mean ``bits`` and ``expected``, and actions ``done``, of each subject in each part."""
     table = actions.assign(
         bits=-actions["log_probability"] / LN2, expected=actions["entropy"] / LN2, done=1
     )

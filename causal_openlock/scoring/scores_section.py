@@ -24,11 +24,11 @@ from causal_openlock.wording import file_names
 from causal_openlock.world.room import positions_for
 
 MOST_PLOTS = 4
-"""A figure for the subjects of so many learners; tables have all of them."""
+"""Maximum number of learners that get a figure; tables list all."""
 MOST_SUBJECTS = 200
-"""A row for each of so many subjects; ``followed.csv`` has all of them."""
+"""Maximum number of subjects that get a row; ``followed.csv`` lists all."""
 SURE = 0.9
-"""From this probability on a subject is said to follow a learner."""
+"""Probability from which a subject is said to follow a learner."""
 _ATTRIBUTED = ["condition", "subject", "follows", "probability", "ahead"]
 _NAMES = {
     **{"scored": "predicted by", "by": "predicted by", "low": "ci_low", "high": "ci_high"},
@@ -44,7 +44,7 @@ _FORMATS = {
 
 
 def compute(material: Material) -> OnRecord:
-    """The scores of what is on record."""
+    """The scores of the actions on record."""
     return scores_on_record(material)
 
 
@@ -59,7 +59,7 @@ def tests(computed: OnRecord) -> dict[Hashable, float]:
 
 
 def section(material: Material, decided: Decided) -> Section | None:
-    """Which learner predicts best, which ones subjects follow, where the best fails; or None."""
+    """Section: the best predictor, the learners that subjects follow, its failures; or None."""
     positions = {
         one.name: max(map(positions_for, one.schemas)) for one in material.experiment.conditions
     }
@@ -118,7 +118,7 @@ def _found(
     own: pd.DataFrame,
     choices: Mapping[str, int],
 ) -> dict[str, Any]:
-    """What is said of the subjects of one learner."""
+    """Values of the sentences about the subjects of one learner."""
     others = ranked.iloc[1:]
     beaten = others["p_corrected"] < ALPHA
     size = {name: np.log2(count) for name, count in choices.items()}
@@ -135,7 +135,7 @@ def _found(
 
 
 def _shown(tables: Sequence[pd.DataFrame], several: int) -> pd.DataFrame:
-    """Tables as one; whose subjects they are about stands first, where there are several."""
+    """Join tables; with several learners, the column of whose subjects they are is first."""
     table = pd.concat(tables, ignore_index=True).rename(columns=_NAMES)
     first = [*(["of"] if several > 1 else []), *table.columns.intersection(["predicted by"])]
     order = [*first, *(name for name in table.columns if name not in ("of", "predicted by", "p"))]
@@ -143,7 +143,7 @@ def _shown(tables: Sequence[pd.DataFrame], several: int) -> pd.DataFrame:
 
 
 def _sizes(material: Material, each: Mapping[str, Scores]) -> tuple[int, int]:
-    """How many subjects are scored, and how many of the same learners are on record."""
+    """Number of subjects that are scored, and of those of the same learners on record."""
     scored = sum(len(one.subjects[SUBJECT].drop_duplicates()) for one in each.values())
     trials = material.trials
     known = trials[trials["learner"].isin(list(each))]
@@ -151,7 +151,7 @@ def _sizes(material: Material, each: Mapping[str, Scores]) -> tuple[int, int]:
 
 
 def family(key: tuple[str, str]) -> Hashable:
-    """Which learners predict the subjects of a learner worse than the best one."""
+    """The question of a test: which learners predict a learner's subjects worse than the best."""
     return key[0]
 
 

@@ -69,12 +69,12 @@ class Recorded:
 
     @cached_property
     def numbers(self) -> list[int]:
-        """Their numbers."""
+        """Numbers of the subjects."""
         return np.unique(self.rows["subject"]).tolist()
 
     @cached_property
     def attempts(self) -> list[list[NDArray[Any]]]:
-        """By subject, the actions of each attempt, in the order of time: that of a record."""
+        """Actions of each attempt, by subject, in the order of the record."""
         by_number = self.rows.groupby("subject", sort=True)["actions"]
         return [[np.asarray(one, np.int64) for one in own] for _, own in by_number]
 
@@ -90,7 +90,7 @@ class Recorded:
         }
 
     def played(self) -> list[str]:
-        """By subject, a digest of what it did and met; see :func:`digests_of`."""
+        """Digest of what each subject did and met; see :func:`digests_of`."""
         return digests_of(self.rows, self.experiment)[PLAYED].tolist()
 
     def session(
@@ -111,7 +111,7 @@ class Recorded:
         )
 
     def check(self) -> None:
-        """Refuse a record of which something else comes when it is played again."""
+        """Refuse a record whose replay differs from it."""
         session = self.session()
         for acts, step in session.following(self.done()):
             if not step.view.playing[acts].all():
@@ -143,13 +143,13 @@ def setting_of(scored: LearnerSpec) -> str:
 
 
 def subject_names(table: pd.DataFrame) -> pd.Series:
-    """By row, a name that distinguishes its subject from all others."""
+    """Name of the subject of each row, unique among all subjects."""
     first, *others = (table[name].astype(str) for name in (*GROUP, "subject"))
     return first.str.cat(others, sep="/")
 
 
 def digests_of(attempts: pd.DataFrame, experiment: StoredExperiment) -> pd.DataFrame:
-    """Digests of what subjects did and met, by which it is known whether scores are of it.
+    """Digests of what subjects did and met, which show whether scores belong to it.
 
     Args:
         attempts: A record's columns :data:`ATTEMPT`, in its order.
@@ -220,7 +220,7 @@ def score_actions(
     keep: Path | None = None,
     report: Callable[[int, int], None] = lambda done, total: None,
 ) -> pd.DataFrame:
-    """How likely learners find each action of each subject of a record.
+    """Score how likely learners find each action of each subject of a record.
 
     Args:
         record: Attempts, as :meth:`~causal_openlock.storage.store.Store.record` gives them.
@@ -231,7 +231,7 @@ def score_actions(
         of: Labels of the learners whose subjects are predicted; by default all.
         draws: How those are asked that give no probabilities.
         workers: How many processes work; with one it is this process.
-        keep: A folder for what is done, from which it goes on after an interruption.
+        keep: A folder for finished parts, from which scoring continues after an interruption.
         report: Called with how many parts of the work are done, of how many.
 
     Returns:
@@ -246,7 +246,7 @@ def score_actions(
         learner and its settings.
 
     Raises:
-        LearnerError: If a learner cannot be put in another's place, or what it gives are no
+        LearnerError: If a learner cannot be put in another's place, or does not give
             probabilities.
         StoreError: If what is on record cannot be played again.
     """
@@ -363,7 +363,7 @@ def _told(
             and are_probabilities(found[acts], session.brief.actions)
         ):
             raise LearnerError(
-                f"the probabilities of {name} are no array of {session.brief.actions} for each "
+                f"the probabilities of {name} are not an array of {session.brief.actions} for each "
                 "subject, none below 0 and 1 in sum; its contract tests say more"
             )
         own[:, moment] = found[np.arange(len(found)), actions[:, moment]]
@@ -372,7 +372,7 @@ def _told(
         if (draws := learner.sample_size()) is not None:
             if not (np.shape(draws) == acts.shape and (draws[acts] >= 0).all()):
                 raise LearnerError(
-                    f"the sample_size of {name} is no array of numbers from 0, one for each "
+                    f"the sample_size of {name} is not an array of numbers from 0, one for each "
                     "subject; return None where probabilities are exact"
                 )
             share = own[:, moment]
@@ -427,7 +427,7 @@ def _asked(
 
 
 def known_learners(names: Sequence[str] | str, specs: Sequence[LearnerSpec]) -> list[LearnerSpec]:
-    """Those of some learners that have these labels.
+    """Select learners by their labels.
 
     Raises:
         LearnerError: If there is none of a label.

@@ -1,7 +1,7 @@
-"""Where a learner fails: the attempts and actions that it predicts worse than it expects to.
+"""Failures of a learner: the attempts and actions that it predicts worse than it expects to.
 
 A learner that is undecided needs many bits, and says so before: what it expects to need is the
-entropy of its own probabilities. What it needs beyond that is what it has wrong.
+entropy of its own probabilities. The bits that it needs beyond that measure its errors.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ ATTEMPTS = {
     "first attempts": 1, "second attempts": 2, "third attempts": 3, "attempts 4 to 6": 6,
     "attempts 7 to 12": 12, "later attempts": np.inf,
 }  # fmt: skip
-"""Attempts of a trial that are taken together, with the last of them."""
+"""Ranges of attempts of a trial, with the last attempt of each."""
 WORST = 5
 """Attempts of subjects that are named."""
 
 
 def failures(actions: pd.DataFrame, positions: Mapping[str, int]) -> pd.DataFrame:
-    """How well one learner predicts different attempts and actions, the worst parts first.
+    """Prediction of different attempts and actions by one learner, the worst parts first.
 
     Args:
         actions: Its scores, from

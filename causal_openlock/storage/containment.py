@@ -1,4 +1,4 @@
-"""That nothing in a results folder leads out of it: folders are shared, and archives unpacked."""
+"""Check that no path or link in a results folder points outside it, since folders are shared."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _CELL = re.compile(r"(?!\.)[^/\\:\x00-\x1f\x7f-\x9f]{1,240}\.parquet")
 
 
 def check_inside(folder: Path, cells: Sequence[Any] = ()) -> None:
-    """Make sure that no link or path in a results folder leads out of it.
+    """Make sure that no link or path in a results folder points outside it.
 
     Others may have written ``experiment.json``, and an unpacked archive may hold links. (The
     folder itself may be a link; its owner has made that.)
@@ -31,7 +31,7 @@ def check_inside(folder: Path, cells: Sequence[Any] = ()) -> None:
         if not (isinstance(name, str) and _CELL.fullmatch(name)):
             raise StoreError(
                 f"{folder / 'experiment.json'} lists {str(name)[:80]!r} among the cells, which is "
-                f"no file in {folder / 'cells'}; do not use this folder, it has been changed"
+                f"not a file in {folder / 'cells'}; do not use this folder, it has been changed"
             )
     home = folder.resolve()
     for place, folders, files in os.walk(folder):  # which does not follow links to folders

@@ -1,4 +1,4 @@
-"""Why cells failed: a file for each with a sentence, the traceback, and how often it failed."""
+"""Reasons why cells failed: a file for each with a sentence, the traceback, and a count."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Failures:
         return why
 
     def of(self, file_name: str) -> tuple[int, str]:
-        """How often a cell has failed without being played since, and the last reason."""
+        """Number of failures of a cell since it was last played, and the last reason."""
         try:
             text = self.path(file_name).read_text("utf-8", "replace")
         except OSError:

@@ -37,7 +37,7 @@ class FolderLock:
         """Lock the folder; returns whether no other process uses it, so that it can be prepared.
 
         Raises:
-            StoreError: If another one does, other than shards beside a shard.
+            StoreError: If another process uses it, unless both are shards.
         """
         if shard is not None:
             mine = f"{LOCK}-{shard.number}-of-{shard.shards}"
@@ -60,7 +60,7 @@ class FolderLock:
             time.sleep(0.1)
 
     def share(self, shard: Shard | None) -> None:
-        """Let other shards work in the folder, too."""
+        """Also let other shards work in the folder."""
         if shard is not None and len(self._held) == 2:
             self._held.pop().close()
             while self._taken(LOCK, shared=True) is False:  # another one tidies up
@@ -73,7 +73,7 @@ class FolderLock:
         self._held = []
 
     def _taken(self, name: str, *, shared: bool = False) -> bool | None:
-        """Take a lock; whether it could be taken, or ``None`` where there are no locks."""
+        """Try to take a lock; False if another process has it, None if locks are unsupported."""
         try:
             import fcntl
         except ImportError:  # a system without such locks

@@ -4,7 +4,7 @@ An object store has no locks, no links and no files that grow, all of which play
 comparison is played in a folder here (:func:`kept`). What is in the store comes first, and
 is not played again; each finished cell goes there as a whole file. In this way, shards on machines
 that share no disk can fill one place: a cell has one name and one content, whichever of them writes
-it. Checkpoints stay here, so an interrupted cell goes on where it was on this machine alone.
+it. Checkpoints stay here, so an interrupted cell continues only on this machine.
 
 `fsspec <https://filesystem-spec.readthedocs.io>`_ knows the stores: ``s3://`` with the extra
 ``s3``, ``gs://`` with the package ``gcsfs``, ``az://`` with ``adlfs``.
@@ -80,7 +80,7 @@ def downloaded(place: str | Path) -> Path:
 
 @contextmanager
 def kept(place: str | Path) -> Iterator[tuple[Path, Callable[[], None]]]:
-    """The folder to play in, and a function that sends what is new in it to where it is kept.
+    """Yield the folder to play in, and a function that uploads new files to the store.
 
     Raises:
         StoreError: If a store cannot be reached.
@@ -112,7 +112,7 @@ class Remote:
             self._files, self._root = fsspec.core.url_to_fs(url)
 
     def download(self) -> None:
-        """Bring what is there: the description, cells and what is beside them, and why some failed.
+        """Download the description, cells and the files next to them, and reasons of failures.
 
         A cell that is whole here is not replaced; where it differs there, it is sent again.
 
@@ -176,11 +176,11 @@ class Remote:
             raise StoreError(
                 f"{self.shown} cannot be reached ({type(error).__name__}: {why}); check "
                 f"the address and what it needs. What was played is in {self.folder}, and the same "
-                "command goes on"
+                "command continues"
             ) from None
 
 
 def _state(path: Path) -> tuple[int, int]:
-    """What changes when a file is rewritten."""
+    """Size and time of a file, which change when it is rewritten."""
     about = path.stat()
     return about.st_size, about.st_mtime_ns

@@ -1,6 +1,6 @@
 """Files that are there only while cells are played: checkpoints, progress, and that a run waits.
 
-Those of a cell stand beside the file of its record, under the same name with another ending.
+Files of a cell are next to that of its record, under the same name with another ending.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ CHECKPOINT, ATTEMPTS, PROGRESS = ".checkpoint", ".attempts", ".progress"
 """Endings; see :mod:`causal_openlock.running.checkpoint` for the first two."""
 
 MOST_SECONDS = 1e9
-"""More than anything plays: thirty years."""
+"""Upper bound of a cell's time: thirty years."""
 
 
 def report_progress(record: Path, share: float, seconds: float) -> None:
-    """Say which share of a cell is done, after how many seconds; if not now, then the next time."""
+    """Report the share of a cell that is done, after how many seconds; ignore OS errors."""
     with suppress(OSError):
         record.with_suffix(PROGRESS).write_text(f"{share:.4f} {seconds:.1f}", encoding="utf-8")
 
 
 def reported_progress(record: Path) -> tuple[int, float, float] | None:
-    """When a cell that is played was last reported on, in nanoseconds; the share; the seconds."""
+    """Time of a cell's last report, in nanoseconds; the share that is done; the seconds."""
     path = record.with_suffix(PROGRESS)
     with suppress(OSError, ValueError):  # just written, or just removed
         share, seconds = map(float, path.read_text(encoding="utf-8").split())

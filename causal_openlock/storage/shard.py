@@ -37,11 +37,11 @@ class Shard:
         """
         parts = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text.strip(), re.ASCII)
         if not parts or not 1 <= int(parts[1]) <= int(parts[2]):
-            raise OpenLockError(f"{text!r} is no shard; write 3/16 for the third of sixteen")
+            raise OpenLockError(f"{text!r} is not a shard; write 3/16 for the third of sixteen")
         return cls(int(parts[1]), int(parts[2]))
 
     def of(self, cells: Sequence[T]) -> tuple[T, ...]:
-        """Its share; a learner's cells stand together, so every shard has some of each learner."""
+        """The shard's cells: some of each learner, since a learner's cells are listed together."""
         return tuple(cells[self.number - 1 :: self.shards])
 
     def __str__(self) -> str:

@@ -229,8 +229,8 @@ class Store:
             return
         if not allow_version:
             raise StoreError(
-                f"{self.folder} was made with {other}; install what it was made with, or give "
-                "--allow-version to play what is missing with what is here: numbers may differ"
+                f"{self.folder} was made with {other}; install these versions, or give "
+                "--allow-version to play missing cells with those here: numbers may differ"
             )
         both = merged_versions([made_with, versions()])
         self.declare(experiment, experiment.cells(), made_with=both)
@@ -280,7 +280,7 @@ class Store:
         return self.cells / cell.file_name
 
     def source(self, package: str) -> Path:
-        """Where the source of a learner that has no file is kept, for people: nothing runs it.
+        """Path of the source of a learner that has no file, stored for people: nothing runs it.
 
         Args:
             package: Its origin, such as ``Mine.py 0123456789abcdef``.
@@ -294,7 +294,7 @@ class Store:
         return self.folder / "code" / f"{name.replace('.', '_')}_{digest}.py"
 
     def check(self, cell: Cell) -> str | None:
-        """What is wrong with a cell's record: ``"missing"``, or what is damaged; else ``None``."""
+        """Fault of a cell's record: ``"missing"``, or what is damaged; else ``None``."""
         path = self.path(cell)
         if not path.exists():
             return "missing"
@@ -350,7 +350,7 @@ class Store:
             write_bytes(self.transcript(self.path(cell)), "\n".join([*lines, ""]).encode())
 
     def transcript(self, record: Path) -> Path:
-        """Where the transcripts of a cell are, by the path of its record."""
+        """Path of the transcripts of a cell, by the path of its record."""
         return self.folder / TRANSCRIPTS / f"{record.stem}.jsonl"
 
     def record(
@@ -448,5 +448,5 @@ def _is_variant(held: Experiment, experiment: Experiment) -> bool:
 def _unusable(path: Path, why: str | None) -> StoreError:
     return StoreError(
         f"{path} cannot be written ({why or 'the system does not say why'}); free some space or "
-        "choose another folder, then run the same command again: it goes on where it was"
+        "choose another folder, then run the same command again: it continues where it stopped"
     )

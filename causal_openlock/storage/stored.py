@@ -65,7 +65,7 @@ def parse_experiment(data: Any) -> StoredExperiment:
         fault = error.errors(include_url=False)[0]
         where = tuple(part for part in fault["loc"] if not str(part).startswith("<"))
         if fault["type"] == "json_invalid":
-            message = "it is nested too deeply, or holds text that is no Unicode"
+            message = "it is nested too deeply, or holds text that is not Unicode"
         else:
             message = sentence({**fault, "loc": where}, _File)
             if fault["type"] in ("missing", "extra_forbidden") and where[1:]:
@@ -138,7 +138,7 @@ class _Condition(StrictModel):
         rooms = {}
         for subject, layouts in self.rooms.items():
             if not subject.isdecimal() or not {*map(len, layouts)} <= fitting.keys():
-                raise StoreError(f"rooms.{subject[:20]} are no layouts of a subject's trials")
+                raise StoreError(f"rooms.{subject[:20]} are not layouts of a subject's trials")
             rooms[int(subject)] = tuple(_placed(fitting[len(one)], one) for one in layouts)
         return Condition(self.name, train, test, rooms)
 

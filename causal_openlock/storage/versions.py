@@ -46,7 +46,7 @@ def merged_versions(all_of_them: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def other_versions(made_with: Mapping[str, Any], here: Mapping[str, str]) -> str:
-    """Which versions something was not made with so far, in words; empty if there is none.
+    """Stored versions that differ from those here, in words; empty if there are none.
 
     >>> other_versions({"numpy": "2.0", "torch": ["2.6", "2.7"]}, {"numpy": "2.1", "torch": "2.7"})
     'numpy 2.0 (here it is 2.1)'

@@ -171,7 +171,7 @@ class LearnerContract:
             )
 
     def test_it_ignores_subjects_that_have_finished(self) -> None:
-        """Where ``view.playing`` is false, it ignores the rows of views and steps."""
+        """The learner ignores rows of views and steps where ``view.playing`` is false."""
         gone = np.arange(self.subjects) == 1
 
         def others(garble: bool) -> list[list[int]]:
@@ -190,7 +190,7 @@ class LearnerContract:
             )
 
     def test_it_keeps_no_global_randomness(self) -> None:
-        """It neither draws from the global generators nor seeds them."""
+        """The learner neither draws from the global generators nor seeds them."""
         first = self._first_play()  # so that later plays import nothing
         before = GlobalRandomness.now()
         try:
@@ -210,7 +210,7 @@ class LearnerContract:
             before.restore()
 
     def test_it_sees_nothing_latent(self) -> None:
-        """It plays the same in rooms that differ only in the names of their levers."""
+        """The learner plays the same in rooms that differ only in the names of their levers."""
         self._skip_the_informed()
         self._require(
             not hasattr(learner_class(self.learner), "inform"),
@@ -231,7 +231,7 @@ class LearnerContract:
         )
 
     def test_it_acts_only_on_what_it_sees(self) -> None:
-        """In a room of another schema it acts the same for as long as it sees the same.
+        """The learner acts the same in a room of another schema for as long as it sees the same.
 
         It plays in rooms of CC4. Then, from the same seed, it plays in rooms of CE4 in the same
         layouts, and is shown what it saw in CC4. Its actions differ if it knows the schema from
@@ -264,10 +264,10 @@ class LearnerContract:
     # -- its probabilities ----------------------------------------------------------------------
 
     def test_it_draws_its_actions_from_its_probabilities(self) -> None:
-        """Where it gives them, what it does is as likely as they say, and asking changes nothing.
+        """Actions are as likely as the learner's probabilities say, and asking changes nothing.
 
-        Two sums over all its actions are compared with what they come to in the mean: how
-        surprising they are, and how often the likeliest is taken.
+        Two sums over all its actions are compared with their expectations: how surprising the
+        actions are, and how often the likeliest is taken.
         """
         learner, asked = self._made(), list[Any]()
         act = learner.act
@@ -330,7 +330,7 @@ class LearnerContract:
     # -- its input and its state ----------------------------------------------------------------
 
     def test_it_never_changes_what_it_is_given(self) -> None:
-        """It leaves views and steps unchanged, since the session uses them later."""
+        """The learner leaves views and steps unchanged, since the session uses them later."""
         learner = self._made()
         watch(learner)
         try:
@@ -358,11 +358,11 @@ class LearnerContract:
             if len(course) in moments:
                 state = learner.state_dict()
                 kept.append((len(course), pickle.dumps(state)))
-        self._require_same(plain, whole.record(), "is another once its state has been asked for")
-        asked = "goes on from a state that changed with the learner it {}; copy it"
+        self._require_same(plain, whole.record(), "changes once its state has been asked for")
+        asked = "continues from a state that changed with the learner it {}; copy it"
         for moment, loaded, fault in (
             *(
-                (moment, pickle.loads(held), "does not go on as it would have uninterrupted")
+                (moment, pickle.loads(held), "does not continue as it would have uninterrupted")
                 for moment, held in kept
             ),
             (kept[-1][0], state, asked.format("came from")),
@@ -386,7 +386,7 @@ class LearnerContract:
     def test_its_parameters_are_a_frozen_dataclass_that_explains_itself(self) -> None:
         """Each has a default that fits its own type, and a text in its ``Annotated`` type."""
         declared: Any = learner_class(self.learner).Parameters
-        self._require(is_dataclass(declared), "Parameters is no dataclass")
+        self._require(is_dataclass(declared), "Parameters is not a dataclass")
         self._require(
             declared.__dataclass_params__.frozen, "Parameters must be a dataclass(frozen=True)"
         )
@@ -498,7 +498,7 @@ class LearnerContract:
 def _more_than_expected(
     rows: NDArray[np.float64], taken: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Of surprise and of the likeliest action: more than expected, and the variance, in sum."""
+    """Sums of surprise and of likeliest actions: excess over the expectation, and variance."""
     surprise = -np.log(np.where(rows > 0, rows, 1.0))
     mean = (rows * surprise).sum(axis=1)
     spread = (rows * (surprise - mean[:, None]) ** 2).sum(axis=1)
@@ -537,7 +537,7 @@ class _ShowsAnother(Session):
 
 
 def _steps_of(record: pa.Table) -> int:
-    """How many steps a session took: as many as the actions of the subject with most of them."""
+    """Number of steps in a session: the most actions of any subject."""
     taken = Counter[int]()
     for subject, actions in zip(
         record["subject"].to_pylist(), record["actions"].to_pylist(), strict=True
@@ -547,6 +547,6 @@ def _steps_of(record: pa.Table) -> int:
 
 
 def _common(one: Sequence[Any], other: Sequence[Any]) -> int:
-    """How many items two sequences have in common before they first differ."""
+    """Number of items that two sequences have in common before they first differ."""
     agree = (left == right for left, right in zip(one, other, strict=False))
     return sum(takewhile(bool, agree))

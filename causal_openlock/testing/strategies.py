@@ -33,7 +33,7 @@ MOST = 32
 
 
 def gates(causes: int) -> st.SearchStrategy[Gate]:
-    """A gate that can hold with so many causes."""
+    """A gate that can hold with this number of causes."""
     counts = st.integers(1, causes).map(lambda k: Gate("at_least", k))
     return st.sampled_from([Gate(), Gate("all")]) | counts
 
@@ -159,7 +159,7 @@ def _installed() -> list[str]:
 
 
 def _values(kind: Any, limits: Sequence[Any] = ()) -> st.SearchStrategy[Any] | None:
-    """What a hyper-parameter of a type may be; None for types of any content."""
+    """Values of a hyper-parameter of a type; None for types of any content."""
     if get_origin(kind) is Annotated:
         inner, *notes = get_args(kind)
         return _values(

@@ -64,7 +64,7 @@ def digest_of(files: Mapping[str, Path]) -> str:
 
 
 def imported_digest(source: Path, modules: Iterable[str]) -> str:
-    """As :func:`code_digest`: of the files as they were when their modules were imported."""
+    """The :func:`code_digest` of the files as they were when their modules were imported."""
     names = frozenset(modules)
     return _known(source, names) or code_digest(source, names)
 
@@ -76,7 +76,7 @@ def _specs(files: Iterable[str]) -> dict[str, ModuleSpec | None]:
 
 
 def _known(source: Path, names: frozenset[str]) -> str | None:
-    """What is remembered, unless one of the modules was imported or reloaded since."""
+    """The remembered hash, unless one of the modules was imported or reloaded since."""
     known = _imported.get((source, names))
     if known is None or any(
         getattr(sys.modules.get(name), "__spec__", None) is not spec

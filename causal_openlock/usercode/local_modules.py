@@ -19,7 +19,7 @@ from causal_openlock.usercode.module_source import file_of, is_users_own, module
 
 @dataclass
 class LocalModules:
-    """What a module needs.
+    """Files and packages that a module needs.
 
     Attributes:
         files: It and the modules that it imports and that are neither installed nor the toolkit's,
@@ -61,10 +61,10 @@ def modules_of_text(text: str, others: Iterable[str] = ()) -> dict[str, Path]:
 def _followed(
     waiting: list[str], roots: dict[str, Path | None], places: Sequence[Path], alone: bool
 ) -> LocalModules:
-    """What some modules need, and what is needed by what they import.
+    """Collect what some modules need, and what their imports need in turn.
 
     Args:
-        waiting: Their names.
+        waiting: Names of the modules.
         roots: The folders that are known, by top-level name.
         places: Folders where others may be.
         alone: Whether others are not the user's, wherever they are.
@@ -122,7 +122,7 @@ def _parsed(path: Path) -> ast.Module:
 
 
 def _imports(tree: ast.Module, package: Sequence[str]) -> list[str]:
-    """The names that a source imports; some of them may be no modules but what is in one."""
+    """The names that a source imports; some may be parts of a module."""
     names = []
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):

@@ -1,4 +1,4 @@
-"""What is wrong with ``module:name`` if it names nothing: a module or a name that may be misspelt.
+"""Messages for ``module:name`` that names nothing: the module or the name may be misspelt.
 
 A module that fails while it is imported is something else: its own error says more.
 """
@@ -20,7 +20,7 @@ from causal_openlock.wording import joined, nearest
 def misspelt(
     entry: EntryPoint, error: Exception, kind: str, fits: Callable[[Any], bool]
 ) -> str | None:
-    """What to say where ``module:name`` names no module, or nothing in it; else None.
+    """Message for ``module:name`` that names no module, or nothing in a module; else None.
 
     Args:
         entry: What was loaded.
@@ -47,7 +47,7 @@ def misspelt(
 
 
 def _no_module(missing: str) -> str:
-    """That there is no such module, and which ones there are where one's own are looked for."""
+    """Message for a missing module, with the nearest of those on the search path."""
     package, _, last = missing.rpartition(".")
     if package:
         places = [*getattr(sys.modules.get(package), "__path__", ())]

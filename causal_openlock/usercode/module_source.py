@@ -29,7 +29,7 @@ def module_source(name: str, beside: Iterable[Path] = ()) -> Path | None:
     """The source file that importing a module would run.
 
     The folders ``beside`` are searched last, as with :func:`look_beside`. There is ``None`` for a
-    module that is not there or is no Python source.
+    module that is not there or is not Python source.
 
     Example:
         >>> module_source("causal_openlock.errors").name

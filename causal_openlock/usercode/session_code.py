@@ -36,7 +36,7 @@ from causal_openlock.wording import joined
 
 SESSION = "__main__"
 _OWN = uuid4().hex
-"""Of this process, which has the classes that it packs."""
+"""Identifies the process that packed the classes."""
 
 
 def is_of_session(name: str) -> bool:
@@ -159,7 +159,7 @@ def session_source(name: str) -> str:
 
 
 def session_origin(name: str) -> str:
-    """What a class or function of the session is recorded as: its name, and a hash of its source.
+    """The recorded origin of a class or function of the session: its name, and a hash of its source.
 
     Raises:
         LearnerError: If the source cannot be found.
@@ -186,7 +186,7 @@ def _constant(name: str, value: Any) -> str:
 
 
 def _is_defined_here(value: Any) -> bool:
-    """Whether it has a definition in the session that is its whole source."""
+    """Whether a value has a definition in the session that is its whole source."""
     value = inspect.unwrap(value) if callable(value) else value
     is_definition = isinstance(value, type | FunctionType) and value.__module__ == SESSION
     return is_definition and "<" not in value.__qualname__

@@ -33,9 +33,9 @@ KEPT_REWARDS = 1 << 20
 """The most rewards that depend on the past to keep in memory: 8 MB."""
 
 KEPT_ARRAYS = 3
-"""How many spare arrays to keep: a step reads one and writes two."""
+"""Spare arrays to keep: a step reads one and writes two."""
 LARGE = 1 << 15
-"""Arrays of so many bytes are used again: fresh memory for them can cost more than a step."""
+"""Bytes from which an array is used again: fresh memory for it can cost more than a step."""
 
 
 class Spare:
@@ -82,7 +82,7 @@ _UNUSED = _references([np.zeros(0)], 0)
 
 
 class BatchStep(NamedTuple):
-    """What one action in each of B rooms led to.
+    """Results of one action in each of B rooms.
 
     Attributes:
         after: ``[B]`` the row that the action led to.

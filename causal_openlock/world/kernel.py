@@ -26,8 +26,8 @@ ATTEMPT, FOUND, SOLUTIONS, PREVIOUS, REWARD = range(5)
 """Rows of ``counts``."""
 BLOCK = 2048
 AFTER, OVER, STATUS = np.uint32((1 << 23) - 1), np.uint32(1 << 23), np.uint32(24)
-"""Of a packed word: the bits of the row, the bit for the end of the attempt, and where the bits of
-the status begin."""
+"""Parts of a packed word: the bits of the row, the bit for the end of the attempt, and the first
+bit of the status."""
 WITH_UNLOCKED, WITH_OPENED = int(UNLOCKED) << 24, int(OPENED) << 24
 """Words from these up are those of an unlocked and of an open door."""
 

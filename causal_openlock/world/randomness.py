@@ -146,7 +146,7 @@ class Streams:
         return {"states": states, "drawn": self._drawn, "next": self._next}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint."""
+        """Continue from a checkpoint."""
         for generator, saved in zip(self._generators, state["states"], strict=True):
             generator.bit_generator.state = saved
         self._drawn, self._next = state["drawn"], state["next"]

@@ -1,7 +1,7 @@
 """User-defined rewards, written in Python.
 
 ``module:function`` names a function of the events of actions, in a file of the working directory or
-beside the experiment file, or in an installed package::
+next to the experiment file, or in an installed package::
 
     def eager(events):
         # Opening the door pays more while fewer solutions are found.
@@ -141,7 +141,7 @@ def _loaded(name: str) -> tuple[Callable[[Events], Any], str]:
             or f"the reward {name!r} cannot be imported: {type(error).__name__}: {error}"
         ) from error
     if not callable(function) or isinstance(function, type):
-        raise RewardError(f"{name!r} is no function; a reward is a function of events")
+        raise RewardError(f"{name!r} is not a function; a reward is a function of events")
     return function, "" if is_of_session(name) else source_of(name, imported_digest)
 
 
@@ -191,6 +191,6 @@ def _try_out(reward: OwnReward) -> None:
         apart = [reward.pay(events.at(np.array([index]))) for index in range(0, len(row), 7)]
         if not np.allclose(np.concatenate(apart), paid[::7], rtol=1e-9, atol=1e-12):
             raise RewardError(
-                f"the reward {reward.name} pays an action differently beside other actions; let it "
+                f"the reward {reward.name} pays an action differently among other actions; let it "
                 "evaluate each action by itself"
             )

@@ -1,4 +1,4 @@
-"""What actions led to, what they pay, and rewards as a table.
+"""Events of actions, their rewards, and rewards as a table.
 
 A reward (:mod:`causal_openlock.world.rewards`) is a function of :class:`Events`, for many actions
 at once. Almost every reward depends on the row and the action alone, so :class:`RewardTable`
@@ -23,15 +23,15 @@ from causal_openlock.world.tables import RoomTables
 IF_FOUND, IF_REPEATED, ALWAYS = 1, 2, 4
 """Bits of :attr:`RewardTable.matters`: when the reward may differ from the one in the table."""
 PASTS = 8
-"""How many pasts an action can have for each number of solutions found: whether it repeats the
-action before it, whether its solution is already found, whether it retraces one already found."""
+"""Pasts that an action can have for each number of solutions found: whether it repeats the action
+before it, whether its solution is already found, whether it retraces one already found."""
 AT_ONCE = 1 << 16
-"""How many actions are evaluated at once: the events of each take a few dozen bytes."""
+"""Actions evaluated at once: the events of each take a few dozen bytes."""
 
 
 @dataclass(frozen=True)
 class Events:
-    """What N actions led to; every field is ``[N]``.
+    """Events of N actions; every field is ``[N]``.
 
     Attributes:
         first: It was the attempt's first action.
@@ -144,12 +144,12 @@ class RewardFunction(ABC):
 
     @property
     def depends_on_repeats(self) -> bool:
-        """Whether it depends on the action before."""
+        """Whether the reward depends on the action before."""
         return self.depends_on_everything
 
     @property
     def depends_on_found(self) -> bool:
-        """Whether it depends on which solutions are already found."""
+        """Whether the reward depends on which solutions are already found."""
         return self.depends_on_everything
 
     @abstractmethod

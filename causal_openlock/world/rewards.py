@@ -47,11 +47,11 @@ MULTIPLIER = 1.5
 
 @dataclass(frozen=True)
 class Weights:
-    """What the terms pay; the texts explain each weight to users."""
+    """Weights of the terms; the texts explain each one to users."""
 
     unlock: Annotated[float, "for unlocking the door (basic)"] = UNLOCK
     open: Annotated[float, "for opening the door (basic)"] = OPEN
-    state_change: Annotated[float, "for a change of what is seen"] = 0.5
+    state_change: Annotated[float, "for a change of the observation"] = 0.5
     negative_immovable: Annotated[float, "for an action that moves nothing"] = -0.5
     negative_repeat: Annotated[float, "for the same action twice in a row"] = -0.25
     partial_sequence: Annotated[float, "for a first action that begins a solution"] = 1.0
@@ -64,7 +64,7 @@ WEIGHTS: dict[str, str] = {
     name: hint.__metadata__[0]
     for name, hint in get_type_hints(Weights, include_extras=True).items()
 }
-"""What each weight means, by name."""
+"""Explanation of each weight, by name."""
 
 
 def term_of(weight: str) -> str:
@@ -119,12 +119,12 @@ class Reward(RewardFunction):
 
     @property
     def depends_on_repeats(self) -> bool:
-        """Whether it depends on the action before."""
+        """Whether the reward depends on the action before."""
         return "negative_repeat" in self.terms
 
     @property
     def depends_on_found(self) -> bool:
-        """Whether it depends on which solutions are already found."""
+        """Whether the reward depends on which solutions are already found."""
         return not {"unique_solutions", "solution_multiplier"}.isdisjoint(self.terms)
 
 
@@ -232,12 +232,12 @@ class AuthorsReward(RewardFunction):
 
     @property
     def depends_on_repeats(self) -> bool:
-        """Whether it depends on the action before."""
+        """Whether the reward depends on the action before."""
         return self.repeat
 
     @property
     def depends_on_found(self) -> bool:
-        """Whether it depends on which solutions are already found."""
+        """Whether the reward depends on which solutions are already found."""
         return self.unique or self.multiplier
 
     def as_dict(self) -> dict[str, Any]:
@@ -291,7 +291,7 @@ PRESETS = _presets()
 RewardForm = (
     str | Iterable[str] | Mapping[str, Any] | RewardFunction | Callable[[Events], ArrayLike]
 )
-"""What :func:`find_reward` takes."""
+"""Forms of a reward that :func:`find_reward` takes."""
 
 
 def find_reward(reward: RewardForm) -> RewardFunction:

@@ -44,7 +44,7 @@ def position_names(positions: int) -> tuple[str, ...]:
     """Names of the positions of a room: the paper's for seven, ``P0``... in larger rooms.
 
     Raises:
-        LayoutError: If no room can have so many positions.
+        LayoutError: If no room can have this number of positions.
 
     Example:
         >>> position_names(7)[:3]
@@ -285,7 +285,7 @@ def first_layout(schema: Schema) -> Layout:
 
 
 def published_layouts(schema: Schema) -> list[str]:
-    """Names of the layouts that the paper's authors published for as many levers."""
+    """Names of the layouts that the paper's authors published for this number of levers."""
     facts = room_facts()["layouts"]
     if positions_for(schema) != len(PAPER_POSITIONS):
         return []

@@ -13,7 +13,7 @@ The effect is 1 if the door opened, ``partial`` if a lever came out, and 0 other
 drawn by the softmax of V, among those that can be seen to be possible: no push of a pushed lever,
 no pull of one that is in.
 
-It comes to push grey levers until the lock's lamp changes, and then the door. Which lever enables
+It learns to push grey levers until the lock's lamp changes, and then the door. Which lever enables
 which, and which solutions were found, has no place in it.
 """
 

@@ -60,7 +60,7 @@ _PLANS: WeakKeyDictionary[Space, dict[Any, FloatArray]] = WeakKeyDictionary()
 """Plans made in this process; subjects with the same posterior share them."""
 MOST_PLANS = 50_000
 SAMPLINGS, SAMPLINGS_A_SOLUTION = 8, 1.5
-"""How often hypotheses are sampled in a trial with many levers (measured), for the estimate."""
+"""Times that hypotheses are sampled in a trial with many levers (measured)."""
 SECONDS_A_NODE = 2e-6
 """Seconds to check a structure, for each lever (measured)."""
 COPIES = 4
@@ -94,7 +94,7 @@ class Bayes(Checkpointed, BeliefLearner):
 
     @classmethod
     def expected_cost(cls, parameters: BayesParameters, schema: Schema, action_limit: int) -> Cost:
-        """What a room costs: repeated sampling of hypotheses, and tables to compare them."""
+        """Cost of a room: repeated sampling of hypotheses, and tables to compare them."""
         levers = len(schema.levers)
         if levers <= FREE_FORM_LEVERS:
             return Cost(0.1, "every structure is listed")
@@ -186,7 +186,7 @@ class Bayes(Checkpointed, BeliefLearner):
         return hypotheses if belief.whole else hypotheses[belief.which]
 
     def probabilities(self, view: View) -> FloatArray:
-        """``[B, A]`` those of the policy and of lapses, averaged over what it may intend."""
+        """``[B, A]`` the policy mixed with lapses, averaged over possible intentions."""
         self.beliefs.enter(view)
         positions, lapse = self.brief.positions, self.parameters.lapse
         found = np.full((self.brief.subjects, self.brief.actions), lapse / self.brief.actions)
@@ -227,7 +227,7 @@ class Bayes(Checkpointed, BeliefLearner):
         return plans[key]
 
     def _slot(self, subject: int, action: int) -> int | None:
-        """What an action pushes: a slot, P for the door, or None for a lever that is pulled."""
+        """Node that an action pushes: a slot, P for the door, or None for a pulled lever."""
         positions = self.brief.positions
         if action < positions:
             return int(self.belief(subject).slots[action])

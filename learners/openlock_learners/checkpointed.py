@@ -22,7 +22,7 @@ class Checkpointed:
         return self.checkpointed or {name: name for name in vars(self)}
 
     def state_dict(self) -> dict[str, Any]:
-        """A copy of all that is needed to go on, for a checkpoint."""
+        """A copy of the whole state, for a checkpoint."""
         state = {}
         for key, name in self._attributes().items():
             part = getattr(self, name)
@@ -31,7 +31,7 @@ class Checkpointed:
         return state
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint, which stays as it is."""
+        """Continue from a checkpoint, which stays as it is."""
         for key, name in self._attributes().items():
             held, part = copy.deepcopy(state[key]), getattr(self, name)
             if hasattr(part, "load_state_dict"):

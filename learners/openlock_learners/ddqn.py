@@ -54,7 +54,7 @@ class DDQNParameters:
         Literal["action", "attempt", "trial"], "what it shrinks with every (paper: not given)"
     ] = "action"
     epsilon_after_trial: Annotated[
-        Share | None, "set at each trial's end (paper: .5); null goes on decaying"
+        Share | None, "set at each trial's end (paper: .5); null continues the decay"
     ] = 0.5
     hidden_layers: Annotated[Count, "layers between input and output (paper: 4)"] = 4
     hidden_units: Annotated[Count, "units in each of them (paper: 128)"] = 128
@@ -178,7 +178,7 @@ class DDQN(Checkpointed, Learner):
         return actions
 
     def probabilities(self, view: View) -> FloatArray:
-        """``[B, A]`` those of exploring and of the greedy action, by epsilon."""
+        """``[B, A]`` exploration and the greedy action, mixed by epsilon."""
         inputs = self._network_input(view.observation, view.console.solutions_found)
         greedy = certain(self.q.greedy(inputs), self.brief.actions)
         share = self.epsilon[:, None]
@@ -268,7 +268,7 @@ class DDQN(Checkpointed, Learner):
         return metrics
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint."""
+        """Continue from a checkpoint."""
         super().load_state_dict(state)
         self.q.observe(self._torch.from_numpy(self._table.rows))
 
@@ -278,7 +278,7 @@ class SemiMarkovDDQNParameters(DDQNParameters):
     """Hyper-parameters: those of :class:`DDQN`, and how many solutions are counted."""
 
     solution_bits: Annotated[
-        Count, "solutions that are counted; to have found more looks like having found so many"
+        Count, "solutions that are counted; finding more looks like finding this number"
     ] = 3
 
 

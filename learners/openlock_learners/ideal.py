@@ -67,7 +67,7 @@ class Ideal(InformedLearner):
 
     @classmethod
     def expected_cost(cls, parameters: Any, schema: Schema, action_limit: int) -> Cost:
-        """What a room costs: a list of all placements, and an exact search that may be long."""
+        """Cost of a room: a list of all placements, and an exact search that may be long."""
         many = ways_to_place(schema)
         if many << len(schema.levers) > TABLE_LIMIT:
             return Cost(math.inf, f"its levers can be placed in {many:,} ways, too many to list")
@@ -167,7 +167,7 @@ class Ideal(InformedLearner):
         return {"rooms": rooms, "draws": self._draws.state_dict()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint."""
+        """Continue from a checkpoint."""
         self._rooms = [room and RoomBelief(**deepcopy(room)) for room in state["rooms"]]
         self._draws.load_state_dict(state["draws"])
 

@@ -2,10 +2,10 @@
 
 It gets in words what a person gets in the browser (:mod:`causal_openlock.render.words`), in a
 story, with names and in an order that are drawn for each subject, and answers with one action at a
-time. The conversation goes on through all rooms of a condition, which is the model's whole memory.
+time. One conversation, through all rooms of a condition, is the model's whole memory.
 
-An answer that is no action is never replaced by a guess. The model is informed and asked again, up
-to a limit. After that the action counts as *unanswered*: it is spent on a lever that is moved to
+An answer that is not an action is never replaced by a guess. The model is informed and asked again,
+up to a limit. After that the action counts as *unanswered*: it is spent on a lever that is moved to
 where it is, which changes nothing, the model is informed, and it is counted. A subject that leaves
 too many actions unanswered ends its cell with an error that says how many and why.
 
@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from openlock_learners.language.server import Server
 
 OURS = ("model", "messages", "tools", "response_format", "stream", "n", "temperature", "seed")
-"""What the learner itself sends, so that ``settings`` cannot hold it."""
+"""Fields that the learner itself sends; ``settings`` may not name them."""
 
 
 _MORE_ROOM = "answers that are cut off have more room with a larger max_tokens in settings, or "
@@ -63,7 +63,7 @@ _MORE_ROOM = "answers that are cut off have more room with a larger max_tokens i
 
 @dataclass(frozen=True)
 class LanguageModelParameters:
-    """Which model, where, and how it is asked."""
+    """The model, its server, and how it is asked."""
 
     model: Annotated[str, "the model's name, as its server knows it"] = ""
     base_url: Annotated[str, "address of the server"] = "https://api.openai.com/v1"
@@ -80,7 +80,7 @@ class LanguageModelParameters:
         None
     )
     ask_again: Annotated[
-        int, Field(ge=0), "how often it is asked again after an answer that is no action"
+        int, Field(ge=0), "how often it is asked again after an answer that is not an action"
     ] = 2
     unanswered: Annotated[
         int, Field(ge=0), "most actions that a subject may leave unanswered in a condition"
@@ -118,7 +118,7 @@ class LanguageModelParameters:
 
 @dataclass
 class _Subject:
-    """One subject: its words, its conversation, and what is kept of it."""
+    """One subject: its words, its conversation, and its transcript."""
 
     words: Wording
     seed: int
@@ -132,7 +132,7 @@ class _Subject:
     spent: bool = False  # whether the last action was unanswered
     in_attempt: bool = False
     sizes: list[tuple[int, int]] = field(default_factory=list)
-    """Of each request, its characters and the tokens that the server counted."""
+    """Characters of each request, and the tokens that the server counted for it."""
 
     def tell(self, text: str) -> None:
         """Add a message to the model: the result of its call, or a text."""
@@ -317,7 +317,7 @@ class LanguageModel(Learner):
         return self._server
 
     async def _ask_structure(self, row: int, step: Step) -> None:
-        """Ask which enables which, beside the conversation, which goes on without the question."""
+        """Ask which lever enables which; the conversation itself stays without the question."""
         subject = self._subjects[row]
         words = subject.words
         new, outcome = bool(step.new_solution[row]), step.outcome[row]
@@ -346,7 +346,7 @@ class LanguageModel(Learner):
         subject.lines.append({**what, "key": key, "reply": reply})
 
     def account(self) -> Account:
-        """The transcripts, and a sentence if answers were no actions."""
+        """The transcripts, and a sentence if answers were not actions."""
         chosen = self.parameters
         transcripts = []
         for subject in self._subjects:
@@ -400,7 +400,7 @@ class LanguageModel(Learner):
         return {"subjects": [json.dumps(asdict(subject)) for subject in self._subjects]}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on from a checkpoint."""
+        """Continue from a checkpoint."""
         self._subjects = [_restored(json.loads(text)) for text in state["subjects"]]
 
 

@@ -12,7 +12,7 @@ action, with a Dirichlet prior. No structure ties the states together, and that 
 with ``bayes``: what does it buy to know that levers enable levers? The one thing carried over, from
 state to state and from room to room, is the mean of the prior (``by_look``): how often actions of
 the same verb, on levers of the same colour that stand the same way, or on a door whose lamp shows
-the same, came to what.
+the same, had which outcome.
 
 Solutions of the trial that were found count nothing in the plan.
 
@@ -138,7 +138,7 @@ class PosteriorSampling(Checkpointed, Learner):
             value[:-1] = worth.max(axis=2)
 
     def learn(self, step: Step) -> None:
-        """Count what each action came to."""
+        """Count the outcome of each action."""
         who = np.flatnonzero(step.view.playing)
         positions, action, outcome = self.brief.positions, step.action[who], step.outcome[who]
         seen = step.view.observation[who]
@@ -159,12 +159,12 @@ class PosteriorSampling(Checkpointed, Learner):
         self._counts[over], self._found[over] = 0.0, False
 
     def state_dict(self) -> dict[str, Any]:
-        """What was counted, and the states of the generators."""
+        """The counts, and the states of the generators."""
         states = [generator.bit_generator.state for generator in self.brief.generators]
         return {**super().state_dict(), "generators": states}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint."""
+        """Continue from a checkpoint."""
         super().load_state_dict(state)
         for generator, kept in zip(self.brief.generators, state["generators"], strict=True):
             generator.bit_generator.state = kept

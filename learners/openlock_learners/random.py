@@ -36,5 +36,5 @@ class RandomLearner(Learner):
         return {"streams": self._streams.state_dict()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint."""
+        """Continue from a checkpoint."""
         self._streams.load_state_dict(state["streams"])

@@ -143,7 +143,7 @@ class Recurrent(Checkpointed, Learner):
         return best
 
     def probabilities(self, view: View) -> FloatArray:
-        """``[B, A]`` those of a random and of the greedy action, by epsilon."""
+        """``[B, A]`` a random and the greedy action, mixed by epsilon."""
         share, actions = self.epsilon[:, None], self.brief.actions
         return share / actions + (1.0 - share) * certain(self._greedy(view), actions)
 

@@ -6,8 +6,8 @@ out how a room works in its hidden state alone, which is carried from attempt to
 from trial to trial unless it is reset. It perceives what the recurrent Q-learner perceives: the
 room, the console, its own last action and what that led to.
 
-It can also go on learning while it plays: then every subject has a network of its own, which begins
-with the trained weights and follows the same policy gradient, on the experiment's reward.
+It can also continue to learn while it plays: then every subject has a network of its own, which
+begins with the trained weights and follows the same policy gradient, on the experiment's reward.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class RL2Parameters:
     greedy: Annotated[
         bool, "whether it takes the likeliest action, and does not draw from its policy"
     ] = False
-    learns: Annotated[bool, "whether its weights go on changing while it plays"] = False
+    learns: Annotated[bool, "whether its weights continue to change while it plays"] = False
     unroll: Annotated[Count, "actions between two updates: ten attempts"] = 30
     epochs: Annotated[Count, "how often these actions are gone through"] = 2
     learning_rate: Annotated[float, Field(gt=0), "of Adam"] = 0.0001
@@ -85,7 +85,7 @@ class RL2(Checkpointed, Learner):
         path = Path(parameters.checkpoint or BUNDLED)
         try:
             if path.exists() and not (path.is_file() and path.stat().st_size <= MOST_BYTES):
-                raise LearnerError(f"{path} is no checkpoint of rl2; name a file of its weights")
+                raise LearnerError(f"{path} is not a checkpoint of rl2; name a file of its weights")
             return digest(path.read_bytes())
         except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or error
@@ -160,7 +160,7 @@ class RL2(Checkpointed, Learner):
         return sample_actions(self._logits, uniform)
 
     def probabilities(self, view: View) -> FloatArray:
-        """``[B, A]`` those of the policy."""
+        """``[B, A]`` probabilities of the policy."""
         from openlock_learners.networks.ppo import action_odds
 
         self._logits, self._values, self._next_hidden_state = self._evaluate(view)

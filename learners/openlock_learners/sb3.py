@@ -45,7 +45,7 @@ OURS = ("policy", "env", "seed", "_init_setup_model")
 
 @dataclass(frozen=True)
 class StableBaselinesParameters:
-    """Which algorithm, and its own hyper-parameters."""
+    """The algorithm, and its own hyper-parameters."""
 
     algorithm: Annotated[
         str, "class of stable_baselines3 or sb3_contrib: PPO, A2C, DQN, RecurrentPPO, ..."
@@ -73,7 +73,7 @@ class StableBaselinesParameters:
 
 
 class Feedback(NamedTuple):
-    """What one action led to, for one subject."""
+    """Outcome and reward of one action of one subject."""
 
     outcome: NDArray[np.int8]
     reward: float
@@ -158,7 +158,7 @@ class _Model:
 
 
 def _run(model: Any, environment: _Environment, total: int) -> None:
-    """Learn, then go on playing with what was learned, until no more actions are needed."""
+    """Learn, then play with what was learned until no more actions are needed."""
     try:
         environment.wait()
         model.learn(total_timesteps=total)

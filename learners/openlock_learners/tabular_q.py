@@ -35,7 +35,7 @@ class TabularQParameters:
     epsilon_min: Annotated[Share, "and at least"] = 0.01
     epsilon_decay: Annotated[Share, "factor by which it shrinks with every action"] = 0.995
     epsilon_after_trial: Annotated[
-        Share | None, "set at each trial's end; null goes on decaying"
+        Share | None, "set at each trial's end; null continues the decay"
     ] = 0.5
 
 
@@ -83,7 +83,7 @@ class TabularQ(Checkpointed, Learner):
         return np.where(draws[:, 0] < self.epsilon, drawn, greedy)
 
     def probabilities(self, view: View) -> FloatArray:
-        """``[B, A]`` those of a random action and of the best ones, by epsilon."""
+        """``[B, A]`` a random action and the best ones, mixed by epsilon."""
         best, share = _best(self.values(view.observation)), self.epsilon[:, None]
         return share / self._actions + (1.0 - share) * best / best.sum(axis=1, keepdims=True)
 

@@ -83,7 +83,7 @@ class TheoryBasedParameters:
         bool, "whether an action that did nothing is followed by another in its place"
     ] = True
     foresight: Annotated[
-        bool, "whether an action is judged by what is expected of the levers after it, too"
+        bool, "whether an action is judged also by what is expected of the levers after it"
     ] = True
     local_gain: Annotated[NotNegative, "what a change adds to beliefs about its attributes"] = 0.075
     global_gain: Annotated[NotNegative, "what a trial adds to the global beliefs"] = 1.6
@@ -111,7 +111,7 @@ class TheoryBased(Checkpointed, Learner):
     def expected_cost(
         cls, parameters: TheoryBasedParameters, schema: Schema, action_limit: int
     ) -> Cost | None:
-        """It lists all chains, and cannot play where these are too many."""
+        """Cost of a room: all chains are listed; unplayable if there are too many."""
         many = number_of_chains(positions_for(schema), action_limit - 1)
         if many <= CHAIN_LIMIT:
             return None
@@ -268,7 +268,7 @@ class TheoryBased(Checkpointed, Learner):
     # -- its probabilities ----------------------------------------------------------------------
 
     def probabilities(self, view: View) -> FloatArray:
-        """``[B, A]`` those of ties; where beliefs are sampled, estimated (see ``sample_size``)."""
+        """``[B, A]`` equal for ties; estimated where beliefs are sampled (see ``sample_size``)."""
         door = 2 * self.brief.positions
         found = certain(np.full(self.brief.subjects, door), self.brief.actions)
         self._sizes = np.full(self.brief.subjects, np.inf)
@@ -300,7 +300,7 @@ class TheoryBased(Checkpointed, Learner):
         return self._attempts[subject].ask(moment)
 
     def _many(self, room: RoomHypotheses) -> int:
-        """How many draws are made, for memory."""
+        """Number of draws, limited by memory."""
         return int(np.clip(DRAWN_CHAINS // len(room.allowed), LOCAL, DRAWS))
 
     def _moment(self, subject: int, room: RoomHypotheses) -> Moment:
@@ -323,7 +323,7 @@ class TheoryBased(Checkpointed, Learner):
         )
 
     def _settled(self, subject: int, room: RoomHypotheses) -> RoomDraws:
-        """What it may have settled on for the attempt."""
+        """Draws of the chain that the subject may have settled on for the attempt."""
         generator = self._others[subject]
         if subject not in self._settling:
             self._settling[subject] = RoomDraws(self._begun(subject, generator, LOCAL))
@@ -342,7 +342,7 @@ class TheoryBased(Checkpointed, Learner):
         return drawn
 
     def _note(self, subject: int, room: RoomHypotheses, action: int, step: Step) -> None:
-        """Learn from what was done what it may have drawn."""
+        """Update the draws by the action that was taken."""
         place, over = len(room.done), bool(step.attempt_over[subject])
         if subject in self._attempts:
             self._attempts[subject].acted(action)
@@ -426,7 +426,7 @@ class TheoryBased(Checkpointed, Learner):
         return {**super().state_dict(), "rooms": rooms, "generators": states}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint."""
+        """Continue from a checkpoint."""
         super().load_state_dict(state)
         self._rooms = [room and RoomHypotheses(**deepcopy(room)) for room in state["rooms"]]
         for generator, kept in zip(self.brief.generators, state["generators"], strict=True):

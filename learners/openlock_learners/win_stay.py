@@ -31,7 +31,7 @@ from openlock_learners.checkpointed import Checkpointed
 
 @dataclass(frozen=True)
 class WinStayParameters:
-    """What it takes into account."""
+    """Hyper-parameters."""
 
     grey_only: Annotated[bool, "whether it pushes none but grey levers, if there are enough"] = (
         False

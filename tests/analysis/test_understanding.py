@@ -146,7 +146,7 @@ def test_damaged_answers_are_one_sentence(
 def test_what_is_no_structure_is_named(monkeypatch: pytest.MonkeyPatch, wrong: object) -> None:
     results = played("ideal", "CC3", subjects=1)
     monkeypatch.setattr("openlock_learners.ideal.Ideal.structure", lambda *_: wrong)
-    with pytest.raises(LearnerError, match="the structure of ideal is no Structure"):
+    with pytest.raises(LearnerError, match="the structure of ideal is not a Structure"):
         structure_recovery(results)
 
 

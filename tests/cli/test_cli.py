@@ -162,7 +162,7 @@ def test_a_comparison_that_is_stopped_says_that_it_goes_on(
     # A terminal sends it to all processes, and so do batch systems.
     (os.killpg if all_of_them else os.kill)(going.pid, end)
     _, said = going.communicate(timeout=HANGS)
-    assert said == "error: stopped; the same command goes on where it was\n"
+    assert said == "error: stopped; run the same command again to continue\n"
     assert going.returncode == status
     until(lambda: not any(_alive(pid) for pid in workers))  # none outlives its parent
     assert not (tmp_path / "out" / "errors").exists()
@@ -415,7 +415,7 @@ def test_a_disk_that_fills_up_is_one_sentence_and_the_run_can_go_on(tmp_path: Pa
 
     said = sentence(openlock(*words, cwd=tmp_path, expect=2, preexec_fn=little_room).stderr)
     assert "cannot be written" in said
-    assert "goes on where it was" in said
+    assert "continues where it stopped" in said
     here(*words, cwd=tmp_path)
     record = Store(tmp_path / "out").record()[0]
     assert record["subject"].to_pylist()[-1] == 59

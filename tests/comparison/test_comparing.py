@@ -112,7 +112,7 @@ def test_a_declared_experiment_is_that_of_a_file(tmp_path: Path) -> None:
         ((["CC4"], ["bayess"]), "did you mean bayes"),
         ((["CC44"], ["bayes"]), "CC44"),
         ((["CC4"],), "name the learners to compare"),
-        ((["CC4"], [dict]), "is no learner"),
+        ((["CC4"], [dict]), "is not a learner"),
         (([3], ["bayes"]), "3 is not a condition"),
         (([[]], ["bayes"]), "is not a condition"),
         ((["CC4"], ["oracle", "oracle"]), "listed twice"),
@@ -263,7 +263,7 @@ def test_every_form_of_what_is_listed(tmp_path: Path) -> None:
         ({"subjects": 2.5}, "subjects"),
         ({"seed": -1}, "seed"),
         ({"learners": []}, "there are no learners"),
-        ({"protocol": 5}, "5 is no protocol"),
+        ({"protocol": 5}, "5 is not a protocol"),
         ({"workers": -1, "subjects": 1}, "-1 workers cannot play"),
         ({"cell_size": 3}, "decides the cell_size"),
     ],
@@ -330,7 +330,7 @@ def test_without_links_cells_are_copied(monkeypatch: pytest.MonkeyPatch, played:
 def test_messages_of_a_notebook_say_what_to_do_there() -> None:
     with pytest.raises(ExperimentError, match=r"'slow ddqn' is not a label; it must have letters"):
         ol.learner("ddqn", label="slow ddqn")
-    with pytest.raises(ExperimentError, match="CC4 is a condition; name the learners, too"):
+    with pytest.raises(ExperimentError, match="CC4 is a condition; also name the learners"):
         ol.compare("CC4", subjects=1)
     with pytest.raises(ExperimentError, match=r"listed twice.*as in learner\(\.\.\., label="):
         ol.make_experiment(["CC3"], ["oracle", "oracle"])

@@ -309,10 +309,10 @@ def test_the_same_learner_registered_by_two_packages_is_none(tmp_path, monkeypat
             "openlock_learners.random:Learners",
             "random.py has no class Learners; .*known: RandomLearner$",
         ),
-        ("openlock_learners.random:Streams", "no subclass of Learner or OneSubjectLearner"),
+        ("openlock_learners.random:Streams", "not a subclass of Learner or OneSubjectLearner"),
         (
             "openlock_learners.networks.replay_buffer:np",
-            "no subclass of Learner or OneSubjectLearner",
+            "not a subclass of Learner or OneSubjectLearner",
         ),
         (":Learner", "names no learner; write it like my_module:MyLearner"),
         ("openlock_learners.random:", "names no learner; write it like"),

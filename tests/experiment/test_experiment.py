@@ -206,7 +206,7 @@ FAULTS = [
         "learners: [random]",
         4,
         46,
-        "2 trials of CC3 need as many layouts",
+        "2 trials of CC3 need that number of layouts",
     ),
 ]
 

@@ -195,7 +195,7 @@ def test_all_layouts_of_a_schema_can_be_asked_for_and_not_one_more() -> None:
     assert sorted(visit.layout.places for visit in visits_of(condition, HUMAN)) == [
         (place,) for place in range(7)
     ]
-    with pytest.raises(ProtocolError, match="one has 7 layouts and 8 trials ask for as many"):
+    with pytest.raises(ProtocolError, match="one has 7 layouts, too few for 8 trials"):
         visits_of(Condition("more", (Trials(ONE, "random", 8),)), HUMAN)
 
 
@@ -319,7 +319,7 @@ def test_what_is_no_condition_is_told_what_one_looks_like(name: str) -> None:
 def test_unknown_names_are_told_their_nearest() -> None:
     with pytest.raises(OpenLockError, match=r"no schema 'CC5'; did you mean CC[34]\?"):
         named("CC3-CC5")
-    with pytest.raises(ProtocolError, match="is no condition: 100,000 characters"):
+    with pytest.raises(ProtocolError, match="is not a condition: 100,000 characters"):
         Condition.named("-" * 100_000, find_schema)
     with pytest.raises(ProtocolError, match=r"no protocol 'humans'; did you mean human\?"):
         find_protocol("humans")
@@ -377,7 +377,7 @@ def test_a_test_layout_that_does_not_fit_names_the_protocol(layout: str) -> None
 
 def test_more_trials_than_given_layouts_are_refused() -> None:
     with pytest.raises(
-        ProtocolError, match="3 trials of CC3 need as many layouts, and 2 are given"
+        ProtocolError, match="3 trials of CC3 need that number of layouts, and 2 are given"
     ):
         Trials(SCHEMAS["CC3"], layouts("CC3", "trial1", "trial2"), 3)
 
@@ -439,7 +439,7 @@ def test_a_protocol_may_be_settings_as_a_file_has_them(tmp_path: Path) -> None:
         ({"based_on": "rll"}, "did you mean rl?"),
         ({"attempt_limit": 3, "name": "human"}, "choose another name"),
         ({"attempt_limit": 3, "name": "a b"}, "is not a valid name of a protocol"),
-        (3, "3 is no protocol; give its name, a Protocol, or settings such as {"),
+        (3, "3 is not a protocol; give its name, a Protocol, or settings such as {"),
     ],
 )  # fmt: skip
 def test_settings_that_are_no_protocol_are_refused(protocol: Any, said: str) -> None:

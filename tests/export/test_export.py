@@ -233,7 +233,7 @@ def test_where_no_environment_can_be_recovered_the_export_says_why(
 ) -> None:
     words = ["export", str(store.folder), "-f", "minari", "-c", "CC4", "-o"]
     said = CliRunner().invoke(app, [*words, str(tmp_path / "all")]).output
-    assert "recover_environment() finds none: trials of random go on after they are solved" in said
+    assert "recover_environment() finds none: trials of random continue after" in said
     said = CliRunner().invoke(app, [*words, str(tmp_path / "some"), "-l", "oracle"]).output
     assert "recover_environment" not in said
 
@@ -289,7 +289,7 @@ def test_a_cell_without_rows_has_no_episodes(
 ) -> None:
     empty = store.record()[0].slice(0, 0)
     monkeypatch.setattr(Store, "read", lambda *_: empty)
-    with pytest.raises(StoreError, match="holds nothing of what was chosen"):
+    with pytest.raises(StoreError, match="has no cells of this choice"):
         write_minari(store, tmp_path)
     assert list(tmp_path.iterdir()) == []
 

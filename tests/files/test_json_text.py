@@ -22,15 +22,15 @@ def test_a_doubled_key_is_named() -> None:
     many = ",".join(f'"a{number}":0' for number in range(50_000))
     with pytest.raises(DoubledKeyError, match="'b' is there twice"):  # in no time
         parse_json(f'{{{many},"b":1,"b":2}}')
-    with pytest.raises(ValueError, match="NaN is no JSON"):
+    with pytest.raises(ValueError, match="NaN is not JSON"):
         parse_json("[NaN]")
 
 
 def test_files_with_a_checksum_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(ChecksumError, match="it is no JSON"):
+    with pytest.raises(ChecksumError, match="it is not JSON"):
         read_json(DOUBLED)
     (tmp_path / "fit.json").write_bytes(DOUBLED)
-    with pytest.raises(StoreError, match="this is no fit"):
+    with pytest.raises(StoreError, match="this is not a fit"):
         kept_fit(tmp_path / "fit.json", dict)
 
 

@@ -318,7 +318,7 @@ def test_a_folder_with_another_fit_is_refused(tmp_path, change):
 
 def test_a_folder_with_something_else_is_refused(tmp_path):
     (tmp_path / FILE).write_text("[1, 2", encoding="utf-8")
-    with pytest.raises(StoreError, match="this is no fit"):
+    with pytest.raises(StoreError, match="this is not a fit"):
         fit(plan(), tmp_path)
 
 
@@ -335,7 +335,7 @@ def test_a_candidate_without_its_parameters_is_refused(tmp_path, chosen, rmse):
     study._opened(plan(), tmp_path / FILE)
     done = [{"number": 0, "chosen": chosen, "rmse": rmse}]
     keep_fit(tmp_path / FILE, plan().as_dict(), done=done, again={})
-    with pytest.raises(StoreError, match="this is no fit"):
+    with pytest.raises(StoreError, match="this is not a fit"):
         fit(plan(), tmp_path)
 
 
@@ -523,7 +523,7 @@ def test_what_makes_no_difference_is_looked_for_once(whole, tmp_path, monkeypatc
     ("words", "said"),
     [
         (["fit", "random"], "nothing is searched"),
-        (["fit", "bayes", "--search", "lapse=2"], "is no range"),
+        (["fit", "bayes", "--search", "lapse=2"], "is not a range"),
         (["fit", "bayes", "--hold-out", "half"], "held out"),
         (["fit", "bayes", "--objective", "spreads"], "means_and_spreads"),
         (["fit", "bayes", "--target", "peeple"], "did you mean people"),

@@ -121,7 +121,7 @@ def test_what_is_kept_is_what_was_fitted(folder: Path, tmp_path: Path) -> None:
         [{**done[0], "chosen": {"temperature": 2.5}}],
     ):
         keep_fit(path, kept["plan"], done=wrong)
-        with pytest.raises(StoreError, match="this is no fit"):
+        with pytest.raises(StoreError, match="this is not a fit"):
             fit_all(jobs, tmp_path)
     keep_fit(path, kept["plan"], done=done[:3])
     assert fit_all(jobs, tmp_path) == [fit_job(job) for job in jobs]

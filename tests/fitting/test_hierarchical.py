@@ -198,7 +198,7 @@ def test_a_group_of_subjects_is_fitted(folder: Path, tmp_path: Path) -> None:
     path = tmp_path / "again" / PROGRESS
     kept = json.loads(path.read_text())
     keep_fit(path, kept["plan"], starts=kept["starts"][::-1], peaks=kept["peaks"])
-    with pytest.raises(StoreError, match="this is no fit"):
+    with pytest.raises(StoreError, match="this is not a fit"):
         resumed.run()
     first = kept["peaks"][0]
     for spoiled in (
@@ -212,7 +212,7 @@ def test_a_group_of_subjects_is_fitted(folder: Path, tmp_path: Path) -> None:
     ):
         changed = {"starts": kept["starts"], "peaks": kept["peaks"], **spoiled}
         keep_fit(path, kept["plan"], **changed)
-        with pytest.raises(StoreError, match="this is no fit"):
+        with pytest.raises(StoreError, match="this is not a fit"):
             resumed.run()
 
 

@@ -107,13 +107,13 @@ def test_mistakes_are_explained(folder: Path, tmp_path: Path) -> None:
         read_fit(tmp_path)
     with pytest.raises(StoreError, match="not whole; give its command again"):
         read_fit(changed(whole, tmp_path / "part", done=[]))
-    with pytest.raises(StoreError, match="this is no fit"):
+    with pytest.raises(StoreError, match="this is not a fit"):
         read_fit(changed(whole, tmp_path / "spoiled", subjects=3))
-    with pytest.raises(StoreError, match="this is no fit"):
+    with pytest.raises(StoreError, match="this is not a fit"):
         read_fit(changed(whole, tmp_path / "endless", folds=float("inf")))
     (first, *_) = json.loads((whole / FILE).read_text())["done"]
     for name, wrong in (("nll", float("nan")), ("chosen", dict.fromkeys(first["chosen"], 99.0))):
-        with pytest.raises(StoreError, match="this is no fit"):
+        with pytest.raises(StoreError, match="this is not a fit"):
             read_fit(changed(whole, tmp_path / name, done=[{**first, name: wrong}]))
     other = read_fit(changed(whole, tmp_path / "lapsing", lapse=0.1))
     with pytest.raises(OpenLockError, match=r"give --lapse 0\.1"):
@@ -134,7 +134,7 @@ def test_mistakes_are_explained(folder: Path, tmp_path: Path) -> None:
 def test_a_fit_runs_no_code_and_opens_no_file_unasked(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text("raise SystemExit")
     space = {**SPACE.as_dict(), "learner": "mine:Learner"}
-    with pytest.raises(StoreError, match="is code beside it; if you trust it, name it too"):
+    with pytest.raises(StoreError, match="is code next to it; if you trust it, name it too"):
         read_fit(changed(folder / "all", tmp_path / "code", space=space))
     rl2 = search_space("rl2", {"gamma": Range(0.5, 0.9)}).as_dict()
     space = {**rl2, "fixed": {"checkpoint": "/etc/passwd"}}

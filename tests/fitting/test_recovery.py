@@ -125,7 +125,7 @@ def test_on_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     [
         (["--parameters", "random"], "random has no search space .* --search name=low:high"),
         (["--parameters", "random", "-s", "x=0:1"], "the learner random has no parameter 'x'"),
-        (["--parameters", "associative", "-s", "temperature=0"], "is no range; write"),
+        (["--parameters", "associative", "-s", "temperature=0"], "is not a range; write"),
         (["-s", "temperature=0:1"], "--search is for one learner; name it with --parameters"),
     ],
 )

@@ -254,15 +254,15 @@ def test_an_attempt_of_ours_that_came_to_something_else_is_named(own: Path, tmp_
         (
             "data.csv",
             "subject,condition,trial,attempt,action,learner\na,CC3,1,1,0,../x\n",
-            "'../x' is no label",
+            "'../x' is not a label",
         ),
-        ("data.csv", 'subject,condition,trial,attempt,action\n"a,CC3', "this is no CSV"),
-        ("data.json", "[{", "data.json:1 (entry 1): this is no JSON; is the file whole?"),
+        ("data.csv", 'subject,condition,trial,attempt,action\n"a,CC3', "this is not CSV"),
+        ("data.json", "[{", "data.json:1 (entry 1): this is not JSON; is the file whole?"),
         ("data.json", '[\n{"a": 1},\n{"b": 2}', "does not end; is the file whole?"),
-        ("data.json", "[1, 2]", "this is no list of entries"),
+        ("data.json", "[1, 2]", "this is not a list of entries"),
         ("data.json", '[{"action": 1, "action": 2}]', "the key 'action' is there twice; take one"),
         ("data.json", '[{"a":1},\n{"action":3}]', "data.json:2 (entry 2): condition is missing"),
-        ("data.json", "[" * 5000, "this is no list"),
+        ("data.json", "[" * 5000, "this is not a list"),
     ],
 )
 def test_what_is_no_data_is_refused_in_a_sentence(
@@ -354,7 +354,7 @@ def test_files_of_one_name_are_of_two_people_or_say_whose_they_are(tmp_path: Pat
 
 def test_a_cell_that_is_too_long_is_refused_in_a_sentence(tmp_path: Path) -> None:
     for content in (f"{HEADER}{'x' * 140_000},CE3,1,1,0\n", "x" * 140_000):
-        assert "this is no CSV (field larger than" in refused(content, tmp_path)
+        assert "this is not CSV (field larger than" in refused(content, tmp_path)
 
 
 def test_data_opens_no_schema_of_this_machine(

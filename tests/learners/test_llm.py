@@ -369,7 +369,9 @@ def test_there_is_no_server_without_a_key_or_a_model(monkeypatch: pytest.MonkeyP
     with pytest.raises(LearnerError, match="needs the name of a model"):
         session.play(create("openlock_learners.llm:LanguageModel", {}))
     monkeypatch.setenv(TRUSTED, "http://host:99999/v1")
-    with pytest.raises(LearnerError, match="in the environment is no address: http://host:99999"):
+    with pytest.raises(
+        LearnerError, match="in the environment is not an address: http://host:99999"
+    ):
         session.play(create("openlock_learners.llm:LanguageModel", {"model": "m"}))
 
 
@@ -471,7 +473,7 @@ def test_a_transcript_of_results_is_a_replay(
     assert (again, server.asked) == (record, [])
     # What is missing there is not added to results.
     (tmp_path / "experiment.json").touch()
-    with pytest.raises(LearnerError, match="part of results, to which no replies are added"):
+    with pytest.raises(LearnerError, match="belongs to results, to which no replies are added"):
         play(subjects=2, temperature=0.4)
     assert [*folder.iterdir()] == [folder / "cell.jsonl"]
 

@@ -144,7 +144,7 @@ def refused(path: Path, content: bytes) -> str:
         read_network(path)
     except LearnerError as error:
         said = str(error)
-    assert not said or said.startswith(f"{path} is no checkpoint of rl2 (")
+    assert not said or said.startswith(f"{path} is not a checkpoint of rl2 (")
     assert "\n" not in said
     return said
 
@@ -258,15 +258,15 @@ def test_a_forged_network_is_refused_before_memory_is_taken(
 def test_what_is_no_file_is_not_read(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     for path in (tmp_path / "pipe", tmp_path, Path("/dev/zero")):
-        with pytest.raises(LearnerError, match="is no checkpoint of rl2"):
+        with pytest.raises(LearnerError, match="is not a checkpoint of rl2"):
             read_network(path)
-        with pytest.raises(LearnerError, match="is no checkpoint of rl2"):
+        with pytest.raises(LearnerError, match="is not a checkpoint of rl2"):
             RL2.artifact_hash(RL2Parameters(checkpoint=str(path)))
 
 
 @pytest.mark.parametrize(
     ("content", "says"),
-    [(None, "there is no checkpoint"), (b"nonsense", "is no checkpoint of rl2")],
+    [(None, "there is no checkpoint"), (b"nonsense", "is not a checkpoint of rl2")],
 )
 def test_a_wrong_checkpoint_is_one_clear_sentence(
     tmp_path: Path, content: bytes | None, says: str

@@ -59,8 +59,8 @@ def test_only_the_person_of_this_condition_is_deleted(tmp_path: Path) -> None:
     (tmp_path / "fit-bayes").mkdir()
     said = CliRunner().invoke(app, ["forget", str(tmp_path), "0", "--condition", "CE3"])
     assert said.exit_code == 0
-    assert "made again or deleted: bundle.zip, fit-bayes, subjects.csv\n" in said.stderr
-    assert "elsewhere (bundles, fits, copies) is to be deleted, too" in said.stdout
+    assert "regenerate or delete them: bundle.zip, fit-bayes, subjects.csv\n" in said.stderr
+    assert "also delete whatever was made of the folder elsewhere" in said.stdout
     assert {key for key, path in paths.items() if path.exists()} == {
         ("a", "b_CE3"),
         ("a_b", "b_CE3"),

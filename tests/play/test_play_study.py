@@ -335,7 +335,7 @@ def test_the_server_tells_of_consent_and_completion_and_takes_answers(tmp_path: 
     [
         (["--consent", "none.md"], "none.md cannot be read"),
         (["--recruiting", "A,B,C,D"], "--recruiting takes up to three names"),
-        (["--completion", "javascript:x"], "is no address of a page"),
+        (["--completion", "javascript:x"], "is not an address of a page"),
     ],
 )
 def test_options_of_a_study_are_checked(words: list[str], what: str, tmp_path: Path) -> None:

@@ -343,7 +343,7 @@ def test_shards_share_a_folder_and_nobody_else_gets_in(
     shares = [Shard(number, 4).of(cells) for number in range(1, 5)]
     assert sorted(sum(shares, ()), key=cells.index) == [*cells]
     for wrong in ("0/3", "4/3", "3", "1/2/3", "-1/2", ""):
-        with pytest.raises(OpenLockError, match="is no shard"):
+        with pytest.raises(OpenLockError, match="is not a shard"):
             Shard.parse(wrong)
 
 

@@ -181,7 +181,7 @@ def test_a_given_executor_that_breaks_is_one_sentence(folder: Path) -> None:
     experiment = declared(folder, "Dies", "Fine")
     with (
         ProcessPoolExecutor(1, mp_context=prepared()) as executor,
-        pytest.raises(OpenLockError, match="a worker of the executor ended without a word"),
+        pytest.raises(OpenLockError, match="a worker of the executor ended without a message"),
     ):
         runner.run(experiment, folder / "out", executor=executor)
 
@@ -285,8 +285,8 @@ def test_compare_says_what_is_missing_and_exits_with_1(
     done = at_once(*words, workers=True)
     assert done.status == 1, done.stdout + done.stderr
     assert done.stderr == (
-        "error: 4 of 6 cells failed, and all others are done; mend or remove what failed and give "
-        "the same command again: it plays only what is missing\n"
+        "error: 4 of 6 cells failed, and all others are done; fix or remove the failing learners "
+        "and run the same command again; only missing cells are played\n"
     )
     lines = [
         f"the learner {name} in {condition}, subjects {numbers}, {why}"

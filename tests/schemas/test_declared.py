@@ -68,7 +68,7 @@ FAULTS = {
     "A -> door; inert B | C": (20, "'|' cannot come here"),
     "A (x) -> door": (4, "possible: a strength such as 0.8"),
     "A -> door -> B": (14, "the door is an effect"),
-    'x "\\q": A -> door': (3, "the title is no JSON string"),
+    'x "\\q": A -> door': (3, "the title is not a JSON string"),
     "x 'y': A -> door": (3, "cannot come here"),
     "A, B; A, B; A -> door": (7, "all levers are listed already"),
     "A ->": (5, "the end cannot come here"),
@@ -170,10 +170,10 @@ def test_files_are_found_by_name_or_path(tmp_path: Path, monkeypatch: Any) -> No
 @pytest.mark.parametrize(
     ("source", "options", "words"),
     [
-        (5, {}, "5 is no edge"),
-        ([("A", "B", "C", "D")], {}, "is no edge"),
+        (5, {}, "5 is not an edge"),
+        ([("A", "B", "C", "D")], {}, "is not an edge"),
         ([("A", "door"), ("A", "door")], {}, "listed twice"),
-        ({"A": 5}, {}, "is no edge"),
+        ({"A": 5}, {}, "is not an edge"),
         ({"A": ["B"]}, {}, "no node named door"),
         (nx.Graph([("A", "door")]), {}, "declare it directed"),
         (nx.DiGraph([(1, "door")]), {}, "write it in quotes"),

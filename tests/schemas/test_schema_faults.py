@@ -72,7 +72,7 @@ FORM: dict[str, tuple[str, list[Place]]] = {
     ),
     "unknown key of an edge": (
         good(edges="{L0: {L1: {strenth: 0.5}}, L1: [door]}"),
-        [(3, 19, "'strenth' is no key here; did you mean strength?")],
+        [(3, 19, "'strenth' is not a key here; did you mean strength?")],
     ),
     "name missing": ("levers: [L0]\nedges: {L0: [door]}\n", [(1, 1, "name: is missing; add it")]),
     "everything missing": (
@@ -82,8 +82,8 @@ FORM: dict[str, tuple[str, list[Place]]] = {
     "unknown keys": (
         good(gate="any", lever="[L0]"),
         [
-            (4, 1, "'gate' is no key here; did you mean gates?"),
-            (5, 1, "'lever' is no key here; did you mean levers?"),
+            (4, 1, "'gate' is not a key here; did you mean gates?"),
+            (5, 1, "'lever' is not a key here; did you mean levers?"),
         ],
     ),
     "name a number": (good(name="3"), [(1, 1, "this is 3; write it in quotes")]),
@@ -120,7 +120,7 @@ FORM: dict[str, tuple[str, list[Place]]] = {
     "gate nothing": (good(gates="{door: }"), [(4, 9, "a gate is any, all or {at_least: k}")]),
     "gate at most": (
         good(gates="{door: {at_most: 1}}"),
-        [(4, 9, "at_least: is missing"), (4, 16, "'at_most' is no key here; did you mean at_le")],
+        [(4, 9, "at_least: is missing"), (4, 16, "'at_most' is not a key here; did you mean at_")],
     ),
     "gate of 0": (good(gates="{door: {at_least: 0}}"), [(4, 16, "greater than or equal to 1")]),
     "gate of 13": (good(gates="{door: {at_least: 13}}"), [(4, 16, "less than or equal to 12")]),
@@ -190,7 +190,7 @@ MEANING: dict[str, tuple[str, list[Place]]] = {
     "unprintable title": (good(title='"a\\0"'), [(4, 1, "the title holds the character U+0000")]),
 }  # fmt: skip
 
-# What is no YAML, or no YAML that a person would write into such a file.
+# What is not YAML, or no YAML that a person would write into such a file.
 YAML_ITSELF: dict[str, tuple[str | bytes, list[Place]]] = {
     "tab": ("name: X\n\tlevers: [L0]\n", [(2, 1, "this is not valid YAML: found character '\\t'")]),
     "unclosed list": ("name: X\nlevers: [L0\nedges: {}\n", [(3, 6, "expected ',' or ']'")]),
@@ -361,7 +361,7 @@ def test_a_strength_of_1_may_be_written_as_a_whole_number_or_left_out() -> None:
         ("missing.yaml", "missing.yaml: cannot be read (No such file or directory); check the na"),
         ("", ": cannot be read (Is a directory); check the name"),
         ("x" * 300 + ".yaml", "cannot be read (File name too long); check the name"),
-        ("a\0b.yaml", "is no name that a file can have"),
+        ("a\0b.yaml", "is not a name that a file can have"),
     ],
     ids=["missing", "directory", "long", "NUL"],
 )

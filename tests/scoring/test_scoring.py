@@ -141,7 +141,7 @@ def test_what_are_no_probabilities_is_refused(
     played: Played, monkeypatch: pytest.MonkeyPatch, wrong: object
 ) -> None:
     monkeypatch.setattr("openlock_learners.random.RandomLearner.probabilities", lambda *_: wrong)
-    with pytest.raises(LearnerError, match="the probabilities of random are no array of 15"):
+    with pytest.raises(LearnerError, match="the probabilities of random are not an array of 15"):
         score_actions(*played, spec("random", "random"))
 
 
@@ -165,7 +165,7 @@ def test_a_number_of_draws_that_is_none_is_named(
     played: Played, monkeypatch: pytest.MonkeyPatch, size: object
 ) -> None:
     monkeypatch.setattr("openlock_learners.random.RandomLearner.sample_size", lambda _: size)
-    with pytest.raises(LearnerError, match="the sample_size of random is no array"):
+    with pytest.raises(LearnerError, match="the sample_size of random is not an array"):
         score_actions(*played, spec("random", "random"))
 
 

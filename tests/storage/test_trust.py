@@ -129,7 +129,7 @@ def test_a_cell_that_is_no_file_of_the_folder_is_not_read(
     status, said = run(*words)
     assert status == 2
     assert "lists" in said
-    assert "among the cells, which is no file in out/cells; do not use this folder" in said
+    assert "among the cells, which is not a file in out/cells; do not use this folder" in said
 
 
 def test_a_name_that_some_system_takes_for_a_path_is_no_cell(folder: Path) -> None:
@@ -240,7 +240,7 @@ def test_what_a_learner_imports_is_bundled_only_if_it_is_python_of_its_folder(
 ) -> None:
     away = folder.parent.parent / "away"
     away.mkdir()
-    (away / "key.txt").write_text("a private key, which is no Python\n")
+    (away / "key.txt").write_text("a private key, which is not Python\n")
     (away / "code.py").write_text("secret = 1\n")
     source = "import keys\nimport linked\n"
     Path("a_foreign_learner.py").write_text(source)
@@ -258,7 +258,7 @@ def test_what_a_learner_imports_is_bundled_only_if_it_is_python_of_its_folder(
 def test_what_pip_is_told_to_install_are_packages(folder: Path) -> None:
     for package in ("--index-url=http://x 1", "evil 1\n--pre", "evil 1;x", "./evil 1"):
         forge(folder, lambda held, told=package: held["learners"][1].update(package=told))
-        with pytest.raises(OpenLockError, match="which is no version of a package"):
+        with pytest.raises(OpenLockError, match="which is not a version of a package"):
             write_bundle(Store(folder), "out.zip")
 
 

@@ -116,7 +116,7 @@ def test_a_reward_without_changes_is_what_it_was() -> None:
         ("{solution_multiplyer: 2.0}", "3:10", "no key here; did you mean solution_multiplier"),
         ("{open: much}", "3:10", "open must be a valid number, and this is the text 'much'"),
         ("{open: .inf}", "3:10", "should be a finite number"),
-        ("{unique_solutions: 1.0}", "3:10", "'unique_solutions' is no key here"),
+        ("{unique_solutions: 1.0}", "3:10", "'unique_solutions' is not a key here"),
         ("{preset: papers, open: 1}", "3:1", "no reward 'papers'; did you mean paper"),
         ("{preset: authors_2018, open: 1}", "3:1", "has no weights that could be changed"),
         ("{preset: basic, terms: [basic]}", "3:1", "a preset or on terms; leave one"),
@@ -198,7 +198,7 @@ def test_a_function_pays_the_same_wherever_it_is_asked() -> None:
             "import random; return events.opens * random.random()",
             "differently when it is called again",
         ),
-        ("return events.opens - events.opens.mean()", "differently beside other actions"),
+        ("return events.opens - events.opens.mean()", "differently among other actions"),
     ],
 )
 def test_a_function_is_tried_before_anything_is_played(
@@ -215,8 +215,8 @@ def test_a_function_is_tried_before_anything_is_played(
 def test_what_is_no_function_is_told() -> None:
     for name, says in (
         ("a b:c", "names no reward; write it like my_module:my_function"),
-        (f"{__name__}:NO_FUNCTION", "is no function; a reward is a function of events"),
-        (f"{__name__}:Weights", "is no function; a reward is a function of events"),
+        (f"{__name__}:NO_FUNCTION", "is not a function; a reward is a function of events"),
+        (f"{__name__}:Weights", "is not a function; a reward is a function of events"),
         (f"{__name__}:own_rewad", "test_own_rewards.py has no function own_rewad; .*own_reward"),
     ):
         with pytest.raises(RewardError, match=says):

@@ -55,7 +55,7 @@ def plot_attempts(
     published: bool = True,
     ax: Any = None,
 ) -> Any:
-    """Mean attempts in each trial; by default of CC4 beside CE4, the paper's Figure 3.
+    """Mean attempts in each trial; by default of CC4 next to CE4, the paper's Figure 3.
 
     Of other conditions, or where nobody played these as people did, bars are of every trial, the
     test's last, and there are no references.
@@ -67,7 +67,7 @@ def plot_attempts(
 
     Args:
         results: What was played.
-        learners: Labels of the learners to draw; by default all that a reference stands beside.
+        learners: Labels of the learners to draw; by default all that a reference suits.
         conditions: Conditions to draw; by default CC4 and CE4, or all if nobody played these as
             people did.
         published: Whether references have panels before the learners.
@@ -148,7 +148,7 @@ def plot_transfer(
 ) -> Any:
     """Mean attempts in the transfer test, by what was tested and trained: the paper's Figure 4.
 
-    Tests that no learner played are left out, those of people too.
+    Tests that no learner played are left out, also those of people.
 
     >>> import causal_openlock as ol
     >>> axes = ol.plot_transfer(results, learners=["random"], published=False)

@@ -1,7 +1,7 @@
 """The picture of one trial of belief: what was done, what it revealed, what it left probable.
 
 Four panels share their columns, one for each action; under them the structure that is most
-probable in the end is beside the true one. Everything is placed by the inch, so that nothing
+probable in the end is next to the true one. Everything is placed by the inch, so that nothing
 depends on how long names are or how many arrows there were.
 """
 
@@ -53,7 +53,7 @@ def plot_beliefs(
     trial: int = 1,
     ax: Any = None,
 ) -> Any:
-    """What one subject believed in one trial, action by action.
+    """Draw the beliefs of one subject in one trial, action by action.
 
     Beliefs are not on record: the subject plays up to the trial once more.
 
@@ -121,7 +121,7 @@ def plot_trace(
 
 
 def _looks() -> dict[str, tuple[str, dict[str, Any]]]:
-    """What came of actions: distinct in form too, as an empty ring, filled marks, a star."""
+    """Marks of the outcomes of actions, distinct in form as well: a ring, filled marks, a star."""
     own, edge = style.current(), {"mec": _INK, "mew": 0.8}
     return {
         "nothing": ("nothing", {"marker": "_", "mec": _FAINT, "mew": 1.6, "ms": 7}),
@@ -219,7 +219,7 @@ class Part:
 
     @property
     def cut(self) -> str:
-        """What part is shown, in a sentence; empty if it is all."""
+        """Sentence on the part that is shown; empty if all is shown."""
         number, all_actions = len(self.actions), len(self.trace.actions)
         parts = []
         if number < all_actions:
@@ -307,7 +307,7 @@ def _layout(shown: Part, graphs: list[_Graph], heading: str, names: list[str]) -
 
 
 def _draw_timeline(axes: Axes, shown: Part, names: list[str]) -> None:
-    """What was done, and what came of it, attempt by attempt."""
+    """Draw actions and their outcomes, attempt by attempt."""
     axes.set(ylim=(0, 1), yticks=[])
     axes.spines[:].set_visible(False)
     for index, (attempt, first, last) in enumerate(shown.attempts):
@@ -396,7 +396,7 @@ def _draw_arrows(axes: Axes, shown: Part) -> None:
 
 
 def _legend_handles(shown: Part) -> list[Any]:
-    """What came of actions, as far as it did, and the bars."""
+    """Entries of the legend: the outcomes that occurred, and the bars."""
     happened = {action.outcome for action in shown.actions}
     handles: list[Any] = [
         Line2D([], [], ls="none", label=label, **mark)

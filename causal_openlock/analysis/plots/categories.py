@@ -1,4 +1,4 @@
-"""The paper's Figures 6 and 7: what attempts came to, in the baselines and in the transfer test.
+"""The paper's Figures 6 and 7: outcomes of attempts, in the baselines and in the transfer test.
 
 Each segment's *height* is log10 of its count, and segments are stacked: the form that the paper
 chose. So a stack is a sum of logarithms; it shrinks as one category takes over. The paper's own
@@ -67,7 +67,7 @@ def plot_categories(
     published: bool = True,
     ax: Any = None,
 ) -> Any:
-    """What attempts came to: the paper's Figure 6 (``baseline``) or 7 (``transfer``).
+    """Draw the outcomes of attempts: the paper's Figure 6 (``baseline``) or 7 (``transfer``).
 
     >>> import causal_openlock as ol
     >>> axes = ol.plot_categories(trained, "transfer", published=False)

@@ -43,7 +43,7 @@ _LIMIT: Any = {"color": _GREY, "lw": 0.8, "ls": (0, (1, 1.5))}
 
 
 class Course(NamedTuple):
-    """What is drawn of a course, and what a caption says of it.
+    """Data that are drawn of a course, and the parts of its caption.
 
     Attributes:
         trials: The trials, with the number of the subject's ``visit`` and the ``place`` of the
@@ -175,7 +175,7 @@ def _looks(families: Sequence[Sequence[str]]) -> dict[str, dict[str, Any]]:
 
 
 def _lines(family: Sequence[str], looks: dict[str, dict[str, Any]], most: int) -> list[Any]:
-    """Entries of a legend, named in at most so many letters each."""
+    """Entries of a legend, named in at most ``most`` letters each."""
     return [Line2D([], [], label=style.label(name, most), **looks[name]) for name in family]
 
 
@@ -258,7 +258,7 @@ def _mark_test(axes: Axes, visits: pd.DataFrame) -> None:
 
 
 def _mark_ideal(axes: Axes, visits: pd.DataFrame, ideal: dict[tuple[str, str], Bound]) -> None:
-    """What the ideal observer needs, over the visits of each phase; once where it is the same."""
+    """Mark what the ideal observer needs in each phase; once where it is the same."""
     spans: dict[float, list[tuple[float, float]]] = {}
     for key, own in visits.groupby(["condition", "phase"], observed=True)["visit"]:
         if key in ideal:

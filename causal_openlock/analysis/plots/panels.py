@@ -1,4 +1,4 @@
-"""Where a figure is drawn: in axes that are given, or in a figure that is laid out for it.
+"""Axes of a figure: given ones, or those of a figure that is laid out for them.
 
 Every plot function takes ``ax``, which is one of three things:
 
@@ -57,7 +57,7 @@ class Panels:
 
     @property
     def returned(self) -> Any:
-        """What a plot function returns: ``[P]`` axes, or the only ones."""
+        """Axes that a plot function returns: ``[P]``, or the only ones."""
         return self.axes[0] if len(self.axes) == 1 else np.array(self.axes, dtype=object)
 
     def label_y(self, text: str) -> None:
@@ -130,7 +130,7 @@ def in_rows(
     common: bool = True,
     above: float = 0.5,
 ) -> Layout:
-    """So many panels, wrapped over rows of at most ``columns``.
+    """Lay out ``count`` panels, in rows of at most ``columns``.
 
     A panel has a height in inches, and so has what is ``above`` all of them. With a ``common`` y
     axis only the first of a row has labels.

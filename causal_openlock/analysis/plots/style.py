@@ -1,7 +1,7 @@
-"""What the figures have in common: their style, what they call things, and how they are saved.
+"""Common parts of the figures: their style, their names for things, and how they are saved.
 
 A colour means the same thing in every figure: orange is common cause, dark blue common effect, and
-purple, from light to dark, how close an attempt came to the last solution. Each pair also differs
+purple, from light to dark, how close an attempt was to the last solution. Each pair also differs
 in lightness, so that figures survive colour blindness and a black-and-white printer. All of that is
 in a :class:`PlotStyle`, which :func:`plot_style` changes.
 """
@@ -36,14 +36,14 @@ CATEGORY_NAMES = dict(
 )
 
 IDEAL = "ideal observer (schema known)"
-"""What figures call the bound of :mod:`~causal_openlock.analysis.results.bounds`, a line in
+"""Name of the bound of :mod:`~causal_openlock.analysis.results.bounds` in figures, a line in
 them."""
 
 WIDTH = 7.2
 """Width of a full figure in inches: two columns of a printed page."""
 
 KINDS = ("png", "pdf")
-"""What a figure is written as, beside SVG."""
+"""Formats in which a figure is written, in addition to SVG."""
 
 _RC: Any = {
     "font.family": "DejaVu Sans",  # comes with matplotlib
@@ -185,7 +185,7 @@ def settings() -> Iterator[None]:
 
 
 MOST_BANDS = 4
-"""With more learners than this their bands would cover each other, and are not drawn."""
+"""Most learners whose bands are drawn; those of more would cover each other."""
 
 
 def sizes(rows: pd.DataFrame) -> str:
@@ -195,14 +195,14 @@ def sizes(rows: pd.DataFrame) -> str:
 
 
 def label(name: str, most: int = 200) -> str:
-    """A name for a figure: without its middle if it is long; ``$`` is no mathematics here."""
+    """A name for a figure: without its middle if it is long; ``$`` does not begin mathematics."""
     if len(name) > most:
         name = f"{name[: most // 2]}…{name[len(name) + 1 - most + most // 2 :]}"
     return name.replace("$", r"\$")
 
 
 def panel_title(axes: Axes, name: str, detail: str = "") -> None:
-    """Name a panel; long names are wrapped, and ``$`` is no mathematics here."""
+    """Name a panel; long names are wrapped, and ``$`` does not begin mathematics."""
     lines = textwrap.wrap(name, 26, max_lines=2, placeholder="…") or [name]
     axes.set_title(label("\n".join(lines)), loc="left", pad=6 + 10 * len(detail.splitlines()))
     if detail:
@@ -258,7 +258,7 @@ def _settle(figure: Figure) -> None:
 
 
 def image(figure: Figure, kind: str, dots: int = 200) -> bytes:
-    """The figure as ``svg``, ``png`` (so many dots per inch) or ``pdf``, without a date.
+    """The figure as ``svg``, ``png`` (``dots`` per inch) or ``pdf``, without a date.
 
     It is drawn once; ``savefig`` would do it twice, in case the layout changes.
     """

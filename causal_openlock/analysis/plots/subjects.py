@@ -107,7 +107,7 @@ def _circles(axes: Axes, place: float, attempts: Any, highest: float, widest: fl
 def _means(
     axes: Axes, place: float, row: Mapping[Any, Any], looks: Mapping[str, Mapping[str, Any]]
 ) -> None:
-    """The mean with its interval; those of references beside it, the ideal observer's across."""
+    """Draw the mean with its interval, those of references, and the ideal observer's line."""
     mean, low, high = (row[name] for name in ("attempts", "ci_low", "ci_high"))
     axes.plot([place + 0.14] * 2, [low, high], color="black", lw=1.4, zorder=3)
     axes.plot([place + 0.08, place + 0.2], [mean] * 2, color="black", lw=2, zorder=3)

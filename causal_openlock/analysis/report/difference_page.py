@@ -62,7 +62,7 @@ SAME, UNDECIDED, DIFFERENT, UNKNOWN = "the same", "undecided", "different", "one
 
 
 def changes(first: StoredExperiment, second: StoredExperiment) -> pd.DataFrame:
-    """What differs between two experiments.
+    """Differences between two experiments.
 
     Returns:
         One row for each difference: ``what`` (such as ``learner ddqn, parameters, gamma``), and
@@ -164,7 +164,7 @@ def _groups(trials: pd.DataFrame) -> dict[tuple[str, str, str, str], Any]:
 def write_difference(
     first: Results, second: Results, path: Path | str, names: tuple[str, str]
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Write the page that compares two records; figures and tables are put beside it.
+    """Write the page that compares two records, with its figures and tables.
 
     Args:
         first: A record with its experiment.
@@ -212,7 +212,7 @@ def write_difference(
 
 
 def sentence_on_changes(changed: pd.DataFrame) -> str:
-    """What differs between two experiments (:func:`changes`), in a sentence."""
+    """Sentence on the differences between two experiments (:func:`changes`)."""
     return _PROSE.sentence("changes", things=changed["what"].tolist())
 
 

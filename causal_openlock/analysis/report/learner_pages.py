@@ -1,8 +1,8 @@
-"""A page for each learner: what it is, what it came to, and how much its subjects vary.
+"""A page for each learner: what it is, its results, and how much its subjects vary.
 
-A mean hides whether all subjects did alike or half of them never solved a trial. So beside its
+A mean hides whether all subjects did alike or half of them never solved a trial. So next to its
 numbers each learner has a figure in which every subject counts: a circle is as large as the share
-of subjects that needed so many attempts.
+of subjects that needed that number of attempts.
 """
 
 from __future__ import annotations

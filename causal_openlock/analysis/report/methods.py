@@ -116,7 +116,7 @@ def _own(schema: Schema) -> bool:
 
 
 def _actions(protocols: tuple[Protocol, ...], schemas: Any) -> dict[int, list[str]]:
-    """By how many actions an attempt has, the schemas of the rooms where it is so."""
+    """Schemas of rooms, by the number of actions in an attempt there."""
     found: dict[int, list[str]] = {}
     for limit, name in {
         (one.actions_for(room), room.name) for one in protocols for room in schemas
@@ -132,7 +132,7 @@ def _has_own_rooms(condition: Condition) -> bool:
 
 
 def _subjects(results: Material) -> dict[str, list[str]]:
-    """By the number of subjects in each condition, in words, the learners."""
+    """Learners, by their number of subjects in each condition, in words."""
     sizes = results.trials.drop_duplicates([*CELL, *SUBJECT]).groupby(CELL, observed=True).size()
     found: dict[str, list[str]] = {}
     for learner, own in sizes.groupby("learner", observed=True):
@@ -143,7 +143,7 @@ def _subjects(results: Material) -> dict[str, list[str]]:
 
 
 def _works(version: Any) -> list[Mapping[str, Any]]:
-    """What to cite, as ``CITATION.cff`` has it: the software in the version used, and the paper."""
+    """Works to cite, from ``CITATION.cff``: the software in the version used, and the paper."""
     from ruamel.yaml import YAML
 
     held = YAML(typ="safe", pure=True).load(bundled("CITATION.cff").read_text(encoding="utf-8"))

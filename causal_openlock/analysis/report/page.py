@@ -19,7 +19,7 @@ from causal_openlock.files.atomic import write_text
 
 
 class Written:
-    """The files beside a page, in ``figures/`` and ``tables/``, as paths within its folder.
+    """The files of a page, in ``figures/`` and ``tables/``, as paths within its folder.
 
     ``begin`` is called with the name of each plot before it is drawn.
     """
@@ -30,14 +30,14 @@ class Written:
         self.files: list[str] = []
 
     def plot(self, plot: SectionPlot) -> dict[str, Any]:
-        """Write a plot; returns what the template shows of it."""
+        """Write a plot; returns what the template shows."""
         self.begin(plot.name)
         svg = style.save(plot.figure, self.folder / "figures" / plot.name)
         self.files += [f"figures/{plot.name}.{kind}" for kind in (*style.KINDS, "svg")]
         return inline(plot, svg)
 
     def section(self, section: Section) -> dict[str, Any]:
-        """Write the tables and plots of a section; returns what the template shows of it.
+        """Write the tables and plots of a section; returns what the template shows.
 
         On the page and in LaTeX numbers are printed as the table asks for; the CSV file has them as
         they were computed, to six significant digits.

@@ -1,4 +1,4 @@
-"""What a reader should know before believing the numbers of a report."""
+"""Warnings to read before believing the numbers of a report."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def warnings_of(
     references: Sequence[Beside] = (),
     given: Sequence[Reference] = (),
 ) -> tuple[str, ...]:
-    """What a reader should know before believing the numbers, a sentence each.
+    """Warnings to read before believing the numbers, a sentence each.
 
     Versions of a package are a list where cells were run with several.
     """

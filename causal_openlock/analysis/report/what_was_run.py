@@ -1,4 +1,4 @@
-"""What was run, in words: an experiment as short texts for the page."""
+"""Description of an experiment: short texts for the page."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""The report of a record: counts become sections, sections become a page and files beside it.
+"""The report of a record: counts become sections, sections become a page and its files.
 
 ``report.html`` is a single file: its style, its figures and its tables are inside it, and it
-fetches nothing. Beside it lie ``summary.csv``, the figures as PNG, SVG and PDF (``figures/``) and
+fetches nothing. Next to it are ``summary.csv``, the figures as PNG, SVG and PDF (``figures/``) and
 the tables of its sections as CSV and LaTeX (``tables/``). Nothing in any of them depends on when or
 where the report was written.
 """
@@ -84,8 +84,8 @@ def write_report(
             to; it is made if it does not exist. Figures and tables of an earlier report that this
             one does not have are removed; other files stay.
         experiment: What was run, as :meth:`causal_openlock.storage.store.Store.record` gives it
-            beside the record. Learners appear in its order; the page opens with the cells that are
-            missing. Published results are shown beside learners that did what people did; see
+            with the record. Learners appear in its order; the page opens with the cells that are
+            missing. Published results are shown with learners that did what people did; see
             :mod:`~causal_openlock.analysis.results.references`.
         topics: What it is about; by default
             :func:`~causal_openlock.analysis.topic.all_topics`.

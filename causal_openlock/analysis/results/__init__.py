@@ -1,1 +1,1 @@
-"""Tables that are computed from a record, with people, the ideal observer and chance beside."""
+"""Tables that are computed from a record, with people, the ideal observer and chance."""

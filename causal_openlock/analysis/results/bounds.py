@@ -30,7 +30,7 @@ class Bound(NamedTuple):
 
 
 Bounds = Mapping[tuple[str, str, str], Bound]
-"""By condition, protocol and phase."""
+"""Bounds by condition, protocol and phase."""
 
 
 def ideal_bounds(experiment: Experiment) -> Bounds:

@@ -19,10 +19,10 @@ from causal_openlock.analysis.table import Table, number, share
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 
 Row = Mapping[str, Any]
-"""A row of :func:`~causal_openlock.analysis.results.summary.headline`; None is no value."""
+"""A row of :func:`~causal_openlock.analysis.results.summary.headline`; None: no value."""
 
 Known = tuple[float, float | None, float]
-"""What is known of a reference: its mean, the standard error, and the share of trials solved."""
+"""Values of a reference: its mean, the standard error, and the share of trials solved."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class ConditionTable:
     Attributes:
         protocol: Its name.
         columns: The conditions, and what each was judged by, such as ``trial 5`` or ``test``.
-        references: By reference that stands beside a learner, by column, its mean
+        references: By reference that is comparable with a learner, by column, its mean
             attempts, their standard error or None, and the share of trials that are solved; None
             where it does not.
         ideal: By column, attempts of the ideal observer, or None; empty if none are known.

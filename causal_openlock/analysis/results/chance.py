@@ -20,7 +20,7 @@ from causal_openlock.world.room import Layout
 
 @lru_cache(maxsize=256)
 def chance_of_opening(schema: Schema, action_limit: int, positions: int) -> float:
-    """Probability that so many random actions open the door, in a room of so many positions."""
+    """Probability that an attempt of random actions opens the door, in a room of some size."""
     opened, _ = _outcomes(schema, action_limit, positions)
     return opened
 
@@ -28,7 +28,7 @@ def chance_of_opening(schema: Schema, action_limit: int, positions: int) -> floa
 def chance_of_finding_all(
     schema: Schema, action_limit: int, positions: int, attempts: int
 ) -> float:
-    """Probability that random actions find every solution within so many attempts."""
+    """Probability that random actions find every solution within ``attempts`` attempts."""
     return float(_found_within(schema, action_limit, positions, attempts)[-1])
 
 

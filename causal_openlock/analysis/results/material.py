@@ -1,6 +1,6 @@
 """Results in memory: what every table, figure and section is made of.
 
-A record is counted once (:func:`~causal_openlock.analysis.measures.count`); what may stand beside
+A record is counted once (:func:`~causal_openlock.analysis.measures.count`); what is compared with
 it follows from the experiment: references where learners did what these did, and the attempts of
 the ideal observer wherever they are known.
 """
@@ -106,7 +106,7 @@ class Material:
 
     @property
     def trained_before(self) -> dict[str, int]:
-        """By learner, the attempts of its training before the experiment, where there was any.
+        """Attempts of training before the experiment, by learner, where there was any.
 
         A record may have learners that its experiment lacks; nothing is known of their training.
         """
@@ -114,7 +114,7 @@ class Material:
         return {name: number for name, number in attempts.items() if number}
 
     def compared(self, trials: pd.DataFrame) -> pd.DataFrame:
-        """The rows of a table that any reference stands beside."""
+        """The rows of a table with which any reference is comparable."""
         return trials[beside_any(trials, self.references)]
 
     @cached_property

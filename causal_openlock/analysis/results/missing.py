@@ -1,4 +1,4 @@
-"""What is missing from the results of a folder, and why.
+"""Cells that are missing from the results of a folder, and why.
 
 Cells may not have been played yet, or have failed. All numbers are without them, so every place
 that gives numbers names them: the page, the terminal and ``summary.csv``.

@@ -8,7 +8,7 @@ one lever enables another, from the states of both and of the room, and of wheth
 the door, from its state and the room's. Memory is read when a room is left, before its network has
 perceived what its very last action led to.
 
-What a probe shows has limits, and the others that are fitted beside it are there to show them:
+What a probe shows has limits, and the others that are fitted with it are there to show them:
 
 * ``rates`` knows nothing of the room but how often there are edges, and ``seen`` also which levers
   are grey. What these read right says nothing about memory.
@@ -46,7 +46,7 @@ from causal_openlock.world.randomness import generators
 from causal_openlock.world.room import Room
 
 HELD_OUT = 1 / 3
-"""Of the sets of positions at which there are levers, so many are read and not fitted to."""
+"""Share of the sets of positions of levers that is read and not fitted to."""
 ROOMS = replace(PROTOCOLS["human"], name="probe", layouts="random")
 
 
@@ -226,7 +226,7 @@ def _features(memory: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatA
 def _regression(
     features: FloatArray, present: FloatArray, strength: float
 ) -> Callable[[FloatArray], FloatArray]:
-    """What gives the probability that an edge is present, ``[n]``, from ``[n, F]`` features."""
+    """Function from ``[n, F]`` features to the probability that an edge is present, ``[n]``."""
     if features.shape[1] == 0 or len(set(present)) == 1:
         rate = float(present.mean())
         return lambda new: np.full(len(new), rate)

@@ -49,7 +49,7 @@ def read_results(store: Store, columns: Sequence[str] = ()) -> tuple[pa.Table, S
 def beside(
     results: Sequence[tuple[pa.Table, StoredExperiment]],
 ) -> tuple[pa.Table, StoredExperiment]:
-    """Several results as one, such as those of people beside those of learners.
+    """Join several results into one, such as those of people and those of learners.
 
     The first one's name and title are kept; learners and conditions are those of all.
 

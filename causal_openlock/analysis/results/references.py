@@ -1,7 +1,7 @@
-"""References: what learners stand beside, such as published people or people of one's own.
+"""References to compare learners with, such as published people or people of one's own.
 
 A reference has means of attempts in the trials of conditions, and says which learners are
-comparable with it. It stands beside these in every table and figure, and beside nobody else.
+comparable with it. It appears with these in every table and figure, and with no others.
 Published results are registered as entry points, each a function that returns a reference::
 
     [project.entry-points."causal_openlock.references"]
@@ -35,7 +35,7 @@ from causal_openlock.storage.store import Store
 from causal_openlock.wording import counted, file_names
 
 POINT = ["condition", "phase", "trial"]
-"""What identifies the trials that a reference has means of."""
+"""Columns that identify the trials that a reference has means of."""
 
 POINT_COLUMNS = [*POINT, "subjects", "mean", "se"]
 """Columns of :attr:`Reference.points`."""
@@ -57,7 +57,7 @@ TAKEN = frozenset({
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Reference:
-    """Something that learners stand beside.
+    """Something that learners are compared with.
 
     Attributes:
         name: What tables and sentences call it: letters, digits, spaces and underscores.
@@ -72,9 +72,9 @@ class Reference:
         source: Where it is from, as a paper cites it; by default its detail.
         prefix: What its columns begin with, as in ``human_attempts``; by default its name.
         in_leaderboard: Whether the leaderboard says how many attempts more each learner needs.
-        categories: What attempts came to, in blocks: ``condition``, ``phase``, ``block``,
+        categories: Outcomes of attempts, in blocks: ``condition``, ``phase``, ``block``,
             ``category``, ``count`` and ``until``, the attempts up to the end of the block.
-        protocol: Beside what protocol it stands where a record is without its experiment, so that
+        protocol: Protocol of comparable rows where a record is without its experiment, so that
             names of conditions must do.
     """
 
@@ -109,15 +109,15 @@ class Reference:
                 )
 
     def means(self, judged: bool) -> pd.DataFrame:
-        """Its points, or the means of the trials that conditions are judged by."""
+        """The reference's points, or the means of the trials that conditions are judged by."""
         return self.judged if judged and self.judged is not None else self.points
 
     def __repr__(self) -> str:
-        """Its name, and how many means it has."""
+        """Name of the reference, and its number of means."""
         return f"<Reference {self.name}: {counted(len(self.points), 'mean')}>"
 
     def beside(self, experiment: Experiment | None) -> Beside:
-        """Return the reference with the learners of an experiment that it stands beside."""
+        """Return the reference with the learners of an experiment that it is comparable with."""
         if experiment is None:
             return Beside(self, None)
         cells = frozenset(
@@ -131,7 +131,7 @@ class Reference:
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """A reference, and whom it stands beside.
+    """A reference, and the learners that it is comparable with.
 
     Attributes:
         reference: The reference.
@@ -142,7 +142,7 @@ class Beside:
     cells: Cells | None
 
     def stands(self, table: pd.DataFrame) -> BoolArray:
-        """``[N]`` whether it stands beside each row: its learner, condition and protocol."""
+        """``[N]`` whether it is comparable with each row: its learner, condition and protocol."""
         if self.cells is None:
             found: BoolArray = (table["protocol"] == self.reference.protocol).to_numpy(dtype=bool)
             return found
@@ -150,7 +150,7 @@ class Beside:
         return np.array([cell in self.cells for cell in played], dtype=bool)
 
     def columns(self, table: pd.DataFrame, judged: bool = False) -> dict[str, Any]:
-        """``[N]`` mean and error beside each row of a table of means, NaN where it does not stand.
+        """``[N]`` mean and error for each row of a table of means, NaN where not comparable.
 
         Args:
             table: Rows with ``learner``, ``protocol`` and :data:`POINT`.
@@ -188,7 +188,7 @@ def _check_means(name: str, what: str, means: pd.DataFrame) -> None:
 def references_beside(
     experiment: Experiment | None, given: Iterable[Reference] = ()
 ) -> tuple[Beside, ...]:
-    """Return the registered references, and those that are given, with whom they stand beside.
+    """Return the registered and the given references, with the learners that each suits.
 
     Raises:
         OpenLockError: If two have the same name, or one has the name of a learner or of a column.
@@ -218,7 +218,7 @@ def _registered(entries: tuple[Any, ...]) -> tuple[Reference, ...]:
 def with_references(
     table: pd.DataFrame, references: Sequence[Beside], judged: bool = False
 ) -> tuple[pd.DataFrame, list[str]]:
-    """Return a table of mean ``attempts`` with the references beside each row.
+    """Return a table of mean ``attempts`` with the references of each row.
 
     Args:
         table: As :meth:`Beside.columns` takes it.
@@ -256,7 +256,7 @@ def gap_column(name: str) -> str:
 
 
 def beside_any(table: pd.DataFrame, references: Sequence[Beside]) -> BoolArray:
-    """``[N]`` whether any reference with means stands beside each row."""
+    """``[N]`` whether any reference with means is comparable with each row."""
     stands = [one.stands(table) for one in references if not one.reference.points.empty]
     found: BoolArray = np.logical_or.reduce([np.zeros(len(table), bool), *stands])
     return found

@@ -14,7 +14,7 @@ LIKELY = 0.5
 
 
 def structure_distance(believed: Structure, schema: Schema, layout: Layout) -> dict[str, float]:
-    """How near a believed structure comes to the true one.
+    """Distance of a believed structure from the true one.
 
     Edges count between the active levers, and from these to the door.
 

@@ -1,6 +1,6 @@
-"""The tables of results, with references beside them.
+"""The tables of results, with references.
 
-Beside learners that played as people did stand people and a published model of them (see
+Learners that played as people did are compared with people and a published model (see
 :mod:`~causal_openlock.analysis.results.references`), and wherever it is known what the ideal
 observer needs (see :mod:`~causal_openlock.analysis.results.bounds`).
 """
@@ -41,7 +41,7 @@ SUMMARY_COLUMNS = (
 
 
 def summary_table(record: pa.Table, experiment: Experiment | None = None) -> pd.DataFrame:
-    """Every trial of every condition: how many attempts it took, and how that compares.
+    """Number of attempts in every trial of every condition, compared with references.
 
     >>> from causal_openlock import PROTOCOLS, Condition, Session, create, find_schema
     >>> session = Session(Condition.named("CC4", find_schema), PROTOCOLS["human"], 2)
@@ -52,8 +52,8 @@ def summary_table(record: pa.Table, experiment: Experiment | None = None) -> pd.
     Args:
         record: Columns as in :func:`causal_openlock.experiment.record.record_schema`, rows in any
             order.
-        experiment: What was run: published results then stand beside conditions that are the
-            paper's, and not beside all that have their names.
+        experiment: What was run: published results are then compared with conditions that are
+            the paper's, and not with all that have their names.
 
     Returns:
         See :func:`summarise`.
@@ -85,7 +85,7 @@ def summarise(
 
     Args:
         trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-        references: Whom references stand beside.
+        references: References, with the learners that they suit.
         bounds: What the ideal observer needs, from
             :func:`~causal_openlock.analysis.results.bounds.ideal_bounds`.
 
@@ -134,10 +134,10 @@ def _means(
     bounds: Bounds | None,
     of_judged: bool = False,
 ) -> tuple[pd.DataFrame, list[str]]:
-    """The means of each trial with intervals; beside them references, and the ideal attempts.
+    """The means of each trial with intervals, with references and the ideal attempts.
 
     Returns:
-        The table, and the names of the columns that stand beside the means.
+        The table, and the names of the columns next to the means.
     """
     by = ["phase", "trial"]
     means = mean_by_trial(trials, by).rename(columns={"mean": "attempts"})

@@ -54,7 +54,7 @@ def replayed(
     condition: str | None = None,
     trial: int = 1,
 ) -> Trace:
-    """What a subject believed in a trial.
+    """Beliefs of a subject in a trial.
 
     Args:
         results: What was played.

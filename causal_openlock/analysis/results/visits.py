@@ -24,7 +24,7 @@ PARTS = 5
 """Into how many parts a phase is cut: the paper's Figure 6 has five blocks."""
 
 OPENS, FINDS_ALL, ELSE = "opens", "finds_all", "else"
-"""What is measured of a part: the shares of attempts that open the door, of visits in which every
+"""Measures of a part: the shares of attempts that open the door, of visits in which every
 solution is found, and of attempts that neither unlock nor open the door."""
 
 UNLOCKS, FOUND = "unlocks", "found"
@@ -32,7 +32,7 @@ UNLOCKS, FOUND = "unlocks", "found"
 room's solutions are found in a visit, as a share."""
 
 LEAST_SUBJECTS = 4
-"""With fewer subjects the bootstrap interval is hardly narrower than from lowest to highest."""
+"""Subjects below which a bootstrap interval is hardly narrower than from lowest to highest."""
 
 
 class Group(NamedTuple):
@@ -77,7 +77,7 @@ def shares(trials: pd.DataFrame, parts: int = PARTS) -> pd.DataFrame:
 
 
 def starts(trials: pd.DataFrame) -> pd.DataFrame:
-    """What every subject could do at first in training.
+    """Measures of every subject at the start of training.
 
     Returns:
         One row for each subject: the columns of a cell and of a subject, ``opens``, at the
@@ -114,11 +114,11 @@ def interval(values: FloatArray, level: float = LEVEL) -> tuple[float, float]:
 
 
 def many_attempts(experiment: Experiment) -> set[str]:
-    """Names of the protocols whose trials go on after they are solved."""
+    """Names of the protocols whose trials continue after they are solved."""
     stops = {one.name for one in experiment.protocols if one.stop_when_solved}
     return {one.name for one in experiment.protocols} - stops
 
 
 def going_on(trials: pd.DataFrame, experiment: Experiment) -> pd.DataFrame:
-    """The trials under protocols that go on after a trial is solved."""
+    """The trials under protocols that continue after a trial is solved."""
     return trials[trials["protocol"].isin(many_attempts(experiment))]

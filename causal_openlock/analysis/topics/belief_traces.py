@@ -1,4 +1,4 @@
-"""What learners that hold beliefs believed in one trial, which they play again.
+"""Beliefs of learners that hold beliefs, in one trial, which they play again.
 
 It is the first trial of the first subject in the first condition; see
 :mod:`~causal_openlock.analysis.results.traces`.

@@ -4,7 +4,7 @@ A transfer condition trains in rooms with three levers and is tested in one with
 *congruent* if its rooms have the causal structure of the test (common cause or common effect). The
 effect is how many attempts a test takes fewer after congruent training than after incongruent
 training, in other subjects. It is estimated here and nowhere else: with the interval and the p of
-Student's t, as the paper has it, and beside it the learner's effect minus that of people.
+Student's t, as the paper has it, and next to it the learner's effect minus that of people.
 
 The tests on CC4 and on CE4 are the paper's own planned tests, each a question by itself.
 """
@@ -36,7 +36,7 @@ from causal_openlock.experiment.protocol import HUMAN_PROTOCOL
 from causal_openlock.wording import file_names, joined
 
 COMPARED = {"CC4": ("CC3-CC4", "CE3-CC4"), "CE4": ("CE3-CE4", "CC3-CE4")}
-"""By the schema of the test, the conditions with congruent and with incongruent training."""
+"""Conditions with congruent and with incongruent training, by the schema of the test."""
 
 COLUMNS = (
     *("learner", "reference", "protocol", "test", "subjects", "congruent", "incongruent"),
@@ -62,7 +62,7 @@ def congruency(results: Material) -> pd.DataFrame:
 
     Returns:
         A row for each learner, protocol and test whose two conditions were played, references
-        first where they stand beside a learner:
+        first where they are comparable with a learner:
 
         - ``learner``, whether it is a ``reference``, ``protocol``, the schema of the ``test``;
         - ``subjects``: of the smaller group; ``congruent``, ``incongruent``: mean attempts;
@@ -99,7 +99,7 @@ def congruency(results: Material) -> pd.DataFrame:
 
 
 Groups = Mapping[str, tuple[Group, float]]
-"""By condition, its subjects and the share of trials that they solved."""
+"""Subjects of each condition, and the share of trials that they solved."""
 
 
 def _played(trials: pd.DataFrame) -> Groups:
@@ -223,7 +223,7 @@ def family(key: tuple[str, str, str]) -> Hashable:
 
 
 def section(material: Material, decided: Decided) -> Section | None:
-    """What congruent training saves; None if no two conditions with one test were played."""
+    """Section on congruent training; None if no two conditions with one test were played."""
     found: pd.DataFrame = decided.computed
     if found["reference"].all():
         return None
@@ -268,7 +268,7 @@ def _unsolved(rows: pd.DataFrame) -> list[str]:
 
 
 def _answer(rows: pd.DataFrame, decided: Decided) -> dict[str, Any]:
-    """What the first screen says: how much training helps people, and which learners."""
+    """Sentence of the first screen: how much training helps people, and which learners."""
     own = rows[~rows["reference"]]
     keys = own[["protocol", "learner", "test"]].itertuples(index=False, name=None)
     found = np.array([decided.found(key) for key in keys], bool)

@@ -1,4 +1,4 @@
-"""What language models cost, and how many of their answers were no actions.
+"""Cost of language models, and the number of their answers that were not actions.
 
 All that was said is in the transcripts of a results folder; a line for each subject has the counts.
 """
@@ -26,7 +26,7 @@ _SILENT = "unanswered actions"
 
 
 class _Counts(BaseModel):
-    """What the first line of a subject's transcript counts; anybody may have written it."""
+    """Counts in the first line of a subject's transcript, which anybody may have written."""
 
     answers: NonNegativeInt
     tokens: tuple[NonNegativeInt, NonNegativeInt]

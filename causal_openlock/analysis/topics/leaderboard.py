@@ -39,7 +39,7 @@ MOST_ATTEMPTS = 3000
 """No scores where trials may have more: what random actions need is computed in its square."""
 _NONE = Difference(np.nan, np.nan, np.nan, np.nan)
 Cell = tuple[str, str]
-"""A value, and its interval or what else stands beside it in small type."""
+"""A value, and its interval or other text next to it in small type."""
 _PROSE = Prose(__name__)
 _EVERY = "in every subject"
 _LEADERS = 4  # fewer learners than these share the first sentence where they do not differ
@@ -49,7 +49,7 @@ _EVERY_OF_A_CONDITION = "the same in every subject of a condition"
 def normalised_score(
     attempts: FloatArray, random: FloatArray | float, ideal: FloatArray | float
 ) -> FloatArray:
-    """Where attempts lie between chance and the best that is possible.
+    """Score of attempts between chance and the best that is possible.
 
     >>> normalised_score(np.array([30.0, 10.0, 5.0]), 30, 5).tolist()
     [0.0, 0.8, 1.0]
@@ -70,7 +70,7 @@ def normalised_score(
 
 
 def leaderboard(results: Material) -> pd.DataFrame:
-    """One row for each learner and protocol; references come first where they stand beside any.
+    """One row for each learner and protocol; references come first where any is comparable.
 
     >>> import causal_openlock as ol
     >>> table = ol.leaderboard(results)
@@ -88,7 +88,7 @@ def leaderboard(results: Material) -> pd.DataFrame:
         numbers are then NaN), ``subjects`` (the fewest in one);
         ``limit``, the most attempts that a trial may have; ``before``, the attempts of training
         before the experiment, such as meta-training; ``solved``, the share of trials;
-        ``found`` of so many ``solutions``, means of trials; ``median`` attempts where trials were
+        ``found`` of ``solutions``, means of trials; ``median`` attempts where trials were
         solved, NaN if none was; mean ``attempts``, where an unsolved trial counts as the limit;
         ``score``, 0 for the attempts of random actions and 1 for those of the ideal observer, NaN
         where these are not known; the ``best`` learner, which is one that has to find out how the
@@ -207,7 +207,7 @@ def _columns_to(table: pd.DataFrame) -> list[str]:
 def best_learner(results: Material, held: Outcomes) -> str | None:
     """The learner that needs the fewest attempts, of those that have to find out how rooms work.
 
-    Learners that know the schema or the room are no competitors, unless there are no others; none
+    Learners that know the schema or the room do not compete, unless there are no others; none
     is the best where none solves a trial. Only those count that played the most conditions.
     """
     informed = _informed(results)
@@ -228,7 +228,7 @@ def _informed(results: Material) -> set[str]:
 
 
 def _ends(results: Material, protocol: str, limit: int) -> dict[str, tuple[float, float]]:
-    """By condition, what random actions need where it is judged, and what the ideal observer."""
+    """Attempts of random actions and of the ideal observer where each condition is judged."""
     budgets = {one.name: one.action_limit for one in results.experiment.protocols}
     found = {}
     for condition in results.experiment.conditions:
@@ -255,7 +255,7 @@ def _score(attempts: Mapping[str, float], ends: Mapping[str, tuple[float, float]
 
 
 def _groups(one: Beside, headline: pd.DataFrame, of: str | None = None) -> dict[str, Group]:
-    """A reference by condition, where it stands beside this learner, or beside any."""
+    """A reference by condition, where it is comparable with this learner, or with any."""
     if one.reference.points.empty:
         return {}
     rows = headline[headline[f"{one.reference.prefix}_attempts"].notna()]
@@ -290,7 +290,7 @@ class LeaderboardTable:
         conditions: How many were played.
         best: The best learner that is given neither the schema nor the room; None where there is
             none.
-        references: Names of the rows that are no competitors: references such as people, and
+        references: Names of the rows that do not compete: references such as people, and
             learners that are given the schema or the room. They stand first.
         given: Names of these learners.
         marks: Which marks its values have: ``≥``, ``≤``, ``*`` and ``all``.
@@ -337,7 +337,7 @@ class LeaderboardTable:
 
     @property
     def measured(self) -> str:
-        """What is counted, in words."""
+        """Measure of the table, in words."""
         of = f", {self.conditions} conditions together" if self.conditions > 1 else ""
         if self.uneven:
             of += " at most; each row is the mean of the conditions that it has"
@@ -413,14 +413,14 @@ def leaderboard_tables(table: pd.DataFrame) -> Iterator[LeaderboardTable]:
 
 
 def _called(table: pd.DataFrame) -> dict[str, str]:
-    """By column of differences, the reference that it is about."""
+    """Reference of each column of differences."""
     return {
         gap_column(name): name for name in table.loc[table["reference"].astype(bool), "learner"]
     }
 
 
 def legend(tables: Sequence[LeaderboardTable], narrow: bool = False) -> str:
-    """What the columns and marks of tables mean, of those that occur.
+    """Meaning of the columns and marks that occur in tables.
 
     Args:
         tables: From :func:`leaderboard_tables`.
@@ -439,7 +439,7 @@ def legend(tables: Sequence[LeaderboardTable], narrow: bool = False) -> str:
 
 
 def answers(table: pd.DataFrame, decisions: Decisions) -> dict[str, tuple[str, ...]]:
-    """What was found, in a few sentences, by protocol.
+    """Results in a few sentences, by protocol.
 
     Which learner needs the fewest attempts and how that compares with people, which ones cannot be
     distinguished from it, and which solved no trial that counts.
@@ -525,7 +525,7 @@ def _cell(column: str, row: Mapping[str, Any], cut: Collection[str]) -> Cell:
 
 
 def _without_interval(column: str, row: Mapping[str, Any]) -> str:
-    """Why there is no interval: too few subjects, or all of them differ by the same."""
+    """Reason for a missing interval: too few subjects, or all of them differ by the same."""
     if column != "to_best" or row["subjects"] < 2 or row["reference"]:
         return "no interval"
     return _EVERY if row["conditions"] == 1 else _EVERY_OF_A_CONDITION
@@ -544,7 +544,7 @@ def _short_cell(column: str, row: Mapping[str, Any], cut: Collection[str]) -> st
 
 
 def _marks(column: str, row: Mapping[str, Any], cut: Collection[str]) -> tuple[str, str]:
-    """What is before and after a difference that the limit of attempts has cut off."""
+    """Marks before and after a difference that the limit of attempts has cut off."""
     if row["solved"] is None or row["solved"] == 1:
         return ("≤ " if column in cut else ""), ""
     return ("", "*") if column in cut else ("≥ ", "")
@@ -559,12 +559,12 @@ def _plain(value: float) -> str:
 
 
 def section(_: Material, __: Decided) -> Section | None:
-    """None: the leaderboard is no section of the report; the page opens with it."""
+    """None: the leaderboard is not a section of the report; the page opens with it."""
     return None
 
 
 def family(key: tuple[str, str, str]) -> Hashable:
-    """Which learners differ from a reference, under a protocol."""
+    """The question of a test: which learners differ from a reference, under a protocol."""
     protocol, _, column = key
     return protocol, column
 

@@ -1,9 +1,9 @@
-"""Which learners learn and which do not, by a rule that is stated and can be checked.
+"""Verdicts on whether learners learn, by a rule that is stated and can be checked.
 
 A learner's visits to train on are cut into five parts. In each of them every subject has a share of
 attempts that open the door, and a share of visits in which it found every solution. The rule
 (:func:`judge`) compares these shares with chance and with the subject's own start, and allows for
-how much subjects differ. Chance is what actions drawn at random come to, computed exactly from the
+how much subjects differ. Chance is the share that random actions reach, computed exactly from the
 room; where such a learner is in the record, also what it did, its luck included.
 """
 
@@ -53,10 +53,10 @@ SURE_OF_SUBJECT = 0.01
 """How likely it may be that any subject of a group at chance is taken for one that learns."""
 
 MARGIN = 0.1
-"""The smallest share beyond chance that matters: what is surely less is no learning."""
+"""The smallest share beyond chance that matters: surely less than this is not learning."""
 
 MANY_CONDITIONS = 3
-"""From so many on, all conditions of a learner need not be named one by one."""
+"""Number of conditions from which those of a learner are not named one by one."""
 
 _PROSE = Prose(__name__)
 
@@ -69,7 +69,7 @@ def judge(
     Args:
         start: ``[n]`` each subject's share at its start.
         parts: ``[n, P]`` its shares in successive parts of its training.
-        bar: The share that chance comes to.
+        bar: The share that chance reaches.
         counted: ``[n]`` of how many attempts, or visits, its share in the last part is; by default
             single subjects are not looked at.
 
@@ -167,7 +167,7 @@ def _luck(
 
 
 def _chance(experiment: Experiment, group: Group, rows: pd.DataFrame, measure: str) -> float:
-    """What random actions come to in these visits, on average."""
+    """Mean share that random actions reach in these visits."""
     limits = {one.name: one.action_limit for one in experiment.protocols}
     (known,) = (
         {schema.name: schema for schema in condition.schemas}
@@ -190,7 +190,7 @@ def _chance(experiment: Experiment, group: Group, rows: pd.DataFrame, measure: s
 
 
 def section(material: Material, _: Decided) -> Section | None:
-    """Which learners learn: a table and its reading, or None if no protocol has many attempts."""
+    """Section on who learns: a table and its reading; None if no protocol has many attempts."""
     table = progress(material.trials, material.experiment)
     if table.empty:
         return None
@@ -220,7 +220,7 @@ def _shown(name: str, rows: pd.DataFrame) -> Table:
 
 
 def by_verdict(rows: pd.DataFrame) -> dict[str, list[dict[str, Any]]]:
-    """Which learners came to each verdict, and where, by one measure of :func:`progress`.
+    """Learners and conditions of each verdict, by one measure of :func:`progress`.
 
     Returns:
         By verdict, in the order of :data:`VERDICTS`: ``learner``, ``protocol`` (empty if it has

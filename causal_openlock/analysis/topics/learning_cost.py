@@ -1,4 +1,4 @@
-"""What learning costs: attempts until a subject solves a new room about as well as can be done.
+"""Cost of learning: attempts until a subject solves a new room about as well as possible.
 
 Two learners that do equally well in the end may have needed ten attempts or a million to get there.
 So every attempt counts here, those of all trials of training too, up to the first new room that is
@@ -34,7 +34,7 @@ from causal_openlock.errors import NothingToDrawError
 from causal_openlock.schemas.fsm import FloatArray
 
 WITHIN = 1.5
-"""A room is solved well in so many times the attempts of the ideal observer."""
+"""A room is solved well in at most this multiple of the ideal observer's attempts."""
 _NEVER = "#F2F2F2"  # behind subjects that never came so far
 _PROSE = Prose(__name__)
 
@@ -91,12 +91,12 @@ def subject_costs(
 def cost_of_learning(
     trials: pd.DataFrame, bounds: Bounds, within: float = WITHIN, repeats: bool = False
 ) -> pd.DataFrame:
-    """How many attempts each subject made until it first solved a new room well.
+    """Number of attempts of each subject until it first solved a new room well.
 
     Args:
         trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
         bounds: What the ideal observer needs.
-        within: How well: in at most so many times its attempts.
+        within: How well: in at most this multiple of its attempts.
         repeats: Whether rooms count that the subject has visited before. A room is new if the
             subject has not met its schema with its layout; where a protocol goes through the same
             layouts over and over, only the first visits are new.

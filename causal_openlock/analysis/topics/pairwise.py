@@ -33,7 +33,7 @@ from causal_openlock.errors import NothingToDrawError
 from causal_openlock.wording import file_names
 
 Outcomes = Mapping[str, Mapping[str, pd.DataFrame]]
-"""By learner, by condition, from :func:`outcomes`."""
+"""Tables of :func:`outcomes` by learner, by condition."""
 PAIR_COLUMNS = [
     *("learner", "other", "conditions", "pairs"),
     *("difference", "ci_low", "ci_high", "p", "probability"),
@@ -54,7 +54,7 @@ _FORMATS = {
 
 
 def outcomes(trials: pd.DataFrame, protocol: str) -> dict[str, dict[str, pd.DataFrame]]:
-    """What subjects came to in the trials that conditions are judged by, under a protocol.
+    """Outcomes of subjects in the trials that conditions are judged by, under a protocol.
 
     Returns:
         By learner, by condition: a row for each subject with the means over its trials of
@@ -258,7 +258,7 @@ def section(material: Material, decided: Decided) -> Section | None:
 
 
 def family(key: tuple[str, str, str]) -> Hashable:
-    """Which pairs of learners differ, under a protocol."""
+    """The question of a test: which pairs of learners differ, under a protocol."""
     return key[0]
 
 

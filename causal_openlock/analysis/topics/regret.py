@@ -1,4 +1,4 @@
-"""What attempts were worth: regret, information, and how much was known to be useless.
+"""Worth of attempts: regret, information, and how much was known to be useless.
 
 Two subjects may need equally many attempts, one of them by bad luck. So every attempt is judged by
 what could be known when it was made: the ideal observer is put in the subject's place, learns from
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 _TRIAL = [*CELL, *SUBJECT, *VISIT]
 _ROOM = ["schema", "layout"]
 WORTH = ["used", "regret", "expected", "best", "gained", "useless"]
-"""What is known of an attempt: the fields of :class:`~causal_openlock.belief.observer.Worth`."""
+"""Measures of an attempt: the fields of :class:`~causal_openlock.belief.observer.Worth`."""
 MOST = 400_000
 """Records of more attempts than this are not judged: it takes half a minute for each million."""
 _PROSE = Prose(__name__)
@@ -44,7 +44,7 @@ _FORMATS = {
 
 
 def regret(results: Material) -> pd.DataFrame:
-    """What each attempt was worth, by the ideal observer in the subject's place.
+    """Worth of each attempt, by the ideal observer in the subject's place.
 
     >>> import causal_openlock as ol
     >>> table = ol.regret(ol.compare("CC3", ["ideal", "random"], subjects=2, workers=1))
@@ -119,7 +119,7 @@ def _placed(schema: Schema, layout: str) -> Layout | None:
 
 
 def regret_by_condition(table: pd.DataFrame) -> pd.DataFrame:
-    """What that comes to: a row for each learner under a protocol, subjects counting alike.
+    """Mean worth: a row for each learner under a protocol, subjects counting alike.
 
     Args:
         table: From :func:`regret`.

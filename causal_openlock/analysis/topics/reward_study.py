@@ -32,10 +32,10 @@ from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.world.rewards import AuthorsReward, Reward, RewardFunction
 
 LEAST_REWARDS = 3
-"""Fewer rewards in an experiment are no study of them."""
+"""Fewest rewards in an experiment that are compared."""
 
 BEST_OF_PAPER = frozenset({"negative_immovable", "partial_sequence", "solution_multiplier"})
-"""What the paper found best, beside the basic reward."""
+"""Terms that the paper found best, in addition to the basic reward."""
 
 _PROSE = Prose(__name__)
 _RUNGS = {
@@ -49,7 +49,7 @@ _RUNGS = {
 
 
 def reward_terms(reward: RewardFunction) -> frozenset[str]:
-    """What a reward is made of, beside the basic one, in the paper's words."""
+    """Terms of a reward, in addition to the basic one, in the paper's words."""
     if isinstance(reward, Reward):
         return frozenset(reward.terms) - {"basic"}
     if isinstance(reward, AuthorsReward):
@@ -63,7 +63,7 @@ def rewards_of(experiment: Experiment) -> dict[str, RewardFunction]:
 
 
 def study(table: pd.DataFrame, rewards: Mapping[str, RewardFunction]) -> pd.DataFrame:
-    """What each reward led to, the best first.
+    """Results of each reward, the best first.
 
     Returns:
         One row for each learner: ``learner``; ``door`` and ``all``, its mean shares in the last
@@ -94,8 +94,8 @@ def without_repeats(
     """Whether unique solutions cannot be learned, as the paper says; None if no learner got them.
 
     Returns:
-        Whether the paper is ``right``: ``yes``, ``no`` (in every condition the door comes to be
-        opened), ``in part`` or ``undecided``; and the learners by ``verdict``.
+        Whether the paper is ``right``: ``yes``, ``no`` (opening the door is learned in every
+        condition), ``in part`` or ``undecided``; and the learners by ``verdict``.
     """
     unique = [name for name, one in rewards.items() if "unique_solutions" in reward_terms(one)]
     doors = doors[doors["learner"].isin(unique)]
@@ -114,7 +114,7 @@ def without_repeats(
 def best_rewards(
     doors: pd.DataFrame, rewards: Mapping[str, RewardFunction]
 ) -> list[dict[str, Any]]:
-    """How the learners with the paper's best combination do beside the others.
+    """Learners with the paper's best combination, compared with the others.
 
     Returns:
         ``learner``, ``condition``, ``last`` (its share in the last part of training), how many
@@ -139,7 +139,7 @@ def best_rewards(
 
 
 def section(material: Material, _: Decided) -> Section | None:
-    """The reward study: which rewards learn, or None if the experiment has too few of them."""
+    """The reward study: which rewards learn, or None if the experiment has too few rewards."""
     rewards = rewards_of(material.experiment)
     if len({one.name for one in rewards.values()}) < LEAST_REWARDS:
         return None

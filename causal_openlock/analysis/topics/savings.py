@@ -64,7 +64,7 @@ def savings(results: Material) -> pd.DataFrame:
 
     Returns:
         A row for each learner, protocol and transfer condition whose baseline was played,
-        references first where they stand beside a learner: ``learner``, whether it is a
+        references first where they are comparable with a learner: ``learner``, whether it is a
         ``reference``, ``protocol``, ``condition``, ``subjects``, mean ``attempts`` in the first
         test trial, the mean of those ``untrained``, the share of both trials that was ``solved``,
         the share ``saved`` (NaN if none was solved), and the ends ``low`` and ``high`` of its 95%
@@ -177,7 +177,7 @@ def plot_savings(
 
 
 def section(material: Material, _: Decided) -> Section | None:
-    """What training with three levers saves; None if no condition and its baseline were played."""
+    """Section on savings by training; None if no condition and its baseline were played."""
     found = savings(material)
     protocols = list(dict.fromkeys(found.loc[~found["reference"].astype(bool), "protocol"]))
     if not protocols:

@@ -4,7 +4,7 @@ A subject can find every solution without knowing why it works, and can know the
 unlucky. So what a subject believes about the room that it has just left is compared with the schema
 of that room, edge by edge. Learners that have such beliefs return them
 (:meth:`~causal_openlock.contract.learner.Learner.structure`); for that, the record is played again.
-People are asked (``causal-openlock play --ask-structure``), and their answers are beside the record
+People are asked (``causal-openlock play --ask-structure``), and their answers are with the record
 (:mod:`causal_openlock.experiment.answers`). People tick or do not, and are not asked about gates;
 compare people and learners by ``shd`` and ``f1``. ``ideal`` is given the schema, so it has only to
 find out which lever is which.
@@ -85,7 +85,7 @@ def structure_recovery(
 
     Raises:
         StoreError: If a file of answers is damaged.
-        LearnerError: If a learner fails, or what it returns is no structure.
+        LearnerError: If a learner fails, or does not return a structure.
     """
     if answers is None:
         answers = [one for folder in results.folders for one in read_answers(folder)]
@@ -103,7 +103,7 @@ def structure_recovery(
 
 
 def recovered(table: pd.DataFrame) -> pd.DataFrame:
-    """What that comes to, over subjects.
+    """Means over subjects.
 
     Args:
         table: From :func:`structure_recovery`.
@@ -181,11 +181,11 @@ def _again(own: pd.DataFrame, spec: LearnerSpec, condition: Condition) -> Iterat
 
 
 def _believed(learner: Learner, row: int, name: str, positions: int) -> Structure | None:
-    """What a subject takes the structure to be, if the learner can say."""
+    """A subject's belief about the structure, if the learner can say."""
     found = learner.structure(row)
     if found is not None and not is_structure(found, positions):
         raise LearnerError(
-            f"the structure of {name} is no Structure of probabilities for {positions} positions: "
+            f"the structure of {name} is not a Structure for {positions} positions: "
             f"edges [{positions}, {positions + 1}] and gates [{positions + 1}]; return None where "
             "the learner cannot say"
         )
@@ -193,7 +193,7 @@ def _believed(learner: Learner, row: int, name: str, positions: int) -> Structur
 
 
 def _answered(results: Material, answer: Answer) -> dict[str, Any] | None:
-    """What a person said of a room, compared with it."""
+    """A person's answer on a room, compared with the room."""
     table = results.trials
     own = table[
         (table["learner"].astype(str) == answer.learner)

@@ -1,8 +1,8 @@
-"""How many trials are not solved yet after so many attempts: the Kaplan-Meier estimate.
+"""Kaplan-Meier curves: the share of trials still unsolved after k attempts.
 
 A mean counts a trial that was not solved as the limit, and hides how many these are. Survival
 analysis does not: a trial at the limit is *censored*, which says that it took more attempts than
-that, and nothing else. Of the trials that were still going on before an attempt, some share is
+that, and nothing else. Of the trials that were still unsolved before an attempt, some share is
 solved by it; the product of what is left is the share of trials that survive.
 """
 
@@ -91,7 +91,7 @@ def plot_survival(
     protocol: str | None = None,
     ax: Any = None,
 ) -> Any:
-    """The share of trials that are not solved yet after so many attempts (Kaplan-Meier).
+    """Draw the share of trials that are still unsolved after k attempts (Kaplan-Meier).
 
     They are the trials that a condition is judged by: its test, or the last trial of a baseline. A
     trial that was not solved is censored at its limit: a line that does not reach 0 is the share

@@ -1,4 +1,4 @@
-"""What the learner ``llm`` stands on.
+"""Modules behind the learner ``llm``.
 
 =================== =================================================================
 ``offered_actions`` The tools a model is offered, and what its answers mean.

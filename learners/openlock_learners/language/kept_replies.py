@@ -1,4 +1,4 @@
-"""The replies that models gave, kept by all that they depend on, so that none is asked for twice.
+"""Cache of models' replies, by everything that they depend on, so that none is asked for twice.
 
 A comparison that is repeated finds every reply here: it needs no server and gives the same, byte
 for byte. One that was interrupted asks only for what is missing. The key of a reply is a hash of
@@ -11,8 +11,8 @@ a line that is damaged, or that a kill has cut off, is ignored. A transcript in 
 the same lines, so ``OPENLOCK_LLM_REPLAY=results/transcripts`` repeats a comparison from its
 results.
 
-With ``OPENLOCK_LLM_BUDGET`` no attempt is begun once the folder holds so many tokens. A server that
-does not count them is an error then.
+With ``OPENLOCK_LLM_BUDGET`` no attempt begins once the replies in the folder add up to this number
+of tokens. A server that does not count tokens is an error then.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from openlock_learners.language.offered_actions import plainly
 from openlock_learners.language.reply import Reply, is_whole, plain
 
 FOLDER, BUDGET = "OPENLOCK_LLM_REPLAY", "OPENLOCK_LLM_BUDGET"
-"""Environment variables: they decide nothing about results, so they are no parameters."""
+"""Environment variables; not parameters, since results do not depend on them."""
 
 
 def key_of(request: dict[str, Any], seed: int, number: int) -> str:
-    """The key of a request, in which there is no address and no secret.
+    """The key of a request; it holds no address and no secret.
 
     Args:
         request: The request.
@@ -135,7 +135,7 @@ class Replay:
         """
         if (self.folder.parent / "experiment.json").exists():
             raise NotAvailableError(
-                f"{self.folder} is part of results, to which no replies are added, and one is "
+                f"{self.folder} belongs to results, to which no replies are added, and one is "
                 f"missing there; name a copy of it in {FOLDER}"
             )
         try:
@@ -154,7 +154,7 @@ class Replay:
         """Make sure that not all tokens are spent.
 
         Raises:
-            NotAvailableError: If they are, or the budget is no number.
+            NotAvailableError: If they are, or the budget is not a number.
         """
         if (budget := _budget()) is None:
             return

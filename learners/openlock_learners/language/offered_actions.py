@@ -1,10 +1,10 @@
-"""What a language model is offered to answer with, and what its answers mean.
+"""The tool that a language model is offered, and the reading of its answers.
 
 An action is a call of the tool ``act``; where a model calls none, the last line of its text counts.
 What is neither is not guessed at: it is a *fault*, which has a name.
 
-Servers write the same in different ways, and some want back what they gave: a call goes on with all
-its own fields (thought signatures, reasoning), a text as text alone.
+Servers write the same in different ways, and some want back what they gave: a call is sent back
+with all its own fields (thought signatures, reasoning), a text as text alone.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ HOW = (
     "your answer with a line that holds the action and nothing else."
 )
 EMPTY = "(no answer)"
-"""Goes on in place of an answer without a word, since servers refuse empty messages."""
+"""Stands for an empty answer in the conversation, since servers refuse empty messages."""
 _CUT = ("length", "max_tokens", "MAX_TOKENS")
-"""Why an answer ended that was not at its end."""
+"""Finish reasons of an answer that was cut off."""
 _NAMES = "think|thinking|thought|reasoning"
 _TAG = re.compile(rf"<(/?)(?:{_NAMES})>|\[(/?)THINK\]|◁(/?)think▷|<\|channel\|>", re.IGNORECASE)
 """The beginning or, with a stroke, the end of a thought."""
@@ -37,10 +37,10 @@ HOW_IN_TEXT = "Answer with one action at a time, on a last line that holds it an
 
 
 class Answer(NamedTuple):
-    """What a reply means.
+    """A reply as it was understood.
 
     Attributes:
-        message: The reply as the conversation goes on with it: a proper call, or text.
+        message: The reply as it enters the conversation: a proper call, or text.
         action: The index of the action, or ``None``.
         fault: Why there is no action.
     """
@@ -69,7 +69,7 @@ def act_tool(words: Wording) -> dict[str, Any]:
 
 
 def read_answer(reply: Message, finish: str | None, words: Wording, tools: bool = True) -> Answer:
-    r"""What a model's message means.
+    r"""Read a model's message: the action that it chose, or why there is none.
 
     Args:
         reply: The message as the server gave it.
@@ -103,7 +103,7 @@ def read_answer(reply: Message, finish: str | None, words: Wording, tools: bool 
 
 
 def without_thoughts(text: str) -> str | None:
-    """What a model says once it has thought; None if it is still thinking.
+    """A model's answer without its thoughts; None if it is still thinking.
 
     >>> without_thoughts("<think>elm?</think> Push oak."), without_thoughts("<think> Push oak.")
     ('Push oak.', None)
@@ -135,7 +135,7 @@ def _acting(action: str, text: str, identifier: str) -> Message:
 
 
 def _given_back(reply: Message, call: dict[str, Any], action: str) -> Message:
-    """A message that called ``act``, with all its own fields, as the conversation goes on."""
+    """A message that called ``act``, with all its own fields, for the conversation."""
     own = {name: value for name, value in reply.items() if value not in (None, [], "")}
     own.pop("function_call", None)
     function, arguments = call["function"], call["function"]["arguments"]
@@ -151,7 +151,7 @@ def _given_back(reply: Message, call: dict[str, Any], action: str) -> Message:
 
 
 def plainly(message: Message) -> Message:
-    """A message with what every server knows, as it is asked for by: no fields of a server's own.
+    """A message with the fields that every server knows, and no others.
 
     >>> plainly({"role": "assistant", "content": "Push oak.", "reasoning_content": "elm?"})
     {'role': 'assistant', 'content': 'Push oak.'}
@@ -173,7 +173,7 @@ def _calls(reply: Message) -> list[dict[str, Any]]:
 
 
 def _text(reply: Message) -> str:
-    """What a message says; some servers give it in parts, with thoughts among them."""
+    """Text of a message; some servers give it in parts, with thoughts among them."""
     content = reply.get("content")
     if isinstance(content, list):
         parts = [one.get("text") for one in content if isinstance(one, dict)]

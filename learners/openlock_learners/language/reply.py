@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import Any
 
 Reply = dict[str, Any]
-"""What was answered: ``message``, ``finish``, ``model``, ``server``, ``fingerprint``, ``tokens``,
+"""An answer: ``message``, ``finish``, ``model``, ``server``, ``fingerprint``, ``tokens``,
 ``latency`` and ``retries``."""
 
 LONG = 6000
@@ -21,7 +21,7 @@ DEEPEST = 100
 
 
 def plain(value: Any, secrets: Sequence[str] = (), levels: int = DEEPEST) -> Any:
-    """What a server said, as it can be kept and sent on: without secrets, in valid Unicode.
+    """Prepare a server's data for storage and for sending: no secrets, valid Unicode only.
 
     Raises:
         ValueError: If it is nested more deeply than that.
@@ -45,7 +45,7 @@ def was_cut(sizes: Sequence[tuple[int, int]]) -> bool:
 
     Tokens grow with the text. Where a much longer text is counted as hardly more tokens, a part of
     it was not read. Servers that count only what is new, and not what they remember, count few
-    tokens of each; that is no reason.
+    tokens of each; that does not count as a cut.
 
     >>> was_cut([(2000, 500), (9000, 600), (18000, 600)]), was_cut([(2000, 500), (18000, 4400)])
     (True, False)

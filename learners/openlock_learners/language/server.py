@@ -42,15 +42,15 @@ _HINTS = {
     r"temperature": "temperature: null",
     r"response_format": "ask_structure: false",
 }
-"""What may help, by what stands in the reason why a server refuses."""
+"""Settings that may help, by a pattern of the reason why a server refuses."""
 _LOOPBACK = re.compile(r"localhost|127(\.\d{1,3}){3}|::1", re.ASCII)
 _EXTRA = (400, 422)
-"""What a server answers that takes no fields but those that it knows."""
+"""Status codes of a server that refuses fields which it does not know."""
 _COUNTED = ("prompt", "completion")
 
 
 LARGEST = 16 * 2**20
-"""Bytes of a reply; no proper one has nearly so many."""
+"""The most bytes of a reply; proper ones are far smaller."""
 
 
 class _Client(openai.DefaultAsyncHttpxClient):
@@ -126,7 +126,7 @@ class Server:
         if not (self._key.isascii() and self._key.isprintable()):
             # The error of sending it would show it, with escapes.
             raise NotAvailableError(
-                f"{KEY} in the environment is no key: it has unusual characters"
+                f"{KEY} in the environment is not a key: it has unusual characters"
             )
         if _place(base_url) == _place(OPENAI) and not self._key:
             raise NotAvailableError(
@@ -280,5 +280,5 @@ def _place(url: str) -> tuple[str, str | None, int | None]:
         return parts.scheme, parts.hostname, parts.port
     except ValueError:  # base_url was looked at before
         raise NotAvailableError(
-            f"{TRUSTED} in the environment is no address: {url[:200]}"
+            f"{TRUSTED} in the environment is not an address: {url[:200]}"
         ) from None

@@ -30,7 +30,7 @@ class SideBySide:
     def __init__(self) -> None:
         self._loop = asyncio.new_event_loop()
         self.at_the_end: list[Callable[[], Coroutine[Any, Any, None]]] = []
-        """What is still to be done when the loop ends, such as to close connections."""
+        """Work to do when the loop ends, such as closing connections."""
         threading.Thread(target=_go, args=(self._loop, self.at_the_end), daemon=True).start()
         weakref.finalize(self, self._loop.call_soon_threadsafe, self._loop.stop)
 

@@ -1,4 +1,4 @@
-"""Random schemas, for a learner that is to find out any of them."""
+"""Random schemas, to train a learner that is to find out any schema."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MOST_SOLUTIONS = 4
 
 
 def behaviour(schema: Schema) -> tuple[int, ...]:
-    """What a schema does, chance aside: equal for schemas that differ in the levers' names alone.
+    """The behaviour of a schema, chance aside: equal if schemas differ in levers' names alone.
 
     For each set of pushed levers there is a number, whose bits say which levers can move then and
     whether the door is unlocked. Of all orders of the levers, that with the least numbers counts.
@@ -53,7 +53,7 @@ def random_schemas(
         levers: The numbers of levers that one may have.
         seed: All of them follow from it.
         excluded: None behaves as one of these.
-        solutions: How many solutions a schema of so many levers has; by default at most
+        solutions: How many solutions a schema has, by its number of levers; by default at most
             :data:`MOST_SOLUTIONS`.
     """
     forbidden = {behaviour(schema) for schema in excluded}

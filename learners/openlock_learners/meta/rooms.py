@@ -1,8 +1,8 @@
-"""Many rooms at once, each time others: what meta-training plays in.
+"""Many rooms at once, each newly drawn: the environment of meta-training.
 
 A :class:`~causal_openlock.experiment.session.Session` plans every trial beforehand and keeps a
-record. Meta-training needs neither and goes through millions of rooms, so that they are drawn while
-it goes on. The tables of :mod:`causal_openlock.world.tables` hold each schema once, its levers at
+record. Meta-training needs neither and goes through millions of rooms, so that they are drawn as it
+runs. The tables of :mod:`causal_openlock.world.tables` hold each schema once, its levers at
 the first positions; where they are in a trial is a permutation of the positions, applied to what
 is seen and done. What a learner perceives has the same form as in a session.
 
@@ -33,7 +33,7 @@ _KEPT = ("_schema", "_listed_at", "_bits", "_trial", "_trials", "life_over")
 
 @dataclass(frozen=True)
 class Distribution:
-    """What rooms are drawn from, as a :class:`~.training_file.RoomsFile` declares it."""
+    """The distribution of rooms that a :class:`~.training_file.RoomsFile` declares."""
 
     schemas: tuple[Schema, ...]
     weights: tuple[float, ...]  # how often each schema is drawn, relative to the others
@@ -46,7 +46,7 @@ class Distribution:
 
 
 class MetaRooms:
-    """B rooms that go on for ever, drawn from a distribution by a generator.
+    """B endless sequences of rooms, drawn from a distribution by a generator.
 
     Attributes:
         brief: What a learner knows before it starts.
@@ -121,7 +121,7 @@ class MetaRooms:
         return np.where(self._listed_at < levers, self._listed_at, -1)
 
     def _new_trials(self, who: IntArray, lives: BoolArray) -> None:
-        """Begin a trial for some rooms, ``who``; ``lives``: for which of them a new life too."""
+        """Begin a trial in the rooms ``who``, and in those of ``lives`` also a new life."""
         known, generator = self.distribution, self.generator
         least, most = known.trials
         drawn = np.searchsorted(self._reached, generator.random(len(who)), side="right")
@@ -142,13 +142,13 @@ class MetaRooms:
         self._batch.begin_trials(who, self._listed[schema])
 
     def _places(self, levers: IntArray) -> IntArray:
-        """``[n, 7]`` positions for rooms of so many levers, ``[n]``."""
+        """``[n, 7]`` positions for rooms, by their numbers of levers ``[n]``."""
         if (known := self._known_places.shape[1]) == 0:
             return self._new_places(levers)
         return self._known_places[levers, self.generator.integers(known, size=len(levers))]
 
     def _new_places(self, levers: IntArray) -> IntArray:
-        """``[n, 7]`` random positions; the first ``levers`` of each row are no excluded set."""
+        """``[n, 7]`` random positions; the first ``levers`` of each row are not an excluded set."""
         places = np.empty((len(levers), POSITIONS), dtype=np.int64)
         due = np.arange(len(levers))
         while len(due):
@@ -174,7 +174,7 @@ class MetaRooms:
         )
 
     def _seen(self, row: IntArray) -> NDArray[np.int8]:
-        """What is seen at these rows, with the levers where they are in each room."""
+        """Observations at rows of the tables, with the levers where they are in each room."""
         return np.take_along_axis(self._tables.observation.take(row, axis=0), self._bits, axis=1)
 
     def step(self, action: IntArray) -> Step:
@@ -209,7 +209,7 @@ class MetaRooms:
         return {**kept, "generator": self.generator.bit_generator.state}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint."""
+        """Continue from a checkpoint."""
         for name, array in self._arrays().items():
             array[:] = state[name]
         self.generator.bit_generator.state = state["generator"]

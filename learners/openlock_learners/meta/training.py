@@ -1,20 +1,21 @@
 """Meta-training of ``rl2``: one recurrent network, trained in very many rooms.
 
 RL² (Duan et al., 2016; Wang et al., 2016): a recurrent network is trained by policy gradient over
-many tasks. Its weights come to hold how to find out; how the room at hand works, it finds out in
+many tasks. How to find out is learned in its weights; how the room at hand works, it finds out in
 its hidden state, while the weights stay as they are. A YAML file declares the rooms it meets::
 
     causal-openlock train experiments/meta_training/rl2.yaml --out rl2.npz
 
 A solution that is new in the trial earns 1, and every action costs a little. Unlocking the door
-earns nothing: where it was rewarded too, as by the paper's rewards, the network came to unlock it
+earns nothing: where that was rewarded, as by the paper's rewards, the network learned to unlock it
 again and again and to open it at the last moment.
 
 Duan et al. and Wang et al. maximise what a whole life earns (``credit: life``): what is found out
 in one trial and pays in the next is then worth something. By default returns end with the trial.
 
-The checkpoint holds the weights, the sizes of the network and the YAML file. A second file beside
-it lets a training that was interrupted go on as if it had not been: run the same command again.
+The checkpoint holds the weights, the sizes of the network and the YAML file. A second file next to
+it lets an interrupted training continue as if it had not been interrupted: run the same command
+again.
 """
 
 from __future__ import annotations
@@ -100,7 +101,7 @@ class MetaTraining(Checkpointed):
 
     @property
     def over(self) -> bool:
-        """Whether as many actions are taken as the file asks for."""
+        """Whether the training budget is used up."""
         return self.actions >= self.file.actions
 
     def _evaluate(self, inputs: Floats) -> tuple[Tensor, Tensor, Tensor]:
@@ -109,7 +110,7 @@ class MetaTraining(Checkpointed):
         return self.network.step(seen, self._hidden_state, fresh)
 
     def rollout(self) -> Rollout:
-        """Play on in all rooms for some steps."""
+        """Play some steps in all rooms."""
         file, rooms = self.file, self.rooms
         state = self._hidden_state
         steps: list[dict[str, Any]] = []
@@ -174,7 +175,7 @@ class MetaTraining(Checkpointed):
         write_network(path, self.network, self.rooms.brief.positions, about)
 
     def state_dict(self) -> dict[str, Any]:
-        """All that is needed to go on as if not interrupted."""
+        """The whole state, from which an interrupted training continues exactly."""
         generators = [generator.bit_generator.state for generator in (self._policy, self._order)]
         return super().state_dict() | {
             "file": self.file.model_dump_json(),
@@ -182,7 +183,7 @@ class MetaTraining(Checkpointed):
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint."""
+        """Continue from a checkpoint."""
         for key in ("memory", "fresh", "tally"):
             mine, held = getattr(self, self.checkpointed[key]), state[key]
             if (held.dtype, held.shape) != (mine.dtype, mine.shape):
@@ -193,7 +194,7 @@ class MetaTraining(Checkpointed):
 
 
 def resume(training: MetaTraining, path: Path) -> None:
-    """Go on from what an interrupted training left, if it was the same training."""
+    """Continue an interrupted training, if it was the same one."""
     try:
         state = read_state(path)
         same = state["file"] == training.file.model_dump_json()
@@ -212,7 +213,7 @@ def resume(training: MetaTraining, path: Path) -> None:
 def run_training(training: MetaTraining, out: Path, log: Callable[[str], None]) -> None:
     """Train to the end, and write the network; ``log`` takes lines of progress.
 
-    ``OUT.training`` is beside it until the end, from which an interrupted training goes on.
+    ``OUT.training`` next to it holds, until the end, the state from which a training continues.
 
     Raises:
         ExperimentError: If another training was interrupted there, or its file is damaged.
@@ -220,7 +221,7 @@ def run_training(training: MetaTraining, out: Path, log: Callable[[str], None]) 
     interrupted = out.with_name(f"{out.name}.training")
     if interrupted.exists():
         resume(training, interrupted)
-        log(f"goes on from {interrupted}")
+        log(f"continuing from {interrupted}")
     began = logged = time.monotonic()
     before = training.actions
     while not training.over:

@@ -28,13 +28,13 @@ class RandomSchemas(StrictModel):
     number: Count
     levers: Annotated[list[Annotated[int, Field(ge=2, le=7)]], Field(min_length=1)]
     seed: Annotated[int | None, Field(ge=0, description="null: that of the training.")] = 0
-    weight: Annotated[float, Field(gt=0, description="Of all of them together.")] = 1.0
+    weight: Annotated[float, Field(gt=0, description="Weight of all of them together.")] = 1.0
     excluded: Annotated[
         list[str], Field(description="Schemas; none of them behaves as one of these.")
     ] = Field(default_factory=list)
     solutions: Annotated[
         dict[int, Count] | None,
-        Field(description="Levers: how many solutions a schema with so many levers has."),
+        Field(description="Number of levers: how many solutions a schema with that number has."),
     ] = None
 
 

@@ -97,7 +97,7 @@ class StackedMLP:
         return layers[::2], layers[1::2]
 
     def copy(self) -> StackedMLP:
-        """Networks with the same parameters, independent of these."""
+        """Copy the networks; the copy's parameters are independent."""
         twin = copy.copy(self)
         twin._keep(self.parameters.clone())
         return twin
@@ -216,7 +216,7 @@ class StackedDoubleQ:
         return values.flatten(1).gather(1, output) - td_target, activations, output
 
     def _rows_of(self, batch: Batch) -> tuple[Tensor, Tensor, Tensor]:
-        """Which observations to evaluate: the whole table, or those of the transitions if fewer.
+        """Observations to evaluate: the whole table, or those of the transitions if fewer.
 
         That is ``[N, U]`` rows of the table, and the ``[N, M]`` columns among them of the
         observations before and after each transition.
@@ -292,7 +292,7 @@ class StackedDoubleQ:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint."""
+        """Continue from a checkpoint."""
         self.online.parameters.copy_(state["online"])
         self.target.parameters.copy_(state["target"])
         # Unlike the networks, the optimizer would take over the checkpoint's own tensors.

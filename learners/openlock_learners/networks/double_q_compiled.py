@@ -6,8 +6,8 @@ checkpoints; only how it evaluates and trains is its own
 (:mod:`openlock_learners.networks.double_q_kernels`). An agent's numbers do not depend on which
 others there are, nor on what else is evaluated.
 
-The first call compiles for some seconds; the machine code is kept beside the module (or, where that
-cannot be written to, in the user's cache) for all later processes of the installation.
+The first call compiles for some seconds; the machine code is stored next to the module (or, where
+that cannot be written to, in the user's cache) for all later processes of the installation.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class CompiledDoubleQ(StackedDoubleQ):
         return self.online.parameters.numpy().dtype
 
     def observe(self, table: Tensor) -> None:
-        """As for :class:`~openlock_learners.networks.double_q.StackedDoubleQ`."""
+        """See :class:`~openlock_learners.networks.double_q.StackedDoubleQ`."""
         self._table = table.to(self.online.parameters)
         values = (self.online.agents, len(table), self.online.sizes[-1])
         self._target_table = kernels.TargetTable(
@@ -80,14 +80,14 @@ class CompiledDoubleQ(StackedDoubleQ):
     def greedy(
         self, observations: NDArray[Any], wanted: NDArray[np.bool_] | None = None
     ) -> NDArray[np.int64]:
-        """As for :class:`~openlock_learners.networks.double_q.StackedDoubleQ`."""
+        """See :class:`~openlock_learners.networks.double_q.StackedDoubleQ`."""
         if wanted is None:
             wanted = np.ones(self.online.agents, dtype=bool)
         inputs = observations.astype(self._type)
         return kernels.greedy(self._networks[0], inputs, wanted, self._scratch)
 
     def update(self, batch: Batch, trains: Tensor | None = None) -> Tensor:
-        """As for :class:`~openlock_learners.networks.double_q.StackedDoubleQ`."""
+        """See :class:`~openlock_learners.networks.double_q.StackedDoubleQ`."""
         most = min(2 * batch.before.shape[1], len(self._table))
         if len(self._scratch.rows) < most:
             self._scratch = self._scratch_for(most)

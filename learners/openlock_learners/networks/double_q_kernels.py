@@ -162,7 +162,7 @@ def slope_by(scratch: Scratch, turn: int, many: int, width: int) -> Floats:
 
 @inlined
 def copy(values: Floats, output: Floats) -> None:
-    """Set a vector; ``output[:] = values`` compiles what names the shapes that do not fit, too."""
+    """Set a vector; ``output[:] = values`` would also compile a message about shapes."""
     for element in range(len(output)):
         output[element] = values[element]
 
@@ -296,7 +296,7 @@ def train_units(
     """Train the weights of units, one unit after the other, and pass the gradient on below.
 
     What a unit passes on, its gradient and the step on it are done at once, while its weights are
-    in the cache: the sums of the gradient take no time beside the step's divisions and roots.
+    in the cache: the sums of the gradient take no time next to the step's divisions and roots.
 
     For R observations, ``given``, ``[R, U]``, is what the units gave, and ``slope``,
     ``[R + 1, out]``, the gradient by the outputs, with zeros in the last row. ``below``,

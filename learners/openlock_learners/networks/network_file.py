@@ -35,7 +35,7 @@ BUNDLED = Path(__file__).parents[1] / "checkpoints" / "rl2.npz"
 
 
 class About(StrictModel, extra="ignore"):
-    """What is needed of the description in a file to make its network; there may be more."""
+    """Fields of a file's description that its network is made from; others are ignored."""
 
     format: Literal[1]
     sizes: Sizes
@@ -46,7 +46,7 @@ class About(StrictModel, extra="ignore"):
 def write_network(
     path: Path | str, network: RecurrentPolicy, positions: int, about: dict[str, Any]
 ) -> None:
-    """Write a single network (N = 1), trained in rooms of so many positions, whole or not at all.
+    """Write a single network (N = 1), whole or not at all, with the positions of its rooms.
 
     ``about`` is anything else to write about it, as plain data.
     """
@@ -57,7 +57,7 @@ def write_network(
 
 
 def read_network(path: Path | str, copies: int = 1) -> tuple[RecurrentPolicy, dict[str, Any]]:
-    """Read so many copies of a network, and what was written about it.
+    """Read a network, in ``copies`` equal copies, and its description.
 
     Raises:
         LearnerError: If there is no such file, or it holds something else.
@@ -83,7 +83,7 @@ def read_network(path: Path | str, copies: int = 1) -> tuple[RecurrentPolicy, di
     except (StateError, OSError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise LearnerError(
-            f"{path} is no checkpoint of rl2 ({reason}); make one with causal-openlock train"
+            f"{path} is not a checkpoint of rl2 ({reason}); make one with causal-openlock train"
         ) from None
     network = make_policy(sizes, positions, [np.random.default_rng(0)] * copies)
     for name, tensor in network.state_dict().items():
@@ -92,9 +92,9 @@ def read_network(path: Path | str, copies: int = 1) -> tuple[RecurrentPolicy, di
 
 
 def trained_actions(path: Path | str) -> int:
-    """How many actions a network was trained with, by its file.
+    """Number of actions that a network was trained with, by its file.
 
-    0 if the file does not say or is no network; :func:`read_network` names what is wrong with it.
+    0 if the file does not say or is none; :func:`read_network` names what is wrong with it.
     """
     try:
         with open_archive(path, MOST_BYTES) as archive:

@@ -1,4 +1,4 @@
-"""What a learner with a recurrent network perceives, as numbers.
+"""Input of a recurrent network: what its learner perceives, as numbers.
 
 A room looks the same at the start of every attempt. Attempts differ in what the console shows and
 in what the subject did: its last action, the reward of it, and whether it changed anything. The

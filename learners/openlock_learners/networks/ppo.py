@@ -2,8 +2,8 @@
 
 Actions that turned out better than expected are made likelier and others less likely, but no
 action's probability moves far from what it was when it was taken. What was expected is a value that
-the network learns beside its policy; the advantage of an action is estimated over many steps (GAE:
-Schulman et al., 2016).
+the network learns along with its policy; the advantage of an action is estimated over many steps
+(GAE: Schulman et al., 2016).
 """
 
 from __future__ import annotations

@@ -46,7 +46,7 @@ def sigmoid(numbers: Tensor) -> Tensor:
 
 
 def padded(bias: Tensor, weight: Tensor) -> tuple[Tensor, Tensor]:
-    """Both with columns of zeros behind the others, as many as fill the processor's vectors.
+    """Pad a bias and a weight with columns of zeros, up to a multiple of the processor's vectors.
 
     Each agent's part of a product then begins where a vector does: how a product is rounded may
     depend on that.
@@ -146,7 +146,7 @@ class StackedGRU(StackedCell):
     gates, states = 3, 1
 
     def step(self, projected: Tensor, recurrent: Tensor, state: Tensor) -> Tensor:
-        """How much to reset, how much to keep, and what is new."""
+        """Next state, from a reset gate, an update gate and new content."""
         two = 2 * self.hidden
         reset, keep = sigmoid(projected[..., :two] + recurrent[..., :two]).chunk(2, dim=-1)
         new = torch.tanh(torch.addcmul(projected[..., two:], reset, recurrent[..., two:]))
@@ -159,7 +159,7 @@ class StackedLSTM(StackedCell):
     gates, states = 4, 2
 
     def step(self, projected: Tensor, recurrent: Tensor, state: Tensor) -> Tensor:
-        """How much to take in, how much to keep, what is new, and how much to show."""
+        """Next state, from gates of input, forgetting and output, and new content."""
         take, keep, new, show = (projected + recurrent).chunk(4, dim=-1)
         held = sigmoid(keep) * state[..., self.hidden :]
         held = torch.addcmul(held, sigmoid(take), torch.tanh(new))

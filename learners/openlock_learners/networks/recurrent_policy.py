@@ -7,8 +7,8 @@ and not learned, and it is all that is built in; :class:`FlatPolicy`, an ordinar
 has nothing built in, to show what the assumption is worth.
 
 As in :mod:`openlock_learners.networks.recurrent_cells`, N networks are one: their weights are ``[N,
-in, out]``. Meta-training has a single network in many rooms; subjects that go on learning have one
-each.
+in, out]``. Meta-training has a single network in many rooms; subjects that continue to learn have
+one each.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Sizes(StrictModel):
 
 
 def split(inputs: Tensor, positions: int) -> tuple[Tensor, Tensor]:
-    """What :class:`~openlock_learners.networks.perception.Perception` returns, sorted by lever.
+    """Sort the output of :class:`~openlock_learners.networks.perception.Perception` by lever.
 
     That is ``[..., P, 4]`` of each lever and ``[..., 9]`` of the room, from ``[..., in]``.
     """
@@ -74,7 +74,7 @@ class RecurrentPolicy(nn.Module, ABC):
 
     @abstractmethod
     def state_size(self, positions: int) -> int:
-        """Numbers in a hidden state for a room of so many positions, S."""
+        """Numbers in a hidden state for a room with this number of positions, S."""
 
     @abstractmethod
     def forward(
@@ -239,7 +239,7 @@ def _make_undecided(*heads: StackedLinear) -> None:
 def make_policy(
     sizes: Sizes, positions: int, generators: Sequence[np.random.Generator]
 ) -> RecurrentPolicy:
-    """A network of a kind, for rooms of so many positions; one for each generator."""
+    """Make networks of a kind, one for each generator; ``positions`` is the size of a flat one."""
     if sizes.kind == "flat":
         return FlatPolicy(sizes, positions, generators)
     return LeverPolicy(sizes, generators)

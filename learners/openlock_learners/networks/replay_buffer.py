@@ -160,7 +160,7 @@ class PrioritisedReplayBuffer(ReplayBuffer):
         self._highest = torch.ones(subjects, dtype=torch.float64, device=device)
 
     def add(self, who: IntArray, *transition: Any) -> Tensor:
-        """As for :class:`ReplayBuffer`."""
+        """See :class:`ReplayBuffer`."""
         where = super().add(who, *transition)
         self.priority.view(-1)[where] = self._highest[where // self.capacity]
         return where

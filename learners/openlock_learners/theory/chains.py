@@ -22,7 +22,7 @@ CHAIN_LIMIT = 100_000
 
 
 def number_of_chains(positions: int, length: int) -> int:
-    """How many chains go through so many levers.
+    """Number of chains through ``length`` of a room's levers.
 
     >>> number_of_chains(7, 2)  # 42 paths
     168

@@ -1,4 +1,4 @@
-"""What a subject of the theory-based model may have drawn, as what it did leaves it.
+"""Draws that a subject of the theory-based model may have made, given what it did.
 
 The model acts on samples of its Dirichlet beliefs. How likely an action is, is how likely it is the
 best one under such samples: the integral, over eleven dimensions in a room of the paper, of where
@@ -9,7 +9,7 @@ of a probability p is that of a share, the root of p (1 - p) / n.
 
 :class:`AttemptDraws` is for the model that decides action by action (AAAI 2020): all that is hidden
 was drawn for the attempt. :class:`RoomDraws` is for the one that settles on whole chains (CogSci
-2019): its local beliefs, too, are drawn, for a whole room.
+2019): its local beliefs are also drawn, for a whole room.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 DRAWS = 2048
 """Draws at a time."""
 ENOUGH, BATCHES = 256, 8
-"""Where fewer draws are left, more are made, but not more often than this."""
+"""Draws below which more are made, and how often that may happen."""
 LOCAL = 32
 """Local beliefs among the draws of a room."""
 TIE = 1e-9
@@ -35,7 +35,7 @@ class Odds(NamedTuple):
 
     Attributes:
         of: ``[N]`` the probabilities.
-        draws: Of how many independent draws they are the shares.
+        draws: Number of independent draws behind the probabilities.
     """
 
     of: FloatArray
@@ -43,13 +43,13 @@ class Odds(NamedTuple):
 
 
 class Moment(NamedTuple):
-    """What is decided at one moment of an attempt.
+    """The decision at one moment of an attempt.
 
     Attributes:
-        worth: ``[N, A]`` of each action, by what was drawn of attributes and of schemas.
-        schemas: Draws beliefs in schemas, so many.
-        removed: Identifies what was removed until now. Where nothing was since the last moment, the
-            beliefs in schemas are those of then.
+        worth: Returns the ``[N, A]`` worth of each action, from draws of attributes and of schemas.
+        schemas: Draws a given number of beliefs in schemas.
+        removed: Identifies the chains removed until now. If it has not changed since the last
+            moment, neither have the beliefs in schemas.
         possible: ``[A]`` which actions can be the best.
     """
 
@@ -71,7 +71,7 @@ def best(worth: FloatArray) -> FloatArray:
 
 
 def independent(weight: FloatArray) -> float:
-    """How many draws of equal weight are worth as much (Kish's effective sample size).
+    """Effective number of draws of equal weight (Kish's effective sample size).
 
     >>> independent(np.array([2.0, 2.0, 0.0]))
     2.0
@@ -80,7 +80,7 @@ def independent(weight: FloatArray) -> float:
 
 
 def smoothed(shares: FloatArray, draws: float, possible: BoolArray) -> Odds:
-    """Shares of so many draws, and of one more that is shared by all that is possible.
+    """Add one draw, divided equally among the possible actions, to the shares of the draws.
 
     >>> smoothed(np.array([1.0, 0.0, 0.0]), 3, np.array([True, True, False])).of.tolist()
     [0.875, 0.125, 0.0]
@@ -89,10 +89,10 @@ def smoothed(shares: FloatArray, draws: float, possible: BoolArray) -> Odds:
 
 
 class AttemptDraws:
-    """What a subject may act on in an attempt.
+    """Draws of a subject's beliefs in an attempt, weighted by how likely it acts as it did.
 
     Args:
-        attributes: Draws beliefs in attributes, so many.
+        attributes: Draws a given number of beliefs in attributes.
         many: How many are drawn at a time.
     """
 
@@ -130,7 +130,7 @@ class AttemptDraws:
         return odds
 
     def acted(self, action: int) -> None:
-        """Learn what was done after it was asked; what none of them would do says nothing."""
+        """Weight the draws by the action that followed, unless that action was impossible."""
         if self._asked is None:
             return
         (moment, belief, chosen, _), self._asked = self._asked, None
@@ -152,14 +152,14 @@ def _left(*drawn: FloatArray) -> tuple[FloatArray, ...]:
 
 
 class RoomDraws:
-    """What a subject that settles on chains may act on in a room.
+    """Draws of a subject's local beliefs in a room, if it settles on whole chains.
 
     Args:
         local: ``[L, K]`` draws of the local beliefs that the room began with.
 
     Attributes:
-        settled: ``[L, C]`` how likely each chain was settled on, and the attempt up to now is what
-            it asks for, by what was drawn; None between attempts.
+        settled: ``[L, C]`` probability, by local belief, that each chain was settled on and asks
+            for the attempt up to now; None between attempts.
     """
 
     settled: FloatArray | None = None
@@ -173,7 +173,7 @@ class RoomDraws:
 
         Args:
             chosen: ``[L, C]`` the shares of draws, by local beliefs, that settle on each chain.
-            each: Of how many draws they are.
+            each: Number of draws behind each row of shares.
             possible: ``[C]`` which chains there are to settle on.
         """
         together = smoothed(self._weight @ chosen, each * len(chosen), possible).of

@@ -1,4 +1,4 @@
-"""What is still possible in a room: its chains, and its schemas.
+"""Chains and schemas that are still possible in a room.
 
 Chains that failed are removed. A schema is possible while every path of it has a chain left and all
 solutions found are among its paths; a chain is as likely as the schemas that it completes.
@@ -19,7 +19,7 @@ from openlock_learners.theory.schemas import Schemas, schemas_of
 
 @dataclass(eq=False)
 class RoomHypotheses:
-    """What a subject takes to be possible in the room that it is in, and its attempt there."""
+    """A subject's hypotheses about its current room, and its attempt there."""
 
     length: int  # levers in a chain
     solutions: int

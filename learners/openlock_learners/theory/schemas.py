@@ -26,7 +26,7 @@ from openlock_learners.theory.chains import chains_of
 
 ATOMIC = ("common cause", "chain", "common effect")
 ATOMIC_NODES, ATOMIC_EDGES = 3, 2
-"""Of each of them."""
+"""Nodes and edges of every structure in :data:`ATOMIC`."""
 SCHEMA_LIMIT = 30_000
 """The most instantiated schemas that are listed."""
 

@@ -1,0 +1,140 @@
+"""English: docstrings, messages and templates avoid the phrases that readers stumbled on.
+
+The words to write instead are in CONTRIBUTING.md, under "Words".
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from support.documents import ROOT
+
+PRODUCT = ("causal_openlock", "learners")
+KEPT = ("render/words.py",)
+"""Files whose texts language models and people are shown: stored replies depend on every word."""
+
+OPENINGS = {
+    r"(That|What|Which|Where|Whose|Who|Why)\b": "the name of the thing, or a verb",
+    r"(Of|As|In|From|By|With|For|To|So|Among)\b": "the name of the thing, or a verb",
+    r"(Its?|Their|Those|These|Both|Some)\b": "the noun",
+    r"Whether (it|they|(all|any|some|each|none) of (it|them|these|those))\b": "the noun",
+    r"``\[[^]]*\]`` those\b": "the noun",
+    r".* of (it|them|these|those)\.?$": "the noun",
+}
+"""First lines of docstrings, and what they should have instead."""
+
+PHRASES = {
+    r"\bso[ -]many\b(?! (\w+ )?that)": "this number of, or the name of the number",
+    r"\bis (not )?found of\b": "significant, not significant",
+    r"\btold apart\b": "distinguished",
+    r"\bof those that (it|they) ha(s|ve)\b": "the noun",
+    r"\bnot come so far\b": "did not reach",
+    r"(?<!there )\b(is|are|was|were) no (?!longer|more|less|fewer|greater|larger|better)[a-z]": (
+        "is not a"
+    ),
+    r"\b(goes|go|went|going) on\b": "continue",
+    r"\bmend(s|ed|ing)?\b": "fix",
+    r"\b(come|comes|came|coming) to\b": "amount to, reach, or the verb itself",
+    r"(?<![-.])\bbeside\b(?![=(_:])": "next to, compared with",
+    r", too\b(?! \w)|\btoo\.": "also",
+}
+"""Anywhere in a docstring, a message or a template."""
+
+ANY = re.compile("|".join(PHRASES), re.IGNORECASE)
+CODE = re.compile(
+    r":\w+:`[^`]*`|``[^`]*``|`[^`]*`|\{[{%#].*?[#%}]\}|^ *>>>.*?(?:\n *\n|\Z)", re.S | re.M
+)
+
+
+def stumbles(text: str, *, docstring: bool) -> Iterator[tuple[str, str]]:
+    """The phrases in a text to be written otherwise, each with what to write instead."""
+    first = text.strip().partition("\n")[0]
+    if docstring and not first.endswith("?"):
+        for opening, better in OPENINGS.items():
+            if found := re.match(opening, first):
+                yield found.group(), better
+    if not ANY.search(" ".join(text.split())):
+        return
+    prose = " ".join(CODE.sub("``", text).split())
+    for phrase, better in PHRASES.items():
+        if found := re.search(phrase, prose, re.IGNORECASE):
+            yield found.group(), better
+
+
+def texts(path: Path) -> Iterator[tuple[int, str, bool]]:
+    """Docstrings, and messages of at least three words, each with its line."""
+    if path.suffix == ".j2":
+        yield 1, path.read_text("utf-8"), False
+        return
+    docstrings: set[int] = set()
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):  # a body before what is in it
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            docstring = id(node) in docstrings
+            if docstring or len(node.value.split()) > 2:
+                yield node.lineno, node.value, docstring
+        elif isinstance(body := getattr(node, "body", None), list):
+            docstrings |= {id(one.value) for one in body if isinstance(one, ast.Expr)}
+
+
+def test_nobody_stumbles_over_docstrings_messages_and_templates() -> None:
+    paths = sorted(
+        path
+        for folder in PRODUCT
+        for ending in ("py", "j2")
+        for path in (ROOT / folder).rglob(f"*.{ending}")
+    )
+    assert len(paths) > 300
+    found = [
+        f"{name}:{line}: {phrase!r}; write {better}"
+        for path in paths
+        for name in [path.relative_to(ROOT).as_posix()]
+        for line, text, docstring in texts(path)
+        if docstring or not name.endswith(KEPT)
+        for phrase, better in stumbles(text, docstring=docstring)
+    ]
+    assert not found, "\n".join(found)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "What a subject believes.",
+        "Of each of them.",
+        "Whether all of them were.",
+        "``[B, A]`` those of the policy.",
+        "Copies of a subject, and the draws of them.",
+        "Play so many copies.",
+        "The name is no action.",
+        "Raised if a file\nis no schema.",
+        "A fit, which goes on later.",
+        "Errors that users can mend.",
+        "The sum comes to 1.",
+        "A console beside the room.",
+        "A learner that reads files, too.",
+        "Theories that cannot be told apart.",
+    ],
+)
+def test_a_phrase_to_avoid_is_found(text: str) -> None:
+    assert [*stumbles(text, docstring=True)]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "Return the belief of a subject.",
+        "Which learners discover a schema?",
+        "Whether every solution was found.",
+        "Number of copies; there is no limit.",
+        "A learner that is no longer supported.",
+        "Search ``beside``, then `--beside`; too many are refused.",
+        "Say it.\n\n>>> print('this is no action')\nthis is no action\n",
+        "Refuse numbers with so many digits that reading takes long.",
+    ],
+)
+def test_plain_english_passes(text: str) -> None:
+    assert not [*stumbles(text, docstring=True)]
