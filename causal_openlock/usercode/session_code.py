@@ -159,7 +159,7 @@ def session_source(name: str) -> str:
 
 
 def session_origin(name: str) -> str:
-    """The recorded origin of a class or function of the session: its name, and a hash of its source.
+    """The recorded origin of a class or function of the session: its name and its source's hash.
 
     Raises:
         LearnerError: If the source cannot be found.
