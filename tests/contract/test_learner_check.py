@@ -19,6 +19,7 @@ from causal_openlock.running import learner_check
 from causal_openlock.running.worker import Watching, play_cell
 from causal_openlock.storage.store import Store
 from support.command import at_once, modules_of
+from support.documents import DOCS, code
 from support.processes import start_prepared
 
 
@@ -215,3 +216,18 @@ def test_who_draws_with_torch_is_told_what_to_do_there(tmp_path: Path) -> None:
     assert "torch.Generator().manual_seed" in said
     (other,) = learner_check.check_learner(cell_of(Draws, tmp_path))
     assert "torch" not in other
+
+
+def test_the_network_of_the_guide_keeps_to_its_own_randomness(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    guide = (DOCS / "howto" / "learner.md").read_text(encoding="utf-8")
+    (text,) = [one for one in code(guide, "python") if "class Network" in one]
+    (tmp_path / "my_network.py").write_text(text, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    path = tmp_path / "small.yaml"
+    path.write_text(
+        "name: small\nconditions: [CC3]\nlearners: ['my_network:Network']\n", encoding="utf-8"
+    )
+    with modules_of(tmp_path):
+        assert learner_check.check_learner(read_experiment(path).cells()[0]) == []

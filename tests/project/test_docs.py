@@ -133,16 +133,16 @@ def nothing_is_loaded_from_elsewhere(site: Path) -> None:
 
 def test_tables_of_results_have_the_columns_that_the_reference_lists() -> None:
     results = causal_openlock.compare("CC4", ["oracle", "random"], subjects=2, workers=0)
-    text = (DOCS / "api" / "results.rst").read_text(encoding="utf-8")
-    first, shared, *tables = re.split(r"^(?=.*\n-{5,}$)", text, flags=re.MULTILINE)
+    text = (DOCS / "api" / "results.md").read_text(encoding="utf-8")
+    first, shared, *tables = re.split(r"^## ", text, flags=re.MULTILINE)
 
     def listed(part: str) -> list[str]:
-        cells = re.findall(r"^   \* - (.*(?:\n       .*)*)", part, flags=re.MULTILINE)
-        return [name for cell in cells for name in re.findall(r"``(.+?)``", cell)]
+        cells = re.findall(r"^\| (.*?) \|", part, flags=re.MULTILINE)
+        return [name for cell in cells for name in re.findall(r"`(.+?)`", cell)]
 
     of_a_trial = listed(shared)
     for part in tables:
-        name = re.match(r"``results\.(\w+)``", part)[1]  # type: ignore[index]
+        name = re.match(r"`results\.(\w+)`", part)[1]  # type: ignore[index]
         own = listed(part) + of_a_trial * (name in ("trials", "attempts", "actions"))
         assert sorted(own) == sorted(getattr(results, name).columns), name
     public = {name for name in dir(results) if not name.startswith("_")}
