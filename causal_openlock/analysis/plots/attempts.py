@@ -134,8 +134,7 @@ def _every_trial(results: Material, learners: Names, conditions: Names, ax: Any)
         axes.set_xticks(places, [str(one) if one <= before else "test" for one in places])
         axes.set(xlim=(0.4, last + 0.6), xlabel="Trial")
 
-    top = 1.02 * float((means["mean"] + means["se"]).max())
-    return _beside(results, means, False, panel, looks, ax, top)
+    return _beside(results, means, False, panel, looks, ax)
 
 
 def plot_transfer(
@@ -196,7 +195,6 @@ def _beside(
     panel: Callable[[Axes, pd.DataFrame, Mapping[str, float]], None],
     keys: Mapping[str, Mapping[str, Any]],
     ax: Any,
-    top: float | None = None,
 ) -> Any:
     """A panel for each reference, and one for each learner."""
     known = bounds_of(results.bounds, means)
@@ -214,12 +212,12 @@ def _beside(
         Patch(fc=look["color"], hatch=look.get("hatch"), ec="black", lw=0.6, label=text)
         for text, look in keys.items()
     ]
-    top = top or max(30.0, float(results.compared(results.trials)["last_attempt"].max()))
+    top = max(float((rows["mean"] + rows["se"].fillna(0)).max()) for _, _, rows in shown)
     with panels(ax, len(shown), in_rows(len(shown), 3, 2.3)) as at:
         for axes, (name, detail, rows) in zip(at.axes, shown, strict=True):
             panel(axes, rows, ideal)
             style.panel_title(axes, name, detail + style.sizes(rows))
-            axes.set_ylim(0, top * 1.03)
+            axes.set_ylim(0, top * 1.05)
             axes.yaxis.set_major_locator(
                 MultipleLocator(5) if top <= 40 else MaxNLocator(integer=True)
             )
