@@ -70,7 +70,7 @@ class Room:
 # under a hypothesis: Bayes' rule strikes hypotheses out, and what is left keeps its prior odds.
 @cache
 class Beliefs:
-    """Every hypothesis about rooms with so many grey levers, and plans for every set of them."""
+    """Hypotheses about rooms with ``levers`` grey levers, and a plan for any set of hypotheses."""
 
     def __init__(self, prior, levers):
         self.hypotheses, self.odds, self.levers = [], [], levers

@@ -3,7 +3,7 @@
 #
 #   sbatch examples/clusters/slurm_dask.sh paper_human results/paper_human
 #
-# Give the same command again after the job has ended, for whatever reason: it goes on where it was.
+# Give the same command again after the job has ended, for whatever reason: it continues where it was.
 #SBATCH --job-name=compare
 #SBATCH --ntasks=64
 #SBATCH --cpus-per-task=1
