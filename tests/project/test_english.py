@@ -1,4 +1,4 @@
-"""English: docstrings, messages and templates avoid the phrases that readers stumbled on.
+"""English: docstrings, messages, templates and pages avoid phrases that readers stumbled on.
 
 The words to write instead are in CONTRIBUTING.md, under "Words".
 """
@@ -6,6 +6,7 @@ The words to write instead are in CONTRIBUTING.md, under "Words".
 from __future__ import annotations
 
 import ast
+import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -43,12 +44,26 @@ PHRASES = {
     r"(?<![-.])\bbeside\b(?![=(_:])": "next to, compared with",
     r", too\b(?! \w)|\btoo\.": "also",
 }
-"""Anywhere in a docstring, a message or a template."""
+"""Anywhere in a docstring, a message, a template or a page."""
+
+ON_PAGES = PHRASES | {
+    r"\btells? [^.]{0,40}\bapart\b": "distinguish",
+    r"\b(has|have) not (an?|the)\b": "does not have",
+    r"\bone's own\b": "your own",
+}
+"""Anywhere on a page or in a lesson's prose."""
 
 ANY = re.compile("|".join(PHRASES), re.IGNORECASE)
 CODE = re.compile(
     r":\w+:`[^`]*`|``[^`]*``|`[^`]*`|\{[{%#].*?[#%}]\}|^ *>>>.*?(?:\n *\n|\Z)", re.S | re.M
 )
+
+NOT_PROSE = re.compile(
+    r"<!-- evidence: .*?<!-- end of evidence -->|<!--.*?-->|^ *(```+).*?^ *\1`*$"
+    r"|(?<=\n\n)(?: {4,}\S[^\n]*\n)+(?=\n|\Z)|``.*?``|`[^`]*`|\]\([^)]*\)",
+    re.S | re.M,
+)
+"""Generated tables, comments, blocks and spans of code, and where links lead."""
 
 
 def stumbles(text: str, *, docstring: bool) -> Iterator[tuple[str, str]]:
@@ -79,6 +94,40 @@ def texts(path: Path) -> Iterator[tuple[int, str, bool]]:
                 yield node.lineno, node.value, docstring
         elif isinstance(body := getattr(node, "body", None), list):
             docstrings |= {id(one.value) for one in body if isinstance(one, ast.Expr)}
+
+
+def stumbles_on_page(text: str) -> Iterator[tuple[int, str, str]]:
+    """The phrases of a page in Markdown to be written otherwise, each with its line."""
+    prose = NOT_PROSE.sub(lambda code: "``" + "\n" * code.group().count("\n"), text)
+    for phrase, better in ON_PAGES.items():
+        for found in re.finditer(phrase.replace(" ", r"\s"), prose, re.IGNORECASE):
+            yield prose.count("\n", 0, found.start()) + 1, " ".join(found.group().split()), better
+
+
+def pages() -> Iterator[tuple[str, str]]:
+    """The pages that people have written, and the prose of lessons, each with its name."""
+    written = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "SECURITY.md"]
+    written += [ROOT / "evidence" / "README.md"]
+    for path in sorted((ROOT / "docs").rglob("*.md")):
+        if path.relative_to(ROOT / "docs").parts[0] not in ("_build", "api", "evidence", "lessons"):
+            written.append(path)
+    for path in written:
+        yield path.relative_to(ROOT).as_posix(), path.read_text("utf-8")
+    for path in sorted((ROOT / "notebooks").glob("*.ipynb")):
+        for number, cell in enumerate(json.loads(path.read_text("utf-8"))["cells"]):
+            if cell["cell_type"] == "markdown":
+                yield f"notebooks/{path.name}, cell {number}", "".join(cell["source"])
+
+
+def test_nobody_stumbles_over_pages_and_lessons() -> None:
+    texts = [*pages()]
+    assert len(texts) > 100
+    found = [
+        f"{name}:{line}: {phrase!r}; write {better}"
+        for name, text in texts
+        for line, phrase, better in stumbles_on_page(text)
+    ]
+    assert not found, "\n".join(found)
 
 
 def test_nobody_stumbles_over_docstrings_messages_and_templates() -> None:
@@ -138,3 +187,33 @@ def test_a_phrase_to_avoid_is_found(text: str) -> None:
 )
 def test_plain_english_passes(text: str) -> None:
     assert not [*stumbles(text, docstring=True)]
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("# Films\n\nIt needs Pillow, which is\nno requirement.", 3),
+        ("A run\ncontinues, inside a cell too.", 2),
+        ("![Play beside learners](play.png)", 1),
+        ("- `rl2` tells two kinds apart.", 1),
+        ("    indented, of a list; it\n    goes on.\nAnd on.", 2),
+        ("```\ngoes on\n```\nand goes on", 4),
+        ("Learn with a memory of one's own.", 1),
+    ],
+)
+def test_a_phrase_on_a_page_is_found_with_its_line(text: str, line: int) -> None:
+    assert [number for number, *_ in stumbles_on_page(text)] == [line]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "```console\n$ causal-openlock compare\nit goes on\n```\n",
+        "1. A list\n\n   ```\n   is no action\n   ```\n",
+        "As follows\n\n    make it  # and it goes on\n\nThen",
+        "<!-- evidence: a b -->\n| they cannot be told apart |\n<!-- end of evidence -->\n",
+        "Use `--beside`, [the folder](told_apart_beside.md).",
+    ],
+)
+def test_code_and_generated_tables_of_a_page_pass(text: str) -> None:
+    assert not [*stumbles_on_page(text)]
