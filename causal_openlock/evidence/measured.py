@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 import pandas as pd
@@ -105,9 +105,12 @@ class Evidence:
         networks = self.study.file.networks
         return dict.fromkeys(networks.parameters, next(iter(networks.files))) if networks else {}
 
-    def stated_after(self, name: str) -> bool:
+    def late(self, name: str) -> Literal["", "stated", "changed"]:
         """Whether the contrasts of a claim were stated, or changed, after the run."""
-        return self.was_run and self.run["claims"].get(name) != self.study.margin(name)
+        at_the_run = self.run["claims"].get(name) if self.was_run else self.study.margin(name)
+        if at_the_run == self.study.margin(name):
+            return ""
+        return "changed" if at_the_run else "stated"
 
     @cached_property
     def estimates(self) -> Mapping[tuple[str, str], tuple[Estimate, Verdict] | str]:
@@ -125,9 +128,9 @@ class Evidence:
 
     def verdict(self, name: str) -> Verdict:
         """The verdict on a claim."""
-        return together(self._verdicts_of(name))
+        return together(self.verdicts_of(name), self._claim(name).about)
 
-    def _verdicts_of(self, name: str) -> list[Verdict]:
+    def verdicts_of(self, name: str) -> list[Verdict]:
         """The verdict on each contrast of a claim."""
         return [
             "undecided" if isinstance(found, str) else found[1]
@@ -308,11 +311,11 @@ class Evidence:
         return f"{markdown(['claim', 'verdict', 'by'], rows)}\n"
 
     def _verdict_in_words(self, name: str) -> str:
-        """The verdict; of an undecided one, how many contrasts are against the claim."""
-        own = self._verdicts_of(name)
-        against = own.count("does not hold") if self.verdict(name) == "undecided" else 0
-        how = f" ({against} of {len(own)} do not hold)" if against and len(own) > 1 else ""
-        late = "; stated after the run" if self.stated_after(name) else ""
+        """The verdict, and how many contrasts do not hold if some do not."""
+        own = self.verdicts_of(name)
+        against = own.count("does not hold")
+        how = f" ({against} of {len(own)} do not hold)" if 0 < against < len(own) else ""
+        late = f"; {late} after the run" if (late := self.late(name)) else ""
         return f"**{self.verdict(name)}**{how}{late}"
 
     def _verdicts(self, names: Sequence[str]) -> str:

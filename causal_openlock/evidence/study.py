@@ -94,6 +94,8 @@ Label = Annotated[str, Field(pattern=NAME_FORM)]
 
 Expected = Literal["less", "more", "same"]
 
+About = Literal["every", "whole"]
+
 
 class Selection(StrictModel):
     """Selection of units, and of trials or parts; what is left out is averaged over.
@@ -169,6 +171,13 @@ class Claim(StrictModel):
 
     text: str
     source: str = ""
+    about: Annotated[
+        About,
+        Field(
+            description="Whether one contrast that does not hold refutes it (every), or only more "
+            "than half of them (whole); the text of one about the whole says so."
+        ),
+    ] = "every"
     contrasts: Annotated[dict[str, Contrast], Field(min_length=1)]
 
 
@@ -453,13 +462,14 @@ class Study:
         return _digest({"command": self.file.networks.command, "file": content})
 
     def margin(self, name: str) -> str:
-        """A hash of the contrasts of a claim."""
-        dumps = {part: one.model_dump() for part, one in self.file.claims[name].contrasts.items()}
+        """A hash of the contrasts of a claim, and of what it is about."""
+        claim = self.file.claims[name]
+        dumps = {part: one.model_dump() for part, one in claim.contrasts.items()}
         for sides in dumps.values():
             for side in (sides["of"], sides["minus"]):
                 if isinstance(side, dict) and side["parameter"] is None:
                     del side["parameter"]  # the hashes of what has none are older than it
-        return _digest(dumps)
+        return _digest(dumps if claim.about == "every" else [claim.about, dumps])
 
 
 def _digest(content: Any) -> str:

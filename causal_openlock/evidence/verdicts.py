@@ -15,9 +15,21 @@ undecided      everything else                        everything else
 ============== ====================================== =========================================
 
 That the 90% interval lies within both margins is the two one-sided tests of equivalence at the 5%
-level (Schuirmann, 1987). A claim of several contrasts holds if all of them do, which needs no
-correction, as each must pass its own test; it does not hold if none does, not even in part; it is
-undecided while one of them is, and holds in part otherwise.
+level (Schuirmann, 1987).
+
+A claim is about *every* one of its contrasts, which leaves room for no exception, or about the
+*whole*, which leaves room for half of them. The first of these that applies is its verdict:
+
+============== ==================================================================================
+verdict        of a claim
+============== ==================================================================================
+does not hold  more contrasts than there is room for do not hold
+undecided      together with the undecided ones they are more than there is room for
+holds          all contrasts hold
+in part        everything else
+============== ==================================================================================
+
+What this costs in chance findings is counted in :mod:`~causal_openlock.evidence.multiplicity`.
 
 Intervals are Student's t; of two independent groups Welch's; of correlations Fisher's. Fewer than
 three units decide nothing. There are two exceptions. Of shares of which each subject, or group of
@@ -40,7 +52,14 @@ from scipy import stats
 
 from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.published_units import published_units
-from causal_openlock.evidence.study import CORRELATION, PUBLISHED, Contrast, Expected, Selection
+from causal_openlock.evidence.study import (
+    CORRELATION,
+    PUBLISHED,
+    About,
+    Contrast,
+    Expected,
+    Selection,
+)
 from causal_openlock.evidence.units import Selected, selected
 
 Verdict = Literal["holds", "in part", "does not hold", "undecided"]
@@ -264,13 +283,18 @@ def verdict(found: Estimate, expected: Expected, smallest: float) -> Verdict:
     return "in part" if low > 0 else "undecided"
 
 
-def together(verdicts: Iterable[Verdict]) -> Verdict:
+def together(verdicts: Iterable[Verdict], about: About = "every") -> Verdict:
     """The verdict on a claim from those on its contrasts.
 
-    >>> together(["holds", "holds"]), together(["holds", "does not hold"])
-    ('holds', 'in part')
+    >>> mixed: list[Verdict] = ["holds", "does not hold"]
+    >>> together(mixed), together(mixed, about="whole")
+    ('does not hold', 'in part')
     """
-    found = set(verdicts)
-    if len(found) == 1:
-        return found.pop()
-    return "in part" if found and "undecided" not in found else "undecided"
+    found = list(verdicts)
+    exceptions = len(found) / 2 if about == "whole" else 0
+    against, unclear = found.count("does not hold"), found.count("undecided")
+    if against > exceptions:
+        return "does not hold"
+    if not found or against + unclear > exceptions:
+        return "undecided"
+    return "holds" if found.count("holds") == len(found) else "in part"

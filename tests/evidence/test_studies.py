@@ -511,12 +511,12 @@ def test_units_of_another_run_are_refused(root: Path) -> None:
     assert any("run.json is of another run" in fault for fault in check(root))
 
 
-def test_a_margin_that_was_stated_after_the_run_is_marked(root: Path) -> None:
+def test_a_margin_that_was_changed_after_the_run_is_marked(root: Path) -> None:
     run(root)
-    assert "stated after the run" not in Evidence(read_study(root / "small")).block("claims")
+    assert "after the run" not in Evidence(read_study(root / "small")).block("claims")
     study = root / "small" / "study.yaml"
     study.write_text(study.read_text().replace("smallest: 1}", "smallest: 0.1}"))
-    assert "**undecided**; stated after the run" in Evidence(read_study(root / "small")).block(
+    assert "**undecided**; changed after the run" in Evidence(read_study(root / "small")).block(
         "claims"
     )
 
@@ -530,7 +530,7 @@ def test_a_claim_that_was_stated_late_stays_marked_when_more_is_run(root: Path) 
     experiment.write_text(text)
     run(root)
     found = Evidence(read_study(root / "small"))
-    assert (found.stated_after("late"), found.stated_after("faster")) == (True, False)
+    assert (found.late("late"), found.late("faster")) == ("stated", "")
 
 
 def test_attempts_to_the_first_solution_are_no_share(root: Path) -> None:
@@ -619,6 +619,6 @@ def test_a_mark_stays_when_more_is_run(root: Path) -> None:
     study.write_text(study.read_text().replace("smallest: 1}", "smallest: 0.1}"))
     experiment.write_text(experiment.read_text().replace("subjects: 3", "subjects: 4"))
     run(root)
-    assert "**undecided**; stated after the run" in Evidence(read_study(root / "small")).block(
+    assert "**undecided**; changed after the run" in Evidence(read_study(root / "small")).block(
         "claims"
     )

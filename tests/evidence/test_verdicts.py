@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from itertools import permutations
+from typing import get_args
+
 import numpy as np
 import pandas as pd
 import pytest
 from scipy import stats
 from statsmodels.stats.weightstats import ttost_ind, ttost_paired
 
+from causal_openlock.evidence.multiplicity import chance
 from causal_openlock.evidence.study import Contrast, Selection
 from causal_openlock.evidence.units import Selected, selected
 from causal_openlock.evidence.verdicts import (
     EQUIVALENCE,
     LEVEL,
     Estimate,
+    Verdict,
     difference,
     estimate,
     from_known,
@@ -87,21 +92,47 @@ def test_one_unit_decides_nothing() -> None:
     assert verdict(difference(of([1.0], True), of([0.0, 0], True)), "more", 0.1) == "undecided"
 
 
-def test_a_claim_holds_if_all_contrasts_do() -> None:
-    assert together(["holds", "holds"]) == "holds"
-    assert together(["does not hold", "does not hold"]) == "does not hold"
-    assert together(["holds", "in part"]) == "in part"
-    assert together(["does not hold", "undecided"]) == "undecided"
+HOLDS, PART, FAILS, OPEN = get_args(Verdict)
 
 
-@pytest.mark.parametrize(("expected", "wrongly"), [("more", 0.025), ("same", 0.05)])
-def test_a_claim_that_just_fails_is_believed_as_seldom_as_promised(
-    expected: str, wrongly: float
+@pytest.mark.parametrize(
+    ("contrasts", "every", "whole"),
+    [
+        ([HOLDS], HOLDS, HOLDS),
+        ([HOLDS, HOLDS], HOLDS, HOLDS),
+        ([HOLDS, PART], PART, PART),
+        ([PART, PART], PART, PART),
+        ([HOLDS, OPEN], OPEN, PART),
+        ([HOLDS, OPEN, OPEN], OPEN, OPEN),
+        ([FAILS, OPEN], FAILS, OPEN),
+        ([FAILS, HOLDS], FAILS, PART),
+        ([FAILS, PART, OPEN, HOLDS], FAILS, PART),
+        ([FAILS, OPEN, OPEN, HOLDS], FAILS, OPEN),
+        ([FAILS, FAILS, HOLDS], FAILS, FAILS),
+        ([FAILS, FAILS], FAILS, FAILS),
+        ([OPEN], OPEN, OPEN),
+        ([], OPEN, OPEN),
+    ],
+)
+def test_a_claim_about_every_case_has_no_exception_and_one_about_the_whole_up_to_half(
+    contrasts: list[Verdict], every: Verdict, whole: Verdict
+) -> None:
+    for order in permutations(contrasts):
+        assert together(order) == every
+        assert together(order, "whole") == whole
+
+
+@pytest.mark.parametrize("expected", ["more", "same"])
+def test_a_contrast_at_its_margin_is_decided_by_chance_as_seldom_as_promised(
+    expected: str,
 ) -> None:
     rng = np.random.default_rng(3)
     samples = rng.normal(1.0, 0.5, (4000, 10))  # exactly the smallest difference that matters
-    held = [verdict(mean_of(of(row)), expected, 1.0) == "holds" for row in samples]  # type: ignore[arg-type]
-    assert np.mean(held) == pytest.approx(wrongly, abs=0.01)
+    said = [verdict(mean_of(of(row)), expected, 1.0) for row in samples]  # type: ignore[arg-type]
+    one = Selection(learner="a", condition="CC4")
+    asked = Contrast(measure="attempts", of=one, minus=0.0, expected=expected, smallest=1.0)  # type: ignore[arg-type]
+    assert said.count("holds") / len(said) == pytest.approx(chance(asked), abs=0.01)
+    assert said.count("does not hold") / len(said) <= chance(asked) + 0.01
 
 
 @pytest.mark.parametrize("true", [0.05, 0.1, 0.3, 0.9])
