@@ -48,7 +48,10 @@ from causal_openlock.schemas.fsm import FloatArray
 
 AGREES, DISAGREES, UNDECIDED = "agrees", "disagrees", "undecided"
 MARGIN = 0.05
-"""Cases that the paper calls nearly the same differ by .017, those it calls different by .118."""
+"""Cases that the paper calls nearly the same differ by .017, those it calls different by .118.
+
+The study ``evidence/figure7`` takes its margin for the same shares from here; a test compares them.
+"""
 ATTEMPTS_OF_VISIT = 300
 POINT_COLUMNS = [*Group._fields, "point", "ours", "ci_low", "ci_high", "paper", "margin", "verdict"]
 ORDER_COLUMNS = ["learner", "protocol", "pair", "ours", "ci_low", "ci_high", "paper", "verdict"]

@@ -12,6 +12,7 @@ import pytest
 
 from causal_openlock.analysis.measures import TRANSFERS, attempts_to_solve
 from causal_openlock.analysis.results.visits import FINDS_ALL, OPENS, shares
+from causal_openlock.evidence.study import read_study
 from causal_openlock.paper.agreement import (
     AGREES,
     DISAGREES,
@@ -32,6 +33,7 @@ from causal_openlock.paper.agreement import (
 from causal_openlock.world import facts
 from support.fabricated_courses import around, course, described
 from support.made_up_experiments import material_of
+from support.places import ROOT
 from support.topics import section_on
 
 PAPER = {"CC3-CC4": 0.284, "CE3-CC4": 0.301, "CC3-CE4": 0.166, "CE3-CE4": 0.430}
@@ -85,6 +87,19 @@ def test_margin_lies_between_what_the_paper_calls_the_same_and_different() -> No
     assert margin_of(OPENS, 0.3, 60) == MARGIN
     assert margin_of(FINDS_ALL, 0.3, 60) == pytest.approx(1.96 * (0.21 / 60) ** 0.5)
     assert margin_of(FINDS_ALL, 0.0, 100) == MARGIN
+
+
+def test_the_study_of_figure_7_asks_for_agreement_within_the_same_margin() -> None:
+    claims = read_study(ROOT / "evidence" / "figure7").file.claims
+    levels = {
+        name: [one.smallest for one in claim.contrasts.values()]
+        for name, claim in claims.items()
+        if any(one.expected == "same" for one in claim.contrasts.values())
+    }
+    assert len(levels) == 3
+    for name, margins in levels.items():
+        assert margins == [MARGIN] * 4
+        assert claims[name].text.endswith(f"within {MARGIN}".replace("0.", "."))
 
 
 # -- single points --------------------------------------------------------------------------------
