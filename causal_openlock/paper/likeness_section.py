@@ -51,6 +51,7 @@ def section(material: Material, _: Decided) -> Section | None:
         "effects": len(EFFECTS),
         "nearest": table[~published].iloc[0],
         "published": table[published].iloc[0],
+        "perfect": noise_ceiling(points_of_people()).people,
     }
     return _PROSE.section(
         "human_likeness",

@@ -145,7 +145,8 @@ def play(
         pass
     finally:
         server.finish()
-    console.print_line(f"{standing()}; to see the results: causal-openlock report {out}")
+    report = f"; to see the results: causal-openlock report {out}" if people.finished else ""
+    console.print_line(f"{standing()}{report}")
 
 
 def _text(path: Path) -> str:

@@ -144,7 +144,7 @@ def test_the_section_shows_people_first_and_says_who_is_helped(played: Material)
     assert shown["CE4: attempts saved"].tolist()[::3] == ["+6.03 [3.22, 8.83]", "solved no trial"]
     assert shown["CC4: more than people"][0] == "–"
     assert "people 2.65 in CC4 and 6.03 in CE4" in section.answer
-    assert "significantly in good (" in section.answer
+    assert "(p < 0.05 in each test) in good (" in section.answer
     assert "never" in section.plots[0].caption
 
 

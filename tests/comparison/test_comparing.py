@@ -193,7 +193,7 @@ def test_stopping_keeps_what_is_done(monkeypatch: pytest.MonkeyPatch, played: li
 
     with monkeypatch.context() as patch:
         patch.setattr(comparing, "run", stopped)
-        with pytest.raises(Interrupted, match="1 of 2 cells are done and kept") as caught:
+        with pytest.raises(Interrupted, match="1 of 2 cells are done and stored") as caught:
             ol.compare(["CC3"], ["oracle", "random"], subjects=2, seed=72, workers=0)
     assert caught.value._render_traceback_() == [str(caught.value)]
     played.clear()

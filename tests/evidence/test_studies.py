@@ -439,7 +439,7 @@ def test_numbers_that_no_evidence_gives(text: str, found: list[str]) -> None:
         ("claim", "does not begin with"),
         ("derived", "does not begin with"),
         (" ", "does not begin with"),
-        ("attempts oracle CC3 verdict", "no claim"),
+        ("attempts oracle CC3 verdict", "not a claim"),
     ],
 )
 def test_a_title_that_means_nothing_is_explained(root: Path, title: str, sentence: str) -> None:

@@ -136,7 +136,7 @@ def test_what_is_no_range_is_refused_with_the_form_it_should_have(text):
     [
         ({}, {}, "nothing is searched"),
         ({"laps": Range(0, 1)}, {}, "did you mean lapse"),
-        ({"mood": Range(0, 1)}, {}, "is no number"),
+        ({"mood": Range(0, 1)}, {}, "is not a number"),
         ({"lapse": Range(0.5, 0.5)}, {}, "low must be below high"),
         ({"lapse": Range(0.0, 0.5, log=True)}, {}, "above 0 for a logarithm"),
         ({"lapse": Range(0.0, 1.5)}, {}, "lapse"),

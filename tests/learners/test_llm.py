@@ -334,7 +334,7 @@ def test_a_key_that_no_header_can_hold_is_not_shown(
         monkeypatch.setenv(TRUSTED, url)
         learner = create("openlock_learners.llm:LanguageModel", {"model": "m", "base_url": url})
         monkeypatch.setenv(KEY, key)
-        with pytest.raises(LearnerError, match="is no key") as raised:
+        with pytest.raises(LearnerError, match="is not a key") as raised:
             Session(ONE_ROOM, protocol(), 1).play(learner)
         assert "cret" not in str(raised.value)
         monkeypatch.setenv(KEY, f"{SECRET}\n")  # as a file ends
@@ -687,7 +687,7 @@ def test_nothing_is_asked_where_nothing_can_be_kept(
     monkeypatch.setenv(FOLDER, str(tmp_path / "transcripts"))
     with scripted() as (server, url):
         learner = made(url)
-        with pytest.raises(LearnerError, match="part of results"):
+        with pytest.raises(LearnerError, match="belongs to results"):
             Session(ONE_ROOM, protocol(), 3, learner="llm").play(learner)
     assert not server.asked
 

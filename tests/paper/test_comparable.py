@@ -153,7 +153,7 @@ def test_the_report_shows_what_is_published_or_says_why_not(tmp_path: Path) -> N
     written = other.text + (tmp_path / "summary.csv").read_text()
     assert "6.45" not in written
     assert "6.82" not in written
-    assert "results are not shown beside them (a, CC4 (human); a, CC3-CC4 (human))" in other.text
+    assert "results are not shown next to them (a, CC4 (human); a, CC3-CC4 (human))" in other.text
 
 
 def test_a_learner_that_compares_lends_nothing_to_one_that_does_not(tmp_path: Path) -> None:

@@ -127,7 +127,7 @@ def run(tmp_path: Path, script: str, **variables: str) -> str:
 
 def test_a_job_of_an_array_plays_its_shard(tmp_path: Path) -> None:
     variables = {"SLURM_ARRAY_TASK_ID": "2", "SLURM_CPUS_PER_TASK": "1"}
-    assert "shard 2/16 is over" in run(tmp_path, "slurm_shards.sh", **variables)
+    assert "shard 2/16 is done" in run(tmp_path, "slurm_shards.sh", **variables)
     (path,) = (tmp_path / "out" / "cells").glob("*.parquet")
     assert path.name.startswith("random_CC3_1-1_")
 

@@ -113,7 +113,7 @@ def test_a_reward_without_changes_is_what_it_was() -> None:
 @pytest.mark.parametrize(
     ("text", "place", "says"),
     [
-        ("{solution_multiplyer: 2.0}", "3:10", "no key here; did you mean solution_multiplier"),
+        ("{solution_multiplyer: 2.0}", "3:10", "not a key here; did you mean solution_multiplier"),
         ("{open: much}", "3:10", "open must be a valid number, and this is the text 'much'"),
         ("{open: .inf}", "3:10", "should be a finite number"),
         ("{unique_solutions: 1.0}", "3:10", "'unique_solutions' is not a key here"),

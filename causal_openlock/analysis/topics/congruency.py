@@ -45,6 +45,7 @@ COLUMNS = (
 """Columns of :func:`congruency`, before those of references."""
 
 _NAMED = 4  # learners that the first screen names
+_NEARLY_ALL = 0.95  # share of trials that such a learner has solved
 _PROSE = Prose(__name__)
 
 
@@ -53,8 +54,8 @@ def congruency(results: Material) -> pd.DataFrame:
 
     >>> import causal_openlock as ol
     >>> table = ol.congruency(results)
-    >>> table.loc[table["learner"] == "people", ["test", "saved"]].values.tolist()
-    [['CC4', 2.65...], ['CE4', 6.02...]]
+    >>> table.loc[table["learner"] == "people", ["test", "saved"]].round(2).values.tolist()
+    [['CC4', 2.65], ['CE4', 6.02]]
 
     Args:
         results: What was played. Rows are made of the paper's four transfer conditions, by the
@@ -272,15 +273,19 @@ def _answer(rows: pd.DataFrame, decided: Decided) -> dict[str, Any]:
     own = rows[~rows["reference"]]
     keys = own[["protocol", "learner", "test"]].itertuples(index=False, name=None)
     found = np.array([decided.found(key) for key in keys], bool)
-    helped = own[found & (own["saved"] > 0)]
+    cut = own["solved"] < _NEARLY_ALL  # the limit hides how large such an effect is
+    helped = own[found & (own["saved"] > 0) & ~cut]
     most = helped.groupby("learner")["saved"].max().sort_values(ascending=False).index
     known = rows[rows["learner"].isin(rows.loc[rows["reference"], "learner"].head(1))]
+    known = known[known["test"].isin(own["test"])]
     return {
         "known": [f"{name} {_values(part)}" for name, part in known.groupby("learner")],
         "helped": [
             f"{name} ({_values(helped[helped['learner'] == name])})" for name in most[:_NAMED]
         ],
         "more": len(most[_NAMED:]),
+        "alpha": ALPHA,
+        "cut": bool((cut & (own["solved"] > 0)).any()),
     }
 
 

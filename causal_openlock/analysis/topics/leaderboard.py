@@ -463,12 +463,19 @@ def answers(table: pd.DataFrame, decisions: Decisions) -> dict[str, tuple[str, .
             for name, called in _called(rows).items()
             if best is not None and decisions.has(TOPIC.name, (protocol, best, name))
         ]
-        alike = [name for name in own if best and _alike(decisions, str(protocol), best, name)]
         few = too_few(own[best]["subjects"], where=" in a condition") if best else ""
+        alike = [
+            name
+            for name, row in own.items()
+            if best
+            and not few
+            and not row["informed"]
+            and _alike(decisions, str(protocol), best, name)
+        ]
         found[str(protocol)] = _PROSE.paragraphs(
             "answer",
             best=own.get(best),
-            level=[own[name] for name in alike] if not few and len(alike) < _LEADERS else [],
+            level=[own[name] for name in alike] if len(alike) < _LEADERS else [],
             several=sum(not row["informed"] for row in own.values()) > 1,
             few=few,
             gaps=gaps,

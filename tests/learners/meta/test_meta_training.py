@@ -317,7 +317,7 @@ def test_a_spoiled_state_of_a_training_is_one_sentence(
 def test_a_fault_in_the_file_has_its_line(tmp_path: Path) -> None:
     path = small(tmp_path)
     path.write_text(path.read_text().replace("at_once: 16", "at_ones: 16"))
-    with pytest.raises(FileError, match=r"small.yaml:7:1: 'at_ones' is no key .* at_once"):
+    with pytest.raises(FileError, match=r"small.yaml:7:1: 'at_ones' is not a key .* at_once"):
         read_training(path)
 
 
