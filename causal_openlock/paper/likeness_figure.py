@@ -31,7 +31,7 @@ CLEAR = 0.05
 MOST_DRAWN = 5
 """Learners that have a panel next to the published model's: those nearest to people."""
 
-MOST_TOGETHER = 5
+MOST_TOGETHER = 4
 """Learners that are drawn in one panel: those nearest to people."""
 
 _BASELINES = {"CC4": 0.0, "CE4": 5.8}  # where their trials begin on the x axis
@@ -123,7 +123,7 @@ def draw_together(learners: Mapping[str, pd.DataFrame], ax: Any = None) -> Any:
                 _draw_line(axes, own, look)
                 ends[name] = float(own["mean"].iloc[-1]), look["color"]
             _points_axis(axes)
-            axes.set_xlim(0.3, 26.0)
+            axes.set_xlim(0.3, 26.5)
             style.panel_title(axes, title)
             axes.set_ylim(0, 1.08 * highest)
             _name_lines(axes, ends, 0.075 * highest)
@@ -146,7 +146,7 @@ def _name_lines(axes: Axes, ends: Mapping[str, tuple[float, str]], gap: float) -
     for name, (value, colour) in sorted(ends.items(), key=lambda item: item[1][0]):
         height = max(value, height + gap)
         axes.annotate(
-            style.label(name, 15), (19.2, height), va="center", fontsize="small", color=colour
+            style.label(name, 18), (19.2, height), va="center", fontsize="small", color=colour
         )
 
 
