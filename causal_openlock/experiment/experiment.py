@@ -77,7 +77,7 @@ def origin_of(learner: str, parameters: Mapping[str, Any]) -> Origin:
             f"artifact_hash of {learner} has to return a text, and returned {made_of!r}"
         )
     if not issubclass(kind, Learner):
-        return Origin(name, package, made_of)
+        return Origin(name, package, made_of, about=first_line(kind.__doc__))
     return Origin(
         name,
         package,

@@ -459,6 +459,7 @@ def answers(table: pd.DataFrame, decisions: Decisions) -> dict[str, tuple[str, .
                 **{end: own[best][f"{name}{end}"] for end in ("_low", "_high")},
                 "value": own[best][name],
                 "found": decisions.found(TOPIC.name, (protocol, best, name)),
+                "tested": not np.isnan(decisions.p(TOPIC.name, (protocol, best, name))),
             }
             for name, called in _called(rows).items()
             if best is not None and decisions.has(TOPIC.name, (protocol, best, name))
