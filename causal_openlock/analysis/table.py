@@ -219,6 +219,17 @@ def printed(value: Any, form: str | None) -> str:
     return str(value)
 
 
+def p_value(p: float) -> str:
+    """A p as papers print it.
+
+    >>> p_value(0.0312), p_value(0.0001), p_value(1.0)
+    ('.031', '< .001', '1')
+    """
+    if np.isnan(p):
+        return "–"
+    return "< .001" if p < 0.001 else f"{p:.3f}".removeprefix("0").replace("1.000", "1")
+
+
 def number(attempts: float) -> str:
     """Attempts as tables print them.
 

@@ -47,11 +47,12 @@ def section(material: Material, _: Decided) -> Section | None:
     beside = beside_null_models(
         like, material.trials, chosen_settings(material.experiment.learners)
     )
+    ceiling = noise_ceiling(points_of_people())
     nearest = {
         "effects": len(EFFECTS),
         "nearest": table[~published].iloc[0],
         "published": table[published].iloc[0],
-        "perfect": noise_ceiling(points_of_people()).people,
+        "perfect": ceiling.people,
     }
     return _PROSE.section(
         "human_likeness",
@@ -74,7 +75,7 @@ def section(material: Material, _: Decided) -> Section | None:
         is_open=True,
         points=len(published_points()),
         nearest=nearest["nearest"],
-        ceiling=noise_ceiling(points_of_people()),
+        ceiling=ceiling,
         curves={name: distance(curve.points)[0] for name, curve in null_curves().items()},
         # Of those that come out no farther than the nearest one beyond people's sampling error.
         alike=beside.loc[beside["verdict"] == "not ranked", "learner"].tolist(),

@@ -33,7 +33,7 @@ from causal_openlock.analysis.measures import SUBJECT, by_subject
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.section import Section
-from causal_openlock.analysis.table import Table
+from causal_openlock.analysis.table import Table, p_value
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.paper.published import people
 from causal_openlock.paper.references import people_beside
@@ -228,9 +228,10 @@ def outcome_text(row: Mapping[Any, Any]) -> str:
     """A row as a paper prints it, with the effect's size."""
     if row["note"]:
         return str(row["note"])
+    p = p_value(row["p"])
     parts = [
         f"{row['statistic']}({row['df']}) = {_number(row['value'])}",
-        _p("p", row["p"]),
+        f"p {p if p.startswith('<') else f'= {p}'}",
         f"{row['effect']} = {_number(row['effect_size'])}",
     ]
     return ", ".join(part.replace(" ", "\u00a0") for part in parts)  # lines break at commas alone
@@ -238,12 +239,6 @@ def outcome_text(row: Mapping[Any, Any]) -> str:
 
 def _number(value: float) -> str:
     return f"{value + 0.0:.2f}".replace("-", "−")
-
-
-def _p(name: str, p: float) -> str:
-    if p < 0.001:
-        return f"{name} < .001"
-    return f"{name} = {p:.3f}".replace("= 0.", "= .").replace("= 1.000", "= 1")
 
 
 def _printed() -> dict[str, str]:

@@ -23,13 +23,13 @@ from causal_openlock.analysis.decisions import Decided
 from causal_openlock.analysis.effects import ALPHA, Difference, Group, weighted_difference
 from causal_openlock.analysis.measures import TRANSFERS, by_subject, judged, ordered
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import Names, panels, rows_of, trials_under
+from causal_openlock.analysis.plots.panels import Names, panels, trials_under
 from causal_openlock.analysis.plots.rows import dots, name_rows, same_scale, two_panels
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import Reference, gap_column
 from causal_openlock.analysis.section import Section
-from causal_openlock.analysis.table import Table, printed
+from causal_openlock.analysis.table import Table, p_value, printed
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.errors import NothingToDrawError
 from causal_openlock.experiment.protocol import HUMAN_PROTOCOL
@@ -179,12 +179,8 @@ def plot_congruency(
     is returned and errors are those of
     :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`.
     """
-    protocol, _ = trials_under(results, protocol, learners)
-    asked = {*rows_of(results, results.trials, learners)["learner"].astype(str)}
-    table = congruency(results)
-    table = table[
-        (table["protocol"] == protocol) & (table["reference"] | table["learner"].isin(asked))
-    ]
+    protocol, trials = trials_under(results, protocol, learners)
+    table = congruency(replace(results, trials=trials))
     if table["reference"].all():
         raise NothingToDrawError(
             f"no such learner played two of the paper's transfer conditions with the same test "
@@ -302,7 +298,7 @@ def _wide(rows: pd.DataFrame, gaps: Mapping[str, str]) -> pd.DataFrame:
         line[f"{test}: attempts saved"] = (
             _with_interval(row, "saved", ("low", "high")) if row["solved"] else "solved no trial"
         )
-        line[f"{test}: p"] = _p(row["p"])
+        line[f"{test}: p"] = p_value(row["p"])
         for column, name in gaps.items():
             ends = (f"{column}_low", f"{column}_high")
             line[f"{test}: more than {name}"] = _with_interval(row, column, ends)
@@ -318,17 +314,6 @@ def _with_interval(row: Mapping[str, Any], value: str, ends: tuple[str, str]) ->
     text = printed(float(row[value]), "+.2f") + ("*" if row["solved"] < 1 else "")
     low, high = (float(row[end]) for end in ends)
     return text if np.isnan(low) else f"{text} [{printed(low, '.2f')}, {printed(high, '.2f')}]"
-
-
-def _p(value: float) -> str:
-    """A p as papers print it.
-
-    >>> _p(0.0312), _p(0.0001)
-    ('.031', '< .001')
-    """
-    if np.isnan(value):
-        return "–"
-    return "< .001" if value < 0.001 else f"{value:.3f}".lstrip("0")
 
 
 TOPIC = Topic("congruency", 10, section, congruency, tests, family)

@@ -8,6 +8,7 @@ question of :mod:`~causal_openlock.analysis.topics.congruency`.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from matplotlib.ticker import MaxNLocator, PercentFormatter
 from causal_openlock.analysis.decisions import Decided
 from causal_openlock.analysis.measures import BASELINES, TRANSFERS, by_subject, ordered
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import Names, panels, rows_of, trials_under
+from causal_openlock.analysis.plots.panels import Names, panels, trials_under
 from causal_openlock.analysis.plots.rows import dots, name_rows, same_scale, two_panels
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
@@ -142,12 +143,8 @@ def plot_savings(
     Arguments, what is returned and errors are those of
     :func:`~causal_openlock.analysis.topics.congruency.plot_congruency`.
     """
-    protocol, _ = trials_under(results, protocol, learners)
-    asked = {*rows_of(results, results.trials, learners)["learner"].astype(str)}
-    table = savings(results)
-    table = table[
-        (table["protocol"] == protocol) & (table["reference"] | table["learner"].isin(asked))
-    ]
+    protocol, trials = trials_under(results, protocol, learners)
+    table = savings(replace(results, trials=trials))
     if table["reference"].all():
         raise NothingToDrawError(
             f"no such learner played one of the paper's transfer conditions and its baseline under "
