@@ -76,15 +76,16 @@ def origin_of(learner: str, parameters: Mapping[str, Any]) -> Origin:
         raise LearnerError(
             f"artifact_hash of {learner} has to return a text, and returned {made_of!r}"
         )
+    about = first_line(kind.__doc__)
     if not issubclass(kind, Learner):
-        return Origin(name, package, made_of, about=first_line(kind.__doc__))
+        return Origin(name, package, made_of, about=about)
     return Origin(
         name,
         package,
         made_of,
         kind.prior_attempts(given),
         issubclass(kind, InformedLearner),
-        first_line(kind.__doc__),
+        about,
     )
 
 
