@@ -74,4 +74,4 @@ def published_units() -> pd.DataFrame:
         ).dropna(subset="learner").drop(columns="trial")
     )  # fmt: skip
     units = pd.concat(parts, ignore_index=True).assign(unit=0).drop(columns="se")
-    return units.assign(subjects=units["subjects"].fillna(1).astype(int))
+    return units.assign(trials=units.pop("subjects").fillna(1).astype(int))

@@ -155,6 +155,14 @@ class Contrast(StrictModel):
     smallest: Annotated[
         float, Field(ge=0, description="The smallest difference that matters; 0 from a bound.")
     ] = 0.0
+    spread: Annotated[
+        float | None,
+        Field(
+            gt=0,
+            description="Standard deviation of the differences between units, from a pilot; once "
+            "there are units of the study, theirs counts.",
+        ),
+    ] = None
 
     @model_validator(mode="after")
     def _says_what_matters(self) -> Contrast:
@@ -464,7 +472,8 @@ class Study:
     def margin(self, name: str) -> str:
         """A hash of the contrasts of a claim, and of what it is about."""
         claim = self.file.claims[name]
-        dumps = {part: one.model_dump() for part, one in claim.contrasts.items()}
+        # What a pilot says changes no margin.
+        dumps = {part: one.model_dump(exclude={"spread"}) for part, one in claim.contrasts.items()}
         for sides in dumps.values():
             for side in (sides["of"], sides["minus"]):
                 if isinstance(side, dict) and side["parameter"] is None:

@@ -8,7 +8,7 @@ Columns of ``units.parquet``: ``learner``, ``condition``, ``protocol``, ``phase`
 people's protocol) or ``part`` (of a long course, see
 :mod:`~causal_openlock.analysis.results.visits`; of a curve, fifty trials); ``judged``,
 whether a condition is judged by this row; ``unit``, the number of the subject or of the network,
-``subjects``, how many were averaged; and the measures:
+``trials``, how many of its trials, or of its subjects', were averaged; and the measures:
 
 - ``attempts``, ``first_solution``: attempts to find every solution and the first one; a trial that
   was not solved counts as its limit.
@@ -55,7 +55,8 @@ def units_of(trials: pd.DataFrame, measured: str) -> pd.DataFrame:
         measured: ``"trials"``, ``"course"`` or ``"curve"``.
     """
     if measured == "course":
-        when, measures, table = "part", [*COURSE], shares(trials)
+        when, measures = "part", [*COURSE]
+        table = shares(trials).rename(columns={"visits": "trials"})
     else:
         when, measures = "part" if measured == "curve" else "trial", [*TRIALS]
         each = trials.assign(
@@ -65,10 +66,11 @@ def units_of(trials: pd.DataFrame, measured: str) -> pd.DataFrame:
         if when == "part":
             each["part"] = each.groupby([*KEYS, *SUBJECT], observed=True).cumcount() // BLOCK + 1
         by = [*KEYS, when, *SUBJECT]
-        table = each.groupby(by, observed=True, sort=True)[measures].mean().reset_index()
-    table = table.rename(columns={"subject": "unit"}).assign(subjects=1)
+        grouped = each.groupby(by, observed=True, sort=True)
+        table = grouped[measures].mean().assign(trials=grouped.size()).reset_index()
+    table = table.rename(columns={"subject": "unit"})
     table["judged"] = _judged(table, when)
-    columns = [*KEYS, when, "judged", "unit", "subjects", *measures]
+    columns = [*KEYS, when, "judged", "unit", "trials", *measures]
     kept: pd.DataFrame = table[columns].astype(dict.fromkeys(KEYS, str))
     return kept
 
@@ -76,10 +78,10 @@ def units_of(trials: pd.DataFrame, measured: str) -> pd.DataFrame:
 def of_network(units: pd.DataFrame, label: str, number: int) -> pd.DataFrame:
     """The subjects of one network averaged: the network is the unit."""
     own = units.assign(learner=label, unit=number)
-    by = list(own.columns[: own.columns.get_loc("subjects")])
-    means = own.groupby(by, sort=True).mean(numeric_only=True).reset_index()
-    sizes = own.groupby(by, sort=True).size().to_numpy()
-    return means.assign(subjects=sizes)[list(own.columns)]
+    by = list(own.columns[: own.columns.get_loc("trials")])
+    grouped = own.groupby(by, sort=True)
+    means = grouped.mean(numeric_only=True).assign(trials=grouped["trials"].sum())
+    return means.reset_index()[list(own.columns)]
 
 
 def _judged(table: pd.DataFrame, when: str) -> BoolArray:
@@ -98,30 +100,24 @@ class Selected:
     Attributes:
         values: ``[n]``, one for each unit.
         units: ``[n]`` their numbers.
-        share: Whether they are shares, between 0 and 1.
-        draws: How many subjects these are of.
-        reach: How far apart two values can be.
+        trials: How many trials all of these are of, together; by default one each.
+        least: The smallest value that can be.
+        most: The largest one.
     """
 
     values: FloatArray
     units: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    share: bool = False
-    draws: int = 0
-    reach: float = 1.0
-
-    @property
-    def binary(self) -> bool:
-        """Whether each unit is one subject with a share of 0 or 1.
-
-        Those of networks are means of many subjects, also where these are 0 or 1.
-        """
-        single = self.draws <= len(self.values)
-        return self.share and single and bool(np.isin(self.values, (0.0, 1.0)).all())
+    trials: int = 0
+    least: float = 0.0
+    most: float = 1.0
 
     def only(self, units: IntArray) -> Selected:
         """The values of some units."""
         kept = np.isin(self.units, units)
-        return replace(self, values=self.values[kept], units=self.units[kept])
+        each = self.trials / max(1, len(self.values))
+        return replace(
+            self, values=self.values[kept], units=self.units[kept], trials=int(each * kept.sum())
+        )
 
 
 def selected(units: pd.DataFrame, selection: Selection, measure: str) -> Selected:
@@ -162,12 +158,7 @@ def selected(units: pd.DataFrame, selection: Selection, measure: str) -> Selecte
         raise EvidenceError(f"{measure} was not measured of {selection.learner}")
     if measure in RECOVERED:  # every row is a unit
         rows = rows.dropna(subset=measure)
-        return Selected(
-            values=rows[measure].to_numpy(float),
-            units=np.arange(len(rows)),
-            share=True,
-            draws=len(rows),
-        )
+        return Selected(rows[measure].to_numpy(float), np.arange(len(rows)))
     by_unit, played = rows.groupby("unit"), rows["condition"].unique()
     if len(played) == 1:  # most often; it takes half of the time
         each = by_unit[measure].mean().dropna().to_frame(played[0])
@@ -175,15 +166,15 @@ def selected(units: pd.DataFrame, selection: Selection, measure: str) -> Selecte
         each = rows.groupby(["unit", "condition"])[measure].mean().unstack().dropna()
     if each.empty:
         raise EvidenceError(f"no unit has been run with {joined(each.columns)} together")
-    # Several trials of a subject are no several subjects.
-    draws = by_unit["subjects"].max().reindex(each.index).sum()
-    share = measure not in (*ATTEMPTS, "error")
+    # Those of several conditions, or times, are of the same unit, and not counted again.
+    trials = by_unit["trials"].max().reindex(each.index).sum()
+    of_attempts = measure in (*ATTEMPTS, "error")
     return Selected(
         values=each.mean(axis=1).to_numpy(float),
         units=each.index.to_numpy(np.int64),
-        share=share,
-        draws=int(draws),
-        reach=1.0 if share else _limit(rows, units, measure) - 1.0,
+        trials=int(trials),
+        least=1.0 if of_attempts else 0.0,
+        most=_limit(rows, units, measure) if of_attempts else 1.0,
     )
 
 

@@ -8,8 +8,10 @@ from pathlib import Path
 import pandas as pd
 import pytest
 from matplotlib.figure import Figure
+from typer.testing import CliRunner
 
 import causal_openlock.evidence.running as running
+from causal_openlock.cli import app
 from causal_openlock.errors import EvidenceError, FileError, StoreError
 from causal_openlock.evidence.checking import check, write
 from causal_openlock.evidence.figures import draw_course
@@ -110,6 +112,22 @@ def test_what_is_written_follows_from_what_was_measured(root: Path) -> None:
     assert "**holds**" in readme
     assert "all of it was run" in readme
     assert write(root) == ([], [])
+
+
+def test_a_study_says_from_how_many_units_on_it_can_decide(
+    root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study = root / "small" / "study.yaml"
+    assert not Evidence(read_study(study.parent)).too_few()  # nothing is known
+    study.write_text(STUDY.replace("smallest: 1}", "smallest: 1, spread: 2.5}"))
+    (line,) = Evidence(read_study(study.parent)).too_few()
+    assert line == "like_people is open with 3 subjects; 134 can decide it"
+    said = CliRunner().invoke(app, ["evidence", "--folder", str(root)]).stdout
+    assert f"not run)\n  {line}\n" in said
+    study.write_text(STUDY.replace("minus: 0.8", "minus: 0.2"))
+    run(root)
+    monkeypatch.setattr(Evidence, "verdict", lambda *_: "undecided")
+    assert Evidence(read_study(study.parent)).too_few()[0].startswith("faster is open with 3 ")
 
 
 def test_verdicts_have_a_row_for_each_claim_or_for_those_named(root: Path) -> None:
@@ -267,7 +285,7 @@ def test_networks_are_trained_and_each_is_a_unit(tmp_path: Path) -> None:
         ("second", 1),
         ("second", 2),
     }
-    assert set(units["subjects"]) == {3}
+    assert set(units["trials"]) == {3}
     assert said[0].startswith("training first, seed 1; its progress is in ")
     told = len(said)
     shutil.rmtree(tmp_path / "results")
@@ -545,7 +563,7 @@ def test_trials_of_one_subject_are_no_several_draws(root: Path) -> None:
     units = read_units(read_study(root / "small"))
     whole = Selection(learner="random", condition="CC3", phase="train")
     found = selected(units, whole, "solved")
-    assert (found.draws, found.binary) == (3, True)
+    assert found.trials == 3
 
 
 @pytest.mark.parametrize(
