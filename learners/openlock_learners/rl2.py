@@ -1,10 +1,12 @@
-"""RL²: a learner that was trained to find out (Duan et al., 2016; Wang et al., 2016).
+"""A learner that was trained to find out, after RL² (Duan et al., 2016; Wang et al., 2016).
 
 Its network was trained by policy gradient in rooms of many schemas, in layouts other than those
 that are tested (:mod:`openlock_learners.meta.training`). Now its weights are frozen, and it finds
 out how a room works in its hidden state alone, which is carried from attempt to attempt, and also
 from trial to trial unless it is reset. It perceives what the recurrent Q-learner perceives: the
-room, the console, its own last action and what that led to.
+room, the console, its own last action and what that led to. In one thing the network that comes
+with the package is not RL²: it was trained for what each trial earns, not a whole life
+(``credit: life`` does that).
 
 It can also continue to learn while it plays: then every subject has a network of its own, which
 begins with the trained weights and follows the same policy gradient, on the experiment's reward.

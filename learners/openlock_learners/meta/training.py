@@ -1,8 +1,8 @@
 """Meta-training of ``rl2``: one recurrent network, trained in very many rooms.
 
-RL² (Duan et al., 2016; Wang et al., 2016): a recurrent network is trained by policy gradient over
-many tasks. How to find out is learned in its weights; how the room at hand works, it finds out in
-its hidden state, while the weights stay as they are. A YAML file declares the rooms it meets::
+As in RL² (Duan et al., 2016; Wang et al., 2016), a recurrent network is trained by policy gradient
+over many tasks. How to find out is learned in its weights; how the room at hand works, it finds out
+in its hidden state, while the weights stay as they are. A YAML file declares the rooms it meets::
 
     causal-openlock train experiments/meta_training/rl2.yaml --out rl2.npz
 
