@@ -1,8 +1,9 @@
-"""Former names of the bundled learners, which files of earlier releases hold.
+"""Former names and parameters of the bundled learners, which files of earlier releases hold.
 
 Until 0.2 their package was called ``learners``, a name that many projects give to a package of
 their own. Experiment files and results with the old names are still read: each name is translated
-here where it is read. Nothing is installed under the old name.
+here where it is read. Nothing is installed under the old name. A parameter that a learner was
+given since is no part of identities while it has the value that stands for before.
 
 >>> present_name("learners.bayes:Bayes")
 'openlock_learners.bayes:Bayes'
@@ -12,7 +13,9 @@ here where it is read. Nothing is installed under the old name.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
+from typing import Any
 
 from causal_openlock.files.plugins import LEARNERS, registered
 from causal_openlock.usercode.module_source import module_source
@@ -20,6 +23,8 @@ from causal_openlock.usercode.module_source import module_source
 PACKAGE, FORMER_PACKAGE = "openlock_learners", "learners"
 TOOLKIT = "causal-openlock"
 """The distribution that the bundled learners come with."""
+ADDED: Mapping[str, Any] = {"double": True}
+"""Parameters that bundled learners were given since, and the value that stands for before."""
 
 
 def present_name(name: str) -> str:
@@ -53,6 +58,22 @@ def in_identities(name: str) -> str:
     """
     package, dot, rest = name.partition(".")
     return f"{FORMER_PACKAGE}{dot}{rest}" if package == PACKAGE else name
+
+
+def parameters_in_identities(name: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the parameters of a learner as identities of cells have them.
+
+    >>> parameters_in_identities("openlock_learners.ddqn:DDQN", {"gamma": 0.8, "double": True})
+    {'gamma': 0.8}
+
+    Args:
+        name: Its class, ``module:Class``.
+        parameters: All its hyper-parameters.
+    """
+    added = ADDED if name.partition(".")[0] == PACKAGE else {}
+    return {
+        key: value for key, value in parameters.items() if key not in added or value != added[key]
+    }
 
 
 def _present(name: str) -> str:

@@ -15,7 +15,7 @@ from functools import cached_property
 from typing import Any
 
 from causal_openlock.contract.expected_cost import expected_cost
-from causal_openlock.contract.former_names import in_identities
+from causal_openlock.contract.former_names import in_identities, parameters_in_identities
 from causal_openlock.contract.learner import InformedLearner, Learner
 from causal_openlock.contract.registry import learner_class, origin, parse_parameters
 from causal_openlock.errors import LearnerError, OpenLockError, in_short
@@ -339,7 +339,9 @@ def _cannot_play(spec: LearnerSpec, schema: Schema) -> str:
 def _deciding(learner: dict[str, Any]) -> dict[str, Any]:
     """Part of a learner's description that determines its results and identity."""
     decides = {key: value for key, value in learner.items() if key not in _NOTES}
-    return {**decides, "class": in_identities(learner["class"])}
+    name = learner["class"]
+    parameters = parameters_in_identities(name, learner["parameters"])
+    return {**decides, "class": in_identities(name), "parameters": parameters}
 
 
 def _digest(data: Any) -> str:

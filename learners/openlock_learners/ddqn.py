@@ -77,6 +77,11 @@ class DDQNParameters:
     target_period: Annotated[
         Count | None, "gradient steps between updates of the target network; null never updates it"
     ] = 100
+    double: Annotated[
+        bool,
+        "whether the online network chooses the action that the target network evaluates (van "
+        "Hasselt et al. 2016); false is a DQN (Mnih et al. 2015)",
+    ] = True
     bootstrap_over_attempts: Annotated[
         bool, "whether a value reaches over the end of an attempt into the room put back"
     ] = False
@@ -147,6 +152,7 @@ class DDQN(Checkpointed, Learner):
             settings.loss,
             settings.optimiser,
             self._device,
+            settings.double,
         )
         self._table = ObservationTable(self._inputs)
         size = (brief.subjects, settings.replay_size)

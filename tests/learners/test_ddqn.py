@@ -56,8 +56,9 @@ def double_precision() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("double_precision")
+@pytest.mark.parametrize("double", [True, False])
 @pytest.mark.parametrize("over_attempts", [False, True])
-def test_a_ddqn_in_plain_torch_follows_the_same_course(over_attempts: bool) -> None:
+def test_a_ddqn_in_plain_torch_follows_the_same_course(over_attempts: bool, double: bool) -> None:
     settings = DDQNParameters(
         hidden_layers=2,
         hidden_units=16,
@@ -65,6 +66,7 @@ def test_a_ddqn_in_plain_torch_follows_the_same_course(over_attempts: bool) -> N
         replay_size=60,
         target_period=20,
         epsilon_decay=0.97,
+        double=double,
         bootstrap_over_attempts=over_attempts,
     )
     protocol = replace(HUMAN, stop_when_solved=False, baseline_trials=3)

@@ -1,4 +1,4 @@
-"""A double DQN of one agent as users of torch write it, to compare the stacked one with."""
+"""A DQN, double or not, of one agent as users of torch write it, to hold the stacked one to."""
 
 from __future__ import annotations
 
@@ -72,8 +72,10 @@ class PlainDDQN:
             goal = reward
             if not ends:
                 seen = torch.tensor(after, dtype=torch.float64)
-                best = int(self.online(seen).argmax())
-                goal += self.settings.gamma * self.target(seen)[best].item()
+                judged = self.target(seen)
+                if self.settings.double:
+                    judged = judged[int(self.online(seen).argmax())]
+                goal += self.settings.gamma * judged.max().item()
             error = abs(self.online(torch.tensor(before, dtype=torch.float64))[action] - goal)
             total = total + (error**2 / 2 if error < 1 else error - 0.5)
         self.optimizer.zero_grad()

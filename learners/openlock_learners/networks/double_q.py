@@ -149,6 +149,8 @@ class StackedDoubleQ:
         loss: Huber's loss, or half the squared error.
         optimizer: Which of torch's to use, apart from the learning rate with its defaults.
         device: Where everything is kept.
+        double: Whether the network itself chooses the next action that the target network
+            evaluates, as in DDQN; otherwise the target network does both, as in DQN.
     """
 
     def __init__(
@@ -161,6 +163,7 @@ class StackedDoubleQ:
         loss: Loss = "huber",
         optimizer: OptimizerName = "adam",
         device: torch.device | str | None = None,
+        double: bool = True,
     ) -> None:
         self.online = StackedMLP(sizes, generators, device)
         # A copy, and not a second network: making one would draw from the generators again.
@@ -168,6 +171,7 @@ class StackedDoubleQ:
         self.gamma = gamma
         self.target_period = target_period
         self.loss = loss
+        self.double = double
         self.updates = 0
         options = {"fused": True} if optimizer == "adam" else {}
         self.optimizer = OPTIMIZERS[optimizer](
@@ -205,11 +209,12 @@ class StackedDoubleQ:
         rows, before, after = self._rows_of(batch)
         activations = self.online.activations(self._table[rows])
         values, actions = activations[-1], self.online.sizes[-1]
-        # Double Q: the online network chooses, the target network evaluates.
-        choice = values.argmax(dim=2).gather(1, after)
         target_values, row = self._target_values, batch.after
         if target_values is None:
             target_values, row = self.target(self._table[rows]), after
+        # Double Q: the online network chooses, the target network evaluates. Else it does both.
+        chooser, its_row = (values, after) if self.double else (target_values, row)
+        choice = chooser.argmax(dim=2).gather(1, its_row)
         following = target_values.flatten(1).gather(1, row * actions + choice)
         td_target = batch.reward + batch.not_done * following * self.gamma
         output = before * actions + batch.action

@@ -99,6 +99,7 @@ class CompiledDoubleQ(StackedDoubleQ):
             self._optimizer_step(),
             self.gamma,
             LOSSES[self.loss],
+            self.double,
             self._scratch,
         )
         self._after_step()

@@ -423,6 +423,7 @@ def td_errors(
     agent: int,
     table: TargetTable,
     gamma: float,
+    double: bool,
     scratch: Scratch,
     errors: Floats,
 ) -> None:
@@ -432,9 +433,10 @@ def td_errors(
         not_done = batch.not_done[agent, transition]
         if not_done > 0:
             row = batch.after[agent, transition]
-            # Double Q: the online network chooses, the target network evaluates.
-            choice = best(values[scratch.column[row]])
-            td_target += not_done * table.values[agent, row, choice] * values.dtype.type(gamma)
+            judged = table.values[agent, row]
+            # Double Q: the online network chooses, the target network evaluates. Else it does both.
+            choice = best(values[scratch.column[row]] if double else judged)
+            td_target += not_done * judged[choice] * values.dtype.type(gamma)
         before = scratch.column[batch.before[agent, transition]]
         errors[transition] = values[before, batch.action[agent, transition]] - td_target
 
@@ -467,11 +469,13 @@ def update(
     optimizer: Optimizer,
     gamma: float,
     loss: int,
+    double: bool,
     scratch: Scratch,
 ) -> Floats:
     """One gradient step for each agent that ``trains``, ``[N]``, on a minibatch of arrays.
 
-    ``loss`` is ``HUBER`` or ``SQUARED``, and ``scratch`` has room for all distinct observations of
+    ``loss`` is ``HUBER`` or ``SQUARED``; without ``double``, the target network also chooses the
+    next action; and ``scratch`` has room for all distinct observations of
     an agent's minibatch. Returned are the ``[N, M]`` TD errors before the step, also of agents that
     take none.
     """
@@ -486,7 +490,7 @@ def update(
                 copy(values[0], table.values[agent, row])
                 table.is_known[agent, row] = True
         values = evaluate(online, agent, scratch.inputs[:many], scratch)
-        td_errors(values, batch, agent, table, gamma, scratch, errors[agent])
+        td_errors(values, batch, agent, table, gamma, double, scratch, errors[agent])
         if trains[agent]:
             gradient = slope_by(scratch, 0, acted_in, actions)
             loss_gradient(errors[agent], batch, agent, loss, scratch, gradient)

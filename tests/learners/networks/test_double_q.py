@@ -132,6 +132,12 @@ def test_the_online_network_chooses_and_the_target_network_judges(
     assert by_hand(kind).update(three_transitions(0.0)).tolist() == [[5 - 1, 3 - 2, 2 - 2.5]]
 
 
+def test_in_a_dqn_the_target_network_chooses_and_judges(kind: type[StackedDoubleQ]) -> None:
+    # It judges the best action 60 after the first, and 30 after the second.
+    errors = by_hand(kind, double=False).update(three_transitions())
+    assert errors.tolist() == [[5 - (1 + 0.5 * 60), 3 - (2 + 0.5 * 30), 2 - 2.5]]
+
+
 @pytest.mark.parametrize(
     ("loss", "slopes"), [("huber", [-1, -0.5, -0.5]), ("squared", [-16, -4.5, -0.5])]
 )
@@ -150,14 +156,15 @@ def test_each_error_pulls_at_the_value_of_its_own_action(
 
 @pytest.mark.parametrize("loss", ["huber", "squared"])
 @pytest.mark.parametrize("large", [False, True])
+@pytest.mark.parametrize("double", [True, False])
 def test_the_gradient_is_the_one_that_autograd_finds(
-    loss: Any, large: bool, monkeypatch: pytest.MonkeyPatch
+    loss: Any, large: bool, double: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Every transition by itself, in networks as users of torch write them."""
     if large:
         monkeypatch.setattr(openlock_learners.networks.double_q, "LARGE_TABLE", 0)
     rng = np.random.default_rng(0)
-    q = StackedDoubleQ(PAPER_SIZES, generators(3), 1e-3, 0.8, None, loss)
+    q = StackedDoubleQ(PAPER_SIZES, generators(3), 1e-3, 0.8, None, loss, double=double)
     q.target.parameters.mul_(1.1)
     for rows in (1, 4, 40, 400):
         table = some_observations(rng, rows)
@@ -169,8 +176,11 @@ def test_the_gradient_is_the_one_that_autograd_finds(
         for agent, network in enumerate(online):
             mine, target = of(batch, agent), plain_network(q.target, agent)
             with torch.no_grad():
-                best = network(table[mine.after[0]]).argmax(1, keepdim=True)
-                judged = target(table[mine.after[0]]).gather(1, best)[:, 0]
+                judged = target(table[mine.after[0]])
+                if double:
+                    best = network(table[mine.after[0]]).argmax(1, keepdim=True)
+                    judged = judged.gather(1, best)
+                judged = judged.amax(1)
                 goal = mine.reward[0] + 0.8 * mine.not_done[0] * judged
             error = network(table[mine.before[0]]).gather(1, mine.action[0, :, None])[:, 0] - goal
             torch.testing.assert_close(errors[agent], error.detach(), atol=1e-10, rtol=0)
