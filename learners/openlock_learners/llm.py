@@ -9,8 +9,9 @@ up to a limit. After that the action counts as *unanswered*: it is spent on a le
 where it is, which changes nothing, the model is informed, and it is counted. A subject that leaves
 too many actions unanswered ends its cell with an error that says how many and why.
 
-It gives no probabilities: servers do not give those of whole answers. Asking again and again what
-it would do (inverse binomial sampling) works, and costs as many requests.
+It gives no probabilities: the chat interface has none of whole answers. Some servers would give
+them by another way (``prompt_logprobs``), which is not used here. Asking again and again what it
+would do (inverse binomial sampling) works, and costs as many requests.
 
 Everything that was said is kept in ``transcripts/`` of the results folder: for each subject a line
 about it, and one for each answer, with tokens, latency, and model and server as the reply named

@@ -81,9 +81,9 @@ def methods(results: Material) -> Methods:
         alpha=ALPHA,
         seeds=[str(seed) for seed in sorted(trials["seed"].astype(int).unique())],
         versions=experiment.versions,
-        works=_works(experiment.versions.get("causal-openlock")),
     )
-    return Methods("\n\n".join(found))
+    works = _works(experiment.versions.get("causal-openlock"), " ".join(found))
+    return Methods("\n\n".join([*found, *_PROSE.paragraphs("to_cite", works=works)]))
 
 
 def _described(spec: LearnerSpec) -> dict[str, Any]:
@@ -142,13 +142,17 @@ def _subjects(results: Material) -> dict[str, list[str]]:
     return found
 
 
-def _works(version: Any) -> list[Mapping[str, Any]]:
-    """Works to cite, from ``CITATION.cff``: the software in the version used, and the paper."""
+def _works(version: Any, text: str) -> list[Mapping[str, Any]]:
+    """Works to cite, from ``CITATION.cff``: the software in the version used, and what is named."""
     from ruamel.yaml import YAML
 
     held = YAML(typ="safe", pure=True).load(bundled("CITATION.cff").read_text(encoding="utf-8"))
     if isinstance(version, str):
         held["version"] = version.partition("+")[0]
-    papers = [held.get("preferred-citation"), *held.get("references", ())]
-    works = {one["title"]: one for one in (held, *papers) if one}
+    named = [
+        one
+        for one in (held["preferred-citation"], *held["references"])
+        if f"{one['authors'][0]['family-names']} et al., {one['year']}" in text
+    ]
+    works = {one["title"]: one for one in (held, *named)}
     return [{"year": str(one.get("date-released"))[:4], **one} for one in works.values()]
