@@ -65,7 +65,10 @@ COURSE = ("opens", "finds_all", "found", "unlocks", "else")
 BLOCK = 50
 """Trials in a part of a curve; published points seem to be means of this number of trials."""
 
-ATTEMPTS = ("attempts", "first_solution")
+SAVED = "saved_after_first"
+"""Attempts until the first solution, minus those from it to the last; not of courses."""
+
+ATTEMPTS = ("attempts", "first_solution", SAVED)
 """Measures that are numbers of attempts; the others are shares."""
 
 RECOVERED = ("single", "groups", "halves")
@@ -78,15 +81,15 @@ EVERYONE = "everyone"
 """Name of all learners of a recovery together."""
 
 MEASURED: Mapping[str, Sequence[str]] = {
-    "trials": TRIALS,
+    "trials": (*TRIALS, SAVED),
     "course": COURSE,
-    "curve": TRIALS,
+    "curve": (*TRIALS, SAVED),
     "recovery": (*RECOVERED, CORRELATION),
 }
 
 Measure = Literal[
-    "attempts", "first_solution", "solved", "found", "opens", "finds_all", "else", "unlocks",
-    "single", "groups", "halves", "r",
+    "attempts", "first_solution", "saved_after_first", "solved", "found", "opens", "finds_all",
+    "else", "unlocks", "single", "groups", "halves", "r",
 ]  # fmt: skip
 """Measures of each unit: see :mod:`~causal_openlock.evidence.units`."""
 

@@ -12,6 +12,8 @@ whether a condition is judged by this row; ``unit``, the number of the subject o
 
 - ``attempts``, ``first_solution``: attempts to find every solution and the first one; a trial that
   was not solved counts as its limit.
+- ``saved_after_first``, not stored: how many fewer attempts lead from the first solution to the
+  last than to the first, where one was found. A policy without memory needs more, not fewer.
 - ``solved``, of a course ``finds_all``: the share of trials in which every solution was found.
 - ``found``: solutions found of those to be found.
 - ``opens``, ``unlocks``, ``else``, of a course: the shares of attempts that open the door, that
@@ -37,6 +39,7 @@ from causal_openlock.evidence.study import (
     COURSE,
     EVERYONE,
     RECOVERED,
+    SAVED,
     TRIALS,
     Selection,
 )
@@ -154,6 +157,9 @@ def selected(units: pd.DataFrame, selection: Selection, measure: str) -> Selecte
             raise EvidenceError(f"no unit has been run with {column} {joined(missing)}")
         kept = np.logical_or.reduce([*found.values()])
     rows = units[kept]
+    if measure == SAVED and "first_solution" in rows:
+        until, rest = rows["first_solution"], rows["attempts"] - rows["first_solution"]
+        rows = rows.assign(**{SAVED: (until - rest).where(rows["found"] > 0)})
     if measure not in rows or rows[measure].isna().all():
         raise EvidenceError(f"{measure} was not measured of {selection.learner}")
     if measure in RECOVERED:  # every row is a unit
@@ -166,20 +172,19 @@ def selected(units: pd.DataFrame, selection: Selection, measure: str) -> Selecte
         each = rows.groupby(["unit", "condition"])[measure].mean().unstack().dropna()
     if each.empty:
         raise EvidenceError(f"no unit has been run with {joined(each.columns)} together")
-    # Those of several conditions, or times, are of the same unit, and not counted again.
-    trials = by_unit["trials"].max().reindex(each.index).sum()
-    of_attempts = measure in (*ATTEMPTS, "error")
+    trials = by_unit["trials"].sum().reindex(each.index).sum()
+    most = _limit(rows, units) if measure in (*ATTEMPTS, "error") else 1.0
     return Selected(
         values=each.mean(axis=1).to_numpy(float),
         units=each.index.to_numpy(np.int64),
         trials=int(trials),
-        least=1.0 if of_attempts else 0.0,
-        most=_limit(rows, units, measure) if of_attempts else 1.0,
+        least=-most if measure == SAVED else 1.0 if measure in ATTEMPTS else 0.0,
+        most=most,
     )
 
 
-def _limit(rows: pd.DataFrame, units: pd.DataFrame, measure: str) -> float:
+def _limit(rows: pd.DataFrame, units: pd.DataFrame) -> float:
     """The most attempts that a trial can have; of an unknown protocol, that a unit needed."""
     names = set(rows["protocol"].astype(str))
     known = [PROTOCOLS[name].attempt_limit for name in names if name in PROTOCOLS]
-    return float(max(known) if len(known) == len(names) else units[measure].max())
+    return float(max(known) if len(known) == len(names) else units["attempts"].max())

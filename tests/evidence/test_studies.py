@@ -558,12 +558,12 @@ def test_attempts_to_the_first_solution_are_no_share(root: Path) -> None:
     assert 1 < low <= 30 <= high
 
 
-def test_trials_of_one_subject_are_no_several_draws(root: Path) -> None:
+def test_all_trials_behind_a_mean_are_counted(root: Path) -> None:
     run(root)
     units = read_units(read_study(root / "small"))
     whole = Selection(learner="random", condition="CC3", phase="train")
     found = selected(units, whole, "solved")
-    assert found.trials == 3
+    assert (len(found.values), found.trials) == (3, 3 * 5)
 
 
 @pytest.mark.parametrize(
