@@ -52,7 +52,12 @@ def recover(
         float, typer.Option(min=0, max=1, help="Share of actions that are taken to be random.")
     ] = LAPSE,
     draws: Annotated[
-        int, typer.Option(min=1, help="Most copies to ask of a learner without probabilities.")
+        int,
+        typer.Option(
+            min=1,
+            help="Most copies to ask of a learner without probabilities; with few, what it hardly "
+            "ever does is estimated too low.",
+        ),
     ] = 128,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of all randomness.")] = None,
     workers: Workers = None,

@@ -43,6 +43,14 @@ def score(
             min=1, help="How often copies of a learner without probabilities have to hit."
         ),
     ] = 1,
+    draws: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="Most copies to ask of a learner without probabilities; by default actions / "
+            "lapse.",
+        ),
+    ] = None,
     workers: Workers = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Folder; by default FOLDER/scores.")
@@ -91,7 +99,7 @@ def score(
             predicting,
             of=of or (),
             lapse=lapse,
-            draws=Draws(hits=hits),
+            draws=Draws(hits, draws),
             workers=workers or available_cores(),
             report=lambda done, total: begin(f"{done} of {total} parts are scored"),
         )
@@ -122,6 +130,12 @@ def score(
                 f"{name} gives no probabilities: it was asked by inverse binomial sampling, "
                 f"{error}; --hits makes it smaller"
             )
+            if at_limit := own["at_limit"].sum():
+                console.print_line(
+                    f"of {own['actions'].sum():,} actions, {at_limit:,} were not hit before the "
+                    "limit of draws, so their log-probabilities are biased, mostly too low; "
+                    "--draws raises the limit"
+                )
         else:
             console.print_line(f"{name} estimates its probabilities from draws, {error}")
     if gone := [name for name in before if name not in set(ranked["scored"])]:

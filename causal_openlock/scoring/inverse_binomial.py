@@ -9,14 +9,22 @@ that is right in the mean, whatever the probability is, with a variance of which
 1/(K - 1)² is right in the mean (van Opheusden, Acerbi & Ma 2020). A share of hits in a fixed number
 of draws is not: its logarithm is too low, and without any hit it is infinite.
 
+That takes as many draws as are needed, 1/p in the mean, and so has no end where p is 0. A *lapse*,
+a share of actions that are random, bounds p from below: p >= lapse / actions. Here draws stop at a
+*limit*, and the rest of the sum is computed as if the probability were the share of the copies that
+took the action. Where none did, that is the lapse alone, and the estimate is too low: with 256
+copies, a lapse of .01 and 15 actions by up to .43 nats in the mean, where p is about .003, and with
+the default limit, as many draws as a lapse needs in the mean to do an action (1,500 there), by .03
+at most (:func:`largest_bias`). Without lapses there is no such bound. Actions that reached the
+limit are marked.
+
 Here many copies of the learner are shown, side by side, what the subject did. Each has random
 numbers of its own, and what it would do is a draw. What is hidden in a learner, such as a plan, is
 taken to last for an attempt at most: of later actions in an attempt, only those copies are asked
 that did what the subject did from its beginning on, so that draws are from what is possible after
-it. Subjects are played again with more copies until every action has been hit, or
-:attr:`Draws.most` copies were asked. The actions left then, and the first actions that no copy
-reached, get the estimate that would follow if the probability were the share of the copies that
-took it.
+it. Where these are few, later actions reach the limit after few draws; the share is then mostly of
+copies that did something else before, and the estimate may be off either way, by more than that.
+Subjects are played again with more copies until every action has been hit, or the limit is reached.
 """
 
 from __future__ import annotations
@@ -24,10 +32,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
-from typing import Any
+from math import ceil
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import hyperu
+from scipy.special import digamma, hyperu, polygamma
 
 from causal_openlock.contract.learner import InformedLearner, Learner, Truth
 from causal_openlock.experiment.session import Session
@@ -37,7 +46,9 @@ from causal_openlock.world.randomness import unrelated_generators
 FIRST_COPIES = 16
 """Copies of a subject when it is first played; then as many again, twice as many, and so on."""
 MOST_COPIES = 640
-"""Copies of all subjects that are played at once."""
+"""Most copies, of all subjects together, that are played at once."""
+WITHOUT_LAPSES = 2048
+"""The limit of draws where no action is a lapse."""
 TERMS = 100_000
 """Most terms of a sum that are added up one by one."""
 
@@ -48,13 +59,50 @@ class Draws:
 
     Attributes:
         hits: How often each action has to be hit; the variance falls in proportion.
-        most: How many copies of a subject are asked at most.
+        most: How many copies of a subject are asked at most; by default as many as a lapse needs
+            in the mean to do an action.
         seed: Of all copies' random numbers.
     """
 
     hits: int = 1
-    most: int = 256
+    most: int | None = None
     seed: int = 0
+
+    def limit(self, lapse: float, actions: int) -> int:
+        """Return the most copies of a subject that are asked.
+
+        >>> Draws().limit(0.01, 15), Draws(hits=2).limit(0.2, 15), Draws(most=128).limit(0.01, 15)
+        (1500, 150, 128)
+
+        Args:
+            lapse: Share of actions that are taken to be random.
+            actions: Number of actions to choose from.
+        """
+        if self.most is not None:
+            return self.most
+        return self.hits * (ceil(actions / lapse) if lapse else WITHOUT_LAPSES)
+
+
+def largest_bias(draws: float, lapse: float, actions: int) -> float:
+    """Return the most, in nats, by which an estimate is too low in the mean if draws are limited.
+
+    All n draws miss an action of the probability p with exp(-np). The rest of the sum, exp(np)
+    E1(np), is then computed with lapse / actions in the place of p.
+
+    >>> [round(largest_bias(draws, 0.01, 15), 2) for draws in (128, 256, 1500)]
+    [0.74, 0.43, 0.03]
+
+    Args:
+        draws: How many there are, n.
+        lapse: Share of actions that are taken to be random; without any the bias has no bound.
+        actions: Number of actions to choose from.
+    """
+    least = draws * lapse / actions
+    if least == 0:
+        return np.inf
+    expected = least + np.geomspace(1e-3, 50.0, 2000)
+    lost = np.exp(-expected) * (hyperu(1.0, 1.0, least) - hyperu(1.0, 1.0, expected))
+    return float(lost.max())
 
 
 @dataclass(frozen=True)
@@ -135,27 +183,59 @@ class Tally:
         # A lapse hits with its share of one action, and otherwise misses.
         hit = np.where(luck < self._lapse, luck < self._by_lapse, own)[valid]
         ends = np.flatnonzero(hit)[: self._draws.hits - self._hits[place]]
-        settled = len(ends) + self._hits[place] == self._draws.hits
-        used = ends[-1] + 1 if settled and len(ends) else len(hit)
-        for hit_here in hit[:used].tolist():
-            if hit_here:
-                self._hits[place] += 1
-                self._misses[place] = 0
-                continue
-            self._misses[place] += 1
-            self._sum[place] -= 1.0 / self._misses[place]
-            self._variance[place] += 1.0 / self._misses[place] ** 2
+        misses = np.diff(ends, prepend=-1) - 1
+        if len(ends):
+            misses[0] += self._misses[place]
+            self._hits[place] += len(ends)
+            self._sum[place] -= harmonic(misses).sum()
+            self._variance[place] += harmonic_of_squares(misses).sum()
+            self._misses[place] = 0
+        self._misses[place] += len(hit) - (ends[-1] + 1 if len(ends) else 0)
 
-    def estimates(self) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """``[B, T]`` log-probabilities, their variances, and which actions no copy did."""
+    def estimates(self) -> Estimates:
+        """The estimates from the draws so far."""
         unfinished = self.open
         share = self._own / np.maximum(self._asked, 1)
         mixed = (1.0 - self._lapse) * share + self._by_lapse
-        rest = np.zeros(self._sum.shape)
+        total, variance = self._sum.copy(), self._variance.copy()
         for place in zip(*np.nonzero(unfinished), strict=True):
-            rest[place] = expected_rest(int(self._misses[place]), float(mixed[place]))
+            misses = self._misses[place]
+            total[place] -= harmonic(misses) + expected_rest(int(misses), float(mixed[place]))
+            variance[place] += harmonic_of_squares(misses)
         hits = np.maximum(self._hits + unfinished, 1)
-        return (self._sum - rest) / hits, self._variance / hits**2, self._own == 0
+        return Estimates(total / hits, variance / hits**2, self._own == 0, unfinished)
+
+
+class Estimates(NamedTuple):
+    """Estimates of B subjects' actions; beyond a subject's last action they mean nothing.
+
+    Attributes:
+        log_probability: ``[B, T]`` log-probabilities with lapses, in nats.
+        variance: ``[B, T]`` their variances.
+        impossible: ``[B, T]`` which actions no copy did.
+        at_limit: ``[B, T]`` which actions were not hit before the limit of draws.
+    """
+
+    log_probability: FloatArray
+    variance: FloatArray
+    impossible: BoolArray
+    at_limit: BoolArray
+
+
+def harmonic(number: IntArray) -> FloatArray:
+    """1 + 1/2 + ... + 1/n.
+
+    >>> harmonic(np.array([0, 1, 2])).round(6).tolist()
+    [0.0, 1.0, 1.5]
+    """
+    found: FloatArray = digamma(number + 1.0) + np.euler_gamma
+    return found
+
+
+def harmonic_of_squares(number: IntArray) -> FloatArray:
+    """1 + 1/4 + ... + 1/n²."""
+    found: FloatArray = np.maximum(np.pi**2 / 6 - polygamma(1, number + 1.0), 0.0)
+    return found
 
 
 @lru_cache(maxsize=4096)
@@ -191,9 +271,7 @@ def tiled(given: Any, copies: int) -> Any:
     )
 
 
-def by_draws(
-    replays: Replays, draws: Draws, lapse: float, actions: int
-) -> tuple[FloatArray, FloatArray, BoolArray]:
+def by_draws(replays: Replays, draws: Draws, lapse: float, actions: int) -> Estimates:
     """Log-probabilities of what subjects did, by asking copies of a learner.
 
     Args:
@@ -201,14 +279,10 @@ def by_draws(
         draws: How often to ask.
         lapse: The share of a subject's actions that are taken to be random.
         actions: How many actions there are to choose from.
-
-    Returns:
-        ``[B, T]`` log-probabilities with lapses, in nats; their variances; and which actions no
-        copy did. Beyond a subject's last action they mean nothing.
     """
     attempt = replays.starts.cumsum(axis=1)
     tally = Tally(replays.exists, attempt, draws, lapse, actions)
-    for asked, copies in _rounds(draws.most):
+    for asked, copies in _rounds(draws.limit(lapse, actions)):
         left = np.flatnonzero(tally.open.any(axis=1)).tolist()
         together = max(1, MOST_COPIES // copies)
         for first in range(0, len(left), together):
@@ -220,7 +294,7 @@ def _rounds(most: int) -> Iterator[tuple[int, int]]:
     """Number of copies asked before each round, and in the round."""
     asked, copies = 0, FIRST_COPIES
     while asked < most:
-        copies = min(copies, most - asked)
+        copies = min(copies, most - asked, MOST_COPIES)
         yield asked, copies
         asked, copies = asked + copies, asked + copies
 

@@ -26,7 +26,7 @@ PLAYED = "played"
 _COUNTS = ["subject", "trial", "attempt", "action", "action_index"]
 COLUMNS = [
     *("scored", *GROUP, *_COUNTS, "log_probability", "standard_error"),
-    *("entropy", "highest", "impossible", "price", PLAYED, "setting"),
+    *("entropy", "highest", "impossible", "at_limit", "price", PLAYED, "setting"),
 ]
 
 
@@ -41,7 +41,7 @@ def score_schema() -> pa.Schema:
     texts = ["scored", "learner", "condition", "protocol", "experiment", PLAYED, "setting"]
     counts = ["seed", *_COUNTS]
     kinds = {**dict.fromkeys(texts, pa.string()), **dict.fromkeys(counts, pa.int64())}
-    kinds["impossible"] = pa.bool_()
+    kinds |= dict.fromkeys(["impossible", "at_limit"], pa.bool_())
     return pa.schema([(name, kinds.get(name, pa.float64())) for name in COLUMNS])
 
 

@@ -191,7 +191,8 @@ def by_subject(actions: pd.DataFrame) -> pd.DataFrame:
         log-likelihood in nats, and its ``standard_error`` (0 where it is exact); ``bits`` per
         action; ``expected``, the bits per action that it would need for its own actions; ``bic``,
         with the price of parameters that were chosen to fit the subject; ``impossible``, how many
-        actions it would never do; and the digest of what the subject ``played``.
+        actions it would never do; ``at_limit``, for how many draws stopped before a hit; and the
+        digest of what the subject ``played``.
     """
     surprise = actions["log_probability"]
     table = (
@@ -203,6 +204,7 @@ def by_subject(actions: pd.DataFrame) -> pd.DataFrame:
             standard_error=("variance", lambda of_all: float(np.sqrt(of_all.sum()))),
             expected=("entropy", "mean"),
             impossible=("impossible", "sum"),
+            at_limit=("at_limit", "sum"),
             price=("price", "first"),
             played=(PLAYED, "first"),
         )

@@ -241,8 +241,9 @@ def score_actions(
         with lapses, and its ``standard_error`` 0 where it is exact; ``entropy`` is that of the
         learner's own probabilities, in nats; ``highest``, the probability of the action that it
         finds likeliest (both NaN where it gives none); ``impossible``, whether it would never do
-        what was done, but for lapses; ``price``, what the subject's BIC has for parameters (here
-        0). ``played`` is a digest of what the subject did and met, and ``setting`` one of the
+        what was done, but for lapses; ``at_limit``, whether draws stopped before it was hit, so
+        that its estimate is biased; ``price``, what the subject's BIC has for parameters (here 0).
+        ``played`` is a digest of what the subject did and met, and ``setting`` one of the
         learner and its settings.
 
     Raises:
@@ -390,6 +391,7 @@ def _told(
         "entropy": entropy,
         "highest": highest,
         "impossible": own == 0,
+        "at_limit": np.zeros(shape, dtype=bool),
     }
 
 
@@ -415,14 +417,15 @@ def _asked(
         key="/".join([scored.name, *map(str, part.group.values())]),
         numbers=part.numbers,
     )
-    log_probability, variance, impossible = by_draws(replays, draws, lapse, choices)
-    unknown = np.full(variance.shape, np.nan)
+    found = by_draws(replays, draws, lapse, choices)
+    unknown = np.full(exists.shape, np.nan)
     return {
-        "log_probability": log_probability,
-        "standard_error": np.sqrt(variance),
+        "log_probability": found.log_probability,
+        "standard_error": np.sqrt(found.variance),
         "entropy": unknown,
         "highest": unknown,
-        "impossible": impossible,
+        "impossible": found.impossible,
+        "at_limit": found.at_limit,
     }
 
 

@@ -12,7 +12,13 @@ import causal_openlock as ol
 from causal_openlock.experiment.building import make_experiment
 from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.running.runner import run
-from causal_openlock.scoring.inverse_binomial import TERMS, Draws, Tally, expected_rest
+from causal_openlock.scoring.inverse_binomial import (
+    TERMS,
+    Draws,
+    Tally,
+    expected_rest,
+    largest_bias,
+)
 from causal_openlock.scoring.teacher_forcing import score_actions
 from causal_openlock.storage.store import Store
 from causal_openlock.storage.stored import StoredExperiment
@@ -56,7 +62,8 @@ def test_the_estimate_and_its_variance_are_right_in_the_mean(probability: float)
         for subject in np.flatnonzero(tally.open[:, 0]).tolist():
             own = generator.random(64) < probability
             tally.note(subject, 0, own, np.ones(64, bool), generator.random(64))
-    estimates, variances, _ = tally.estimates()
+    estimates, variances, _, at_limit = tally.estimates()
+    assert not at_limit.any()
     error = estimates.std() / np.sqrt(many)
     assert estimates.mean() == pytest.approx(np.log(mixed), abs=4 * error)
     assert variances.mean() == pytest.approx(estimates.var(), rel=0.35)
@@ -66,7 +73,36 @@ def test_what_no_copy_does_is_left_to_lapses() -> None:
     tally = Tally(np.ones((1, 1), bool), np.ones((1, 1)), Draws(), 0.1, 15)
     assert np.isneginf(Tally(np.ones((1, 1), bool), np.ones((1, 1)), Draws(), 0, 15).estimates()[0])
     assert tally.estimates()[0] == pytest.approx(np.log(0.1 / 15))
-    assert tally.estimates()[2].all()
+    assert tally.estimates().impossible.all()
+    assert tally.estimates().at_limit.all()
+
+
+@pytest.mark.parametrize("probability", [0.0, 0.001, 0.003])
+def test_a_limit_makes_no_more_bias_than_is_said_and_the_default_hardly_any(
+    probability: float,
+) -> None:
+    many, lapse = 3000, 0.01
+    exact = np.log((1 - lapse) * probability + lapse / 15)
+
+    def drawn(most: int) -> tuple[float, float, float]:
+        """Mean error, its standard error, and the share of actions at the limit."""
+        tally = Tally(np.ones((many, 1), bool), np.ones((many, 1)), Draws(), lapse, 15)
+        generator = np.random.default_rng(2)
+        for subject in range(many):
+            own, luck = generator.random((2, most))
+            tally.note(subject, 0, own < probability, np.ones(most, bool), luck)
+        found = tally.estimates()
+        off = found.log_probability[:, 0] - exact
+        return off.mean(), off.std() / np.sqrt(many), found.at_limit.mean()
+
+    for most in (256, Draws().limit(lapse, 15)):
+        bias, error, at_limit = drawn(most)
+        assert -largest_bias(most, lapse, 15) - 3 * error < bias < 3 * error
+        expected = (1 - np.exp(exact)) ** most
+        assert at_limit == pytest.approx(expected, abs=4 * np.sqrt(expected / many))
+    assert abs(bias) < 0.035 + 3 * error
+    if probability:
+        assert drawn(256)[0] < -0.3  # the limit of before
 
 
 @pytest.mark.parametrize("misses", [0, 3, 256])

@@ -224,6 +224,18 @@ def test_on_the_command_line(folder: Path, tmp_path: Path) -> None:
     assert len(pd.read_csv(tmp_path / "subjects.csv")) == 2 * 6
 
 
+def test_actions_at_the_limit_of_draws_are_counted(folder: Path, tmp_path: Path) -> None:
+    words = ["score", str(folder), "-l", "posterior_sampling", "--of", "thompson", "--draws", "4"]
+    result = CliRunner().invoke(app, [*words, "--workers", "1", "--out", str(tmp_path)])
+    assert result.exit_code == 0, result.output
+    actions = pq.read_table(tmp_path / "actions.parquet").to_pandas()
+    at_limit = actions["at_limit"].sum()
+    assert 0 < at_limit < len(actions)
+    assert pd.read_csv(tmp_path / "subjects.csv")["at_limit"].sum() == at_limit
+    said = f"of {len(actions):,} actions, {at_limit:,} were not hit before the limit of draws"
+    assert said in " ".join(result.output.split())
+
+
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
