@@ -30,7 +30,8 @@ def distances_from_people(study: Study, units: pd.DataFrame) -> pd.DataFrame:
     """
     trials, like = beside_people(study, units)
     played = trials[trials["learner"].isin(like.points)]
-    table = beside_null_models(like, played, chosen_settings(study.asked.learners))
+    settings = chosen_settings(study.asked.learners)
+    table = beside_null_models(like, played, settings, study.file.fitted)
     effects = like.table[["learner", "shown"]].rename(columns={"shown": "effects"})
     table = table.merge(effects.astype({"effects": "Int64"}), on="learner", how="left")
     far = {name: score(own, "none", target="model").all for name, own in like.points.items()}

@@ -69,7 +69,8 @@ def _marked(svg: str, evidence: Evidence, name: str) -> str:
     """A drawing with the mark of what it was made from, and of itself."""
     file = evidence.study.file
     what = file.derived if name == OF_ALL else file.tables[name].model_dump(exclude=_NOT_DRAWN)
-    made_of = json.dumps([FORM, evidence.run["files"][UNITS], what, svg])  # rows have an order
+    fitted = [file.fitted] if name == OF_ALL and file.fitted else []
+    made_of = json.dumps([FORM, evidence.run["files"][UNITS], what, *fitted, svg])  # rows in order
     return f"{svg}{_MARK}{digest(made_of)} -->\n"
 
 
@@ -252,7 +253,7 @@ def draw_distances(evidence: Evidence, figure: Any) -> None:
     _, like = beside_people(evidence.study, evidence.own_units)
     nearest = next(name for name in like.points if name != PUBLISHED_MODEL)
     points = {name: like.points[name] for name in (nearest, PUBLISHED_MODEL)}
-    draw_points(points, like.effects, figure)
+    draw_points(points, like.effects, figure, evidence.study.file.fitted)
 
 
 # -- both ----------------------------------------------------------------------------------------

@@ -227,6 +227,9 @@ def _run_in_words(evidence: Evidence, run: Mapping[str, Any]) -> str:
         "",
         f"plays {experiment}{predicts}, which takes about {_hours(study.file.hours)} of one core.",
     ]
+    if study.file.fits:
+        fits = ", ".join(f"[{name}]({name})" for name in study.file.fits)
+        lines += [f"Its seed is none of the fit that its parameters come from: {fits}."]
     if networks := study.file.networks:
         files = ", ".join(f"[{label}]({path})" for label, path in networks.files.items())
         lines += [

@@ -41,6 +41,7 @@ from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from causal_openlock.files.digest import digest
 from causal_openlock.files.validation import StrictModel
 from causal_openlock.files.yaml_file import plain, read_document
+from causal_openlock.fitting.kept import seeds_of
 from causal_openlock.fitting.recovery import space_of
 from causal_openlock.wording import joined, nearest
 
@@ -276,6 +277,14 @@ class StudyFile(StrictModel):
         Literal["distances_from_people", "learning_costs", "confusion"] | None,
         Field(description="A table that is computed from all units together."),
     ] = None
+    fits: Annotated[
+        list[str],
+        Field(description="Stored fits (fit.json) that its learners' parameters come from."),
+    ] = Field(default_factory=list)
+    fitted: Annotated[
+        dict[str, Count],
+        Field(description="How many numbers of a learner were fitted to people's fourteen means."),
+    ] = Field(default_factory=dict)
     networks: Networks | None = None
     hours: Annotated[float, Field(gt=0, description="Hours of one core for the whole study.")]
     claims: dict[str, Claim] = Field(default_factory=dict)
@@ -417,7 +426,7 @@ class Study:
         return _digest(played)
 
     def faults(self) -> list[str]:
-        """Faults of claims and tables about learners or conditions that are not played."""
+        """Faults: what is named and not played, and a seed that a stored fit played with."""
         networks = self.file.networks
         learners = {one.name for one in self.asked.learners}
         if networks:
@@ -426,7 +435,17 @@ class Study:
             learners |= {EVERYONE}
         conditions = {one.name for one in self.asked.conditions}
         measures = MEASURED[self.file.measured]
-        found = []
+        found = [
+            f"fitted: {name!r} is not played; {nearest(name, learners)}"
+            for name in self.file.fitted
+            if name not in learners
+        ]
+        found += [
+            f"fits: {name} played with the seed {self.asked.seed} of this study, so its rooms are "
+            "not fresh; choose another seed"
+            for name in self.file.fits
+            if self.asked.seed in seeds_of(self.folder / name)
+        ]
         for place, measure, side in self._sides():
             of = side.condition or []
             names = [of] if isinstance(of, str) else of

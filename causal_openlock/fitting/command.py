@@ -265,6 +265,15 @@ def print_fit(fitted: Fit, found: FittedLearner, console: Terminal) -> None:
         numbers = [one.fitted, one.held_out, one.all]
         apart.add_row(name, *(f"{n:.2f}" if n == n else "" for n in numbers))
     console.print(apart)
+    console.print("\n[bold]Misfit[/bold] of means: does sampling error explain it?", markup=True)
+    misses = plain_table("", "fitted", "held out", "all 14 points")
+    for name, words in found.misfits.items():
+        misses.add_row(name, *words)
+    console.print(misses)
+    console.print_line(
+        "A small p rejects a model. Fitted numbers, here "
+        f"{len(plan.space.searched)}, each take away a degree of freedom."
+    )
     if plan.space.learner == "bayes" and plan.hold_out != "none":
         console.print(
             "The default ranges of bayes were narrowed with the transfer tests in view "

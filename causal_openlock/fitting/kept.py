@@ -74,6 +74,20 @@ def _number(constant: str) -> float:
     return float(constant)
 
 
+SEEDS = 3
+"""Seeds of a fit to means: of the search, of the best candidates, and of what is reported."""
+
+
+def seeds_of(path: Path) -> range:
+    """Return the seeds that a stored fit to means played with.
+
+    Raises:
+        StoreError: If the file is not a fit.
+    """
+    first = kept_fit(path, lambda kept: int(kept["plan"]["seed"]), "make the fit again")
+    return range(first, first + SEEDS)
+
+
 def fit_of(
     path: Path,
     plan: Mapping[str, Any],

@@ -25,7 +25,7 @@ from causal_openlock.paper.likeness import (
     points_of_model,
 )
 from causal_openlock.paper.likeness_figure import draw_points
-from causal_openlock.paper.noise_ceiling import noise_ceiling
+from causal_openlock.paper.noise_ceiling import misfit, noise_ceiling, null_curves
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,8 @@ class FittedLearner:
     kinds: list[Kind]  #: of subjects, with the parameters that differ from the defaults
     score: Score  #: on a seed that nothing was chosen by
     model: Score  #: of the published model, of which nothing was fitted here
-    perfect: Score  #: in means, of a perfect model with as many subjects
+    perfect: Score  #: in means, of a perfect model with as many subjects and fitted numbers
+    misfits: dict[str, list[str]]  #: in means, by model: in words, of what :class:`Score` has
     points: pd.DataFrame  #: means at people's points; held_out: whether it was not fitted to them
     effects: pd.DataFrame  #: that people show, tested; like_people: whether the sign is people's
 
@@ -47,14 +48,23 @@ def fitted_learner(fitted: Fit, trials: pd.DataFrame) -> FittedLearner:
     label = f"{plan.space.learner.rpartition(':')[2]}_fitted"
     points = points_of(trials)
     out = held_out(points, plan.hold_out)
-    aim = towards(points, plan.target)
-    perfect = [noise_ceiling(part).both for part in (aim[~out], aim[out], aim)]
+    aim, number = towards(points, plan.target), len(plan.space.searched)
+    parts = (aim[~out], number), (aim[out], 0), (aim, number)
+    misfits = {label: [misfit(*part).in_words for part in parts]}
+    if plan.target == "people":
+        model, curves = points_of_model(), null_curves()
+        own = (model[~out], model[out], model)
+        misfits[PUBLISHED_MODEL] = [misfit(part).in_words for part in own]
+        # How many of a curve's numbers count in a part of the points is not known.
+        misfits |= {name: ["", "", misfit(curve.points, len(curve.numbers)).in_words]
+                    for name, curve in curves.items()}  # fmt: skip
     return FittedLearner(
         label=label,
         kinds=plan.space.kinds(fitted.best.chosen, plan.final_subjects),
         score=plan.score(points),
         model=plan.score(points_of_model()),
-        perfect=Score(*perfect),
+        perfect=Score(*(noise_ceiling(*part).both for part in parts)),
+        misfits=misfits,
         points=points.assign(learner=label, held_out=out),
         effects=effects_of(points, trials),
     )
@@ -108,6 +118,8 @@ def write_fitted_learner(fitted: Fit, found: FittedLearner, folder: Path | str) 
     figure, own = Figure(), found.points.drop(columns="held_out")
     model = points_of_model()
     points = {found.label: own, PUBLISHED_MODEL: model}
-    draw_points(points, {found.label: found.effects, PUBLISHED_MODEL: effects_of(model)}, figure)
+    effects = {found.label: found.effects, PUBLISHED_MODEL: effects_of(model)}
+    fitted_numbers = {found.label: len(plan.space.searched)} if plan.target == "people" else {}
+    draw_points(points, effects, figure, fitted_numbers)
     style.save(figure, folder / "fit")
     return [*(folder / name for name in texts), folder / "fit.svg", folder / "fit.png"]

@@ -10,12 +10,12 @@ from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.section import Section
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.paper.likeness import distance, points_beside
-from causal_openlock.paper.noise_ceiling import noise_ceiling
+from causal_openlock.paper.noise_ceiling import misfit, noise_ceiling
 from causal_openlock.paper.references import PEOPLE
 from causal_openlock.wording import file_names
 
 _PROSE = Prose(__name__)
-_HEADS = ["learner", "points", "RMSE", "in standard errors", "perfect"]
+_HEADS = ["learner", "points", "RMSE", "in standard errors", "misfit", "perfect"]
 
 
 def section(material: Material, _: Decided) -> Section | None:
@@ -27,11 +27,11 @@ def section(material: Material, _: Decided) -> Section | None:
         if one.reference.name == PEOPLE or points.empty:
             continue
         rows = [
-            (name, len(own), *distance(own), noise_ceiling(own).both)
+            (name, len(own), *distance(own), misfit(own).in_words, noise_ceiling(own).both)
             for name, own in points.groupby("learner")
         ]
         frame = pd.DataFrame(rows, columns=_HEADS).sort_values("RMSE", ignore_index=True)
-        formats = dict.fromkeys(_HEADS[2:], ".2f")
+        formats = dict.fromkeys(("RMSE", "in standard errors", "perfect"), ".2f")
         name, file = one.reference.name, f"distance_from_{files[one.reference.prefix]}"
         tables.append(_PROSE.table("distance", frame, formats, file, of=name))
     return _PROSE.section("distance", tables) if tables else None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from causal_openlock.paper.likeness import (
     points_of_model,
     points_of_people,
 )
-from causal_openlock.paper.noise_ceiling import noise_ceiling
+from causal_openlock.paper.noise_ceiling import misfit, noise_ceiling
 from causal_openlock.paper.references import people_beside
 
 CLEAR = 0.05
@@ -46,7 +47,8 @@ def plot_likeness(
 
     The learners stand in the order of their distance from people, the nearest first. The published
     model stands last, even where it is nearer than they are. Above a panel: that distance (RMSE),
-    that of a perfect model with the same number of subjects, and how many differences between
+    that of a perfect model with the same number of subjects, whether sampling error explains it
+    (:func:`~causal_openlock.paper.noise_ceiling.misfit`), and how many differences between
     conditions or trials go the same way as people's.
 
     >>> import causal_openlock as ol
@@ -77,9 +79,12 @@ def plot_likeness(
 
 
 def draw_points(
-    points: Mapping[str, pd.DataFrame], effects: Mapping[str, pd.DataFrame], ax: Any = None
+    points: Mapping[str, pd.DataFrame],
+    effects: Mapping[str, pd.DataFrame],
+    ax: Any = None,
+    fitted: Mapping[str, int] = MappingProxyType({}),
 ) -> Any:
-    """Draw the panels from points, and from effects that were tested, by name."""
+    """Draw the panels from points, effects that were tested and numbers that were fitted."""
     looks = (("o", 4, _GREY, "people"),
              ("D", 4.5, style.current().common_cause, "on CC4"),
              ("D", 4.5, style.current().common_effect, "on CE4"))  # fmt: skip
@@ -87,8 +92,11 @@ def draw_points(
     with panels(ax, len(points), in_rows(len(points), 2, 2.5)) as at:
         for axes, (name, own) in zip(at.axes, points.items(), strict=True):
             _draw_points_of_one(axes, own)
-            perfect = noise_ceiling(own).both
-            detail = f"RMSE {distance(own)[0]:.2f} (a perfect model {perfect:.2f})\n"
+            number = fitted.get(name, 0)
+            detail = (
+                f"RMSE {distance(own)[0]:.2f} (perfect {noise_ceiling(own, number).both:.2f}), "
+            )
+            detail += f"{misfit(own, number).in_words}\n"
             detail += with_peoples_sign(effects[name])
             style.panel_title(axes, name, detail)
             axes.set_ylim(0, 1.2 * highest)  # all panels have the same scale

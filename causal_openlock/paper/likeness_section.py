@@ -26,6 +26,7 @@ from causal_openlock.paper.likeness_figure import MOST_TOGETHER, plot_likeness
 from causal_openlock.paper.noise_ceiling import (
     beside_null_models,
     chosen_settings,
+    misfit,
     noise_ceiling,
     null_curves,
 )
@@ -54,6 +55,7 @@ def section(material: Material, _: Decided) -> Section | None:
         "published": table[published].iloc[0],
         "perfect": ceiling.people,
     }
+    nearest["misfit"] = misfit(like.points[nearest["nearest"]["learner"]])
     return _PROSE.section(
         "human_likeness",
         [
@@ -86,6 +88,7 @@ _TESTED = ["learner", "effect", "difference", "t", "df", "p"]
 _HEADS = {
     "learner": "learner",
     "rmse": "RMSE",
+    "misfit": "misfit",
     "ceiling": "perfect",
     "difference": "difference",
     "low": "low",
@@ -94,11 +97,15 @@ _HEADS = {
     "settings": "settings",
     "spreads": "spreads",
     "all": "training, all",
+    "misfit_all": "misfit, all",
     "first": "training, first",
+    "misfit_first": "misfit, first",
     "second": "training, second",
+    "misfit_second": "misfit, second",
 }
+_IN_ATTEMPTS = ("rmse", "all", "first", "second")
 _FORMATS: Mapping[str, str] = {
-    **{head: ".2f" for head in _HEADS.values() if head not in ("learner", "verdict", "settings")},
+    **{_HEADS[name]: ".2f" for name in (*_IN_ATTEMPTS, "ceiling", "spreads")},
     **{"difference": "+.2f", "low": "+.2f", "high": "+.2f", "t": ".2f", "p": ".3f"},
 }
 

@@ -5,6 +5,11 @@ is compared with three others:
 
 * The *noise ceiling*: how far a perfect model would be, because people's means are off by their
   standard errors. A learner's own means are off as well, the more so the fewer its subjects are.
+  Numbers that were fitted to the means follow people's error: each takes away one point's share.
+* The *misfit*, which asks whether people's sampling error and the model's own suffice to explain
+  the distance. Attempts do not say so: a model may be near where means are uncertain and
+  many standard errors off where they are known well. So each squared deviation is divided by its
+  variance, and the sum is compared with χ².
 * *Null curves*: three or four numbers fitted to the same fourteen means. Attempts fall
   exponentially with the number of rooms that were played before:
   ``last + gain · exp(-rooms / rate)``; the fourth number is added in common effect rooms and, once
@@ -65,7 +70,59 @@ class Ceiling(NamedTuple):
     both: float
 
 
-def noise_ceiling(points: pd.DataFrame) -> Ceiling:
+class Misfit(NamedTuple):
+    """How well sampling error explains a distance from people.
+
+    Attributes:
+        chi2: Sum of squared deviations, each divided by the sum of the squared standard errors of
+            the two means.
+        df: Number of points, less that of fitted numbers times people's share in the variances: the
+            learner's own error is new in what it plays later, and no number was fitted to it.
+        p: Probability of a sum as large or larger for a perfect model; NaN without points.
+    """
+
+    chi2: float
+    df: float
+    p: float
+
+    @property
+    def in_words(self) -> str:
+        """The sum, its degrees of freedom and p; empty without points.
+
+        >>> Misfit(32.49, 14, 0.0034).in_words
+        'χ²(14) = 32.5, p = .003'
+        """
+        if self.df <= 0:
+            return ""
+        p = "p < .001" if self.p < 0.001 else f"p = {self.p:.3f}".replace("0.", ".", 1)
+        return f"χ²({self.df:.3g}) = {self.chi2:,.1f}, {p}"
+
+
+def misfit(points: pd.DataFrame, fitted: int = 0) -> Misfit:
+    """Test whether sampling error explains a model's distance from people's means.
+
+    >>> from causal_openlock.paper.likeness import points_of_model
+    >>> misfit(points_of_model()).in_words
+    'χ²(14) = 62.3, p < .001'
+
+    Trials are treated as independent, as in :func:`noise_ceiling`.
+
+    Args:
+        points: As for :func:`noise_ceiling`.
+        fitted: Numbers that were fitted to these means.
+    """
+    from scipy.stats import chi2
+
+    if points.empty:
+        return Misfit(float("nan"), 0.0, float("nan"))
+    off = (points["mean"] - points["people_mean"]).to_numpy(float)
+    theirs, own = _error(points, "people_") ** 2, _error(points) ** 2
+    size = float((off**2 / (theirs + own)).sum())
+    freedom = len(points) - fitted * float((theirs / (theirs + own)).mean())
+    return Misfit(size, freedom, float(chi2.sf(size, freedom)))
+
+
+def noise_ceiling(points: pd.DataFrame, fitted: int = 0) -> Ceiling:
     """Distance of a perfect model from people's means.
 
     >>> from causal_openlock.paper.likeness import points_of_model
@@ -74,15 +131,19 @@ def noise_ceiling(points: pd.DataFrame) -> Ceiling:
     '1.21, with 40 subjects of its own 1.34'
 
     The interval treats trials as independent; how one person's trials vary together is not known.
+    With fitted numbers k of N points, all squares of people's part are (N - k)/N times as large,
+    which is exact where errors are alike and the model is linear in these numbers.
 
     Args:
         points: Of one learner, from
             :func:`~causal_openlock.paper.likeness.points_of`; all is NaN
             without points.
+        fitted: Numbers that were fitted to these means.
     """
     if points.empty:
         return Ceiling(*[float("nan")] * 5)
-    theirs, own = _error(points, "people_"), _error(points)
+    left = np.sqrt(max(1 - fitted / len(points), 0))
+    theirs, own = left * _error(points, "people_"), _error(points)
     drawn = np.random.default_rng(SEED).normal(0.0, theirs, (RESAMPLES, len(points)))
     low, high = np.quantile(np.sqrt((drawn**2).mean(axis=1)), _TAILS)
     people, learner = float((theirs**2).mean()), float((own**2).mean())
@@ -94,9 +155,9 @@ _TAILS = [(1 - LEVEL) / 2, (1 + LEVEL) / 2]
 
 
 def _error(points: pd.DataFrame, whose: str = "") -> FloatArray:
-    """``[N]`` standard errors with n − 1 in the denominator; error bars have n."""
+    """``[N]`` standard errors with n − 1 in the denominator; error bars have n. Curves have 0."""
     number = points[f"{whose}subjects"].to_numpy(float)
-    found: FloatArray = points[f"{whose}se"].to_numpy(float) * np.sqrt(
+    found: FloatArray = points[f"{whose}se"].fillna(0.0).to_numpy(float) * np.sqrt(
         number / np.maximum(number - 1, 1)
     )
     return found
@@ -225,7 +286,10 @@ def chosen_settings(learners: Iterable[LearnerSpec]) -> dict[str, int]:
 
 
 def beside_null_models(
-    like: Likeness, trials: pd.DataFrame, settings: Mapping[str, int]
+    like: Likeness,
+    trials: pd.DataFrame,
+    settings: Mapping[str, int],
+    fitted: Mapping[str, int] | None = None,
 ) -> pd.DataFrame:
     """Distances from people, next to the noise ceiling and null models.
 
@@ -234,15 +298,18 @@ def beside_null_models(
             :func:`~causal_openlock.paper.likeness.likeness`.
         trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
         settings: How many settings were chosen, of those learners of which it is known.
+        fitted: How many numbers were fitted to these means, of learners of which any were.
 
     Returns:
         A row for each learner, the published models, the null curves and a perfect model, the
-        nearest first. All are in attempts, and NaN where there is nothing to compare: ``learner``,
-        ``rmse`` over all points, ``baselines``, ``tests``, ``ceiling`` (of a perfect model with as
-        many subjects), ``spreads``, ``settings`` (a number), ``all``, ``first`` and ``second`` (in
-        training in three-lever rooms), and ``difference``, ``low``, ``high`` and ``verdict``,
-        against the nearest learner.
+        nearest first. Distances are in attempts, each followed by its :class:`Misfit` in words
+        (``misfit``, ``misfit_baselines``, ...), and missing where there is nothing to compare:
+        ``learner``, ``rmse`` over all points, ``baselines``, ``tests``, ``all``, ``first`` and
+        ``second`` (in training in three-lever rooms). Then ``ceiling`` (of a perfect model with as
+        many subjects and fitted numbers), ``spreads``, ``settings`` (a number), and ``difference``,
+        ``low``, ``high`` and ``verdict``, against the nearest learner.
     """
+    fitted = {**(fitted or {}), **{name: len(start) for name, start in NULL_CURVES.items()}}
     rng = np.random.default_rng(SEED)
     played = {str(name): own for name, own in trials.groupby("learner", observed=True)}
     drawn = {name: drawn_means(own, played.get(name), rng) for name, own in like.points.items()}
@@ -250,38 +317,59 @@ def beside_null_models(
     beside = like.points[nearest], drawn[nearest]
     rows = []
     for name, points in like.points.items():
-        row = _row(name, points, training_points_of(played[name]) if name in played else None)
-        row |= {"ceiling": noise_ceiling(points).both, "spreads": spread_distance(points),
-                "settings": settings.get(name)}  # fmt: skip
+        trained = training_points_of(played[name]) if name in played else None
+        row = _row(name, points, trained, fitted.get(name, 0))
+        row |= {"spreads": spread_distance(points), "settings": settings.get(name)}
         if name != nearest:
             found = rmse_difference((points, beside[0]), (drawn[name], beside[1]), rng)
             row |= dict(zip(("difference", "low", "high", "verdict"), found, strict=True))
         rows.append(row)
     for name, curve in null_curves().items():
-        rows.append(_row(name, curve.points) | {"settings": len(curve.numbers)})
+        number = len(curve.numbers)
+        rows.append(_row(name, curve.points, None, number) | {"settings": number})
     rows.append(_row(TRAINING_MODEL, None, training_points_of_model()))
     # A perfect model deviates by people's standard errors alone.
     perfect, trained = (
         own.assign(mean=own["people_mean"] + _error(own, "people_"))
         for own in (points_of_people(), training_points_of_model())
     )
-    rows.append(_row(PERFECT, perfect, trained))
-    table = pd.DataFrame(rows).sort_values("rmse", kind="stable", ignore_index=True)
+    rows.append({**_row(PERFECT, perfect, trained), **dict.fromkeys([*_MISFITS, "ceiling"])})
+    table = pd.DataFrame(rows, columns=["learner", *_DISTANCES, *_OTHERS])
+    table = table.sort_values("rmse", kind="stable", ignore_index=True)
     return table.astype({"settings": "Int64"})
 
 
+_PARTS = ("rmse", "baselines", "tests", "all", "first", "second")
+_MISFITS = ["misfit", *(f"misfit_{part}" for part in _PARTS[1:])]
+_DISTANCES = [one for both in zip(_PARTS, _MISFITS, strict=True) for one in both]
+_OTHERS = ["ceiling", "spreads", "settings", "difference", "low", "high", "verdict"]
+
+
 def _row(
-    name: str, points: pd.DataFrame | None, training: pd.DataFrame | None = None
+    name: str,
+    points: pd.DataFrame | None,
+    training: pd.DataFrame | None = None,
+    fitted: int = 0,
 ) -> dict[str, object]:
-    """Distances over all points and parts of them; of training by solution."""
+    """Distances over all points and parts of them, and of training by solution; the ceiling.
+
+    How many of the fitted numbers count in a part of the points is not known: no misfit is given.
+    """
     row: dict[str, object] = {"learner": name}
+    parts: dict[str, pd.DataFrame] = {}
     if points is not None:
         test = points["phase"] == "test"
+        row["ceiling"] = noise_ceiling(points, fitted).both
         parts = {"rmse": points, "baselines": points[~test], "tests": points[test]}
-        row |= {part: distance(own)[0] for part, own in parts.items()}
     if training is not None:
-        row |= {
-            str(solution): distance(own)[0]
-            for solution, own in training.groupby("solution", sort=False)
-        }
+        parts |= {str(name): own for name, own in training.groupby("solution", sort=False)}
+    for place, misfit_name in zip(_PARTS, _MISFITS, strict=True):
+        if place not in parts:
+            continue
+        own = parts[place]
+        row[place] = distance(own)[0]
+        if place == "rmse":
+            row[misfit_name] = misfit(own, fitted).in_words
+        elif not (fitted and place in ("baselines", "tests")):
+            row[misfit_name] = misfit(own).in_words
     return row

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from causal_openlock.evidence.checking import check
-from causal_openlock.evidence.study import FILE, read_study
+from causal_openlock.evidence.study import FILE, Selection, Study, read_study
+from causal_openlock.experiment.experiment import LearnerSpec
+from causal_openlock.fitting.kept import kept_fit, seeds_of
 
 pytestmark = pytest.mark.slow
 
@@ -22,6 +25,59 @@ def test_all_that_is_written_follows_from_what_is_stored() -> None:
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
 def test_its_claims_are_about_what_it_plays(folder: Path) -> None:
     assert not read_study(folder).faults()
+
+
+FITS = [folder / name for folder in FOLDERS for name in read_study(folder).file.fits]
+MEANS = {"people", "published_model"}
+"""Published means, which learners were fitted to."""
+
+
+def found_by(fit: Path) -> tuple[str, dict[str, float]]:
+    """The learner of a stored fit, and the values that it found."""
+
+    def best(kept: dict[str, Any]) -> tuple[str, dict[str, float]]:
+        number = min(kept["again"], key=kept["again"].__getitem__)
+        return kept["plan"]["space"]["learner"], kept["done"][int(number)]["chosen"]
+
+    return kept_fit(fit, best)
+
+
+def is_result(spec: LearnerSpec, fit: Path) -> bool:
+    """Whether a learner plays with what a fit found, rounded."""
+    learner, chosen = found_by(fit)
+    if spec.learner != learner:
+        return False
+    return {name: spec.parameters[name] for name in chosen} == pytest.approx(chosen, rel=0.02)
+
+
+def compared_with_means(study: Study) -> list[LearnerSpec]:
+    """The learners of which a study says how far they are from published means."""
+    contrasts = [one for claim in study.file.claims.values() for one in claim.contrasts.values()]
+    names = {
+        one.of.learner
+        for one in contrasts
+        if isinstance(one.minus, Selection) and one.minus.learner in MEANS
+    }
+    every = study.file.derived == "distances_from_people"
+    return [one for one in study.asked.learners if every or one.name in names]
+
+
+@pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
+def test_what_was_fitted_is_not_compared_with_people_in_the_rooms_of_its_fit(
+    folder: Path,
+) -> None:
+    study = read_study(folder)
+    for spec in compared_with_means(study):
+        for fit in FITS:
+            assert not (is_result(spec, fit) and study.asked.seed in seeds_of(fit)), spec.name
+
+
+def test_stored_fits_found_what_is_played() -> None:
+    fits = {fit.parent.name: fit for fit in FITS}
+    assert set(fits) == {"likeness", "rivals"}
+    for study, name in (("rivals", "theory_based"), ("likeness", "fitted_to_baselines")):
+        learners = {one.name: one for one in read_study(ROOT / study).asked.learners}
+        assert is_result(learners[name], fits[study])
 
 
 def test_pages_of_results_are_bound_to_studies() -> None:

@@ -22,6 +22,7 @@ from causal_openlock.evidence.running import run_study
 from causal_openlock.evidence.study import Selection, read_studies, read_study
 from causal_openlock.evidence.study_files import read_run, read_units
 from causal_openlock.evidence.units import selected
+from causal_openlock.fitting.kept import keep_fit
 from support.places import ROOT
 
 pytestmark = pytest.mark.slow
@@ -471,6 +472,21 @@ def test_a_study_file_with_a_mistake_names_the_line(root: Path) -> None:
     study.write_text(STUDY.replace("expected: less", "expected: fewer"))
     with pytest.raises(FileError, match=r"study.yaml:10"):
         read_study(root / "small")
+
+
+def test_a_study_in_the_rooms_of_a_fit_is_refused(root: Path) -> None:
+    folder = root / "small"
+    keep_fit(folder / "fit.json", {"seed": 7})
+    (folder / "study.yaml").write_text(f"{STUDY}fits: [fit.json]\nfitted: {{orcle: 1}}\n")
+    for seed, fresh in ((6, True), (7, False), (9, False), (10, True)):
+        declared = f"{EXPERIMENT}learners: [oracle, random]\nseed: {seed}\n"
+        (folder / "experiment.yaml").write_text(declared)
+        wrong, *same = read_study(folder).faults()
+        assert wrong.startswith("fitted: 'orcle' is not played; did you mean oracle?")
+        assert bool(same) != fresh
+        assert all(f"fit.json played with the seed {seed} of this study" in one for one in same)
+    (folder / "fit.json").write_text((folder / "fit.json").read_text().replace("7", "8"))
+    assert any("this is not a fit" in fault for fault in check(root))
 
 
 def test_no_folder_is_told_apart_from_one_without_studies(root: Path) -> None:

@@ -486,6 +486,8 @@ def test_the_command_fits_and_says_what_it_found(tmp_path, monkeypatch, capsys):
         "perfect model",
         "curve of 4 numbers",
         "0.68",
+        "χ²(10) = 5.7, p = .843",
+        "Fitted numbers, here 1, each take away a degree of freedom.",
         "congruency, CE4",
         "lapse:",
         "experiment.yaml",

@@ -29,6 +29,7 @@ from causal_openlock.paper.noise_ceiling import (
     beside_null_models,
     chosen_settings,
     drawn_means,
+    misfit,
     noise_ceiling,
     null_curves,
     rmse_difference,
@@ -139,6 +140,40 @@ def test_the_noise_ceiling_is_what_simulated_people_come_to():
     assert found.both == pytest.approx(np.sqrt(2) * found.people)
 
 
+@pytest.mark.parametrize(("fitted", "subjects"), [(0, 40), (4, 40), (4, 4000)])
+def test_ceiling_and_misfit_are_those_of_simulated_perfect_models(fitted: int, subjects: int):
+    """True means in all but some directions, in which numbers were fitted to what was measured."""
+    rng = np.random.default_rng(3)
+    points = points_of_people().assign(mean=0.0, people_mean=0.0, people_se=1.0)
+    points = points.assign(subjects=subjects, se=np.sqrt(40 / subjects))  # differ like people
+    errors = [np.sqrt(40 / 39), np.sqrt(40 / (subjects - 1))]
+    directions = np.linalg.qr(rng.normal(size=(14, 14)))[0][:, :fitted]
+    squares, sums, rejected = [], [], []
+    for _ in range(800):
+        people, luck = rng.normal(0.0, errors, (14, 2)).T
+        own = points.assign(people_mean=people, mean=directions @ (directions.T @ people) + luck)
+        found = misfit(own, fitted)
+        squares.append(distance(own)[0] ** 2)
+        sums.append(found.chi2)
+        rejected.append(found.p < 0.05)
+    ceiling = noise_ceiling(points, fitted).both
+    assert np.sqrt(np.mean(squares)) == pytest.approx(ceiling, rel=0.02)
+    assert np.mean(sums) == pytest.approx(found.df, rel=0.03)
+    assert 0.03 < np.mean(rejected) < 0.07
+
+
+def test_a_misfit_in_one_well_known_mean_is_seen_where_the_distance_looks_perfect():
+    points = points_of_people().assign(se=0.0)
+    best_known = points["people_se"].idxmin()
+    off = points["people_mean"] + 4.0 * (points.index == best_known)
+    found = misfit(points.assign(mean=off))
+    assert distance(points.assign(mean=off))[0] < noise_ceiling(points).people
+    assert found.df == 14
+    assert found.p < 1e-6
+    assert np.isnan(misfit(points[:0]).p)
+    assert misfit(points[:0]).in_words == ""
+
+
 def test_null_curves_come_to_what_is_reported_of_them():
     curves = null_curves()
     assert list(curves) == list(NULL_CURVES)
@@ -226,7 +261,7 @@ def test_every_distance_stands_beside_what_it_is_worth():
                         training().assign(learner="near")], ignore_index=True)  # fmt: skip
     like = likeness(trials, people().beside(None), ["near", "far"])
     assert like is not None
-    found = beside_null_models(like, trials, {"near": 6}).set_index("learner")
+    found = beside_null_models(like, trials, {"near": 6}, {"near": 4}).set_index("learner")
     assert set(NULL_CURVES) < set(found.index)
     assert found["rmse"].dropna().is_monotonic_increasing
     assert found.loc["near", "settings"] == 6
@@ -238,7 +273,14 @@ def test_every_distance_stands_beside_what_it_is_worth():
     assert (found.loc["far", "verdict"], found.loc["far", "difference"]) == (
         "farther", pytest.approx(5.0))  # fmt: skip
     assert found.loc[PERFECT, "rmse"] == pytest.approx(1.206, abs=0.0005)
-    assert found.loc["near", "ceiling"] > 1.206
+    assert found.loc["near", "misfit"] == misfit(like.points["near"], 4).in_words
+    assert found.loc["near", "ceiling"] == noise_ceiling(like.points["near"], 4).both
+    assert found.loc["far", "misfit"] == misfit(like.points["far"]).in_words
+    assert found.loc["far", "misfit"].startswith("χ²(14) = ")
+    assert found.loc["near", "misfit_all"].startswith("χ²(12) = ")
+    curve = found.loc["curve of 4 numbers"]
+    assert curve["misfit"] == "χ²(10) = 5.7, p = .843"
+    assert curve["ceiling"] == pytest.approx(1.206 * np.sqrt(10 / 14), abs=0.001)
 
 
 def test_settings_are_those_that_differ_from_the_defaults():
