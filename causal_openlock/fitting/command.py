@@ -269,7 +269,7 @@ def print_fit(fitted: Fit, found: FittedLearner, console: Terminal) -> None:
     misses = plain_table("", "fitted", "held out", "all 14 points")
     for name, words in found.misfits.items():
         misses.add_row(name, *words)
-    console.print(misses)
+    console.print_whole(misses)
     console.print_line(
         "A small p rejects a model. Fitted numbers, here "
         f"{len(plan.space.searched)}, each take away a degree of freedom."
