@@ -145,7 +145,7 @@ def test_whether_the_asymmetry_is_less_pronounced_in_the_model_depends_on_the_sc
 def test_the_same_state_and_action_can_be_rewarded_differently(
     learner: str, reward: str, differs: bool
 ) -> None:
-    """In replay buffers of subjects that repeat a solution, as the paper says of unique solutions."""
+    """In replay buffers of subjects that repeat a solution."""
     share = [conflicting(rings) for rings in replays(learner, reward)]
     assert (max(share) > 0) == differs
 
