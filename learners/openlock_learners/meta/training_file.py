@@ -27,7 +27,7 @@ class RandomSchemas(StrictModel):
 
     number: Count
     levers: Annotated[list[Annotated[int, Field(ge=2, le=7)]], Field(min_length=1)]
-    seed: Annotated[int | None, Field(ge=0, description="null: that of the training.")] = 0
+    seed: Annotated[int | None, Field(ge=0, description="By default that of the training.")] = None
     weight: Annotated[float, Field(gt=0, description="Weight of all of them together.")] = 1.0
     excluded: Annotated[
         list[str], Field(description="Schemas; none of them behaves as one of these.")
