@@ -163,6 +163,24 @@ def test_a_value_ends_with_the_attempt_or_reaches_over_it() -> None:
         assert np.array_equal(third, start) == over_attempts
 
 
+@pytest.mark.parametrize(("reward", "differs"), [("unique_solutions", True), ("basic", False)])
+def test_in_the_memory_a_repeated_solution_has_two_rewards_if_solutions_are_paid_once(
+    reward: str, differs: bool
+) -> None:
+    session = Session(one_room(), HUMAN, 1, reward=reward)
+    learner = DDQN()
+    learner.begin(session.brief)
+    solution = session.truth.rooms[0].action_of(CC3.solutions[0])
+    play(learner, session, solution * 3)
+    before, action, after, rewards, _ = learner._replay.rings[:, 0, :9].tolist()
+    paid: dict[Any, list[float]] = {}
+    for key, value in zip(zip(before, action, after, strict=True), rewards, strict=True):
+        paid.setdefault(key, []).append(value)
+    twice = [values for values in paid.values() if len(set(values)) > 1]
+    assert twice == ([[10, 0, 0], [50, 0, 0]] if differs else [])
+    assert len(paid) == 3
+
+
 def test_epsilon_shrinks_with_every_action_and_returns_after_each_trial() -> None:
     session = Session(one_room(), replace(HUMAN, attempt_limit=4, baseline_loops=3), 2)
     learner = DDQN(DDQNParameters(batch_size=2000))
