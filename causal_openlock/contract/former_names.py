@@ -3,7 +3,7 @@
 Until 0.2 their package was called ``learners``, a name that many projects give to a package of
 their own. Experiment files and results with the old names are still read: each name is translated
 here where it is read. Nothing is installed under the old name. A parameter that a learner was
-given since is no part of identities while it has the value that stands for before.
+given since is left out of identities while it has the value that stands for before.
 
 >>> present_name("learners.bayes:Bayes")
 'openlock_learners.bayes:Bayes'

@@ -134,7 +134,7 @@ class Evidence:
 
     @cached_property
     def decides_at(self) -> Mapping[tuple[str, str], int | None]:
-        """By claim and contrast, the least number of units that can decide it, if it is known."""
+        """The least number of units that can decide each contrast, where it is known."""
         numbers = {}
         for name, claim in self.study.file.claims.items():
             for part, contrast in claim.contrasts.items():

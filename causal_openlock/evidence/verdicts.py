@@ -111,7 +111,7 @@ def mean_of(found: Selected, times: float = 1.0) -> Estimate:
 
     Args:
         found: The units.
-        times: The intervals are those of so many times as many units that differ as much.
+        times: How many times more units the intervals are of, which differ as much as these.
 
     >>> low, high = mean_of(Selected(np.array([3.0, 4, 5, 4]), least=3, most=5)).interval
     >>> round(low, 2), round(high, 2)

@@ -46,5 +46,5 @@ def test_matched_schemas_have_the_shape_of_the_tests_and_act_otherwise() -> None
     assert set(forms) == {TESTED, TRAINED}
     assert not papers & set.union(*forms.values())
     assert f"has `{len(schemas)}` whose consoles look like those of the tests" in TEXT
-    assert f"(`{len(forms[TESTED])}` distinct behaviours)" in TEXT
+    assert f"(`{len(forms[TESTED])}` distinct behaviours in the draw of seed `0`)" in TEXT
     assert f"three levers and two (`{len(forms[TRAINED])}`)" in TEXT
