@@ -187,4 +187,6 @@ def _limit(rows: pd.DataFrame, units: pd.DataFrame) -> float:
     """The most attempts that a trial can have; of an unknown protocol, that a unit needed."""
     names = set(rows["protocol"].astype(str))
     known = [PROTOCOLS[name].attempt_limit for name in names if name in PROTOCOLS]
-    return float(max(known) if len(known) == len(names) else units["attempts"].max())
+    if len(known) == len(names):
+        return float(max(known))
+    return float(units.loc[units["protocol"].isin(names), "attempts"].max())
