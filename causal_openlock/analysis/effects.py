@@ -188,7 +188,7 @@ def weighted_difference(groups: Sequence[Group], pooled: bool = False) -> Differ
     if not groups:
         return Difference(math.nan, math.nan, math.nan, math.nan)
     weight, size, mean, variance = np.array(groups, float).T
-    value = float(weight @ mean) + 0.0
+    value = math.fsum(weight * mean)  # what is equal has no difference of the last digits
     if size.min() < 2:
         return Difference(value, math.nan, math.nan, math.nan)
     freedom = size.sum() - len(size)

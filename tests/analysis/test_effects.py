@@ -93,6 +93,13 @@ def test_where_nobody_differs_there_is_no_interval_and_p_is_that_of_equal_signs(
 # -- power ----------------------------------------------------------------------------------------
 
 
+def test_equal_groups_have_no_difference_of_the_last_digits() -> None:
+    for size in range(1, 30):
+        groups = [Group.of(1 / size, np.full(3, 30.1)) for _ in range(size)]
+        others = [Group.of(-1 / size, np.full(3, 30.1)) for _ in range(size)]
+        assert weighted_difference([*groups, *others])[::3] == (0.0, 1.0)
+
+
 def test_power_of_t_is_how_often_it_finds_the_effect() -> None:
     rng = np.random.default_rng(2)
     one, other = rng.normal(0.6, 1, (6000, 20)), rng.normal(0, 1, (6000, 20))

@@ -196,9 +196,14 @@ def test_trials_that_a_reference_did_not_solve_are_marked(played: Path, tmp_path
     ol.compare("CC4", ["random"], subjects=2, workers=0, seed=5, out=tmp_path / "slow")
     results = ol.open_results(played, reference=tmp_path / "slow")
     (table,) = leaderboard_tables(results.leaderboard)
-    at = table.columns.index("to_slow")
-    # It played one of three conditions: a mean beside those of all three would mislead.
+    # It played one of three conditions: a mean or a difference next to those of all three would
+    # mislead.
     assert table.rows["slow"][0] == ("–", "")
+    assert "to_slow" not in table.columns
+    ol.compare("CC4", ["oracle", "random"], subjects=3, workers=0, out=tmp_path / "played")
+    alone = ol.open_results(tmp_path / "played", reference=tmp_path / "slow")
+    (table,) = leaderboard_tables(alone.leaderboard)
+    at = table.columns.index("to_slow")
     assert table.rows["oracle"][at][0] == "≤ −27.00"
     assert table.rows["random"][at][0].endswith("*")
     (shown,) = results.by_condition
@@ -275,7 +280,7 @@ def test_what_is_no_reference_is_said_before_anything_is_played(tmp_path: Path) 
 
 
 def test_a_single_person_has_no_interval_and_harms_nothing(played: Path, tmp_path: Path) -> None:
-    ol.compare("CC4", ["win_stay"], subjects=1, workers=0, out=tmp_path / "one")
+    ol.compare(CONDITIONS, ["win_stay"], subjects=1, workers=0, out=tmp_path / "one")
     results = ol.open_results(played, reference=tmp_path / "one")
     row = results.leaderboard.set_index("learner").loc["random"]
     assert row["to_one"] == row["to_one"]

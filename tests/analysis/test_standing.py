@@ -187,3 +187,48 @@ def test_nobody_is_the_best_where_nothing_is_solved(played: Material) -> None:
     assert table["learner"].tolist() == ["a", "b"]
     (shown,) = leaderboard_tables(table)
     assert not any("more than" in head for head in shown.heads)
+
+
+def test_the_answer_is_over_the_same_conditions_and_names_who_lacks_some() -> None:
+    told = spec("told", recorded=Origin("made_up:Told", "made-up 1.0", informed=True))
+    four = ("CC4", "CE4", "CC3-CC4", "CE3-CC4")
+    rows = [
+        *play("told", same(3), 20),
+        *play("whole", same(6), 20, four),
+        *play("even", same(6), 20, four),
+        *play("easy", same(4), 20, ("CC4",)),
+        *play("other", same(4), 20, (*four[:3], "CE3-CE4")),
+    ]
+    learners = (told, *map(spec, ("whole", "even", "easy", "other", "never_played")))
+    names = tuple(one.name for one in learners)
+    held = material(rows, names, experiment=experiment_of(table(rows), learners=learners))
+    ranked = leaderboard(held)
+    (first, *_) = answers(ranked, decisions_of(held, all_topics()))["human"]
+    assert first.startswith(
+        "Of the learners that are given neither the schema nor the room, whole (6.00) and even "
+        "(6.00) need the fewest attempts on average over 4 conditions (not ranked, as they did not "
+        "play the same ones: easy, other and never_played), and do not differ significantly. whole "
+        "needs "
+    )
+    shown = ranked.set_index("learner")
+    assert shown.loc["whole", "best"] == "whole"
+    assert shown.loc["easy", "to_best"] == -2  # in the condition that it played
+    assert np.isnan(shown.loc["other", "to_best"])
+    assert shown.loc["never_played", "conditions"] == 0
+    people = shown.loc["people", "attempts"]
+    assert np.isclose(shown.loc["told", "to_people"], 3 - people)  # the only one with all six
+
+
+def test_a_difference_is_over_the_conditions_of_its_row_or_there_is_none() -> None:
+    rows = play("a", same(5), 20, ("CC4", "mine"))
+    held = material(rows, ("a",))
+    ranked = leaderboard(held)
+    row = ranked.set_index("learner").loc["a"]
+    assert row["conditions"] == 2
+    assert np.isnan(row["to_people"])
+    (first,) = answers(ranked, decisions_of(held, all_topics()))["human"]
+    assert first == (
+        "a is the only learner that is given neither the schema nor the room and solves a trial; "
+        "it needs 5.00 attempts on average. Not compared with people: not all of these conditions "
+        "are known there."
+    )

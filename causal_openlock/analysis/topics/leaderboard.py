@@ -84,7 +84,7 @@ def leaderboard(results: Material) -> pd.DataFrame:
     Returns:
         ``learner``; whether it is a ``reference``, such as people, of which the row has what is
         known; whether it is ``informed``: given the schema or the room, and so no competitor
-        either; ``protocol``, ``conditions`` (how many; 0 where the learner is not applicable, and
+        either; ``protocol``, ``conditions`` (how many; 0 where the learner has played none, and
         numbers are then NaN), ``subjects`` (the fewest in one);
         ``limit``, the most attempts that a trial may have; ``before``, the attempts of training
         before the experiment, such as meta-training; ``solved``, the share of trials;
@@ -96,7 +96,8 @@ def leaderboard(results: Material) -> pd.DataFrame:
         attempts more than these the learner needs, each with the ends of its 95% interval,
         ``_low`` and ``_high``; NaN if nobody differs
         (:func:`~causal_openlock.analysis.effects.weighted_difference`); and ``to_people_p``, the p
-        of the difference from a reference as if it were the only test.
+        of the difference from a reference as if it were the only test. All numbers of a row are
+        over its own conditions: a difference is NaN where the other one lacks one of them.
     """
     tables = [
         _rows(results, protocol)
@@ -128,6 +129,7 @@ def _rows(results: Material, protocol: str) -> list[dict[str, Any]]:
     limit = limits.get(protocol, int(trials["last_attempt"].max()))
     ends = _ends(results, protocol, limit)
     best = best_learner(results, held)
+    of_best = {} if best is None else held[best]
     headline = results.headline[results.headline["protocol"] == protocol]
     informed = _informed(results)
     before = results.trained_before
@@ -154,14 +156,14 @@ def _rows(results: Material, protocol: str) -> list[dict[str, Any]]:
                 else np.nan,
                 "attempts": np.mean([*attempts.values()]) if whole else np.nan,
                 "score": _score(attempts, ends) if whole else np.nan,
-                **_gap("to_best", _against(known, held[best]) if best else _NONE),
+                **_gap("to_best", _against(known, _as_groups(of_best))),
             }
         )
     for name, own in held.items():
         means = pd.DataFrame({condition: one.mean() for condition, one in own.items()}).T
         to_best = _NONE
-        if best is not None and best != name and not own.keys().isdisjoint(held[best]):
-            to_best = compared(own, held[best])[0]
+        if name != best and own.keys() <= of_best.keys():
+            to_best = compared(own, of_best)[0]
         row = {
             **common,
             "learner": name,
@@ -177,16 +179,16 @@ def _rows(results: Material, protocol: str) -> list[dict[str, Any]]:
             **_gap("to_best", to_best),
         }
         for one in results.leading:
-            gap = _against(_groups(one, headline, name), own)
-            row |= _gap(
-                gap_column(one.reference.name), Difference(-gap.value, -gap.high, -gap.low, gap.p)
-            )
+            gap = _against(_as_groups(own), _groups(one, headline, name))
+            row |= _gap(gap_column(one.reference.name), gap)
         rows.append(row)
-    for name in results.experiment.without_any(protocol):
-        own = {"learner": name, "reference": False, "informed": name in informed}
-        rows.append(
-            {**common, **own, "conditions": 0, "subjects": 0, "before": before.get(name, 0)}
-        )
+    for spec in results.experiment.learners:
+        if spec.protocol.name == protocol and spec.name not in held:
+            name = spec.name
+            own = {"learner": name, "reference": False, "informed": name in informed}
+            rows.append(
+                {**common, **own, "conditions": 0, "subjects": 0, "before": before.get(name, 0)}
+            )
     return rows
 
 
@@ -208,18 +210,19 @@ def best_learner(results: Material, held: Outcomes) -> str | None:
     """The learner that needs the fewest attempts, of those that have to find out how rooms work.
 
     Learners that know the schema or the room do not compete, unless there are no others; none
-    is the best where none solves a trial. Only those count that played the most conditions.
+    is the best where none solves a trial. The others are ranked over the same conditions: those of
+    the learner that played the most.
     """
     informed = _informed(results)
-    able = {
-        name: np.mean([one["attempts"].mean() for one in own.values()])
-        for name, own in held.items()
-        if any((one["solved"] > 0).any() for one in own.values())
+    able = [name for name, own in held.items() if any(one["solved"].any() for one in own.values())]
+    able = [name for name in able if name not in informed] or able
+    most = max((held[name] for name in able), key=len, default={})
+    ranked = [name for name in able if held[name].keys() == most.keys()]
+    means = {
+        name: float(np.mean([one["attempts"].mean() for one in held[name].values()]))
+        for name in ranked
     }
-    most = max((len(held[name]) for name in able), default=0)
-    whole = [name for name in able if len(held[name]) == most]
-    chosen = [name for name in whole if name not in informed] or whole
-    return min(chosen, key=able.__getitem__, default=None)
+    return min(means, key=means.__getitem__, default=None)
 
 
 def _informed(results: Material) -> set[str]:
@@ -269,14 +272,16 @@ def _groups(one: Beside, headline: pd.DataFrame, of: str | None = None) -> dict[
     return found
 
 
-def _against(known: Mapping[str, Group], own: Mapping[str, pd.DataFrame]) -> Difference:
-    """How many attempts more a reference needs than a learner."""
-    common = [name for name in known if name in own]
-    if not common:
+def _as_groups(own: Mapping[str, pd.DataFrame]) -> dict[str, Group]:
+    return {name: Group.of(1.0, one["attempts"].to_numpy(float)) for name, one in own.items()}
+
+
+def _against(one: Mapping[str, Group], other: Mapping[str, Group]) -> Difference:
+    """How many attempts more the one needs than the other, if that one has all its conditions."""
+    if not one.keys() <= other.keys():
         return _NONE
-    weight = 1 / len(common)
-    groups = [known[name]._replace(weight=weight) for name in common]
-    groups += [Group.of(-weight, own[name]["attempts"].to_numpy(float)) for name in common]
+    groups = [group._replace(weight=1 / len(one)) for group in one.values()]
+    groups += [other[name]._replace(weight=-1 / len(one)) for name in one]
     return weighted_difference(groups)
 
 
@@ -442,7 +447,8 @@ def answers(table: pd.DataFrame, decisions: Decisions) -> dict[str, tuple[str, .
     """Results in a few sentences, by protocol.
 
     Which learner needs the fewest attempts and how that compares with people, which ones cannot be
-    distinguished from it, and which solved no trial that counts.
+    distinguished from it, and which solved no trial that counts. All of that is over the conditions
+    of the best learner; learners and references that lack some of these are named.
 
     Args:
         table: From :func:`leaderboard`.
@@ -450,36 +456,47 @@ def answers(table: pd.DataFrame, decisions: Decisions) -> dict[str, tuple[str, .
     """
     found = {}
     for protocol, rows in table.groupby("protocol", sort=False):
-        played = records(rows[rows["conditions"] > 0])
-        own = {row["learner"]: row for row in played if not row["reference"]}
-        best = next((name for name in rows["best"] if isinstance(name, str)), None)
+        own = {row["learner"]: row for row in records(rows) if not row["reference"]}
+        best = own.get(next((name for name in rows["best"] if isinstance(name, str)), ""))
+        ranked = {
+            name: row
+            for name, row in own.items()
+            if row is best
+            or (best and row["conditions"] == best["conditions"] and row["to_best"] is not None)
+        }
         gaps = [
             {
                 "name": called,
-                **{end: own[best][f"{name}{end}"] for end in ("_low", "_high")},
-                "value": own[best][name],
-                "found": decisions.found(TOPIC.name, (protocol, best, name)),
-                "tested": not np.isnan(decisions.p(TOPIC.name, (protocol, best, name))),
+                **{end: best[f"{name}{end}"] for end in ("_low", "_high")},
+                "value": best[name],
+                "found": decisions.found(TOPIC.name, (protocol, best["learner"], name)),
+                "tested": not np.isnan(decisions.p(TOPIC.name, (protocol, best["learner"], name))),
             }
             for name, called in _called(rows).items()
-            if best is not None and decisions.has(TOPIC.name, (protocol, best, name))
+            if best and decisions.has(TOPIC.name, (protocol, best["learner"], name))
         ]
-        few = too_few(own[best]["subjects"], where=" in a condition") if best else ""
+        few = too_few(best["subjects"], where=" in a condition") if best else ""
         alike = [
             name
-            for name, row in own.items()
+            for name, row in ranked.items()
             if best
             and not few
             and not row["informed"]
-            and _alike(decisions, str(protocol), best, name)
+            and _alike(decisions, str(protocol), best["learner"], name)
         ]
         found[str(protocol)] = _PROSE.paragraphs(
             "answer",
-            best=own.get(best),
+            best=best,
             level=[own[name] for name in alike] if len(alike) < _LEADERS else [],
-            several=sum(not row["informed"] for row in own.values()) > 1,
+            several=sum(not row["informed"] for row in ranked.values()) > 1,
             few=few,
             gaps=gaps,
+            apart=[name for column, name in _called(rows).items() if best and best[column] is None],
+            lacking=[
+                name
+                for name, row in own.items()
+                if best and name not in ranked and (best["informed"] or not row["informed"])
+            ],
             alike=alike,
             unsolved=[name for name, row in own.items() if row["solved"] == 0],
         )
