@@ -113,10 +113,10 @@ def misfit(points: pd.DataFrame, fitted: int = 0) -> Misfit:
     """
     from scipy.stats import chi2
 
-    if points.empty:
-        return Misfit(float("nan"), 0.0, float("nan"))
     off = (points["mean"] - points["people_mean"]).to_numpy(float)
     theirs, own = _error(points, "people_") ** 2, _error(points) ** 2
+    if points.empty or not np.all(theirs + own):  # of a single subject no error is known
+        return Misfit(float("nan"), 0.0, float("nan"))
     size = float((off**2 / (theirs + own)).sum())
     freedom = len(points) - fitted * float((theirs / (theirs + own)).mean())
     return Misfit(size, freedom, float(chi2.sf(size, freedom)))
