@@ -75,4 +75,4 @@ def planned(study: Study, contrast: Contrast) -> int:
         )
         for side in sides
     ]
-    return min(size for size in sizes if size)
+    return min((size for size in sizes if size), default=0)  # 0 of a learner that is not played

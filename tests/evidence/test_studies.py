@@ -131,6 +131,16 @@ def test_a_study_says_from_how_many_units_on_it_can_decide(
     assert Evidence(read_study(study.parent)).too_few()[0].startswith("faster is open with 3 ")
 
 
+def test_studies_with_a_misspelt_learner_are_listed_and_refused_in_a_sentence(root: Path) -> None:
+    study = root / "small" / "study.yaml"
+    study.write_text(STUDY.replace("learner: oracle, condition", "learner: orcale, condition"))
+    done = CliRunner().invoke(app, ["evidence", "--folder", str(root)])
+    assert (done.exit_code, done.exception) == (0, None)
+    assert "not run)" in done.stdout
+    with pytest.raises(EvidenceError, match="'orcale' is not played; did you mean oracle"):
+        run(root)
+
+
 def test_verdicts_have_a_row_for_each_claim_or_for_those_named(root: Path) -> None:
     run(root)
     found = Evidence(read_study(root / "small"))
