@@ -211,13 +211,6 @@ def of_side(
     return mean_of(found), found
 
 
-def estimate(
-    units: pd.DataFrame, contrast: Contrast, unit: str, same: Mapping[str, str] | None = None
-) -> Estimate:
-    """The difference that a contrast asks for; arguments and errors of :func:`compared`."""
-    return compared(units, contrast, unit, same)(1.0)
-
-
 def compared(
     units: pd.DataFrame, contrast: Contrast, unit: str, same: Mapping[str, str] | None = None
 ) -> Callable[[float], Estimate]:

@@ -180,5 +180,5 @@ def test_before_a_run_the_number_follows_from_a_stated_spread() -> None:
     assert found
     needed = decides_at(found, asked(spread=0.4))
     assert needed
-    assert 62 < needed < 130  # (1.96 x 0.4 / 0.1)², and what so many can miss
+    assert 62 < needed < 130  # (1.96 x 0.4 / 0.1)², and what that number can miss
     assert planned(study, asked()) == 1500

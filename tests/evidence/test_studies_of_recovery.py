@@ -24,7 +24,7 @@ from causal_openlock.evidence.running import run_study
 from causal_openlock.evidence.study import Contrast, Selection, read_study
 from causal_openlock.evidence.study_files import read_run, read_units
 from causal_openlock.evidence.units import selected
-from causal_openlock.evidence.verdicts import correlation, estimate, mean_of
+from causal_openlock.evidence.verdicts import compared, correlation, mean_of
 from causal_openlock.fitting.actions import ActionPlan
 from causal_openlock.fitting.recovery import recovery
 from causal_openlock.fitting.search import bundled_search
@@ -204,7 +204,7 @@ def test_correlations_are_of_what_was_searched() -> None:
     assert found.interval == pytest.approx(np.tanh(z), abs=1e-6)
     assert found.n == "5"
     contrast = Contrast(measure="r", of=one, minus=0.2, expected="more")
-    assert estimate(units, contrast, "subject").value == pytest.approx(r - 0.2)
+    assert compared(units, contrast, "subject")(1.0).value == pytest.approx(r - 0.2)
     with pytest.raises(EvidenceError, match="of too few sets"):
         correlation(units[:3], one)
 

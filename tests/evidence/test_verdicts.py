@@ -19,8 +19,8 @@ from causal_openlock.evidence.verdicts import (
     LEVEL,
     Estimate,
     Verdict,
+    compared,
     difference,
-    estimate,
     from_known,
     mean_of,
     paired,
@@ -30,7 +30,7 @@ from causal_openlock.evidence.verdicts import (
 
 
 def of(values: object, trials: int = 10**12, least: float = -1e3, most: float = 1e3) -> Selected:
-    """Units with these values; by default of so many trials that none can have been missed."""
+    """Units with these values; by default of a number of trials that misses nothing."""
     found = np.asarray(values, float)
     return Selected(found, np.arange(len(found)), trials, least, most)
 
@@ -174,10 +174,10 @@ def test_subjects_are_paired_where_they_meet_the_same_rooms() -> None:
     b, a = (Selection(learner=name, condition="CC4") for name in "ba")
     table = units()
     table.loc[(table["learner"] == "b") & (table["unit"] == 2), "attempts"] += 0.5
-    found = estimate(table, contrast(b, a), "subject")
+    found = compared(table, contrast(b, a), "subject")(1.0)
     assert found.units == (3,)
     assert found.value == pytest.approx(2.0 + 0.5 / 3)
-    other = estimate(table, contrast(b, Selection(learner="a", condition="CE4")), "subject")
+    other = compared(table, contrast(b, Selection(learner="a", condition="CE4")), "subject")(1.0)
     assert other.units == (3, 3)
     assert np.diff(other.interval) > np.diff(found.interval)
 
