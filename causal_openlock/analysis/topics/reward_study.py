@@ -3,7 +3,8 @@
 The paper holds that with unique solutions nothing is learned ("an agent incapable of meaningfully
 interacting with the environment"), and that negative immovable, partial sequence and solution
 multiplier together are best. An experiment that gives learners several rewards is held against
-both sentences.
+both sentences: by visits in which every solution is found, as a subject is asked to, and next to
+them by attempts that open the door, of which a reward paid once for each solution needs few.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from causal_openlock.analysis.section import Section
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.analysis.topics.learning import (
     FALLS,
+    FLAT,
     LEARNS,
     NOT,
     SOME,
@@ -36,6 +38,10 @@ LEAST_REWARDS = 3
 
 BEST_OF_PAPER = frozenset({"negative_immovable", "partial_sequence", "solution_multiplier"})
 """Terms that the paper found best, in addition to the basic reward."""
+
+ABLE = {OPENS: (LEARNS, FALLS), FINDS_ALL: (LEARNS, FALLS, FLAT)}
+"""Verdicts that count as learning; a first visit is long enough to learn in, so that the share of
+those in which every solution is found need not rise from there."""
 
 _PROSE = Prose(__name__)
 _RUNGS = {
@@ -63,7 +69,7 @@ def rewards_of(experiment: Experiment) -> dict[str, RewardFunction]:
 
 
 def study(table: pd.DataFrame, rewards: Mapping[str, RewardFunction]) -> pd.DataFrame:
-    """Results of each reward, the best first.
+    """Results of each reward, the one first with which every solution is found most often.
 
     Returns:
         One row for each learner: ``learner``; ``door`` and ``all``, its mean shares in the last
@@ -85,39 +91,43 @@ def study(table: pd.DataFrame, rewards: Mapping[str, RewardFunction]) -> pd.Data
         row["terms"] = " + ".join(sorted(reward_terms(rewards[str(learner)]))) or "none"
         rows.append(row)
     frame = pd.DataFrame(rows)
-    return frame.sort_values(["door", "all"], ascending=False, kind="stable", ignore_index=True)
+    return frame.sort_values(["all", "door"], ascending=False, kind="stable", ignore_index=True)
 
 
 def without_repeats(
-    doors: pd.DataFrame, rewards: Mapping[str, RewardFunction]
-) -> dict[str, Any] | None:
+    table: pd.DataFrame, rewards: Mapping[str, RewardFunction]
+) -> dict[str, dict[str, Any]] | None:
     """Whether unique solutions cannot be learned, as the paper says; None if no learner got them.
 
     Returns:
-        Whether the paper is ``right``: ``yes``, ``no`` (opening the door is learned in every
+        By measure, whether the paper is ``right``: ``yes``, ``no`` (it is learned in every
         condition), ``in part`` or ``undecided``; and the learners by ``verdict``.
     """
     unique = [name for name, one in rewards.items() if "unique_solutions" in reward_terms(one)]
-    doors = doors[doors["learner"].isin(unique)]
-    if doors.empty:
-        return None
-    able = doors["verdict"].isin([LEARNS, FALLS])
-    if (doors["verdict"] == NOT).all():
+    table = table[table["learner"].isin(unique)]
+    return {measure: _without(table, measure) for measure in ABLE} if len(table) else None
+
+
+def _without(table: pd.DataFrame, measure: str) -> dict[str, Any]:
+    found = table[table["measure"] == measure]
+    able = found["verdict"].isin(ABLE[measure])
+    if (found["verdict"] == NOT).all():
         right = "yes"
     elif able.all():
         right = "no"
     else:
-        right = "in part" if able.any() or (doors["verdict"] == SOME).any() else "undecided"
-    return {"right": right, "verdicts": by_verdict(doors)}
+        right = "in part" if able.any() or (found["verdict"] == SOME).any() else "undecided"
+    return {"right": right, "verdicts": by_verdict(found)}
 
 
 def best_rewards(
-    doors: pd.DataFrame, rewards: Mapping[str, RewardFunction]
+    table: pd.DataFrame, rewards: Mapping[str, RewardFunction]
 ) -> list[dict[str, Any]]:
     """Learners with the paper's best combination, compared with the others.
 
     Returns:
-        ``learner``, ``condition``, ``last`` (its share in the last part of training), how many
+        ``learner``, ``condition``, ``last`` (its share of visits in which every solution is found,
+        in the last part of training), ``door`` (that of attempts that open the door), how many
         others are ``better`` and which of them surely (``above``), by intervals.
     """
     best = [
@@ -125,15 +135,18 @@ def best_rewards(
         for name, one in rewards.items()
         if reward_terms(one) == BEST_OF_PAPER and isinstance(one, Reward)
     ]
+    by = ["learner", "condition", "protocol"]
+    doors = table[table["measure"] == OPENS].set_index(by)["last"].rename("door")
+    visits = table[table["measure"] == FINDS_ALL].join(doors, on=by)
     found = []
-    for row in doors[doors["learner"].isin(best)].to_dict("records"):
-        beside = doors[
-            (doors["condition"] == row["condition"])
-            & (doors["protocol"] == row["protocol"])
-            & ~doors["learner"].isin(best)
+    for row in visits[visits["learner"].isin(best)].to_dict("records"):
+        others = visits[
+            (visits["condition"] == row["condition"])
+            & (visits["protocol"] == row["protocol"])
+            & ~visits["learner"].isin(best)
         ]
-        above = beside[beside["ci_low"] > row["ci_high"]].to_dict("records")
-        better = int((beside["last"] > row["last"]).sum())
+        above = others[others["ci_low"] > row["ci_high"]].to_dict("records")
+        better = int((others["last"] > row["last"]).sum())
         found.append({**row, "better": better, "above": above})
     return found
 
@@ -147,12 +160,11 @@ def section(material: Material, _: Decided) -> Section | None:
     table = table[table["learner"].isin(list(rewards))]
     if table.empty:
         return None
-    doors = table[table["measure"] == OPENS]
     return _PROSE.section(
         "reward_study",
         [_PROSE.table("reward_study", study(table, rewards), {"door": ".2%", "all": ".1%"})],
-        unique=without_repeats(doors, rewards),
-        best=best_rewards(doors, rewards),
+        unique=without_repeats(table, rewards),
+        best=best_rewards(table, rewards),
     )
 
 

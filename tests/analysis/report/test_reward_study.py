@@ -25,11 +25,16 @@ LEARNERS = (
 )
 
 
-def made(experiment: StoredExperiment, shares: dict[str, tuple[float, float]]) -> Section | None:
+def made(
+    experiment: StoredExperiment,
+    shares: dict[str, tuple[float, float]],
+    finds_all: tuple[str, ...] = (),
+) -> Section | None:
     record = pa.concat_tables(
         [
             course(
-                around([share] * 5, spread=0.02 if share else 0),
+                around([share] * 5, spread=0.02 if share > 0.2 else 0),
+                finds_all=learner in finds_all,
                 learner=learner,
                 condition=condition,
                 schema=condition,
@@ -61,12 +66,14 @@ def test_what_the_paper_says_is_recognised(tmp_path: Path) -> None:
             "unique18": (0.0, 0.0),
             "best": (0.6, 0.6),
         },
+        finds_all=("best",),
     )
     assert found is not None
-    unique, best, _ = found.text
-    assert "Here: the same, in every condition. Does not learn: unique (CC4, CE4); u" in unique
-    assert "best in CC4 opens the door in " in best
-    assert best.count("none of the others more often") == 2
+    visits, doors, best, _ = found.text
+    for unique in (visits, doors):
+        assert ": the same, in every condition. Does not learn: unique (CC4, CE4); u" in unique
+    assert "best in CC4 finds every solution in 100.0% of the last part's visits, and" in best
+    assert best.count("none of the others finds every solution more often") == 2
     (told,) = found.tables
     assert told.frame["learner"].tolist() == ["best", "basic", "unique", "unique18"]
     assert told.frame["door CC4"].tolist()[:2] == ["learns"] * 2
@@ -84,21 +91,32 @@ def test_the_contrary_is_recognised(tmp_path: Path) -> None:
         "unique18": (0.5, 0.5),
         "best": (0.3, 0.3),
     }
-    found = made(described(tmp_path, LEARNERS), shares)
+    found = made(described(tmp_path, LEARNERS), shares, finds_all=("unique", "unique18"))
     assert found is not None
-    unique, best, _ = found.text
-    assert "Here: otherwise, in every condition the door comes to be opened. Learns:" in unique
-    assert best.count("surely less often than") == 2
-    assert "basic (5" in best.split("best in CE4")[0]
-    assert "basic" not in best.split("best in CE4")[1]  # .31 is not surely more than .3
+    visits, doors, best, _ = found.text
+    for unique in (visits, doors):
+        assert ": otherwise, in every condition something is learned. " in unique
+    assert best.count("Surely more often finds every solution unique (100.0%), unique18 (") == 2
+    assert "basic" not in best  # it opens the door more often, which is not asked for
     assert found.tables[0].frame.loc[0, "learner"] == "unique"
+
+
+def test_a_door_that_is_seldom_opened_in_visits_that_find_all_is_learning(tmp_path: Path) -> None:
+    """Three in twenty attempts: what an agent optimal for unique solutions alone would do."""
+    shares = {"unique": (0.15, 0.15), "best": (0.6, 0.6)}
+    experiment = described(tmp_path, LEARNERS.replace("  - {learner: ddqn, name: unique18", "  #"))
+    found = made(experiment, shares, finds_all=("unique",))
+    assert found is not None
+    assert ": otherwise, in every condition something is learned. " in found.text[0]
+    assert "Surely more often finds every solution unique (100.0%)." in found.text[2]
 
 
 def test_part_of_the_conditions_is_a_part(tmp_path: Path) -> None:
     found = made(described(tmp_path, LEARNERS), {"unique": (0.5, 0.0), "unique18": (0.0, 0.0)})
     assert found is not None
-    assert "Here: otherwise in part. Learns: unique (CC4). Does not learn: " in found.text[0]
-    assert len(found.text) == 2  # nobody got the paper's best
+    assert ": the same, in every condition. " in found.text[0]
+    assert ": otherwise in part. Learns: unique (CC4). Does not learn: " in found.text[1]
+    assert len(found.text) == 3  # nobody got the paper's best
 
 
 def test_two_rewards_are_no_study(tmp_path: Path) -> None:
