@@ -116,6 +116,24 @@ def of_this_run(study: Study, last: float, versions: Mapping[str, Any]) -> dict[
     }
 
 
+def stored_whole(study: Study) -> Measured | None:
+    """Measurements of a study without networks, if they fit what it declares now."""
+    try:
+        run, units = read_run(study), read_units(study)
+    except EvidenceError:
+        return None
+    if run["declared"] != study.declared:
+        return None
+    held = run["parts"][parts_of(study)[0].name]
+    return Measured(
+        tables={UNITS: units},
+        cells=tuple(held["cells"]),
+        missing=held["missing"],
+        seconds=held["seconds"],
+        run={name: held[name] for name in OF_A_RUN},
+    )
+
+
 def write_measured(study: Study, found: Mapping[str, Measured], known: bool) -> bool:
     """Write the measurements; returns whether there are more than were stored before.
 

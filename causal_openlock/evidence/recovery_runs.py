@@ -15,19 +15,18 @@ from pathlib import Path
 
 import pandas as pd
 
-from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.confusions import units_of_parameters, units_of_recovery
 from causal_openlock.evidence.keeping import (
-    OF_A_RUN,
     Measured,
     Watched,
     each_once,
     of_this_run,
     parts_of,
+    stored_whole,
     write_measured,
 )
 from causal_openlock.evidence.study import Study
-from causal_openlock.evidence.study_files import UNITS, read_run, read_units
+from causal_openlock.evidence.study_files import UNITS
 from causal_openlock.files.atomic import write_text
 from causal_openlock.fitting.recovering import (
     SIMULATED,
@@ -59,7 +58,7 @@ def run_recovery(study: Study, results: Path, watched: Watched, anew: bool = Fal
     specs = known_learners(settings.parameters, asked.learners)
     spaces = [searched(spec) for spec in specs]  # before hours of work
     folder = results / "cells" / parts_of(study)[0].name
-    kept = None if anew else _stored(study)
+    kept = None if anew else stored_whole(study)
     if kept and not results.exists():
         if not kept.missing:
             return
@@ -82,24 +81,6 @@ def run_recovery(study: Study, results: Path, watched: Watched, anew: bool = Fal
         others = units[~_of_parameters(units) | (units["learner"] != spec.name)]
         units = pd.concat([others, units_of_parameters(spec.name, pairs, space)], ignore_index=True)
         kept = _keep(study, results, own, units, kept)
-
-
-def _stored(study: Study) -> Measured | None:
-    """Measurements stored with the study, if they fit what it declares now."""
-    try:
-        run, units = read_run(study), read_units(study)
-    except EvidenceError:
-        return None
-    if run["declared"] != study.declared:
-        return None
-    held = run["parts"][parts_of(study)[0].name]
-    return Measured(
-        tables={UNITS: units},
-        cells=tuple(held["cells"]),
-        missing=held["missing"],
-        seconds=held["seconds"],
-        run={name: held[name] for name in OF_A_RUN},
-    )
 
 
 def _of_parameters(units: pd.DataFrame) -> pd.Series[bool]:

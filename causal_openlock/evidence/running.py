@@ -36,6 +36,7 @@ from causal_openlock.evidence.keeping import (
     parts_of,
     write_measured,
 )
+from causal_openlock.evidence.metric_runs import run_metrics
 from causal_openlock.evidence.recovery_runs import run_recovery
 from causal_openlock.evidence.study import FILE, MEASURED, SAVED, Networks, Study
 from causal_openlock.evidence.study_files import COSTS, UNITS, read_run, read_units
@@ -69,6 +70,9 @@ def run_study(study: Study, results: Path, watched: Watched, anew: bool = False)
         raise EvidenceError(f"{study.folder / FILE}: {faults[0]}")
     if study.file.measured == "recovery":
         run_recovery(study, results, watched, anew)
+        return
+    if study.file.measured == "metrics":
+        run_metrics(study, watched, anew)
         return
     failed: list[CellsFailed] = []
     found = {} if anew else _stored(study)

@@ -75,6 +75,9 @@ ATTEMPTS = ("attempts", "first_solution", SAVED)
 RECOVERED = ("single", "groups", "halves")
 """Measures of a recovery: shares attributed to the true learner; every row is a unit."""
 
+METRICS = ("differing_pairs", "differing_transitions")
+"""Metrics of a learner (:meth:`Learner.metrics`) at the end of its visits; all are shares."""
+
 CORRELATION = "r"
 """Measure of a recovery: correlation of true parameters with fitted ones."""
 
@@ -86,11 +89,13 @@ MEASURED: Mapping[str, Sequence[str]] = {
     "course": COURSE,
     "curve": (*TRIALS, SAVED),
     "recovery": (*RECOVERED, CORRELATION),
+    "metrics": METRICS,
 }
 
 Measure = Literal[
     "attempts", "first_solution", "saved_after_first", "solved", "found", "opens", "finds_all",
-    "else", "unlocks", "single", "groups", "halves", "r",
+    "else", "unlocks", "single", "groups", "halves", "r", "differing_pairs",
+    "differing_transitions",
 ]  # fmt: skip
 """Measures of each unit: see :mod:`~causal_openlock.evidence.units`."""
 
@@ -266,10 +271,10 @@ class StudyFile(StrictModel):
         Field(pattern=r"^[^\x00]+$", description="Its file, as seen from the study's folder."),
     ]
     measured: Annotated[
-        Literal["trials", "course", "curve", "recovery"],
+        Literal["trials", "course", "curve", "recovery", "metrics"],
         Field(
             description="Each trial of people's protocol, parts of a long course, the trials of "
-            "one by fifties, or who is attributed to whom."
+            "one by fifties, who is attributed to whom, or what learners measure of themselves."
         ),
     ] = "trials"
     recovery: RecoverySettings = Field(default_factory=RecoverySettings)

@@ -141,18 +141,19 @@ def _users_line(error: BaseException) -> str:
 def _begun(cell: Cell, checkpoint: Checkpoint) -> tuple[Session, Learner]:
     """A session and its learner that have begun, from the checkpoint if there is one."""
     _require_declared(cell.spec)
-    session, learner = _made(cell)
+    session, learner = made(cell)
     try:
         if checkpoint.resume(session, learner):
             return session, learner
     except CheckpointError as error:
         checkpoint.warnings.append(f"{error}; its cell begins again")
-        session, learner = _made(cell)
+        session, learner = made(cell)
     session.begin(learner)
     return session, learner
 
 
-def _made(cell: Cell) -> tuple[Session, Learner]:
+def made(cell: Cell) -> tuple[Session, Learner]:
+    """A session for a cell, and its learner; neither has begun."""
     session = Session(
         cell.condition,
         cell.spec.protocol,

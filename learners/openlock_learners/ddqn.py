@@ -255,12 +255,18 @@ class DDQN(Checkpointed, Learner):
             self.epsilon[step.trial_over & playing] = settings.epsilon_after_trial
 
     def metrics(self) -> dict[str, float]:
-        """Epsilon, loss of the last minibatch, values of the observations met, dead units.
+        """Epsilon, differing rewards, loss of the last minibatch, values, dead units.
+
+        Rewards differ where the replay buffer holds an observation and an action with more than
+        one reward: ``differing_pairs`` is the share of such pairs, ``differing_transitions`` that
+        of their transitions. Values are of the observations met so far.
 
         A unit is dead if no observation met so far switches it on: its ReLU passes nothing on, and
         no gradient back that could change it (Sokar et al. 2023, "dormant neurons").
         """
+        pairs, transitions = self._replay.differing().mean(axis=1).tolist()
         metrics = {"epsilon": float(self.epsilon.mean())}
+        metrics |= {"differing_pairs": pairs, "differing_transitions": transitions}
         if self._errors is not None:
             size = self._errors.abs()
             square = size.square() / 2

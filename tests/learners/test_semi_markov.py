@@ -21,13 +21,15 @@ HUMAN = Protocol("t", attempt_limit=30, stop_when_solved=False)
 SMALL = SemiMarkovDDQNParameters(hidden_layers=1, hidden_units=8, batch_size=8)
 
 
-def begun(settings: SemiMarkovDDQNParameters, session: Session) -> SemiMarkovDDQN:
-    learner = SemiMarkovDDQN(settings)
+def begun(
+    settings: SemiMarkovDDQNParameters, session: Session, of: type[DDQN] = SemiMarkovDDQN
+) -> DDQN:
+    learner = of(settings)
     learner.begin(session.brief)
     return learner
 
 
-def solve(learner: SemiMarkovDDQN, session: Session, solutions: list[int]) -> None:
+def solve(learner: DDQN, session: Session, solutions: list[int]) -> None:
     """Make all subjects open the door in these ways, one after the other."""
     for solution in solutions:
         for action in session.truth.rooms[0].action_of(CC4.solutions[solution]):
@@ -86,3 +88,22 @@ def test_with_its_count_it_can_value_one_room_in_two_ways() -> None:
         worth.append(learner.q.online(learner._torch.from_numpy(seen)).amax(2).mean().item())
     assert worth[1] < worth[0] / 2
     assert isinstance(learner, DDQN)
+
+
+@pytest.mark.parametrize(
+    ("of", "reward", "share"),
+    [
+        (DDQN, "basic", 0),
+        # Unlocking and opening pay the first time, and not the second; pushing L0 never pays.
+        (DDQN, "unique_solutions", 2 / 3),
+        (SemiMarkovDDQN, "unique_solutions", 0),
+    ],
+)
+def test_a_solution_carried_out_twice_pays_another_reward(
+    of: type[DDQN], reward: str, share: float
+) -> None:
+    session = Session(ROOM, HUMAN, 2, reward=reward)
+    learner = begun(SMALL, session, of)
+    solve(learner, session, [1, 1])
+    metrics = learner.metrics()
+    assert metrics["differing_pairs"] == metrics["differing_transitions"] == share

@@ -121,6 +121,25 @@ class ReplayBuffer(Checkpointed):
         slots = torch.from_numpy((uniform * self.length[:, None]).astype(np.int64))
         return self._at(slots.to(self.rings.device), torch.ones(slots.shape))
 
+    def differing(self) -> FloatArray:
+        """``[2, B]`` shares of what each ring holds with more than one reward.
+
+        The first row is of the pairs of observation and action in the ring, the second of its
+        transitions: those whose pair also stands there with another reward. An empty ring has
+        none.
+        """
+        shares = np.zeros((2, len(self.length)))
+        for subject, length in enumerate(self.length):
+            before, action, _, reward, _ = self.rings[:, subject, :length].cpu().numpy()
+            _, pair, count = np.unique(
+                np.stack([before, action]), axis=1, return_inverse=True, return_counts=True
+            )
+            rewards = np.unique(np.stack([pair.ravel(), reward]), axis=1)[0].astype(np.int64)
+            differ = np.bincount(rewards, minlength=len(count)) > 1
+            if length:
+                shares[:, subject] = differ.mean(), count[differ].sum() / length
+        return shares
+
     def update_priorities(self, slots: Tensor, errors: Tensor, who: BoolArray) -> None:
         """Set the priorities of transitions, ``[B, M]``, of the subjects ``who``, ``[B]``."""
 
