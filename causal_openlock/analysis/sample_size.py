@@ -23,6 +23,8 @@ from causal_openlock.analysis.effects import (
 from causal_openlock.errors import OpenLockError
 from causal_openlock.files.validation import whole_number
 
+LEAST_ALPHA = 1e-12
+
 
 class SampleSize(NamedTuple):
     """A planned t test: subjects in each group (or pairs), difference of means, power."""
@@ -79,7 +81,7 @@ def sample_size(
         raise OpenLockError("difference, subjects and power: give two, and the third is returned")
     for name, value, low, high in (
         ("sd", spread, 0, math.inf),
-        ("alpha", alpha, 0, 1),
+        ("alpha", alpha, LEAST_ALPHA, POWER if power is None else 1),
         ("power", power, alpha, 1),
         (
             "difference",
@@ -88,7 +90,8 @@ def sample_size(
             math.inf,
         ),
     ):
-        if value is not None and not (isinstance(value, Real) and low < value < high):
+        needed = value is not None or name == "alpha"
+        if needed and not (isinstance(value, Real) and low < value < high):
             most = f" and less than {high:g}" if high < math.inf else ""
             raise OpenLockError(f"{name} has to be more than {low:g}{most}, not {value!r}")
     if subjects is not None:

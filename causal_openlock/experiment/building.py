@@ -12,7 +12,7 @@ import re
 import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, is_dataclass, replace
+from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from itertools import product
 from pathlib import Path
 from typing import Any, TypeVar
@@ -57,6 +57,7 @@ from causal_openlock.experiment.protocol import (
     plan,
 )
 from causal_openlock.experiment.sweeps import check_swept, label_of, labels, points
+from causal_openlock.files.digest import digest
 from causal_openlock.files.validation import plain, sentence, whole_number
 from causal_openlock.files.yaml_file import Document, Where
 from causal_openlock.schemas.declared import schema
@@ -242,13 +243,16 @@ class _Builder:
         """Conditions or learners by name: those of the file, or of the command line."""
         declared = getattr(self.file, key)
         if (chosen := getattr(self.changes, key)) is not None:
-            known = {
-                label: one
-                for entry in declared
-                if not isinstance(entry, str)
-                for label, one in labels(entry).items()
-            }
-            declared = [known.get(one, one) if isinstance(one, str) else one for one in chosen]
+            known: dict[str, list[Any]] = {}
+            for entry in declared:
+                if not isinstance(entry, str):
+                    for label, one in labels(entry).items():
+                        known.setdefault(label, []).append(one)
+            declared = [
+                entry
+                for one in chosen
+                for entry in (known.get(one, [one]) if isinstance(one, str) else [one])
+            ]
         if not declared:
             raise ExperimentError(f"there are no {key}; name at least one")
         found: dict[str, Any] = {}
@@ -290,7 +294,10 @@ class _Builder:
     def own_protocol(self, settings: dict[str, Any], name: str | None) -> Protocol:
         """Another protocol with some settings changed, which give it its name if it has none."""
         base = self.protocol(settings.pop("based_on", HUMAN_PROTOCOL))
-        name = name or label_of(base.name, settings, "_")
+        if not name:
+            name = label_of(base.name, settings, "_")
+            if not NAME.fullmatch(name):  # too many settings for a name
+                name = f"{base.name[:40]}_{digest(repr(settings))[:8]}"
         if name in PROTOCOLS:
             raise ExperimentError(
                 f"the protocol {name} comes with the package; choose another name"
@@ -428,8 +435,15 @@ def as_learner(learner: LearnerForm) -> LearnerFile:
         )
     if lacking := sorted(kind.__abstractmethods__):
         raise LearnerError(f"{kind.__name__} has no method {lacking[0]}; define it")
-    changed = asdict(parameters) if is_dataclass(parameters) else {}  # type: ignore[arg-type]
-    return LearnerFile(learner=name_of(kind), parameters=changed)
+    given: dict[str, Any] = {}
+    if is_dataclass(parameters) and not isinstance(parameters, type):
+        defaults = {one.name: one.default for one in fields(parameters)}
+        given = {  # without defaults, which may be swept
+            name: value
+            for name, value in asdict(parameters).items()
+            if getattr(parameters, name) != defaults[name]
+        }
+    return LearnerFile(learner=name_of(kind), parameters=given)
 
 
 def learner(
@@ -499,12 +513,13 @@ def sweep(
         >>> [one.name for one in sweep("bayes", lapse=[0.1, 0.5])]
         ['bayes-lapse-0.1', 'bayes-lapse-0.5']
     """
+    given = {key: plain(values) for key, values in parameters.items()}
     swept = {
-        key: list(plain(values))
-        for key, values in parameters.items()
+        key: list(values)
+        for key, values in given.items()
         if isinstance(values, Iterable) and not isinstance(values, str | Mapping)
     }
-    fixed = {key: value for key, value in parameters.items() if key not in swept}
+    fixed = {key: value for key, value in given.items() if key not in swept}
     made = learner(
         learner_, label=label, subjects=subjects, protocol=protocol, reward=reward, **fixed
     )

@@ -18,6 +18,7 @@ from causal_openlock.schemas.schema_file import JSON_SCHEMA_ID
 from causal_openlock.world.rewards import PAPER_REWARD, WEIGHTS
 
 Positive = Annotated[int, Field(ge=1)]
+Subjects = Annotated[int, Field(ge=1, le=10_000_000)]
 NAME_FORM = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
 NAME_IN_WORDS = "letters, digits, underscores, dots and dashes, at most 64 in all"
 Name = Annotated[str, Field(pattern=NAME_FORM, description=NAME_IN_WORDS)]
@@ -109,7 +110,7 @@ class LearnerFile(StrictModel):
         Field(description="Values of parameters; each combination is a learner."),
     ] = Field(default_factory=dict)
     protocol: str | None = None
-    subjects: Positive | None = None
+    subjects: Subjects | None = None
     cell_size: Positive | None = None
     reward: RewardName | None = None
 
@@ -131,7 +132,7 @@ class ExperimentFile(StrictModel):
     title: str = ""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     protocol: str = "human"
-    subjects: Positive = 40
+    subjects: Subjects = 40
     cell_size: Annotated[Positive, Field(description="Most subjects in a unit of work.")] = 40
     reward: RewardName = PAPER_REWARD
     conditions: Annotated[list[ConditionEntry], Field(min_length=1)]

@@ -16,6 +16,9 @@ from pydantic import BaseModel, ConfigDict
 from causal_openlock.errors import OpenLockError
 from causal_openlock.wording import nearest
 
+MOST = 2**63 - 1
+"""The largest whole number of subjects, trials, attempts and so on."""
+
 Where = tuple[str | int, ...]
 """A path of keys and list indices into a file."""
 
@@ -65,11 +68,13 @@ def whole_number(value: Any, name: str, least: int = 0) -> int:
     3
 
     Raises:
-        OpenLockError: If it is something else, or less.
+        OpenLockError: If it is something else, less, or more than tables hold (:data:`MOST`).
     """
-    if isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= least:
+    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if whole and least <= value <= MOST:
         return int(value)
-    raise OpenLockError(f"{name} must be a whole number of at least {least}, and this is {value!r}")
+    ends = f"from {least} to {MOST:,}" if whole and value > MOST else f"of at least {least}"
+    raise OpenLockError(f"{name} must be a whole number {ends}, and this is {value!r}")
 
 
 def check_arguments(given: Iterable[str], function: Callable[..., Any], name: str) -> None:

@@ -76,6 +76,8 @@ def schema(
         graph = source.copy() if isinstance(source, nx.Graph) else _graph(source)
         _add(graph.nodes, "gate", gates or {})
         _add(graph.edges, "strength", strengths or {})
+        if not _several(inert):
+            raise SchemaError(f"inert levers are a list of names, not {inert!r}")
         if inert := [*inert]:
             graph.graph["inert"] = inert
         found = schema_of_graph(graph, "networkx", "schema")
@@ -115,6 +117,9 @@ def _several(value: Any) -> bool:
 
 def _add(parts: Any, attribute: str, values: Mapping[Any, Any]) -> None:
     """Set an attribute of nodes or edges of a graph."""
+    if not isinstance(values, Mapping):
+        form = "{node: gate}" if attribute == "gate" else "{(cause, effect): strength}"
+        raise SchemaError(f"{attribute}s are {form}, not {values!r}")
 
     def written(part: Any) -> str:
         return " -> ".join(map(str, part)) if isinstance(part, tuple) else str(part)

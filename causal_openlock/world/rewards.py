@@ -331,6 +331,10 @@ def find_reward(reward: RewardForm) -> RewardFunction:
         from causal_openlock.world.reward_code import own_reward, reward_name
 
         return own_reward(reward_name(reward))
+    if not isinstance(reward, Iterable):
+        raise RewardError(
+            f"{reward!r} is not a reward; give a preset's name, terms, weights or a function"
+        )
     terms = tuple(reward)
     for index, term in enumerate(terms):
         if term not in TERMS:

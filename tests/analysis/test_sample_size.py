@@ -61,7 +61,7 @@ def test_the_sign_of_a_difference_does_not_matter():
         ({"difference": 1, "sd": [2, 2, 2]}, "sd has to be more than 0, not 0.0"),
         ({"difference": 1, "sd": float("nan")}, "sd has to be more than 0, not nan"),
         ({"difference": 1, "power": 80}, "power has to be more than 0.05 and less than 1, not 80"),
-        ({"difference": 1, "alpha": 5}, "alpha has to be more than 0 and less than 1, not 5"),
+        ({"difference": 1, "alpha": 5}, "alpha has to be more than 1e-12 and less than 0.8, not 5"),
         ({"difference": "2"}, "difference has to be more than 0, not '2'"),
         ({"difference": 1, "sd": []}, "sd is a number, or the values of a pilot study, not []"),
         ({"difference": 1, "sd": "5 attempts"}, "sd is a number, or the values of a pilot study"),

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import causal_openlock as ol
+from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.experiment.building import Changes
 from causal_openlock.experiment.experiment import Experiment
@@ -53,6 +54,9 @@ def test_labels_are_legal_and_show_values_as_they_are_written() -> None:
         "mine-lapse-0.3-strength_alpha-1e-09",
     ]
     assert ol.sweep("win_stay", grey_only=[True])[0].name == "win_stay-grey_only-True"
+    instance = create("bayes", {"noise": 0.2})
+    (own,) = ol.sweep(instance, lapse=[0.1])
+    assert own.parameters == {"noise": 0.2, "lapse": 0.1}
 
 
 def test_a_sweep_or_one_of_its_learners_can_be_chosen_by_name(tmp_path: Path) -> None:
@@ -63,6 +67,12 @@ def test_a_sweep_or_one_of_its_learners_can_be_chosen_by_name(tmp_path: Path) ->
     one = read(tmp_path, entry, Changes(learners=[every[2]]))
     assert [spec.name for spec in one.learners] == [every[2]]
     assert one.command.endswith(f"e.yaml --learner {every[2]}")
+
+
+def test_two_sweeps_of_one_learner_are_both_chosen_by_its_name(tmp_path: Path) -> None:
+    two = "{learner: bayes, sweep: {lapse: [0.1]}}\n  - {learner: bayes, sweep: {noise: [0.2]}}"
+    chosen = read(tmp_path, two, Changes(learners=["bayes"]))
+    assert [one.name for one in chosen.learners] == ["bayes-lapse-0.1", "bayes-noise-0.2"]
 
 
 @pytest.mark.parametrize(
@@ -97,6 +107,7 @@ def test_a_fault_of_a_sweep_has_its_place(
         ({"lapse": []}, "a sweep needs a list of values"),
         ({"lapse": [0.1, 3]}, "less than or equal to 1, and this is 3"),
         ({"lapsing": [0.1]}, "did you mean lapse?"),
+        ({"lapse": np.array(0.3)}, "a sweep needs a list of values"),
     ],
 )
 def test_a_faulty_sweep_of_a_program_is_refused(parameters: dict[str, object], said: str) -> None:

@@ -160,7 +160,8 @@ def rows_of(
     """
     for column, asked in (("learner", learners), ("condition", conditions)):
         known = [str(name) for name in results.trials[column].unique()]
-        names = known if asked is None else [asked] if isinstance(asked, str) else list(asked)
+        several = isinstance(asked, Iterable) and not isinstance(asked, str)
+        names = known if asked is None else [*map(str, asked if several else [asked])]
         for name in names:
             if name not in known:
                 raise OpenLockError(f"no {column} {name} in these results; {nearest(name, known)}")

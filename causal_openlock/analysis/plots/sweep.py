@@ -70,7 +70,8 @@ def sweep_table(results: Material, parameter: str | None = None) -> pd.DataFrame
     if not values:
         known = {key for spec in specs.values() for key in spec.parameters}
         raise OpenLockError(
-            f"no learner of these results has a parameter {parameter}; {nearest(parameter, known)}"
+            f"no learner of these results has a parameter {parameter}; "
+            f"{nearest(str(parameter), known)}"
         )
     series = {
         name: _series(specs[name].learner, given[name], [k for k in differ[name] if k != parameter])

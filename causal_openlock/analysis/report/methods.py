@@ -75,7 +75,10 @@ def methods(results: Material) -> Methods:
         informed=[spec.name for spec in learners if spec.origin.informed],
         trained=results.trained_before,
         rewards={spec.reward.name: _terms(spec.reward) for spec in learners},
-        references=[one.reference for one in results.references if one.cells],
+        not_applicable=experiment.reasons,
+        references=[
+            one.reference for one in results.references if one.cells and len(one.reference.points)
+        ],
         level=LEVEL,
         resamples=RESAMPLES,
         alpha=ALPHA,
@@ -102,6 +105,7 @@ def _described(spec: LearnerSpec) -> dict[str, Any]:
         "package": origin.package,
         "parameters": pairs(given),
         "knows_defaults": defaults is not None,
+        "is_plain": defaults is not None and not given and spec.name == spec.learner,
     }
 
 

@@ -115,6 +115,7 @@ def _published(reference: Reference, protocol: str) -> list[tuple[Any, ...]]:
     baseline = ~points["condition"].isin(TRANSFERS)
     first = points[(points["trial"] == 1) & (baseline | (points["phase"] == "test"))]
     first = first.set_index("condition")
+    shares = first.get("share_solved", pd.Series(1.0, first.index))
     se = first["se"] * np.sqrt(first["subjects"] / (first["subjects"] - 1).clip(lower=1))
     rows = []
     for condition in TRANSFERS:
@@ -122,11 +123,15 @@ def _published(reference: Reference, protocol: str) -> list[tuple[Any, ...]]:
         if {condition, untrained} <= {*first.index}:
             one, two = first["mean"][condition], first["mean"][untrained]
             error = float(np.hypot(se[condition] / two, one * se[untrained] / two**2))
-            saved = 1 - one / two
+            saved, solved = 1 - one / two, float(shares[[condition, untrained]].mean())
             ends = saved - z * error, saved + z * error
+            if not solved:
+                saved, ends = np.nan, (np.nan, np.nan)
+            elif not error and saved:  # as of learners: if nobody differs
+                ends = np.nan, np.nan
             size = int(first["subjects"][condition])
             rows.append(
-                (reference.name, True, protocol, condition, size, one, two, 1.0, saved, *ends)
+                (reference.name, True, protocol, condition, size, one, two, solved, saved, *ends)
             )
     return rows
 

@@ -1,0 +1,45 @@
+"""Arguments of a wrong type: one sentence that names what is taken, and no traceback."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+import causal_openlock as ol
+from causal_openlock.errors import OpenLockError
+
+GRAPH = {"A": ["door"]}
+schema: Any = ol.schema
+make: Any = ol.make_experiment
+sample_size: Any = ol.sample_size
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: make(["CC3"], ["random"], reward=3), "3 is not a reward"),
+        (lambda: ol.make_experiment(["CC3"], ["random"], attempt_limit=2**70), "to 9,223"),
+        (lambda: ol.make_experiment(["CC3"], ["random"], subjects=2**70), "10000000"),
+        (lambda: schema(GRAPH, gates=["any"]), "gates are {node: gate}"),
+        (lambda: schema(GRAPH, strengths=[1]), "strengths are {(cause, effect): strength}"),
+        (lambda: schema(GRAPH, inert=3), "inert levers are a list"),
+        (lambda: sample_size(sd=5, subjects=40, alpha=0.9), "alpha has to be"),
+        (lambda: sample_size(2, sd=5, alpha=1e-300), "alpha has to be"),
+        (lambda: sample_size(2, sd=5, alpha=None), "alpha has to be"),
+    ],
+)
+def test_a_wrong_type_is_one_sentence(call: Callable[[], object], said: str) -> None:
+    with pytest.raises(OpenLockError) as caught:
+        call()
+    assert said in str(caught.value)
+
+
+def test_many_settings_of_a_protocol_still_have_a_name() -> None:
+    settings = {"attempt_limit": 10, "baseline_trials": 2, "training_trials": 3, "action_limit": 5}
+    made = ol.make_experiment(["CC3"], ["random"], protocol={**settings, "train_loops": 2})
+    again = ol.make_experiment(["CC3"], ["random"], protocol={**settings, "train_loops": 3})
+    names = [one.learners[0].protocol.name for one in (made, again)]
+    assert all(name.startswith("human_") and len(name) <= 64 for name in names)
+    assert names[0] != names[1]
