@@ -66,10 +66,10 @@ COURSE = ("opens", "finds_all", "found", "unlocks", "else")
 BLOCK = 50
 """Trials in a part of a curve; published points seem to be means of this number of trials."""
 
-SAVED = "saved_after_first"
-"""Attempts until the first solution, minus those from it to the last; not of courses."""
+AFTER, SAVED = "after_first", "saved_after_first"
+"""Attempts from the first solution to the last, and how many fewer than to the first; derived."""
 
-ATTEMPTS = ("attempts", "first_solution", SAVED)
+ATTEMPTS = ("attempts", "first_solution", AFTER, SAVED)
 """Measures that are numbers of attempts; the others are shares."""
 
 RECOVERED = ("single", "groups", "halves")
@@ -85,16 +85,16 @@ EVERYONE = "everyone"
 """Name of all learners of a recovery together."""
 
 MEASURED: Mapping[str, Sequence[str]] = {
-    "trials": (*TRIALS, SAVED),
+    "trials": (*TRIALS, AFTER, SAVED),
     "course": COURSE,
-    "curve": (*TRIALS, SAVED),
+    "curve": (*TRIALS, AFTER, SAVED),
     "recovery": (*RECOVERED, CORRELATION),
     "metrics": METRICS,
 }
 
 Measure = Literal[
-    "attempts", "first_solution", "saved_after_first", "solved", "found", "opens", "finds_all",
-    "else", "unlocks", "single", "groups", "halves", "r", "differing_pairs",
+    "attempts", "first_solution", "after_first", "saved_after_first", "solved", "found", "opens",
+    "finds_all", "else", "unlocks", "single", "groups", "halves", "r", "differing_pairs",
     "differing_transitions",
 ]  # fmt: skip
 """Measures of each unit: see :mod:`~causal_openlock.evidence.units`."""

@@ -12,8 +12,9 @@ whether a condition is judged by this row; ``unit``, the number of the subject o
 
 - ``attempts``, ``first_solution``: attempts to find every solution and the first one; a trial that
   was not solved counts as its limit.
-- ``saved_after_first``, not stored: how many fewer attempts lead from the first solution to the
-  last than to the first, where one was found. A policy without memory needs more, not fewer.
+- ``after_first``, ``saved_after_first``, not stored: attempts from the first solution to the last,
+  and how many fewer these are than those to the first, where one was found. A policy without memory
+  needs more, not fewer.
 - ``solved``, of a course ``finds_all``: the share of trials in which every solution was found.
 - ``found``: solutions found of those to be found.
 - ``opens``, ``unlocks``, ``else``, of a course: the shares of attempts that open the door, that
@@ -34,6 +35,7 @@ from causal_openlock.analysis.measures import CELL, SUBJECT
 from causal_openlock.analysis.results.visits import shares
 from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.study import (
+    AFTER,
     ATTEMPTS,
     BLOCK,
     COURSE,
@@ -157,9 +159,10 @@ def selected(units: pd.DataFrame, selection: Selection, measure: str) -> Selecte
             raise EvidenceError(f"no unit has been run with {column} {joined(missing)}")
         kept = np.logical_or.reduce([*found.values()])
     rows = units[kept]
-    if measure == SAVED and "first_solution" in rows:
-        until, rest = rows["first_solution"], rows["attempts"] - rows["first_solution"]
-        rows = rows.assign(**{SAVED: (until - rest).where(rows["found"] > 0)})
+    if measure in (AFTER, SAVED) and "first_solution" in rows:
+        rows = rows[rows["found"] > 0]
+        rest = rows["attempts"] - rows["first_solution"]
+        rows = rows.assign(**{AFTER: rest, SAVED: rows["first_solution"] - rest})
     if measure not in rows or rows[measure].isna().all():
         raise EvidenceError(f"{measure} was not measured of {selection.learner}")
     if measure in RECOVERED:  # every row is a unit
@@ -178,7 +181,7 @@ def selected(units: pd.DataFrame, selection: Selection, measure: str) -> Selecte
         values=each.mean(axis=1).to_numpy(float),
         units=each.index.to_numpy(np.int64),
         trials=int(trials),
-        least=-most if measure == SAVED else 1.0 if measure in ATTEMPTS else 0.0,
+        least=-most if measure == SAVED else float(measure in ("attempts", "first_solution")),
         most=most,
     )
 

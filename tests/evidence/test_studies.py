@@ -584,6 +584,21 @@ def test_attempts_to_the_first_solution_are_no_share(root: Path) -> None:
     assert 1 < low <= 30 <= high
 
 
+def test_attempts_are_counted_up_to_the_first_solution_and_from_there() -> None:
+    """Of a trial without a solution there is none to count from, and a unit is left out."""
+    rows = {"unit": [0, 1, 2], "attempts": [9.0, 30.0, 30.0], "first_solution": [2.0, 5.0, 30.0]}
+    same = {"learner": "x", "condition": "CC3", "protocol": "human", "judged": True, "trials": 1}
+    units = pd.DataFrame(rows).assign(found=[1.0, 0.5, 0.0], **same)
+    asked = Selection(learner="x", condition="CC3")
+    after, saved = (selected(units, asked, f"{one}after_first") for one in ("", "saved_"))
+    assert (after.units.tolist(), after.values.tolist()) == ([0, 1], [7.0, 25.0])
+    assert (after.least, after.most) == (0.0, 30.0)
+    assert saved.values.tolist() == [-5.0, -20.0]
+    assert (saved.least, saved.most) == (-30.0, 30.0)
+    with pytest.raises(EvidenceError, match="after_first was not measured of x"):
+        selected(units.assign(found=0.0), asked, "after_first")
+
+
 def test_all_trials_behind_a_mean_are_counted(root: Path) -> None:
     run(root)
     units = read_units(read_study(root / "small"))
