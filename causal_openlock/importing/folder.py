@@ -268,7 +268,7 @@ def _write(
             cell = Cell(name, seed, spec, one.condition, one.subject, 1)
             ends = [taken.time for taken in one.done if taken.attempt_over]
             store.write(cell, with_times(one.record, ends[: one.record.num_rows]))
-            if any(entry.reaction is not None for entry in one.entries):
+            if any((entry.reaction, entry.time) != (None, None) for entry in one.entries):
                 table = reactions_table(one.condition.name, one.subject, one.done)
                 write_reactions(store.folder / FOLDER / cell.file_name, table)
             cells.append(cell)

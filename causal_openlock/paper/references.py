@@ -30,6 +30,7 @@ def people() -> Reference:
         detail="published",
         source="Edmonds et al., 2018",
         prefix="human",
+        minutes=published.minutes(),
     )
 
 

@@ -13,6 +13,7 @@ from typing import Any
 from causal_openlock.analysis.effects import ALPHA
 from causal_openlock.analysis.measures import CELL, SUBJECT
 from causal_openlock.analysis.prose import Prose
+from causal_openlock.analysis.report.about_people import about_people
 from causal_openlock.analysis.report.what_was_run import edges, pairs, trials_played
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.statistics import LEVEL, RESAMPLES
@@ -69,6 +70,7 @@ def methods(results: Material) -> Methods:
         ],
         own_rooms=[one.name for one in experiment.conditions if _has_own_rooms(one)],
         subjects=_subjects(results),
+        about_people=about_people(results),
         missing=len(experiment.missing),
         cells=len(experiment.files),
         described=[_described(spec) for spec in learners],

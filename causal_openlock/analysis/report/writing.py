@@ -21,6 +21,7 @@ import pandas as pd
 
 from causal_openlock.analysis.effects import ALPHA
 from causal_openlock.analysis.plots import style
+from causal_openlock.analysis.report.about_people import about_people
 from causal_openlock.analysis.report.all_figures import figures_of
 from causal_openlock.analysis.report.learner_pages import learner_pages
 from causal_openlock.analysis.report.page import Written, render
@@ -117,6 +118,7 @@ def make_report(
     trials, learners, summary = material.counts.trials, material.learners, material.summary
     missing = missing_cells(experiment)
     described = what_was_run(experiment, trials_played(trials))
+    described["people"] = about_people(material)
 
     write_table(with_missing(summary, missing), folder / "summary.csv")
     begin = begin or (lambda _: None)

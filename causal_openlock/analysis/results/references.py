@@ -14,7 +14,7 @@ or ``import`` put there, or, where there are no people, for its learners.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -76,6 +76,8 @@ class Reference:
             ``category``, ``count`` and ``until``, the attempts up to the end of the block.
         protocol: Protocol of comparable rows where a record is without its experiment, so that
             names of conditions must do.
+        minutes: About how many minutes people took, in a ``baseline`` and in ``transfer``, where
+            that is known.
     """
 
     name: str
@@ -89,6 +91,7 @@ class Reference:
     in_leaderboard: bool = True
     categories: pd.DataFrame | None = None
     protocol: str = HUMAN_PROTOCOL
+    minutes: Mapping[str, float] = field(default_factory=dict, kw_only=True)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "title", self.title or self.name)
