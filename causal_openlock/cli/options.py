@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -28,6 +28,12 @@ ReferenceFolders = Annotated[
         "--reference",
         help="Results folder of people of one's own, or of a model, that every learner is compared "
         "with; with a name: mine=results/people.",
+    ),
+]
+Exclude = Annotated[
+    Literal["completed no trial"] | None,
+    typer.Option(
+        help="Leave out people by this rule, as the paper does; the report says how many."
     ),
 ]
 ResultsFolder = Annotated[

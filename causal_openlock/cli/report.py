@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from causal_openlock.cli.options import ReferenceFolders, ResultsFolder
+from causal_openlock.cli.options import Exclude, ReferenceFolders, ResultsFolder
 from causal_openlock.errors import OpenLockError
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from causal_openlock.analysis.results.missing import Missing
+    from causal_openlock.analysis.results.reading import Exclusion
     from causal_openlock.analysis.results.references import ReferenceForm
     from causal_openlock.comparison.console import Terminal
 
@@ -35,6 +36,7 @@ def report(
         typer.Option(help="Another folder whose learners or people the report shows as well."),
     ] = None,
     reference: ReferenceFolders = None,
+    exclude: Exclude = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", help="Folder for the comparison of two; default: the first."),
@@ -52,18 +54,18 @@ def report(
 
         if against or out:
             raise OpenLockError("--methods is about one comparison; leave out the other and --out")
-        results = open_results(folder, *beside or (), reference=reference)
+        results = open_results(folder, *beside or (), reference=reference, exclude=exclude)
         console.print_line(results.methods())
     elif against is None:
         if out is not None:
             raise OpenLockError(
                 "--out is for the comparison of two folders; a report is written into its own"
             )
-        report_store(folder, console, beside or (), reference or ())
-    elif beside or reference:
+        report_store(folder, console, beside or (), reference or (), exclude=exclude)
+    elif beside or reference or exclude:
         raise OpenLockError(
-            "two folders are compared with one another, and not with a --reference or --beside "
-            "others; leave one out"
+            "two folders are compared with one another, whole, and not with a --reference or "
+            "--beside others; leave one out, or --exclude"
         )
     else:
         report_difference(folder, against, out or folder, console)
@@ -75,6 +77,7 @@ def report_store(
     others: Sequence[Path] = (),
     references: Sequence[ReferenceForm] = (),
     reasons: bool = True,
+    exclude: Exclusion | None = None,
 ) -> None:
     """Write the report of a results folder, perhaps with others, and print its leaderboard.
 
@@ -84,7 +87,9 @@ def report_store(
         others: Folders whose learners or people are shown with those of this one.
         references: What learners are compared with.
         reasons: Whether to say why some learners are not applicable; ``compare`` has said it.
+        exclude: The rule by which people are left out.
     """
+    from causal_openlock.analysis.report.about_people import exclusions
     from causal_openlock.analysis.report.warnings import not_applicable
     from causal_openlock.analysis.report.writing import make_report
     from causal_openlock.analysis.results.missing import missing_cells
@@ -94,10 +99,11 @@ def report_store(
 
     with shown_steps("report") as begin:
         begin("reading")
-        results = open_results(folder, *others, reference=references)
+        results = open_results(folder, *others, reference=references, exclude=exclude)
         page = make_report(results, folder, begin=begin)
     print_leaderboard(page.leaderboard, console, page.answers)
-    for sentence in not_applicable(results.experiment.reasons) if reasons else ():
+    said = not_applicable(results.experiment.reasons) if reasons else ()
+    for sentence in (*exclusions(results), *said):
         console.print(sentence, highlight=False)
     _print_missing(missing_cells(results.experiment), console)
     console.print_line(f"report: {page.path}")

@@ -15,11 +15,17 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT
+from causal_openlock.analysis.report.about_people import exclusions
 from causal_openlock.analysis.report.warnings import not_applicable, warnings_of
 from causal_openlock.analysis.results.by_condition import ConditionTable, condition_tables
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.missing import missing_cells
-from causal_openlock.analysis.results.reading import beside, read_results
+from causal_openlock.analysis.results.reading import (
+    Exclusion,
+    beside,
+    read_results,
+    without_excluded,
+)
 from causal_openlock.analysis.results.references import (
     Reference,
     ReferenceForm,
@@ -72,9 +78,15 @@ class Results(Material):
     """
 
     @classmethod
-    def read(cls, *folders: Path | str, references: Sequence[Reference] = ()) -> Results:
+    def read(
+        cls,
+        *folders: Path | str,
+        references: Sequence[Reference] = (),
+        exclude: Exclusion | None = None,
+    ) -> Results:
         """The results in these folders together; see :func:`open_results`."""
-        found = [read_results(Store(folder), columns_of(all_topics())) for folder in folders]
+        wanted = columns_of(all_topics())
+        found = [read_results(Store(folder), wanted, exclude) for folder in folders]
         return cls._together(found, tuple(Path(one).resolve() for one in folders), references)
 
     @classmethod
@@ -125,7 +137,7 @@ class Results(Material):
         of_numbers = warnings_of(
             self.counts.trials, self.summary, experiment.versions, self.references, self.given
         )
-        of_numbers = *not_applicable(experiment.reasons), *of_numbers
+        of_numbers = *not_applicable(experiment.reasons), *exclusions(self), *of_numbers
         if not missing:
             return of_numbers
         return f"{unfinished}: {missing[0].text}{'; ...' if missing[1:] else ''}.", *of_numbers
@@ -233,6 +245,8 @@ class Results(Material):
             raise StoreError(
                 f"{self.folders[0]} has been used for another comparison since; open it again"
             )
+        if excluded := self.experiment.excluded:
+            parts = [without_excluded(*part, excluded) for part in parts]
         table = pa.concat_tables([record for record, _ in parts]).to_pandas()
         named = table.copy(deep=False)
         for name in [*SUBJECTS, *ROOM]:
@@ -357,6 +371,7 @@ def open_results(
     folder: Path | str,
     *others: Path | str,
     reference: ReferenceForm | Sequence[ReferenceForm] | None = None,
+    exclude: Exclusion | None = None,
 ) -> Results:
     """The results in a folder that :func:`compare` or the command line wrote.
 
@@ -366,9 +381,13 @@ def open_results(
         reference: What learners are compared with in every table and figure, besides what is
             published: a results folder of one's own people, perhaps with a name
             (``"mine=results/my_people"``), a :class:`Reference`, or several of these.
+        exclude: ``"completed no trial"`` leaves out the people who did, as the paper does, here
+            and in references from folders; warnings and methods say how many.
 
     Raises:
-        StoreError: If a folder holds no results, one is damaged, or they cannot be compared.
+        StoreError: If a folder holds no results, one is damaged, nobody is left, or they cannot be
+            compared.
     """
     places = map(downloaded, (folder, *others))
-    return Results.read(*places, references=find_references(reference))
+    references = find_references(reference, exclude)
+    return Results.read(*places, references=references, exclude=exclude)

@@ -43,6 +43,7 @@ class StoredExperiment(Experiment):
         missing: Names of the missing cells.
         failures: Why cells failed, a sentence each, by the name of the cell.
         not_applicable: By learner and condition, why the learner could not play it.
+        excluded: By the label of people, how many of them an analysis leaves out.
     """
 
     identity: str = ""
@@ -51,6 +52,7 @@ class StoredExperiment(Experiment):
     missing: tuple[str, ...] = ()
     failures: Mapping[str, str] = field(default_factory=dict)
     not_applicable: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    excluded: Mapping[str, int] = field(default_factory=dict)
 
 
 def parse_experiment(data: Any) -> StoredExperiment:

@@ -1,4 +1,4 @@
-"""What a report says about people themselves: how long they took.
+"""What a report says about people themselves: who is left out, and how long they took.
 
 A person's time is that from the first action in a room of the experiment to the last one, with
 what they took over the first. Instructions and the practice room are left out. Breaks are not, so
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import pandas as pd
 
+from causal_openlock.analysis.measures import CELL, SUBJECT
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.experiment.experiment import PERSON
@@ -18,18 +19,29 @@ _PROSE = Prose(__name__)
 KINDS = ("baseline", "transfer")
 
 
+def exclusions(results: Material) -> tuple[str, ...]:
+    """Say how many people are left out, a sentence for each of their labels."""
+    sizes = results.trials.drop_duplicates([*CELL, *SUBJECT])["learner"].value_counts()
+    return tuple(
+        _PROSE.sentence("excluded", name=name, out=out, of=out + int(sizes.get(name, 0)))
+        for name, out in results.experiment.excluded.items()
+    )
+
+
 def about_people(results: Material) -> str:
-    """How long people took, in sentences; empty where there are none, or no times are known.
+    """Who is left out and how long people took, in sentences; empty without people or times.
 
     Raises:
         StoreError: If a file of reaction times is damaged.
     """
     people = [one.name for one in results.experiment.learners if one.learner == PERSON]
     took = minutes_taken(results, people)
-    if took.empty:
-        return ""
-    published = [one.reference for one in results.references if one.reference.minutes]
-    return _PROSE.sentence("minutes", took=took.to_dict("records"), published=published)
+    said = [*exclusions(results)]
+    if not took.empty:
+        published = [one.reference for one in results.references if one.reference.minutes]
+        rows = took.to_dict("records")
+        said.append(_PROSE.sentence("minutes", took=rows, published=published))
+    return " ".join(said)
 
 
 def minutes_taken(results: Material, people: list[str]) -> pd.DataFrame:

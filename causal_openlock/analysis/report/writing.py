@@ -21,7 +21,7 @@ import pandas as pd
 
 from causal_openlock.analysis.effects import ALPHA
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.report.about_people import about_people
+from causal_openlock.analysis.report.about_people import about_people, exclusions
 from causal_openlock.analysis.report.all_figures import figures_of
 from causal_openlock.analysis.report.learner_pages import learner_pages
 from causal_openlock.analysis.report.page import Written, render
@@ -173,9 +173,8 @@ def make_report(
         summary=_summary_blocks(summary, learners, material.references),
         described=described,
         not_applicable=not_applicable(experiment.reasons),
-        warnings=warnings_of(
-            trials, summary, experiment.versions, material.references, material.given
-        ),
+        warnings=exclusions(material)
+        + warnings_of(trials, summary, experiment.versions, material.references, material.given),
         files=written.files,
         given=material.given,
     )

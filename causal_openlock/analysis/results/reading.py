@@ -3,15 +3,20 @@
 In memory a record of ten million attempts has more than a gigabyte, most of it in columns that an
 analysis never uses and in codes of names that are wider than they need be. So a cell is read at a
 time, without the columns that are not needed, and narrowed before the next one is read.
+
+People may be left out by the rule of the paper, which removed those who completed no trial. Nobody
+is unless it is asked for, and reports and methods then say how many are. Learners never are.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
+from causal_openlock.analysis.measures import CELL, SUBJECT
 from causal_openlock.errors import StoreError
+from causal_openlock.experiment.experiment import PERSON
 from causal_openlock.experiment.record import record_schema
 from causal_openlock.storage.store import Store
 from causal_openlock.storage.versions import merged_versions
@@ -27,23 +32,61 @@ if TYPE_CHECKING:
 UNREAD = ("actions", "moved", "reward", "wall_time")
 """Columns that are not read by default: half of a record, and of no use to most analyses."""
 
+Exclusion = Literal["completed no trial"]
+"""Rules by which people are left out."""
 
-def read_results(store: Store, columns: Sequence[str] = ()) -> tuple[pa.Table, StoredExperiment]:
+
+def read_results(
+    store: Store, columns: Sequence[str] = (), exclude: Exclusion | None = None
+) -> tuple[pa.Table, StoredExperiment]:
     """The records of all cells as one, and the experiment that they are of.
 
     Args:
         store: The results folder.
         columns: Columns wanted besides all that are not in :data:`UNREAD`.
+        exclude: The rule by which people are left out.
 
     Returns:
         As :meth:`~causal_openlock.storage.store.Store.record`, with names coded by as few bytes
         as they need.
 
     Raises:
-        StoreError: If there is no cell, or one is damaged.
+        StoreError: If there is no cell, one is damaged, or the rule leaves nobody.
     """
     wanted = [name for name in record_schema().names if name in columns or name not in UNREAD]
-    return store.record(wanted, small=True)
+    found = store.record(wanted, small=True)
+    people = [spec.name for spec in found[1].learners if spec.learner == PERSON]
+    return without_excluded(*found, people) if exclude else found
+
+
+def without_excluded(
+    record: pa.Table, experiment: StoredExperiment, people: Collection[str]
+) -> tuple[pa.Table, StoredExperiment]:
+    """Leave out the people who found every solution of no room.
+
+    Args:
+        record: Attempts, with the columns that say whose they are and what was found.
+        experiment: What was run.
+        people: The labels of those who are people.
+
+    Returns:
+        The attempts of the others, and the experiment with the numbers ``excluded``.
+
+    Raises:
+        StoreError: If nobody is left.
+    """
+    import pandas as pd
+
+    columns = {name: record[name].to_pandas() for name in (*CELL, *SUBJECT)}
+    columns["solved"] = record["solutions_found"].to_pandas() == record["solutions"].to_pandas()
+    attempts = pd.DataFrame(columns)
+    by = attempts.groupby([*CELL, *SUBJECT], observed=True)["solved"]
+    out = attempts["learner"].isin(people) & ~by.transform("any")
+    if out.all():
+        raise StoreError("everybody completed no trial, so that nobody is left to report")
+    gone = attempts[out].drop_duplicates([*CELL, *SUBJECT])["learner"].astype(str)
+    excluded = {str(name): int(number) for name, number in gone.value_counts().items()}
+    return record.filter(~out.to_numpy()), replace(experiment, excluded=excluded)
 
 
 def beside(
@@ -63,6 +106,7 @@ def beside(
     learners: dict[str, LearnerSpec] = {}
     conditions: dict[str, Condition] = {}
     not_applicable: dict[str, dict[str, str]] = {}
+    excluded: dict[str, int] = {}
     played: set[tuple[str, str]] = set()
     for record, experiment in results:
         cells = set(_names(record).itertuples(index=False, name=None))
@@ -75,6 +119,7 @@ def beside(
                     f"both of these results have a learner {twice[0][0] if twice else spec.name}; "
                     "give one of them another name (label=) where it is declared"
                 )
+        excluded |= experiment.excluded
         for name, own in experiment.not_applicable.items():
             not_applicable.setdefault(name, {}).update(own)
         for condition in experiment.conditions:
@@ -95,6 +140,7 @@ def beside(
         failures={name: why for one in experiments for name, why in one.failures.items()},
         versions=merged_versions([one.versions for one in experiments]),
         not_applicable=not_applicable,
+        excluded=excluded,
     )
     return pa.concat_tables([record for record, _ in results]), together
 

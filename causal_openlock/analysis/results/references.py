@@ -24,7 +24,7 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import CELL, Counts, count, judged, mean_by_trial
-from causal_openlock.analysis.results.reading import read_results
+from causal_openlock.analysis.results.reading import Exclusion, read_results
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.experiment import PERSON, Experiment, LearnerSpec
 from causal_openlock.experiment.protocol import HUMAN_PROTOCOL, Condition, Protocol, plan
@@ -32,6 +32,7 @@ from causal_openlock.files.plugins import REFERENCES, loaded, registered
 from causal_openlock.schemas.fsm import BoolArray
 from causal_openlock.storage.remote import downloaded
 from causal_openlock.storage.store import Store
+from causal_openlock.storage.stored import StoredExperiment
 from causal_openlock.wording import counted, file_names
 
 POINT = ["condition", "phase", "trial"]
@@ -270,9 +271,11 @@ ReferenceForm = Reference | Path | str
 
 
 def find_references(
-    forms: ReferenceForm | Sequence[ReferenceForm] | None,
+    forms: ReferenceForm | Sequence[ReferenceForm] | None, exclude: Exclusion | None = None
 ) -> tuple[Reference, ...]:
     """Return the references that are given, each as a reference or as a results folder.
+
+    ``exclude`` is the rule by which people of folders are left out.
 
     Raises:
         OpenLockError: If a folder holds no results, or a name is none.
@@ -285,7 +288,7 @@ def find_references(
         if isinstance(form, Reference):
             found.append(form)
         elif isinstance(form, Path | str):
-            found += reference_of(form)
+            found += reference_of(form, exclude)
         else:
             raise OpenLockError(f"a reference is a Reference or a results folder, not {form!r}")
     return tuple(found)
@@ -295,7 +298,7 @@ def _several(forms: Any) -> Iterable[Any]:
     return forms if isinstance(forms, Iterable) else [forms]
 
 
-def reference_of(folder: Path | str) -> list[Reference]:
+def reference_of(folder: Path | str, exclude: Exclusion | None = None) -> list[Reference]:
     """Return the people of a results folder as a reference; without people, each of its learners.
 
     A learner did what they did in a condition if its rooms have the same schemas in the same order,
@@ -304,6 +307,7 @@ def reference_of(folder: Path | str) -> list[Reference]:
     Args:
         folder: The folder, or an object store; with a name before it: ``"mine=results/people"``.
             Without, the folder's name is taken.
+        exclude: The rule by which people are left out; ``detail`` says how many are.
 
     Raises:
         OpenLockError: If it holds no results, or the name is none.
@@ -312,7 +316,7 @@ def reference_of(folder: Path | str) -> list[Reference]:
     if not found or "/" in name:
         name, place = "", str(folder)
     path = Path(downloaded(place))
-    record, experiment = read_results(Store(path))
+    record, experiment = read_results(Store(path), exclude=exclude)
     counts = count(record)
     people = [spec.name for spec in experiment.learners if spec.learner == PERSON]
     played = set(map(str, counts.trials["learner"].unique()))
@@ -329,10 +333,13 @@ def reference_of(folder: Path | str) -> list[Reference]:
     return [_of_learner(f"{name} {parts[one.name]}", one, experiment, counts) for one in shown]
 
 
-def _of_learner(name: str, spec: LearnerSpec, experiment: Experiment, counts: Counts) -> Reference:
+def _of_learner(
+    name: str, spec: LearnerSpec, experiment: StoredExperiment, counts: Counts
+) -> Reference:
     trials = counts.trials[counts.trials["learner"] == spec.name]
     blocks = counts.blocks[counts.blocks["learner"] == spec.name]
     played = {one.name: _played(one, spec.protocol) for one in experiment.conditions}
+    out = experiment.excluded.get(spec.name)
 
     def comparable(other: LearnerSpec, condition: Condition) -> bool:
         known = played.get(condition.name)
@@ -343,7 +350,7 @@ def _of_learner(name: str, spec: LearnerSpec, experiment: Experiment, counts: Co
         _means(trials),
         comparable,
         _means(judged(trials)),
-        detail="one's own",
+        detail=f"one's own, {out:,} who completed no trial left out" if out else "one's own",
         categories=blocks.astype({"condition": str, "phase": str}) if len(blocks) else None,
         protocol=spec.protocol.name,
     )

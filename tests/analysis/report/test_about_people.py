@@ -1,14 +1,20 @@
-"""People in a report: how long they took."""
+"""People in a report: who is left out, and how long they took."""
 
 from __future__ import annotations
 
 import itertools
 from pathlib import Path
 
+import pytest
+
 import causal_openlock as ol
+from causal_openlock.analysis.results.reading import Exclusion
+from causal_openlock.analysis.results.references import find_references
 from causal_openlock.importing.folder import import_files
 from causal_openlock.paper.published import minutes
+from support.command import at_once
 
+RULES: tuple[Exclusion | None, ...] = (None, "completed no trial")
 SOLVED = [("LOWERLEFT", "UPPERRIGHT"), ("UPPERLEFT", "UPPERRIGHT")]
 """Levers of the two solutions of CE3 in its first published room."""
 
@@ -48,3 +54,62 @@ def test_minutes_of_people_are_told_next_to_the_published_ones(tmp_path: Path) -
 def test_learners_have_no_minutes(tmp_path: Path) -> None:
     results = ol.compare(["CE3"], ["oracle"], subjects=2, workers=0, out=tmp_path / "x")
     assert "minutes" not in results.methods()
+
+
+@pytest.fixture(scope="module")
+def two_of_three(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of three people, one of whom solved nothing."""
+    folder = tmp_path_factory.mktemp("people")
+    each = [rows(str(n), n != 1, 0.0, 60.0) for n in range(3)]
+    return imported(folder, *each)
+
+
+LEFT_OUT = "Of 3 people (person), 1 completed no trial and was left out."
+
+
+def test_who_completed_no_trial_is_left_out_only_if_asked_and_never_silently(
+    two_of_three: Path,
+) -> None:
+    everybody = ol.open_results(two_of_three)
+    assert everybody.trials["solved"].tolist() == [True, False, True]
+    assert "left out" not in everybody.methods() + " ".join(everybody.warnings)
+    results = ol.open_results(two_of_three, exclude="completed no trial")
+    assert results.trials["subject"].tolist() == [0, 2]
+    assert results.attempts["subject"].unique().tolist() == [0, 2]
+    assert len(results.attempts) == 4
+    assert LEFT_OUT in results.warnings
+    assert f"{LEFT_OUT} From the first action to the last, 2 people took 5.0" in results.methods()
+    results.report()
+    page = (two_of_three / "report.html").read_text(encoding="utf-8")
+    assert f"<li>{LEFT_OUT}</li>" in page
+
+
+def test_learners_are_never_left_out(two_of_three: Path, tmp_path: Path) -> None:
+    ol.compare(["CE3"], ["tabular_q"], subjects=2, workers=0, out=tmp_path / "x")
+    results = ol.open_results(tmp_path / "x", two_of_three, exclude="completed no trial")
+    unsolved = results.trials.query("learner == 'tabular_q'").groupby("subject")["solved"]
+    assert not unsolved.any().any()
+    assert results.experiment.excluded == {"person": 1}
+    joined = ol.open_results(tmp_path / "x") + ol.open_results(
+        two_of_three, exclude="completed no trial"
+    )
+    assert len(joined.attempts) == len(results.attempts)
+
+
+def test_people_as_a_reference_are_left_out_by_the_same_rule(two_of_three: Path) -> None:
+    whole, rest = (find_references(f"mine={two_of_three}", rule) for rule in RULES)
+    assert (whole[0].points["subjects"].iloc[0], rest[0].points["subjects"].iloc[0]) == (3, 2)
+    assert rest[0].detail == "one's own, 1 who completed no trial left out"
+
+
+def test_a_rule_that_leaves_nobody_is_refused(tmp_path: Path) -> None:
+    folder = imported(tmp_path, rows("a", False, 0.0, 1.0))
+    done = at_once("report", folder, "--exclude", "completed no trial")
+    assert (done.status, "nobody is left to report" in done.stderr) == (2, True)
+
+
+def test_the_command_says_who_is_left_out(two_of_three: Path) -> None:
+    done = at_once("report", two_of_three, "--exclude", "completed no trial")
+    assert (done.status, LEFT_OUT in done.stdout) == (0, True)
+    both = at_once("report", two_of_three, two_of_three, "--exclude", "completed no trial")
+    assert (both.status, "or --exclude" in both.stderr) == (2, True)
