@@ -73,6 +73,8 @@ from .belief.likelihoods import takes_effect as takes_effect
 from .belief.grammar import schema_classes as schema_classes
 from .belief.planning import Situation as Situation
 from .belief.trace import trace_trial as trace_trial
+from .belief.worth import SchemaWorth as SchemaWorth
+from .belief.worth import schema_worth as schema_worth
 
 # Analysis
 from .analysis.measures import attempts_to_solve as attempts_to_solve

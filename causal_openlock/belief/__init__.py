@@ -24,5 +24,7 @@ Inspection
 
 Bounds
     :mod:`~causal_openlock.belief.optimal` (least expected attempts of an ideal observer, on
-    :mod:`~causal_openlock.belief.placements`).
+    :mod:`~causal_openlock.belief.placements`),
+    :mod:`~causal_openlock.belief.worth` (what knowing the schema saves, among
+    :mod:`~causal_openlock.belief.possible_schemas`).
 """

@@ -13,14 +13,20 @@ attempt up to renaming of the levers. Of levers that the belief cannot distingui
 And an action is dropped once a lower bound shows that another is as good: each solution left costs
 an attempt, and the present attempt saves one only where it can still complete a solution.
 
-Pulling a lever back never helps within the paper's three actions. It is left out unless an attempt
-has at least two actions to spare, which a pull and the push that it undoes cost.
+Pulling a lever back never helps within the paper's three actions (enumerated up to four levers).
+By default it is left out unless an attempt has two actions to spare, which a pull and the push that
+it undoes cost. With four actions and more this can miss a better policy: pass ``pulls=True``.
+
+Several policies may be optimal, and divide the attempts otherwise among solutions or hypotheses:
+:meth:`Optimum.split` goes through all of them. Where a search is too large,
+:class:`OneAttemptAhead` plans to the end of each attempt. That gives a lower bound, and a policy
+whose exact mean is an upper bound.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
 from itertools import combinations
 from math import log2
@@ -75,6 +81,8 @@ class Optimum:
         action_limit: Actions in an attempt.
         node_limit: States to search before giving up; also an attribute that can be changed.
         pulls: Whether levers may be pulled back; by default if two actions can be spared.
+        find: Solutions to find, by default all.
+        lock_seen: Whether it is seen that the door is unlocked, and not only when it is pushed.
 
     Attributes:
         nodes: States searched so far.
@@ -89,6 +97,8 @@ class Optimum:
         2.667
     """
 
+    hypothesis_limit = HYPOTHESIS_LIMIT
+
     def __init__(
         self,
         hypotheses: Hypotheses,
@@ -96,19 +106,19 @@ class Optimum:
         action_limit: int,
         node_limit: float = NODE_LIMIT,
         pulls: bool | None = None,
+        find: int | None = None,
+        lock_seen: bool = True,
     ) -> None:
-        if len(hypotheses) > HYPOTHESIS_LIMIT:
+        if len(hypotheses) > self.hypothesis_limit:
             raise TooLargeError(f"{len(hypotheses):,} hypotheses are too many")
         self._own, self._limit, self.node_limit = hypotheses, action_limit, node_limit
         self._slots: int = hypotheses.causes.shape[1] - 1
-        self._solutions: int = hypotheses.solutions.shape[1]
+        self._solutions: int = hypotheses.solutions.shape[1] if find is None else find
+        self._lock_seen = lock_seen
         longest = int(np.bitwise_count(hypotheses.solutions).max(initial=0))
         self._pulls = action_limit - longest - 1 >= 2 if pulls is None else pulls
         share = weight / weight.sum()
-        self._weights: list[tuple[float, int]] = [
-            (weight, bits(np.equal(share, weight)))
-            for weight in np.unique(share[share > 0]).tolist()
-        ]
+        self._weights = by_weight(share)
         self._everything = bits(share > 0)
         self._symmetry = Symmetry(hypotheses, share)
         self._values: dict[tuple[int, tuple[int, ...]], float] = {}
@@ -207,6 +217,47 @@ class Optimum:
 
         return after(Point(self._everything, (), 0, 0), 0)
 
+    def split(self, charge: Callable[[int, int], tuple[float, ...]]) -> tuple[float, ...]:
+        """The sum of what the attempts are charged, under the optimal policy that is charged least.
+
+        Args:
+            charge: What an attempt is charged, as a sum over the hypotheses that are possible when
+                it begins (a bit mask), with so far this number of solutions found. Renaming levers
+                must not change it. Of several numbers, earlier ones matter first.
+        """
+        nothing = (0.0,) * len(charge(0, 0))
+        known: dict[tuple[Point, bool], tuple[float, ...]] = {}
+
+        def added(parts: list[tuple[float, ...]]) -> tuple[float, ...]:
+            return tuple(map(sum, zip(nothing, *parts, strict=True)))
+
+        def after(point: Point, began: int) -> tuple[float, ...]:
+            """Charges to come, the present attempt's not counted."""
+            possible, found, _, left = point
+            if not left:
+                to_find = range(len(found), self._solutions)
+                if not to_find or possible & (possible - 1) == 0:
+                    return added([charge(possible, number) for number in to_find])
+                possible, found = self._symmetry.canonical(possible, found)
+                start = Point(possible, found, 0, self._limit)
+                return added([charge(possible, len(found)), after(start, possible)])
+            if (key := (point, possible == began)) not in known:
+                tie, least, values = TIE * self._weight(possible), math.inf, []
+                for option in self._options(point):
+                    values.append((self._value(option, point, began, least + tie), option.outcomes))
+                    least = min(least, values[-1][0])
+                plans = [plan for value, plan in values if value <= least + tie]
+                known[key] = min(
+                    (
+                        added([after(one, began if one[:2] == point[:2] else 0) for one in plan])
+                        for plan in plans or [[point._replace(left=0)]]
+                    ),
+                    key=lambda charged: tuple(round(one, 10) for one in charged),
+                )
+            return known[key]
+
+        return after(Point(self._everything, (), 0, 0), 0)
+
     # -- values, times the probability of the possible hypotheses --------------------------------
 
     def _attempts(self, possible: int, found: tuple[int, ...]) -> float:
@@ -284,15 +335,19 @@ class Optimum:
         moving = possible & self._holds(slot, pushed)
         after = pushed ^ 1 << slot
         unlocks = moving & self._holds(self._slots, after)
-        parts = (unlocks, after), (moving & ~unlocks, after), (possible & ~moving, pushed)
+        parts = [(unlocks, after), (moving & ~unlocks, after), (possible & ~moving, pushed)]
+        if not self._lock_seen:
+            parts[:2] = [(moving, after)]
         return [Point(part, found, now, left - 1) for part, now in parts if part]
 
     def _opened(self, point: Point) -> list[Point]:
-        """States that opening the unlocked door can lead to: a new solution, or none."""
-        possible, found, pushed, _ = point
-        new = possible & self._finds(pushed, found)
+        """States that pushing the door can lead to: a new solution, none, or it is locked."""
+        possible, found, pushed, left = point
+        opens = possible & self._holds(self._slots, pushed)
+        new = opens & self._finds(pushed, found)
         more = tuple(sorted((*found, pushed)))
-        outcomes = [Point(new, more, 0, 0), Point(possible & ~new, found, 0, 0)]
+        outcomes = [Point(new, more, 0, 0), Point(opens & ~new, found, 0, 0)]
+        outcomes.append(point._replace(possible=possible & ~opens, left=left - 1))
         return [outcome for outcome in outcomes if outcome.possible]
 
     def _alike(
@@ -314,9 +369,7 @@ class Optimum:
         return groups
 
     def _weight(self, possible: int) -> float:
-        return sum(
-            (weight * (possible & having).bit_count() for weight, having in self._weights), 0.0
-        )
+        return weighed(self._weights, possible)
 
     # -- sets of hypotheses, cached ---------------------------------------------------------------
 
@@ -344,6 +397,25 @@ class Optimum:
         if not self._pulls:
             missing &= self._own.solutions & stands == stands
         return bits(np.logical_or.reduce(missing & self._to_find(found), axis=1))
+
+
+class OneAttemptAhead(Optimum):
+    """Plans to the end of an attempt, as if each bit missing then cost ``worth_of_a_bit`` attempts.
+
+    At 0, :meth:`attempts` is a lower bound of the least expected attempts. :meth:`split` follows
+    the plans attempt by attempt: what it charges is the exact mean of one policy, an upper bound.
+    """
+
+    hypothesis_limit = 10 * HYPOTHESIS_LIMIT
+    worth_of_a_bit = 0.0
+
+    def _attempts(self, possible: int, found: tuple[int, ...]) -> float:
+        whole = self._weight(possible)
+        if possible == self._everything and not found:
+            return whole + self._search(Point(possible, found, 0, self._limit), possible)
+        left = self._solutions - len(found)
+        bits_missing = self.entropy(possible) if left and self.worth_of_a_bit else 0.0
+        return whole * (left + self.worth_of_a_bit * bits_missing)
 
 
 class Symmetry:
@@ -411,6 +483,16 @@ class Symmetry:
         image = np.zeros(self._many, dtype=bool)
         image[image_of] = True
         return bits(image), found
+
+
+def by_weight(weight: FloatArray) -> list[tuple[float, int]]:
+    """Return each weight above 0 with the set of hypotheses that have it."""
+    return [(one, bits(np.equal(weight, one))) for one in np.unique(weight[weight > 0]).tolist()]
+
+
+def weighed(weights: list[tuple[float, int]], possible: int) -> float:
+    """Return the sum of the weights of a set of hypotheses; ``weights`` is by :func:`by_weight`."""
+    return sum((weight * (possible & having).bit_count() for weight, having in weights), 0.0)
 
 
 def bits(flags: BoolArray) -> int:

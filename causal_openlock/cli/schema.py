@@ -1,4 +1,4 @@
-"""``causal-openlock schema``: list, show, check, draw, export and begin schemas."""
+"""``causal-openlock schema``: list, show, check, draw, export, begin and value schemas."""
 
 from __future__ import annotations
 
@@ -198,6 +198,78 @@ def new(
     say(f"  causal-openlock schema check {path}")
     say(f"  causal-openlock schema show {path}")
     say(f"  causal-openlock compare --condition {path} --learner oracle --learner random")
+
+
+@app.command()
+def worth(
+    name: SchemaName,
+    among: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--among",
+            "-a",
+            help="What else may govern the room: a schema, or SCHEMA=WEIGHT (may be repeated); all "
+            "schemas of its size (the default); or grammar, the prior of the learner bayes.",
+        ),
+    ] = None,
+    action_limit: Annotated[
+        int | None, typer.Option(help="Actions in an attempt; by default 3, or as many as needed.")
+    ] = None,
+    levers_unknown: Annotated[
+        bool, typer.Option("--levers-unknown", help="Any of seven levers may be active.")
+    ] = False,
+    lock_unseen: Annotated[
+        bool, typer.Option("--lock-unseen", help="Only pushing the door shows if it is unlocked.")
+    ] = False,
+    concentration: Annotated[
+        float, typer.Option(help="For the grammar: how many rooms its prior is worth.")
+    ] = 1.0,
+    after: Annotated[
+        list[str] | None,
+        typer.Option(help="For the grammar: a schema known before (may be repeated)."),
+    ] = None,
+    most_states: Annotated[
+        int | None,
+        typer.Option(help="States that a search may take before bounds replace it.", min=1),
+    ] = None,
+) -> None:
+    """Compute what knowing the schema is worth to an ideal observer, in attempts."""
+    from rich.table import Table
+
+    from causal_openlock.belief.worth import schema_worth
+    from causal_openlock.comparison.console import Terminal
+    from causal_openlock.comparison.progress_bar import shown_steps
+
+    among = among or ["all"]
+    with shown_steps("worth") as report:
+        found = schema_worth(
+            name,
+            among[0] if among in (["all"], ["grammar"]) else dict(map(_weighted, among)),
+            action_limit=action_limit,
+            levers_known=not levers_unknown,
+            lock_seen=not lock_unseen,
+            concentration=concentration,
+            after=after or (),
+            most_states=most_states,
+            report=report,
+        )
+    table = Table("attempts", box=None, pad_edge=False)
+    for column in ("known", "unknown", "worth"):
+        table.add_column(column, justify="right")
+    for row in found.table.itertuples(index=False):
+        table.add_row(row.attempts, *(f"{number:.3f}" for number in row[1:]))
+    console = Terminal()
+    console.print(table)
+    console.print_line(str(found))
+
+
+def _weighted(text: str) -> tuple[str, float]:
+    """A schema and its weight, which is 1 unless the text ends with another."""
+    schema, equals, weight = text.rpartition("=")
+    try:
+        return (schema, float(weight)) if equals else (text, 1.0)
+    except ValueError:
+        return text, 1.0
 
 
 _GUIDE = """\
