@@ -19,7 +19,7 @@ from pandas.api.types import union_categoricals
 
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
-from causal_openlock.experiment.record import CATEGORIES, PHASES
+from causal_openlock.experiment.record import CATEGORIES, PHASES, played
 from causal_openlock.schemas.fsm import IntArray
 from causal_openlock.wording import counted
 
@@ -67,7 +67,7 @@ def attempts_to_solve(record: pa.Table) -> pd.DataFrame:
             order.
 
     Returns:
-        One row for each trial that a subject visited, sorted by :data:`CELL`, :data:`SUBJECT` and
+        One row for each trial that a subject played, sorted by :data:`CELL`, :data:`SUBJECT` and
         :data:`VISIT` (names are categorical, the paper's come first), with these columns and:
 
         - ``schema``, ``layout``: of the room.
@@ -84,7 +84,7 @@ def attempts_to_solve(record: pa.Table) -> pd.DataFrame:
     Raises:
         StoreError: If a trial has attempts missing or twice.
     """
-    return _Trials.of(record).table
+    return _Trials.of(played(record)).table
 
 
 def category_counts(record: pa.Table, blocks: int = 5) -> pd.DataFrame:
@@ -116,6 +116,7 @@ def trials_and_categories(record: pa.Table, blocks: int = 5) -> tuple[pd.DataFra
     """:func:`attempts_to_solve` and :func:`category_counts` in one go."""
     if blocks < 1:
         raise ValueError(f"blocks is {blocks}; it must be at least 1")
+    record = played(record)
     trials = _Trials.of(record)
     table, row_trial = trials.table, trials.row_trial
     phases = table.groupby([*CELL, "phase"], observed=True, sort=True)

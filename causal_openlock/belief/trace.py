@@ -282,7 +282,7 @@ def trace_trial(
     over = False
     while not over:
         view = session.view
-        chosen = learner.act(view)
+        chosen = session.chosen(learner)
         before = actions[-1].after if actions else _snapshot(learner)
         belief = replace(learner.belief(0))  # a copy, as the learner changes its own
         predicted = float(learner.gains(0, view)[chosen[0]])

@@ -42,6 +42,10 @@ def text(
     say(f"- `{STOP[0]}` ends the game.")
     say(f"\n{room_now(words, session.view, 0, brief.trials)}")
     while not session.over:
+        if (shown := session.shown) is not None:
+            say(f"> {words.actions[int(shown[0])]} (shown to you)")
+            say(feedback(words, session.step(shown), 0, brief.trials))
+            continue
         say("> ", end="")
         try:
             answer = input()

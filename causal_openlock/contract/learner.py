@@ -188,8 +188,8 @@ class Learner(ABC):
     learns_from_others: ClassVar[bool] = True
     """Whether ``learn`` can be given what another subject did.
 
-    When recorded subjects are scored, ``probabilities`` is called before ``learn`` if the learner
-    implements it; ``act`` is not.
+    When recorded subjects are scored, and where a condition shows solutions, ``probabilities`` is
+    called before ``learn``; ``act`` is not. What has been shown is in ``step.action``.
     """
 
     def __init__(self, parameters: Any = None) -> None:

@@ -45,6 +45,7 @@ from causal_openlock.experiment.file_format import (
     ExperimentFile,
     LearnerFile,
     ProtocolFile,
+    ShownFile,
     TrialsFile,
 )
 from causal_openlock.experiment.protocol import (
@@ -319,15 +320,22 @@ class _Builder:
             return [declared]
         if not isinstance(declared, ConditionFile):
             return [self.sequence(declared)]
-        train, test = (
-            tuple(
-                one
-                for number, trials in enumerate(getattr(declared, phase))
-                for one in self.trials(trials, ("conditions", index, phase, number))
-            )
-            for phase in ("train", "test")
-        )
-        return [Condition(declared.name, train, test)]
+        where, train = ("conditions", index), declared.train
+        if shown := isinstance(train, ShownFile):
+            first = self.group(train.shown, (*where, "train", "shown"))
+        else:
+            first = self.group(train, (*where, "train"))
+        tested = self.group(declared.test, (*where, "test"))
+        return [Condition(declared.name, first, tested, shown=shown)]
+
+    def group(self, declared: str | list[TrialsFile], where: Where) -> tuple[Trials, ...]:
+        """Trials in a list; a name alone is that of the schema."""
+        if isinstance(declared, str):
+            with self.at(*where):
+                return (Trials(self.schema(declared)),)
+            return ()
+        each = enumerate(declared)
+        return tuple(one for number, part in each for one in self.trials(part, (*where, number)))
 
     def sequence(self, declared: Schema | Sequence[str | Schema]) -> Condition:
         """A baseline of one schema; or training with all but the last and a test with the last."""

@@ -247,7 +247,7 @@ class Experiment:
         for spec in self.learners:
             for condition in self.conditions:
                 for schema in condition.schemas:
-                    if why := _cannot_play(spec, schema):
+                    if why := _cannot_play(spec, condition, schema):
                         found.setdefault(spec.name, {})[condition.name] = why
         return found
 
@@ -322,10 +322,12 @@ class Experiment:
         return _digest(asked)
 
 
-def _cannot_play(spec: LearnerSpec, schema: Schema) -> str:
-    """Reason why a learner cannot play in rooms of a schema; empty if none is known."""
+def _cannot_play(spec: LearnerSpec, condition: Condition, schema: Schema) -> str:
+    """Reason why a learner cannot play a condition's rooms of a schema; empty if none is known."""
     if spec.recorded is not None:  # its code need not be installed
         return ""
+    if condition.shown and not getattr(learner_class(spec.learner), "learns_from_others", True):
+        return f"{spec.name} learns from its own actions alone, so nothing can be shown to it"
     try:
         limit = spec.protocol.actions_for(schema)
         cost = expected_cost(spec.learner, spec.parameters, schema, limit)

@@ -78,11 +78,26 @@ class TrialsFile(StrictModel):
     shuffle: Annotated[bool, Field(description="Whether layouts come in random order.")] = True
 
 
+SomeTrials = Annotated[list[TrialsFile], Field(min_length=1)]
+
+
+class ShownFile(StrictModel):
+    """Training that is shown: each solution of each room once."""
+
+    shown: Annotated[
+        Annotated[str, A_NAME] | Annotated[SomeTrials, A_LIST],
+        _written("schema by name or path", "list of trials"),
+    ]
+
+
 class ConditionFile(StrictModel):
     """A condition spelled out."""
 
     name: Name
-    train: Annotated[list[TrialsFile], Field(min_length=1)]
+    train: Annotated[
+        Annotated[SomeTrials, A_LIST] | Annotated[ShownFile, A_MAPPING],
+        _written("list of trials", "mapping such as {shown: CC3}"),
+    ]
     test: list[TrialsFile] = Field(default_factory=list)
 
 

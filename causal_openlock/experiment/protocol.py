@@ -3,7 +3,8 @@
 A *condition* is a sequence of trials: first those to train on, then perhaps those to test on.
 ``CC4`` is a baseline (rooms of the schema CC4), ``CC3-CC4`` a transfer (six rooms of CC3, then
 CC4). The paper's six conditions have these two forms, which work with any other schemas too:
-``chain3``, ``chain3-seven``.
+``chain3``, ``chain3-seven``. In ``shown-CC3-CC4`` the training is *shown*: in each of its rooms the
+subject watches every solution once and does nothing itself; then it plays the test.
 
 A *protocol* defines how a condition is played: how many attempts a trial has, whether it ends when
 all solutions are found, how many trials there are and how often they are repeated.
@@ -44,6 +45,8 @@ HUMAN_PROTOCOL = "human"
 """The protocol under which people played in the paper."""
 
 PAPER_CONDITIONS = ("CC4", "CE4", "CC3-CC4", "CE3-CC4", "CC3-CE4", "CE3-CE4")
+SHOWN = "shown"
+"""The phase of training that is shown, and what the name of such a condition begins with."""
 MOST_CHARACTERS = 9000
 """Most characters of a condition: two paths are never longer."""
 LayoutSource = Literal["published", "random"]
@@ -267,6 +270,12 @@ class Condition:
         test: Trials to test on afterwards; empty for a baseline.
         rooms: By number of the subject, the layouts of its trials in order, where it is on record
             that they were others than the drawn ones, as in data from elsewhere.
+        shown: Whether the trials to train on are shown: each solution of the room in an attempt of
+            its own, in an order drawn for the subject, and then the trial is over.
+
+    Raises:
+        ProtocolError: If training is shown without a test, in rooms where a push can fail, or under
+            the name of a condition of the paper.
 
     Example:
         >>> from causal_openlock import find_schema
@@ -278,15 +287,33 @@ class Condition:
     train: tuple[Trials, ...]
     test: tuple[Trials, ...] = ()
     rooms: Mapping[int, tuple[Layout, ...]] = field(default_factory=dict, compare=False)
+    shown: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.shown:
+            return
+        if not self.test:
+            raise ProtocolError(f"{self.name} is only shown; add a test, which is played")
+        if self.name in PAPER_CONDITIONS:
+            raise ProtocolError(
+                f"{self.name} is a condition of the paper, where nothing is shown; choose another "
+                f"name, such as {SHOWN}-{self.name}"
+            )
+        for trials in self.train:
+            if not trials.schema.deterministic:
+                raise ProtocolError(
+                    f"a push can fail in rooms of {trials.schema.name}, so its solutions cannot be "
+                    "shown; choose a schema without strengths below 1"
+                )
 
     @classmethod
     def named(cls, name: str, find: Callable[[str], Schema]) -> Condition:
-        """The baseline ``A`` or the transfer ``A-B`` over schemas A and B.
+        """The baseline ``A`` or the transfer ``A-B`` over schemas A and B, or ``shown-A-B``.
 
         Args:
             name: One or two schemas, by name or by the path of a file: ``CC4``,
                 ``CC3-CC4``, ``CC3-my/vault.yaml``. A path may have dashes in it; a file of the
-                whole name comes first.
+                whole name comes first. Before two schemas, ``shown-`` has the training shown.
             find: Finds a schema by name or path.
 
         Raises:
@@ -317,6 +344,10 @@ class Condition:
             ]
             train, *tested = ((Trials(schema),) for schema in schemas)
             return cls("-".join(words), train, tested[0] if tested else ())
+        rest = name.removeprefix(f"{SHOWN}-")
+        if rest != name and not rest.startswith(f"{SHOWN}-"):
+            played = cls.named(rest, find)
+            return replace(played, name=f"{SHOWN}-{played.name}", shown=True)
         if missing is not None:
             raise missing[1]
         raise ProtocolError(
@@ -340,18 +371,24 @@ class Condition:
                 if self.rooms
                 else {}
             ),
+            **({"shown": True} if self.shown else {}),
         }
 
 
 @dataclass(frozen=True)
 class Visit:
-    """One trial of one subject: its number in the condition, and its room."""
+    """One trial of one subject: its number in the condition, and its room.
+
+    ``order`` has the indices of the room's solutions in the order in which they are shown; it is
+    empty where the subject plays.
+    """
 
     phase: str
     loop: int
     trial: int
     schema: Schema
     layout: Layout
+    order: tuple[int, ...] = ()
 
 
 def plan(
@@ -366,8 +403,8 @@ def plan(
     has ``rooms`` of, the first trials are in those.
 
     Raises:
-        ProtocolError: If a schema does not fit the protocol or its ``test_layout``, or has fewer
-            layouts than trials.
+        ProtocolError: If a schema does not fit the protocol or its ``test_layout``, has fewer
+            layouts than trials, or more solutions to show than a trial has attempts.
     """
     train = (protocol.training_trials, protocol.train_loops)
     if not condition.test:
@@ -384,7 +421,7 @@ def plan(
             raise ProtocolError(message) from None
     visits: list[Visit] = []
     for phase, groups, number, loops in (
-        ("train", condition.train, *train),
+        (SHOWN if condition.shown else "train", condition.train, *train),
         ("test", tested, protocol.test_trials, protocol.test_loops),
     ):
         for loop in range(1, loops + 1):
@@ -394,12 +431,36 @@ def plan(
                 for layout in trials.draw(generator, number, protocol.layouts)
             )
             visits += [Visit(phase, loop, trial, *room) for trial, room in enumerate(drawn, 1)]
+    for number, visit in enumerate(visits):
+        if visit.phase == SHOWN:
+            solutions = len(visit.schema.solutions)
+            if solutions > protocol.attempt_limit:
+                raise ProtocolError(
+                    f"{visit.schema.name} has {solutions} solutions to show, and a trial of "
+                    f"protocol {protocol.name} has {protocol.attempt_limit} attempts; raise its "
+                    "attempt_limit"
+                )
+            order = tuple(generator.permutation(solutions).tolist())
+            visits[number] = replace(visit, order=order)
     for schema in condition.schemas:
         protocol.actions_for(schema)
     known = condition.rooms.get(-1 if subject is None else subject, ())
     for number, (visit, layout) in enumerate(zip(visits, known, strict=False)):
         visits[number] = replace(visit, layout=layout)
     return visits
+
+
+def shown_trials(condition: Condition, protocol: Protocol) -> int:
+    """How many trials each subject is shown before it plays.
+
+    >>> from causal_openlock import find_schema
+    >>> shown_trials(Condition.named("shown-CC3-CC4", find_schema), PROTOCOLS["human"])
+    6
+    """
+    if not condition.shown:
+        return 0
+    visits = plan(condition, protocol, np.random.default_rng(0))
+    return sum(visit.phase == SHOWN for visit in visits)
 
 
 def check_trial(trial: int, trials: int, where: str) -> None:

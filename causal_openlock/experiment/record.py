@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from causal_openlock.experiment.protocol import SHOWN
 from causal_openlock.schemas.fsm import BoolArray, IntArray
 
 if TYPE_CHECKING:
@@ -25,7 +26,16 @@ ones); opening the door in any other way is ``open1``; ``unlock`` means that the
 at some moment but not opened; ``else`` is the rest.
 """
 
-PHASES = ("train", "test")
+PHASES = (SHOWN, "train", "test")
+
+
+def played(record: pa.Table) -> pa.Table:
+    """The rows of a record that its subjects played; what they were shown is left out."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    shown = pc.equal(pc.cast(record["phase"], pa.string()), SHOWN)
+    return record.filter(pc.invert(shown)) if pc.any(shown).as_py() else record
 
 
 def record_schema() -> pa.Schema:
@@ -40,7 +50,7 @@ def record_schema() -> pa.Schema:
         ("protocol", text, "name of the protocol, such as human"),
         ("subject", pa.int32(), "number of the subject, from 0"),
         ("seed", pa.int64(), "seed of the experiment"),
-        ("phase", text, "train or test; a baseline condition is all train"),
+        ("phase", text, "shown, train or test; a baseline condition is all train"),
         ("loop", pa.int32(), "how often the phase's trials have been gone through, from 1"),
         ("trial", pa.int32(), "number of the trial within the loop, from 1"),
         ("schema", text, "name of the schema that governs the room"),

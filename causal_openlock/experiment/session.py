@@ -60,6 +60,9 @@ class Session:
             rooms and their random numbers are the same for all learners.
         experiment: Name of the experiment, for the record.
 
+    Attributes:
+        shown_trials: How many trials each subject is shown before it plays.
+
     Raises:
         ProtocolError: If a schema of the condition does not fit the protocol, or there is no
             subject or one twice.
@@ -113,6 +116,8 @@ class Session:
             "layout": layouts,
             "solutions": self._tables.solutions.astype(np.int16)[self._rooms],
         }
+        self._orders = [[visit.order for visit in row if visit.order] for row in visits]
+        self.shown_trials = len(self._orders[0])
         self._luck = Streams(environment) if self._tables.stochastic else None
         self._batch = RoomBatch(
             self._tables,
@@ -177,6 +182,23 @@ class Session:
         return not self._playing.any()
 
     @property
+    def shown(self) -> IntArray | None:
+        """``[B]`` the action that each subject is shown now; None where they act themselves.
+
+        Shown trials come first, and each has as many actions for all subjects.
+        """
+        if not self.shown_trials or self._visit.min() >= self.shown_trials:
+            return None
+        tables, batch = self._tables, self._batch
+        actions = []
+        for subject, orders in enumerate(self._orders):
+            room = tables.rooms[batch.room[subject]]
+            which = orders[self._visit[subject]][batch.attempt[subject] - 1]
+            solution = room.action_of(room.schema.solutions[which])
+            actions.append(solution[tables.used[batch.row[subject]]])
+        return np.array(actions)
+
+    @property
     def truth(self) -> Truth:
         """Latent facts, for informed learners and for analysis."""
         return Truth(rooms=tuple(self._tables.rooms), room=self._batch.room.copy())
@@ -210,7 +232,16 @@ class Session:
         return self.record()
 
     def begin(self, learner: Learner, state: dict[str, Any] | None = None) -> None:
-        """Let a learner begin, perhaps from a saved state; :meth:`steps` comes next."""
+        """Let a learner begin, perhaps from a saved state; :meth:`steps` comes next.
+
+        Raises:
+            LearnerError: If the condition shows what the learner cannot learn from.
+        """
+        if self.shown_trials and not learner.learns_from_others:
+            raise LearnerError(
+                f"{type(learner).__name__} learns from its own actions alone, so nothing can be "
+                f"shown to it; leave it out of {self.condition.name}"
+            )
         learner.begin(self.brief)
         if state is not None:
             learner.load_state_dict(state)
@@ -234,11 +265,19 @@ class Session:
         """Let a learner that has begun play; yields each step after the learner has learned."""
         informed = learner if isinstance(learner, InformedLearner) else None
         while not self.over:
-            step = self.step(learner.act(self._view))
+            step = self.step(self.chosen(learner))
             learner.learn(step)
             if informed and step.trial_over.any():
                 informed.inform(self.truth)
             yield step
+
+    def chosen(self, learner: Learner) -> IntArray:
+        """``[B]`` what is done next: what the learner answers, unless it is shown something."""
+        shown = self.shown
+        if shown is None:
+            return learner.act(self._view)
+        learner.probabilities(self._view)  # as the contract has it where actions are given
+        return shown
 
     def following(self, done: Sequence[IntArray]) -> Iterator[tuple[BoolArray, Step]]:
         """Take the actions that are known to have been taken.
@@ -272,6 +311,11 @@ class Session:
         self._actions[self._everyone, moment] = action
         self._moved[self._everyone, moment] = tables.state.take(taken.after) != tables.state[row]
         self._was_unlocked |= tables.unlocked.take(taken.after)
+        if self.shown_trials and taken.any_new_solution:
+            # Whatever the protocol says, a shown trial ends with its last solution.
+            seen = self._batch.found_count == self._batch.solutions
+            over = taken.trial_over | (seen & (self._visit < self.shown_trials))
+            taken = taken._replace(trial_over=over, any_trial_over=bool(over.any()))
         self._earned += taken.reward
         if taken.any_attempt_over:
             self._end_attempts(taken)

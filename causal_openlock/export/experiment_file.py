@@ -30,7 +30,9 @@ def experiment_file(experiment: Experiment, schemas: str = "schemas") -> dict[st
                 present(
                     {
                         "name": one.name,
-                        "train": _trials(one.train, schemas),
+                        "train": {"shown": _trials(one.train, schemas)}
+                        if one.shown
+                        else _trials(one.train, schemas),
                         "test": _trials(one.test, schemas) or None,
                     }
                 )

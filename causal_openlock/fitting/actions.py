@@ -32,6 +32,7 @@ from causal_openlock.contract.registry import parse_parameters
 from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.experiment.building import learner, make_experiment
 from causal_openlock.experiment.experiment import LearnerSpec
+from causal_openlock.experiment.protocol import SHOWN
 from causal_openlock.files.digest import digest
 from causal_openlock.fitting.candidates import proposals, require_optuna
 from causal_openlock.fitting.effect import ON_ACTIONS, require_effect, without_effect
@@ -372,7 +373,8 @@ def check_folds(parts: Sequence[Recorded], plan: ActionPlan) -> None:
 
 def _most_trials(part: Recorded) -> int:
     """Largest number of trials that a subject played."""
-    return int((part.rows["attempt"] == 1).groupby(part.rows["subject"]).sum().max())
+    first = (part.rows["attempt"] == 1) & (part.rows["phase"] != SHOWN)
+    return int(first.groupby(part.rows["subject"]).sum().max())
 
 
 def fit_all(

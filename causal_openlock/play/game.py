@@ -3,7 +3,8 @@
 A game is the state of a person and nothing else; it knows neither files nor the network. Every
 change of it is a *turn*, numbered from 0, and the same turns lead to the same game, which is how a
 server that was killed restores it. What a game shows (:meth:`Game.view`, :meth:`Game.act`) is what
-a learner gets: observations, console and budgets.
+a learner gets: observations, console and budgets. A shown room is a film: the page takes the
+actions that it is given, one after the other.
 """
 
 from __future__ import annotations
@@ -65,7 +66,7 @@ class Game:
         subject: Number of the person among those in this condition.
         seed: Seed of the rooms and of luck.
         practice: Whether a practice room comes first.
-        ask: Whether the person is asked after each trial which lever enables which.
+        ask: Whether the person is asked after each trial that they play which lever enables which.
 
     Attributes:
         turn: How many turns have been taken.
@@ -109,11 +110,17 @@ class Game:
         return "end" if self.session.over else "room"
 
     def allows(self, action: int | None) -> bool:
-        """Whether an action is possible now; ``None`` leaves the practice room."""
+        """Whether an action is possible now; ``None`` leaves the practice room.
+
+        In a shown room only the action that comes next is possible; the page takes it.
+        """
         if action is None:
             return self._practice is not None
         over = (self._practice or self.session).over or self._question is not None
-        return not over and 0 <= action < self.session.brief.actions
+        shown = None if self._practice else self.session.shown
+        if over or shown is not None:
+            return not over and action == shown
+        return 0 <= action < self.session.brief.actions
 
     def allows_answer(self, edges: Any) -> bool:
         """Whether an answer is possible now: pairs of a lever asked about and what it enables."""
@@ -194,8 +201,10 @@ class Game:
             )
             if trial_over:
                 found = int(console.solutions_found[0]) + new
-                self._ended.append({"attempts": attempt, "found": found, "left": left})
-                if self._ask:
+                ended: Answer = {"attempts": attempt, "found": found, "left": left}
+                watched = visit <= session.shown_trials
+                self._ended.append(ended | {"shown": True} if watched else ended)
+                if self._ask and not watched:
                     positions = session.brief.positions
                     grey = np.flatnonzero(step.view.observation[0, positions : 2 * positions])
                     self._question = tuple(grey.tolist())
@@ -213,8 +222,9 @@ class Game:
 
 def _room(session: Session) -> Answer:
     view: View = session.view
-    console = view.console
+    console, shown = view.console, session.shown
     return {
+        **({} if shown is None else {"shown": int(shown[0])}),
         "over": session.over,
         "observation": view.observation[0].tolist(),
         "solutions_left": int(console.solutions_left[0]),

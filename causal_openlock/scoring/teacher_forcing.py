@@ -3,8 +3,8 @@
 The subject's session is played again with the recorded actions. Rooms and their chance are drawn
 from the seed of the experiment, so they are those that the subject met; where what happens is not
 what is on record, nothing is scored. The learner learns from the subject's actions as if they were
-its own. It never acts, unless it gives no probabilities: then copies of it do
-(:mod:`~causal_openlock.scoring.inverse_binomial`).
+its own, and from what the subject was shown, which is not scored. It never acts, unless it gives no
+probabilities: then copies of it do (:mod:`~causal_openlock.scoring.inverse_binomial`).
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from causal_openlock.contract.probes import are_probabilities, failures_of
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError, StoreError
 from causal_openlock.experiment.experiment import LearnerSpec
+from causal_openlock.experiment.protocol import SHOWN
 from causal_openlock.experiment.session import AT_ONCE, Session, padded
 from causal_openlock.files.digest import digest
 from causal_openlock.running.workers import worker_pool
@@ -81,6 +82,14 @@ class Recorded:
     def done(self) -> list[IntArray]:
         """``[B]`` arrays of all actions of each subject."""
         return [np.concatenate(own) for own in self.attempts]
+
+    def asked(self) -> BoolArray:
+        """``[B, T]`` which actions there are that the subjects chose: none that they were shown."""
+        chose = self.rows["phase"].ne(SHOWN).groupby(self.rows["subject"], sort=True)
+        _, exists = padded(self.done())
+        for row, own, (_, each) in zip(exists, self.attempts, chose, strict=True):
+            row[: row.sum()] = np.repeat(each.to_numpy(), [len(one) for one in own])
+        return exists
 
     def alone(self) -> dict[str, Recorded]:
         """Each subject by itself, by its name; see :func:`subject_names`."""
@@ -311,24 +320,24 @@ def _scored(part: Recorded, scored: LearnerSpec, lapse: float, draws: Draws) -> 
             "a subject that did others; leave it out"
         )
     session.begin(learner)
-    actions, exists = padded(part.done())
+    (actions, _), asked = padded(part.done()), part.asked()
     if learner.probabilities(session.view) is None:
-        found = _asked(part, scored, lapse, draws, session.brief.actions, actions, exists)
+        found = _asked(part, scored, lapse, draws, session.brief.actions, actions, asked)
     else:
-        found = _told(session, learner, actions, exists, scored.name, lapse)
-    who, moment = np.nonzero(exists)
-    attempts = [attempt for own in part.attempts for attempt in own]
+        found = _told(session, learner, actions, asked, scored.name, lapse)
+    who, moment = np.nonzero(asked)
     trials = part.rows.sort_values("subject", kind="stable")
-    each = [len(one) for one in attempts]
+    trials = trials.assign(number=_trial_numbers(trials))[trials["phase"] != SHOWN]
+    each = trials["actions"].map(len).to_numpy(np.int64)
     return pd.DataFrame(
         {
             "scored": scored.name,
             **part.group,
             "subject": np.array(part.numbers)[who],
-            "trial": np.repeat(_trial_numbers(trials), each),
+            "trial": np.repeat(trials["number"].to_numpy(), each),
             "attempt": np.repeat(trials["attempt"].to_numpy(), each),
-            "action": np.concatenate([np.arange(1, one + 1) for one in each]),
-            "action_index": np.concatenate(attempts),
+            "action": np.array([place for one in each for place in range(1, one + 1)], np.int64),
+            "action_index": actions[asked],
             **{name: values[who, moment] for name, values in found.items()},
             "price": 0.0,
             PLAYED: np.array(part.played())[who],
@@ -348,15 +357,15 @@ def _told(
     session: Session,
     learner: Learner,
     actions: IntArray,
-    exists: BoolArray,
+    asked: BoolArray,
     name: str,
     lapse: float,
 ) -> dict[str, NDArray[Any]]:
     """``[B, T]`` scores of a learner that gives its probabilities."""
-    shape = exists.shape
+    shape = asked.shape
     own, entropy, highest, spread = (np.zeros(shape) for _ in range(4))
     for moment in range(shape[1]):
-        acts = exists[:, moment]
+        acts = asked[:, moment]
         found = learner.probabilities(session.view)
         if not (
             isinstance(found, np.ndarray)
@@ -402,23 +411,23 @@ def _asked(
     draws: Draws,
     choices: int,
     actions: IntArray,
-    exists: BoolArray,
+    asked: BoolArray,
 ) -> dict[str, FloatArray | BoolArray]:
     """``[B, T]`` scores of a learner that can only act."""
-    starts = np.zeros(exists.shape, dtype=bool)
+    starts = np.zeros(asked.shape, dtype=bool)
     for row, attempts in zip(starts, part.attempts, strict=True):
         row[np.cumsum([0, *map(len, attempts)])[:-1]] = True
     replays = Replays(
         session=lambda places: part.session(scored, places),
         learner=lambda: create(scored.learner, scored.parameters),
         done=actions,
-        exists=exists,
+        exists=asked,
         starts=starts,
         key="/".join([scored.name, *map(str, part.group.values())]),
         numbers=part.numbers,
     )
     found = by_draws(replays, draws, lapse, choices)
-    unknown = np.full(exists.shape, np.nan)
+    unknown = np.full(asked.shape, np.nan)
     return {
         "log_probability": found.log_probability,
         "standard_error": np.sqrt(found.variance),

@@ -130,6 +130,7 @@ class _Condition(StrictModel):
     train: Annotated[list[_Trials], Field(min_length=1)]
     test: list[_Trials]
     rooms: Annotated[dict[str, list[list[int]]], Field(default_factory=dict)]
+    shown: bool = False
 
     def built(self) -> Condition:
         train, test = (
@@ -142,7 +143,7 @@ class _Condition(StrictModel):
             if not subject.isdecimal() or not {*map(len, layouts)} <= fitting.keys():
                 raise StoreError(f"rooms.{subject[:20]} are not layouts of a subject's trials")
             rooms[int(subject)] = tuple(_placed(fitting[len(one)], one) for one in layouts)
-        return Condition(self.name, train, test, rooms)
+        return Condition(self.name, train, test, rooms, self.shown)
 
 
 class _Terms(StrictModel):

@@ -327,6 +327,23 @@ class LearnerContract:
             if isinstance(learner, InformedLearner) and step.trial_over.any():
                 learner.inform(session.truth)
 
+    def test_it_learns_from_what_it_is_shown(self) -> None:
+        """Shown training has each solution once, and the same seed gives the same record."""
+        if not self._made().learns_from_others:
+            raise unittest.SkipTest(f"{self.learner} learns from its own actions alone")
+        played, shown = self._transfer(), replace(self._transfer(), name="shown", shown=True)
+        record, again = (self._session(shown).play(self._made()) for _ in range(2))
+        self._require_same(record, again, "of a condition with shown training is not the same")
+        rows = [row for row in record.to_pylist() if row["phase"] == "shown"]
+        solutions = len(played.train[0].schema.solutions)
+        trials = Counter((row["subject"], row["trial"]) for row in rows)
+        self._require(
+            [*trials.values()] == [solutions] * 2 * self.subjects
+            and all(row["new_solution"] for row in rows),
+            f"in {self.subjects} subjects' two rooms of {solutions} solutions each, it was shown "
+            f"{dict(trials)}",
+        )
+
     # -- its input and its state ----------------------------------------------------------------
 
     def test_it_never_changes_what_it_is_given(self) -> None:

@@ -515,6 +515,10 @@ def test_a_room_is_played_in_words(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
     assert "3 actions in this attempt" in done.stdout
     assert "2 actions in this attempt" in done.stdout
     assert typed.read() == "push the door\n"  # after quit
+    monkeypatch.setattr(sys, "stdin", io.StringIO("quit\n"))
+    done = at_once("text", "shown-CC3-CC4", "--story", "levers", cwd=tmp_path)
+    assert done.stdout.count("(shown to you)") == 6 * 2 * 3
+    assert done.stdout.count("> ") == 6 * 2 * 3 + 1
     done = at_once("text", "CC3", "--story", "cars", cwd=tmp_path)
     assert (done.status, done.stderr.count("\n")) == (2, 1)
     assert "there is no story 'cars'" in done.stderr

@@ -74,6 +74,7 @@ conditions:
       - {schema: CC3, layouts: random, trials: 2}
       - {schema: two_ways, layouts: [{L0: LEFT, L1: UPPER, L2: LOWER}, trial1], shuffle: false}
     test: [{schema: CE4, layouts: [trial7]}]
+  - {name: watched, train: {shown: CC3}, test: [{schema: CE4}]}
 learners:
   - oracle
   - {learner: "a_bundled_learner:Mine", name: mine, parameters: {stays: 0.25}, protocol: quick}
@@ -145,7 +146,7 @@ def test_the_one_command_of_a_bundle_gives_the_same_summary(
     assert again.identity == first.identity
     assert again.files == first.files
     done = CliRunner().invoke(app, ["report", "results", "again"])
-    assert "9 are the same, subject by subject" in " ".join(done.output.split())
+    assert "12 are the same, subject by subject" in " ".join(done.output.split())
 
 
 def test_a_bundle_holds_everything_and_is_the_same_every_time(made: Path) -> None:
@@ -163,7 +164,7 @@ def test_a_bundle_holds_everything_and_is_the_same_every_time(made: Path) -> Non
         *(f"schemas/{name}.yaml" for name in ("two_ways", "CC3", "CE4")),
     }
     assert {"experiment.json", "report.html", "summary.csv"} <= results
-    assert sum(name.startswith("cells/") for name in results) == 15
+    assert sum(name.startswith("cells/") for name in results) == 20
     assert "tables/learner_mine.csv" in results
     assert re.search(r"^# Python \d", read, re.M)
     assert re.search(r"^numpy==[\d.]+$", read, re.M)

@@ -14,6 +14,7 @@ from itertools import permutations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
@@ -22,7 +23,7 @@ from causal_openlock.experiment.reactions import read_reactions
 from causal_openlock.storage.store import Store
 from support import browsers
 from support.accessibility import violations
-from support.play_clients import serving
+from support.play_clients import asked, serving
 from support.waiting import HANGS
 
 pytestmark = pytest.mark.browser
@@ -347,6 +348,42 @@ def test_axe_finds_nothing_on_any_screen(page: Page, tmp_path: Path) -> None:
             if go_on:
                 page.click(go_on)
                 page.wait_for_selector(f"{READY}, #pause-go")
+
+
+def test_a_room_that_is_shown_is_a_film_that_goes_on_after_a_reload(
+    page: Page, tmp_path: Path
+) -> None:
+    with serving(tmp_path, "--condition", "shown-CC3-CC4", "--no-practice") as server:
+        page.goto(server.url)
+        page.click("#begin")
+        expect(page.locator("#pause-text")).to_contain_text("Here you only watch: the arm shows")
+        page.click("#pause-go")
+        expect(page.locator("#solutions")).to_have_text("1", timeout=HANGS * 1000)
+        page.reload()
+        title = page.locator("#pause-title")
+        expect(title).to_have_text("You have seen every combination", timeout=HANGS * 1000)
+        page.click("#pause-go")
+        expect(title).to_have_text("Room 2 of 7")
+        assert violations(page) == []
+        # The other rooms go by without the page, and in the last one everything is tried.
+        me, turn = page.url.partition("#")[2], 6
+        while (room := asked(server.url, "state", id=me)["room"]).get("shown") is not None:
+            asked(server.url, "act", id=me, turn=turn, action=room["shown"], reaction=None)
+            turn += 1
+        for pair in permutations(np.flatnonzero(room["observation"][7:14]).tolist(), 2):
+            for action in (*pair, DOOR):
+                said = asked(server.url, "act", id=me, turn=turn, action=action, reaction=9)
+                turn += 1
+            if said["trial_over"]:
+                break
+        page.reload()
+        expect(page.locator("#outcome")).to_have_text("You found every combination in every room.")
+        assert page.locator("#rooms").inner_text().count("shown to you") == 6
+        server.stop()
+    record = Store(tmp_path).record()[0].to_pandas()
+    assert record["phase"].tolist()[:12] == ["shown"] * 6 * 2
+    reactions = read_reactions(tmp_path).to_pandas()["reaction"]
+    assert reactions.isna().tolist() == [True] * 36 + [False] * (turn - 36)
 
 
 def test_somebody_agrees_says_what_they_think_and_is_sent_back(page: Page, tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from causal_openlock import Results
 from causal_openlock.analysis.measures import attempts_to_solve
 from causal_openlock.analysis.report.writing import write_report
 from causal_openlock.analysis.results.reading import beside
@@ -135,6 +136,31 @@ def test_a_trial_that_is_not_over_is_no_trial_of_the_record_yet(tmp_path: Path) 
     again = people(tmp_path, "CC3", practice=False)
     assert again.view(name)["room"]["attempt"] == 2
     again.close()
+
+
+def test_who_is_shown_a_room_can_only_watch_and_is_not_asked_about_it(tmp_path: Path) -> None:
+    home = people(tmp_path, "shown-CC3-CC4", practice=False, ask=True, seed=5)
+    name = home.join()
+    opened = []
+    while (state := home.view(name))["stage"] == "room" and "shown" in state["room"]:
+        with pytest.raises(OutOfTurn):
+            home.act(name, state["turn"], (state["room"]["shown"] + 1) % 15, None)
+        said = home.act(name, state["turn"], state["room"]["shown"], None)
+        opened.append(said["new_solution"])
+    assert sum(opened) == 6 * 2
+    assert (state["stage"], state["room"]["trial"]) == ("room", 7)
+    assert [room["shown"] for room in state["ended"]] == [True] * 6
+    home.close()
+    again = people(tmp_path, "shown-CC3-CC4", practice=False, ask=True, seed=5)
+    assert again.view(name) == state
+    walk_through(again, name)
+    assert again.view(name)["stage"] == "question"
+    again.answer(name, again.view(name)["turn"], [])
+    again.close()
+    results = Results.read(tmp_path)
+    assert results.trials["phase"].tolist() == ["test"]
+    assert results.structure_recovery["shd"].tolist() == [6]
+    assert read_reactions(tmp_path)["reaction"].to_pylist()[: 6 * 2 * 3] == [None] * 36
 
 
 def test_practice_comes_first_and_leaves_nothing_in_the_record(tmp_path: Path) -> None:

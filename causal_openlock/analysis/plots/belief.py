@@ -66,7 +66,7 @@ def plot_beliefs(
         subject: Number of the subject; by default the first.
         learner: Label of the learner; by default the first that holds beliefs.
         condition: By default the first that the learner played.
-        trial: Number of the trial in the whole condition, from 1.
+        trial: Number of the trial among those that it played, from 1.
         ax: Six axes, or an empty figure; by default a new figure of pyplot.
 
     Returns:

@@ -68,6 +68,7 @@ def methods(results: Material) -> Methods:
             (one, [spec.name for spec in played if spec.protocol == one])
             for one in experiment.protocols
         ],
+        shown=[one for one in experiment.conditions if one.shown],
         own_rooms=[one.name for one in experiment.conditions if _has_own_rooms(one)],
         subjects=_subjects(results),
         about_people=about_people(results),

@@ -59,8 +59,8 @@ def what_was_run(
     rooms = [
         (
             one.name,
-            _PROSE.sentence("rooms", group=one.train),
-            _PROSE.sentence("rooms", group=one.test) or "–",
+            _PROSE.sentence("rooms", group=one.train, shown=one.shown),
+            _PROSE.sentence("rooms", group=one.test, shown=False) or "–",
             played.get(one.name, "–"),
         )
         for one in conditions

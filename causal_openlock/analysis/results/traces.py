@@ -16,6 +16,7 @@ from causal_openlock.analysis.measures import CELL, VISIT, ordered
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.errors import NothingToDrawError, OpenLockError
 from causal_openlock.experiment.experiment import LearnerSpec
+from causal_openlock.experiment.protocol import shown_trials
 from causal_openlock.files.validation import whole_number
 from causal_openlock.wording import nearest
 from causal_openlock.world.room import action_names
@@ -61,7 +62,7 @@ def replayed(
         subject: Number of the subject; by default the first.
         learner: Label of the learner; by default the first that holds beliefs.
         condition: Name of the condition; by default the first that the learner played.
-        trial: Number of the trial in the whole condition, from 1.
+        trial: Number of the trial among those that it played, from 1.
 
     Raises:
         NothingToDrawError: If no learner holds beliefs, or it does something else than what is on
@@ -102,7 +103,7 @@ def replayed(
         create(spec.learner, spec.parameters),
         rooms[condition],
         spec.protocol,
-        trial=trial,
+        trial=trial + shown_trials(rooms[condition], spec.protocol),
         subject=subject,
         seed=int(row["seed"]),
         # A user's own code is not run to read results; learners with beliefs ignore rewards.

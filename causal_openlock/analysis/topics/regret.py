@@ -22,6 +22,7 @@ from causal_openlock.analysis.section import Section
 from causal_openlock.analysis.statistics import SEED, mean_interval
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.errors import OpenLockError
+from causal_openlock.experiment.record import played
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.storage.stored import recorded_layout
 from causal_openlock.world.room import Layout, positions_for
@@ -72,7 +73,7 @@ def regret(results: Material) -> pd.DataFrame:
     from causal_openlock.belief.placements import TooLargeError
 
     columns = [*_TRIAL, *_ROOM, "attempt", "actions"]
-    table = results.record.select(columns).to_pandas().sort_values([*_TRIAL, "attempt"])
+    table = played(results.record).select(columns).to_pandas().sort_values([*_TRIAL, "attempt"])
     table = table.reset_index(drop=True)
     observers = _observers(results)
     actions = table.pop("actions").map(np.ndarray.tolist)

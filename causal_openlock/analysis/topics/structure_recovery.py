@@ -36,7 +36,8 @@ from causal_openlock.contract.registry import create, learner_class
 from causal_openlock.errors import LearnerError, NothingToDrawError, OpenLockError
 from causal_openlock.experiment.answers import Answer, read_answers
 from causal_openlock.experiment.experiment import LearnerSpec
-from causal_openlock.experiment.protocol import Condition
+from causal_openlock.experiment.protocol import Condition, shown_trials
+from causal_openlock.experiment.record import PHASES
 from causal_openlock.experiment.session import AT_ONCE, Session
 from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.storage.stored import recorded_layout
@@ -143,8 +144,8 @@ def _own(
     )
     columns = ["experiment", "seed", "subject", "phase", "loop", "trial", "layout", "attempt"]
     table = record.filter(here).select([*columns, "actions"]).to_pandas()
-    table["visit"] = table["phase"].astype(str).map({"train": 0, "test": 1})
-    table = table.sort_values(["subject", "visit", "loop", "trial", "attempt"], kind="stable")
+    table["part"] = table["phase"].astype(str).map(PHASES.index)
+    table = table.sort_values(["subject", "part", "loop", "trial", "attempt"], kind="stable")
     kept = table["subject"].unique()[:most]
     return table[table["subject"].isin(kept)]
 
@@ -162,7 +163,8 @@ def _again(own: pd.DataFrame, spec: LearnerSpec, condition: Condition) -> Iterat
         session.begin(learner)
         now = session.truth
         for step in session.steps(learner):
-            for row in np.flatnonzero(step.trial_over & step.view.playing).tolist():
+            left = step.trial_over & step.view.playing & (step.view.trial > session.shown_trials)
+            for row in np.flatnonzero(left).tolist():
                 room = now.rooms[now.room[row]]
                 if (believed := _believed(learner, row, spec.name, room.layout.positions)) is None:
                     continue
@@ -200,10 +202,12 @@ def _answered(results: Material, answer: Answer) -> dict[str, Any] | None:
         & (table["condition"].astype(str) == answer.condition)
         & (table["subject"] == answer.subject)
     ].sort_values(["phase", "loop", "trial"])
-    if not 1 <= answer.visit <= len(own):
-        return None
-    row = own.iloc[answer.visit - 1]
     (condition,) = (o for o in results.experiment.conditions if o.name == answer.condition)
+    protocol = next(o.protocol for o in results.experiment.learners if o.name == answer.learner)
+    visit = answer.visit - shown_trials(condition, protocol)
+    if not 1 <= visit <= len(own):
+        return None
+    row = own.iloc[visit - 1]
     schema = next(one for one in condition.schemas if one.name == row["schema"])
     layout = recorded_layout(schema, row["layout"], max(map(positions_for, condition.schemas)))
     believed = Structure(_edges(answer, layout.positions), np.full(layout.positions + 1, np.nan))

@@ -244,23 +244,33 @@ async function begin(at_once) {
     $("proceed").focus();
     return;
   }
-  if (!at_once) {
-    const many = count(now.solutions_left, "combination");
-    await pause(`Room ${now.trial} of ${state.trials}`, `Find ${now.solutions_left === 1 ? "the one combination" : `all ${many}`} that open${now.solutions_left === 1 ? "s" : ""} this door. You have ${count(now.attempts_left, "attempt")}.`, "Start", true);
-  }
-  occupied(false);
+  const left = now.solutions_left;
+  const all = left === 1 ? "the one combination that opens" : `all ${count(left, "combination")} that open`;
+  const [what, go] = now.shown === undefined
+    ? [`Find ${all} this door. You have ${count(now.attempts_left, "attempt")}.`, "Start"]
+    : [`Here you only watch: the arm shows you ${all} this door.`, "Watch"];
+  if (!at_once) await pause(`Room ${now.trial} of ${state.trials}`, what, go, true);
+  return next();
+}
+
+// What comes next: the person acts, or the arm shows what to do.
+async function next() {
+  if (state.room.shown === undefined) return occupied(false);
+  await wait(LOOK);
+  return take(state.room.shown, null);
 }
 
 function end() {
   $("where").textContent = "";
-  const solved = state.ended.filter((one) => one.left === 0).length;
-  const many = state.ended.length;
+  const played = state.ended.filter((one) => !one.shown);
+  const solved = played.filter((one) => one.left === 0).length;
+  const many = played.length;
   $("outcome").textContent = solved === many
     ? "You found every combination in every room."
     : `You found every combination in ${solved} of ${count(many, "room")}.`;
-  $("rooms").replaceChildren(...state.ended.map(({ attempts, found, left }, i) => {
+  $("rooms").replaceChildren(...state.ended.map(({ attempts, found, left, shown }, i) => {
     const row = document.createElement("tr");
-    for (const text of [i + 1, `${found} of ${found + left}`, attempts]) {
+    for (const text of [i + 1, shown ? "shown to you" : `${found} of ${found + left}`, shown ? "–" : attempts]) {
       row.append(Object.assign(document.createElement("td"), { textContent: text }));
     }
     return row;
@@ -276,8 +286,10 @@ function end() {
 // -- acting -----------------------------------------------------------------------------------
 
 async function act(action) {
-  if (busy) return;
-  const reaction = Math.min(Math.round(performance.now() - ready), LONGEST);
+  if (!busy) return take(action, Math.min(Math.round(performance.now() - ready), LONGEST));
+}
+
+async function take(action, reaction) {
   occupied(true);
   say("");
   // The arm sets out at once; what comes of it is known when it arrives.
@@ -305,14 +317,14 @@ async function act(action) {
   state = said.next;
   if (!said.attempt_over) {
     state.room.observation = said.outcome;
-    return occupied(false);
+    return next();
   }
   if (!opened) say(`${$("said").textContent} The attempt is over; the room goes back.`.trim());
   await wait(LOOK);
   if (!said.trial_over) {
     await room.reset(state.room.observation);
     console_(state.room);
-    return occupied(false);
+    return next();
   }
   if (state.stage === "practice") {
     await room.reset(state.room.observation);
@@ -320,7 +332,9 @@ async function act(action) {
   }
   const left = said.solutions_left, asked = state.stage === "question";
   const last = state.stage === "end" || (asked && state.ended.length === state.trials);
-  await pause(
+  if (before.shown !== undefined) {
+    await pause("You have seen every combination", "On to what comes next.", "Next room");
+  } else await pause(
     left ? "No attempts are left" : "You found every combination!",
     left ? `${count(left, "combination")} stayed hidden. Never mind: on to what comes next.` : `It took you ${count(before.attempt, "attempt")}.`,
     asked ? "Go on" : last ? "Finish" : "Next room",

@@ -1,0 +1,242 @@
+"""Training that is shown: each solution of each room once, and nothing of it is a result."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from causal_openlock import Results
+from causal_openlock.contract.registry import create
+from causal_openlock.errors import LearnerError, OpenLockError, ProtocolError
+from causal_openlock.experiment.building import Changes, make_experiment
+from causal_openlock.experiment.experiment import Experiment
+from causal_openlock.experiment.file import read_experiment
+from causal_openlock.experiment.protocol import Condition, Protocol, Trials, plan, shown_trials
+from causal_openlock.experiment.session import Session
+from causal_openlock.export.as_csv import write_csv
+from causal_openlock.export.experiment_file import experiment_file
+from causal_openlock.files.yaml_file import dump_yaml
+from causal_openlock.importing.folder import import_files
+from causal_openlock.running.runner import run
+from causal_openlock.schemas.schema import Schema
+from causal_openlock.scoring.inverse_binomial import Draws
+from causal_openlock.scoring.teacher_forcing import score_actions
+from causal_openlock.storage.store import Store
+from openlock_learners.random import RandomLearner
+from support.made_up_experiments import stored
+from support.session_play import HUMAN, RL, SCHEMAS, Scripted, named, play, trials_of
+
+SHOWN = "shown-CC3-CC4"
+ONE_LOOP = replace(RL, name="one_loop", attempt_limit=9, train_loops=1, test_loops=1)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Results of two learners, next to those who play their training."""
+    made = make_experiment(["CC3-CC4", SHOWN], ["random", "bayes"], subjects=3, seed=5)
+    folder = tmp_path_factory.mktemp("shown")
+    run(made, folder, workers=0)
+    return folder
+
+
+@pytest.mark.parametrize("protocol", [HUMAN, ONE_LOOP], ids=["human", "one loop"])
+def test_each_solution_is_shown_once_in_the_room_then_the_test_is_played(
+    protocol: Protocol,
+) -> None:
+    record = play(create("oracle"), SHOWN, protocol, 30)
+    shown = record[record["phase"] == "shown"]
+    assert shown["new_solution"].all()
+    assert shown["opened"].all()
+    assert (trials_of(shown)["attempts"] == 2).all()
+    assert shown.groupby("subject")["trial"].max().eq(6).all()
+    rest = record[record["phase"] != "shown"]
+    assert set(rest["phase"]) == {"test"}
+    assert set(rest["schema"]) == {"CC4"}
+    # Orders are drawn for each subject and room: about as often the one as the other.
+    first = shown.loc[shown["attempt"] == 1, "solution"]
+    assert 60 < (first == 0).sum() < 120
+
+
+def test_rooms_are_those_of_subjects_who_play_their_training_by_the_same_name() -> None:
+    """A name draws rooms; that the training is shown changes which phase they are in."""
+    shown = Condition("same", named("CC3-CC4").train, named("CC3-CC4").test, shown=True)
+    both = [
+        [(visit.trial, visit.schema.name, visit.layout.name) for visit in plan(one, HUMAN, rng)]
+        for one in (shown, replace(shown, shown=False))
+        for rng in [np.random.default_rng(4)]
+    ]
+    assert both[0] == both[1]
+    assert shown_trials(shown, HUMAN) == 6
+    assert shown_trials(replace(shown, shown=False), HUMAN) == 0
+
+
+def test_what_subjects_do_is_what_they_were_shown_and_they_learn_from_it() -> None:
+    learner = Scripted([], [], afterwards=0)  # it does nothing of its own
+    session = Session(named(SHOWN), HUMAN, 2)
+    session.begin(learner)
+    steps = session.steps(learner)
+    taken = [next(steps) for _ in range(6 * 2 * 3)]
+    assert session.shown is None
+    assert all((step.view.trial <= 6).all() for step in taken)
+    assert next(steps).view.trial.tolist() == [7, 7]
+    assert session.record().num_rows == 2 * 6 * 2
+
+
+@pytest.mark.parametrize("name", ["bayes", "ddqn"])
+def test_being_shown_teaches_what_doing_the_same_teaches(name: str) -> None:
+    """Elsewhere the same actions are taken in the same rooms, as when a record is scored."""
+    shown = Condition("same", named("CC3-CC4").train, named("CC3-CC4").test, shown=True)
+    sessions = [Session(one, HUMAN, 2) for one in (shown, replace(shown, shown=False))]
+    learners = [create(name) for _ in sessions]
+    for session, learner in zip(sessions, learners, strict=True):
+        session.begin(learner)
+    before = learners[0].probabilities(sessions[0].view)
+    for _ in range(6 * 2 * 3):
+        action = sessions[0].shown
+        for session, learner in zip(sessions, learners, strict=True):
+            learner.probabilities(session.view)
+            learner.learn(session.step(action))
+    after = [one.probabilities(own.view) for one, own in zip(learners, sessions, strict=True)]
+    np.testing.assert_array_equal(*after)
+    assert not np.array_equal(before, after[0])
+
+
+def test_what_cannot_be_shown_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ProtocolError, match="shown-CC3 is only shown; add a test"):
+        named("shown-CC3")
+    with pytest.raises(ProtocolError, match="CC4 is a condition of the paper"):
+        replace(named("CC3-CC4"), shown=True)
+    noisy = Schema("noisy", ["L0"], {"L0": {"door": 0.5}})
+    with pytest.raises(ProtocolError, match="a push can fail in rooms of noisy"):
+        Condition("own", (Trials(noisy),), (Trials(SCHEMAS["CC4"]),), shown=True)
+    with pytest.raises(
+        ProtocolError, match=r"CC3 has 2 solutions to show.*raise its attempt_limit"
+    ):
+        Session(named(SHOWN), replace(HUMAN, name="one", attempt_limit=1), 1)
+    with pytest.raises(OpenLockError, match="is not a condition"):
+        named("shown-shown-CC3-CC4")
+
+
+class Alone(RandomLearner):
+    learns_from_others = False
+
+
+def test_who_learns_from_its_own_actions_alone_is_shown_nothing() -> None:
+    with pytest.raises(LearnerError, match="Alone learns from its own actions alone"):
+        Session(named(SHOWN), HUMAN, 1).play(Alone())
+    made = make_experiment([SHOWN, "CC3-CC4"], ["random", Alone], subjects=1)
+    ((who, left_out),) = made.not_applicable.items()
+    assert who == "Alone"
+    assert "nothing can be shown to it" in left_out.pop(SHOWN)
+    assert not left_out
+
+
+# -- files ----------------------------------------------------------------------------------------
+
+FILE = """\
+name: own
+subjects: 2
+conditions:
+  - shown-CC3-CC4
+  - name: watched
+    train: {shown: CC3}
+    test: [{schema: CC4}]
+  - name: several
+    train: {shown: [{schema: CC3, layouts: random, trials: 1}, {schema: CE3, trials: 2}]}
+    test: [{schema: CC4, layouts: [trial7]}]
+learners: [random]
+"""
+
+
+def written(folder: Path, text: str = FILE) -> Experiment:
+    (folder / "own.yaml").write_text(text, encoding="utf-8")
+    return read_experiment(folder / "own.yaml", Changes())
+
+
+def test_a_file_says_what_is_shown_and_survives_being_described(tmp_path: Path) -> None:
+    experiment = written(tmp_path)
+    named_, watched, several = experiment.conditions
+    assert [one.shown for one in experiment.conditions] == [True] * 3
+    assert (watched.train, watched.test) == (named_.train, named_.test)
+    assert [shown_trials(one, HUMAN) for one in experiment.conditions] == [6, 6, 3]
+    assert [trials.schema.name for trials in several.train] == ["CC3", "CE3"]
+    kept = stored(experiment)
+    assert kept.conditions == experiment.conditions
+    (tmp_path / "schemas").mkdir()
+    for name in ("CC3", "CC4", "CE3"):
+        (tmp_path / "schemas" / f"{name}.yaml").write_text(SCHEMAS[name].to_yaml())
+    (tmp_path / "again.yaml").write_text(dump_yaml(experiment_file(kept)), encoding="utf-8")
+    assert read_experiment(tmp_path / "again.yaml").identity == experiment.identity
+
+
+@pytest.mark.parametrize(
+    ("train", "says"),
+    [
+        ("{shown: CC5}", r":6:13: .*did you mean CC4\?"),
+        ("{show: CC3}", r":6:13: .*did you mean shown\?"),
+        ("CC3", r":6:5: write a list of trials or a mapping such as {shown: CC3}"),
+        ("{shown: []}", r":6:13: .*at least 1"),
+    ],
+)
+def test_a_fault_in_what_is_shown_names_its_line(train: str, says: str, tmp_path: Path) -> None:
+    with pytest.raises(OpenLockError, match=says):
+        written(tmp_path, FILE.replace("{shown: CC3}", train))
+    with pytest.raises(OpenLockError, match=r":5:.*watched is only shown; add a test"):
+        written(tmp_path, FILE.replace("    test: [{schema: CC4}]\n", ""))
+
+
+# -- what is made of it ---------------------------------------------------------------------------
+
+
+def test_results_are_of_what_was_played(folder: Path) -> None:
+    results = Results.read(folder)
+    trials = results.trials[results.trials["condition"] == SHOWN]
+    assert trials.groupby("learner", observed=True).size().to_dict() == {"random": 3, "bayes": 3}
+    assert set(trials["phase"]) == {"test"}
+    assert set(results.summary.query("condition == @SHOWN")["phase"]) == {"test"}
+    found = results.regret
+    assert set(found.loc[found["condition"] == SHOWN, "phase"].astype(str)) == {"test"}
+    assert len(results.structure_recovery.query("condition == @SHOWN and learner == 'bayes'")) == 3
+    assert "In shown-CC3-CC4 subjects were first shown rooms of CC3" in " ".join(
+        results.methods().split()
+    )
+
+
+def test_beliefs_after_what_was_shown_are_traced(folder: Path) -> None:
+    results = Results.read(folder)
+    axes = results.plot.beliefs(learner="bayes", condition=SHOWN)
+    assert axes is not None
+    with pytest.raises(OpenLockError, match="trials from 1 to 1"):
+        results.plot.beliefs(learner="bayes", condition=SHOWN, trial=2)
+
+
+@pytest.mark.parametrize("scored", ["bayes", "theory_based"])
+def test_scores_are_of_what_was_chosen_after_what_was_shown(folder: Path, scored: str) -> None:
+    record, experiment = Store(folder).record()
+    table = score_actions(
+        record,
+        experiment,
+        make_experiment(["CC3"], [scored]).learners[0],
+        of=["bayes"],
+        draws=Draws(hits=1),
+    )
+    rows = record.to_pandas().query(
+        "learner == 'bayes' and condition == @SHOWN and phase == 'test'"
+    )
+    own = table[table["condition"] == SHOWN]
+    assert set(own["trial"]) == {7}
+    assert own["action_index"].tolist() == [one for each in rows["actions"] for one in each]
+    if scored == "bayes":
+        assert not own["impossible"].any()
+
+
+def test_a_table_that_goes_out_comes_back(folder: Path, tmp_path: Path) -> None:
+    write_csv(Store(folder), tmp_path / "out.csv")
+    import_files([tmp_path / "out.csv"], tmp_path / "in")
+    rows = Counter(Store(folder).record()[0]["phase"].to_pylist())
+    assert Counter(Store(tmp_path / "in").record()[0]["phase"].to_pylist()) == rows
+    assert rows["shown"] == 2 * 3 * 6 * 2
