@@ -9,17 +9,22 @@ On all cores, as many processes with one thread each train 20 subjects each, aga
 processes of the peer's with one agent each. A cell of few subjects is measured against a large one:
 what a step costs whatever the number of agents weighs more in it. Where there is a GPU, it trains
 160 subjects at once.
+
+Meta-training of ``rl2`` is measured against the same training whose network is plain torch.
 """
 
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import nullcontext
 from functools import partial
 from importlib.util import find_spec
 from multiprocessing import get_context
 from typing import Any
+from unittest.mock import patch
 
 from measure import Measurement, Row, Target, in_turns, stopwatch
 
@@ -29,6 +34,7 @@ SUBJECTS_ON_GPU = 160
 ATTEMPTS = 210  # in each of five trials: 3,150 steps of each subject
 PEER_STEPS = 3150
 MOST_TURNS = 3  # each takes half a minute
+UPDATES = 3  # of a meta-training, of 23,040 actions each
 
 
 def ddqn(repeats: int) -> Iterator[Row]:
@@ -91,6 +97,46 @@ def ddqn(repeats: int) -> Iterator[Row]:
             target=Target("at least", 200_000, on="ours"),
             note=torch.cuda.get_device_name(),
         )
+
+
+def meta_training(repeats: int) -> Iterator[Row]:
+    """Actions of all rooms in a second of the processor, rooms and updates included."""
+    turns = min(repeats, MOST_TURNS)
+    _trained(compiled=True, updates=1)
+    mine, others = in_turns(
+        partial(_trained, compiled=True), partial(_trained, compiled=False), turns, warm_up=False
+    )
+    yield Row(
+        "meta_training",
+        "a network of rl2",
+        "actions/s",
+        mine,
+        "its network in plain torch",
+        others,
+        Target("at least", 4.0),
+        note=f"median of {turns} turns",
+    )
+
+
+def _trained(compiled: bool, updates: int = UPDATES) -> float:
+    import torch
+
+    from causal_openlock.schemas.finding import bundled
+    from openlock_learners.meta.training import MetaTraining
+    from openlock_learners.meta.training_file import read_training
+    from openlock_learners.networks.denormals import denormals_flushed
+    from openlock_learners.networks.recurrent_policy import LeverPolicy
+
+    torch.set_num_threads(1)
+    file = bundled("experiments") / "meta_training" / "rl2.yaml"
+    plain = patch("openlock_learners.meta.training.CompiledLeverPolicy", LeverPolicy)
+    with nullcontext() if compiled else plain:
+        training = MetaTraining(read_training(file), file.parent)
+    began = time.process_time()  # whatever else the machine does meanwhile
+    with denormals_flushed():
+        for _ in range(updates):
+            training.update()
+    return training.actions / (time.process_time() - began)
 
 
 def _everywhere(

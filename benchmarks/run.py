@@ -27,6 +27,7 @@ HOMES = {
     "memory": "memory",
     "startup": "startup",
     "ddqn": "learning",
+    "meta_training": "learning",
     "beliefs": "beliefs",
     "physics": "physics",
     "playing": "playing",

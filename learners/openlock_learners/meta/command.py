@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -16,12 +17,13 @@ def train(
     ] = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="File of the network, .npz.")] = ...,  # type: ignore[assignment]
     seed: Annotated[int | None, typer.Option(min=0, help="In place of the file's.")] = None,
-    threads: Annotated[int, typer.Option(min=1, help="Threads of torch.")] = 1,
+    threads: Annotated[int, typer.Option(min=1, help="Threads of matrix products.")] = 1,
 ) -> None:
     """Train a recurrent network for rl2 on rooms that a file declares.
 
     A training that was stopped is continued by the same command.
     """
+    os.environ["OPENBLAS_NUM_THREADS"] = str(threads)  # read when compiled loops load the library
     import torch
 
     from causal_openlock.cli.stopping import resumable

@@ -37,6 +37,7 @@ from causal_openlock.schemas.fsm import BoolArray
 from openlock_learners.checkpointed import Checkpointed
 from openlock_learners.meta.rooms import MetaRooms
 from openlock_learners.meta.training_file import TrainingFile
+from openlock_learners.networks.lever_policy_compiled import CompiledLeverPolicy
 from openlock_learners.networks.network_file import write_network
 from openlock_learners.networks.perception import Perception
 from openlock_learners.networks.ppo import (
@@ -47,7 +48,7 @@ from openlock_learners.networks.ppo import (
     log_prob,
     sample_actions,
 )
-from openlock_learners.networks.recurrent_policy import make_policy
+from openlock_learners.networks.recurrent_policy import RecurrentPolicy, make_policy
 
 LOG_EVERY = 10.0
 """Seconds between two lines of progress, and between two checkpoints of the training."""
@@ -73,7 +74,12 @@ class MetaTraining(Checkpointed):
         self.file = file
         weights, rooms, policy, order = np.random.default_rng(file.seed).spawn(4)
         self.rooms = MetaRooms(file.distribution(beside), file.at_once, rooms)
-        self.network = make_policy(file.network, self.rooms.brief.positions, [weights])
+        positions, sizes = self.rooms.brief.positions, file.network
+        self.network: RecurrentPolicy = (
+            CompiledLeverPolicy(sizes, [weights])
+            if sizes.kind == "levers"
+            else make_policy(sizes, positions, [weights])
+        )
         self.trainer = PPO(
             self.network,
             PPOSettings(

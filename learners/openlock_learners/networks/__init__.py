@@ -4,18 +4,20 @@ One cell trains many subjects at once, each with a network, a replay buffer and 
 own. N networks of one shape are a single stack of ``[N, in, out]`` weights, and everything here is
 written for such stacks; no agent's numbers depend on which others are in the stack.
 
-======================  ===========================================================================
-``double_q``            Stacked perceptrons and double Q-learning in torch: on a GPU, for ``ddqn``.
-``double_q_compiled``   The same on a CPU, by the loops of ``double_q_kernels``.
-``double_q_kernels``    These loops.
-``replay_buffer``       Transitions for ``ddqn``, drawn uniformly or by priority.
-``recurrent_cells``     Stacked linear layers, GRUs and LSTMs.
-``recurrent_q``         Double Q-learning on sequences (R2D2), for ``recurrent``.
-``sequence_buffer``     The sequences it learns from.
-``recurrent_policy``    Recurrent networks with a policy and a value, for ``rl2``.
-``ppo``                 Proximal policy optimization of these, also for meta-training.
-``network_file``        A trained policy as a file.
-``perception``          What learners with a memory perceive, as numbers.
-``denormals``           Denormal numbers are flushed to zero during training.
-======================  ===========================================================================
+=========================  =========================================================================
+``double_q``               Stacked perceptrons, double Q-learning in torch, for ``ddqn`` on a GPU.
+``double_q_compiled``      The same on a CPU, by the loops of ``double_q_kernels``.
+``double_q_kernels``       These loops.
+``replay_buffer``          Transitions for ``ddqn``, drawn uniformly or by priority.
+``recurrent_cells``        Stacked linear layers, GRUs and LSTMs.
+``recurrent_q``            Double Q-learning on sequences (R2D2), for ``recurrent``.
+``sequence_buffer``        The sequences it learns from.
+``recurrent_policy``       Recurrent networks with a policy and a value, for ``rl2``.
+``lever_policy_compiled``  A single one on a CPU, by the loops of ``lever_policy_kernels``.
+``lever_policy_kernels``   These loops.
+``ppo``                    Proximal policy optimization of these, also for meta-training.
+``network_file``           A trained policy as a file.
+``perception``             What learners with a memory perceive, as numbers.
+``denormals``              Denormal numbers are flushed to zero during training.
+=========================  =========================================================================
 """

@@ -1,0 +1,136 @@
+"""The compiled lever policy against the plain one, whose gradients are autograd's."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import pytest
+import torch
+
+from openlock_learners.networks.lever_policy_compiled import CompiledLeverPolicy
+from openlock_learners.networks.lever_policy_kernels import ROOMS
+from openlock_learners.networks.recurrent_policy import LeverPolicy, Sizes
+from support.small_policies import TINY, rng
+
+pytestmark = pytest.mark.slow
+
+TOLERANCE = 1e-5
+"""Of single precision: the difference as a share of the largest number, or of a gradient's norm.
+
+Of half a million units that read a lever, one may be as near to 0 as sums are rounded, and its
+gradient is then either there or not, a thousandth of all: so there are few rooms here.
+"""
+
+
+@pytest.fixture(autouse=True)
+def one_thread() -> None:
+    torch.set_num_threads(1)
+
+
+class Given(NamedTuple):
+    inputs: torch.Tensor
+    state: torch.Tensor
+    fresh: torch.Tensor
+
+
+def given(positions: int, steps: int, rooms: int, state: int, seed: int = 0) -> Given:
+    """Rooms of which some begin anew; in every third all levers are alike at first.
+
+    Levers that are alike are all at the maximum. They begin alike: where they became alike only
+    to the last digits, it would be chance which of them takes the gradient.
+    """
+    generator, shape = rng(seed), (1, steps, rooms)
+    inputs = generator.integers(0, 2, (*shape, 4 * positions + 9))
+    inputs[..., 2 * positions + 2 : 4 * positions + 2] = 0
+    acted = generator.integers(0, 2 * positions, shape)[..., None] + 2 * positions + 2
+    inputs[(*torch.meshgrid(*map(torch.arange, shape), indexing="ij"), acted[..., 0])] = 1
+    inputs[:, : steps // 2, ::3] = 0
+    before = generator.normal(size=(1, rooms, state))
+    before[:, ::3] = 0
+    fresh = generator.random(shape) < 0.2
+    return Given(
+        *(torch.from_numpy(part).float() for part in (inputs, before)), torch.tensor(fresh)
+    )
+
+
+def pair(sizes: Sizes = TINY) -> tuple[LeverPolicy, CompiledLeverPolicy]:
+    networks = LeverPolicy(sizes, [rng(1)]), CompiledLeverPolicy(sizes, [rng(1)])
+    for network in networks:
+        with torch.no_grad():  # its first answers are nearly the same everywhere
+            network.moves.weight.mul_(10)
+            network.door_and_value.weight.mul_(10)
+            network.moves.bias.add_(0.3)
+    return networks
+
+
+def loss(network: LeverPolicy, at: Given, seed: int = 2) -> torch.Tensor:
+    logits, values, _ = network(*at)
+    weights = torch.from_numpy(rng(seed).normal(size=(*logits.shape[:3], logits.shape[3] + 1)))
+    return (torch.cat([logits, values[..., None]], dim=-1) * weights.float()).sum()
+
+
+def gradients(network: LeverPolicy) -> dict[str, torch.Tensor]:
+    return {
+        name: part.grad.clone()
+        for name, part in network.named_parameters()
+        if part.grad is not None
+    }
+
+
+def agree(found: dict[str, torch.Tensor], expected: dict[str, torch.Tensor]) -> None:
+    assert found.keys() == expected.keys()
+    for name, gradient in expected.items():
+        assert gradient.norm() > 0, name
+        assert (found[name] - gradient).norm() <= TOLERANCE * gradient.norm(), name
+
+
+@pytest.mark.parametrize(
+    ("sizes", "positions", "steps", "rooms"),
+    [(TINY, 7, 6, 5), (TINY, 3, 4, 2 * ROOMS + 3), (Sizes(), 7, 45, 2)],
+    ids=["one group", "groups and a rest", "as trained"],
+)
+def test_it_runs_as_the_plain_network_and_has_its_gradients(
+    sizes: Sizes, positions: int, steps: int, rooms: int
+) -> None:
+    plain, compiled = pair(sizes)
+    at = given(positions, steps, rooms, plain.state_size(positions))
+    assert at.fresh.any()
+    with torch.no_grad():
+        expected = plain(*at)
+    for found, part in zip(compiled(*at), expected, strict=True):
+        assert found.shape == part.shape
+        assert (found - part).abs().max() <= TOLERANCE * part.abs().max()
+    for network in (plain, compiled):
+        loss(network, at).backward()
+    agree(gradients(compiled), gradients(plain))
+
+
+def test_without_gradients_it_does_the_same() -> None:
+    _, compiled = pair()
+    at = given(7, 3, 2 * ROOMS + 1, compiled.state_size(7))
+    whole = compiled(*at)
+    state, steps = at.state, []
+    for seen, fresh in zip(at.inputs.unbind(1), at.fresh.unbind(1), strict=True):
+        logits, values, state = compiled.step(seen, state, fresh)
+        steps.append((logits, values))
+    logits, values = (torch.stack(parts, dim=1) for parts in zip(*steps, strict=True))
+    for found, part in zip((logits, values, state), whole, strict=True):
+        assert not found.requires_grad
+        assert torch.equal(found, part)
+
+
+def test_two_runs_before_their_gradients_do_not_disturb_each_other() -> None:
+    plain, compiled = pair()
+    for network in (plain, compiled):
+        both = [loss(network, given(7, 4, 3, plain.state_size(7), seed), seed) for seed in (3, 4)]
+        for each in both:
+            each.backward()
+    agree(gradients(compiled), gradients(plain))
+
+
+def test_gradients_are_given_once() -> None:
+    _, compiled = pair()
+    found = loss(compiled, given(7, 2, 2, compiled.state_size(7)))
+    found.backward(retain_graph=True)
+    with pytest.raises(TypeError):
+        found.backward()
