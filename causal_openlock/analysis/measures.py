@@ -38,6 +38,9 @@ SUBJECT = ["experiment", "seed", "subject"]
 VISIT = ["phase", "loop", "trial"]
 """Columns that identify a trial of a subject, in the order of time."""
 
+SOLUTIONS = ("first", "second", "third")
+"""Columns with what each solution cost, in the order in which solutions were found."""
+
 START = 10
 """The first tenth of a trial's attempts, and at least one attempt, are its start."""
 
@@ -73,8 +76,9 @@ def attempts_to_solve(record: pa.Table) -> pd.DataFrame:
         - ``schema``, ``layout``: of the room.
         - ``attempts``: number of the attempt that found the last solution; for a trial that was
           not solved the number of its last attempt, which is the limit.
-        - ``first_solution``: number of the attempt that found the first solution, or of its last
-          attempt if none was found.
+        - ``first``, ``second``, ``third``: attempts for that solution since the one before; NaN
+          where it was not found, or the room has fewer.
+        - ``first_solution``: ``first``, or of a trial in which none was found its last attempt.
         - ``last_attempt``: number of its last attempt; a trial may continue after it is solved.
         - ``solved``: whether every solution was found.
         - ``solutions_found``, ``solutions``: how many were found and how many there are.
@@ -328,7 +332,10 @@ class _Trials:
 
         last = reduce(np.maximum, attempt)
         solved_at = reduce(np.minimum, np.where(found >= solutions, attempt, _NEVER))
-        first_at = reduce(np.minimum, np.where(found >= 1, attempt, _NEVER))
+        found_at = [
+            reduce(np.minimum, np.where(found > number, attempt, _NEVER))
+            for number in range(len(SOLUTIONS))
+        ]
         length = np.diff(starts, append=len(attempt))
         rows = np.add.reduceat(length[order], joins) if len(starts) else length
         table = pd.DataFrame(
@@ -340,7 +347,11 @@ class _Trials:
                     for column, values in sorted_key.items()
                 },
                 "attempts": np.minimum(solved_at, last).astype(np.int64),
-                "first_solution": np.minimum(first_at, last).astype(np.int64),
+                **{
+                    name: np.where(now == _NEVER, np.nan, now - before)
+                    for name, now, before in zip(SOLUTIONS, found_at, [0, *found_at], strict=False)
+                },
+                "first_solution": np.minimum(found_at[0], last).astype(np.int64),
                 "last_attempt": last.astype(np.int64),
                 "solved": solved_at != _NEVER,
                 "solutions_found": reduce(np.maximum, found).astype(np.int64),

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from causal_openlock.analysis.measures import SOLUTIONS
 from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.confusions import recovery_of
 from causal_openlock.evidence.derived import beside_people
@@ -29,6 +30,7 @@ from causal_openlock.evidence.study import (
     OF_ALL,
     PUBLISHED,
     RL_2020,
+    SAVED,
     Selection,
     Table,
 )
@@ -271,6 +273,8 @@ def _measure(table: Table) -> str:
     return {
         "attempts": "attempts",
         "first_solution": "attempts to the first solution",
+        **{name: f"attempts for the {name} solution" for name in SOLUTIONS},
+        SAVED: "attempts saved after the first solution",
         "solved": "share of trials solved",
         "finds_all": "share of visits",
         "found": "share of solutions",

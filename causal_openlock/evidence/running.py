@@ -38,7 +38,7 @@ from causal_openlock.evidence.keeping import (
 )
 from causal_openlock.evidence.metric_runs import run_metrics
 from causal_openlock.evidence.recovery_runs import run_recovery
-from causal_openlock.evidence.study import AFTER, FILE, MEASURED, SAVED, Networks, Study
+from causal_openlock.evidence.study import FILE, Networks, Study
 from causal_openlock.evidence.study_files import COSTS, UNITS, read_run, read_units
 from causal_openlock.evidence.units import of_network, units_of
 from causal_openlock.experiment.building import Changes, learner
@@ -191,7 +191,7 @@ def _stored(study: Study) -> dict[str, Measured]:
         if part.label and held.get("asked") == study.asks_of(part.label):
             own = units[(units["learner"] == part.label) & (units["unit"] == part.seed)]
             found[part.name] = Measured({UNITS: own}, tuple(names), 0, seconds, of_run)
-        elif not part.label and set(MEASURED[study.file.measured]) - {AFTER, SAVED} <= set(units):
+        elif not part.label and study.stored() <= set(units):
             # A name holds the hash of all that decides a cell: a learner that was added since
             # leaves the others as they are.
             asked = study.asked.cells()

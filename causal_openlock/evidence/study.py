@@ -32,6 +32,7 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field, model_validator
 
+from causal_openlock.analysis.measures import SOLUTIONS
 from causal_openlock.contract.parameters import Count
 from causal_openlock.errors import EvidenceError
 from causal_openlock.experiment.experiment import Experiment
@@ -69,7 +70,7 @@ BLOCK = 50
 AFTER, SAVED = "after_first", "saved_after_first"
 """Attempts from the first solution to the last, and how many fewer than to the first; derived."""
 
-ATTEMPTS = ("attempts", "first_solution", AFTER, SAVED)
+ATTEMPTS = ("attempts", "first_solution", *SOLUTIONS, AFTER, SAVED)
 """Measures that are numbers of attempts; the others are shares."""
 
 RECOVERED = ("single", "groups", "halves")
@@ -85,17 +86,17 @@ EVERYONE = "everyone"
 """Name of all learners of a recovery together."""
 
 MEASURED: Mapping[str, Sequence[str]] = {
-    "trials": (*TRIALS, AFTER, SAVED),
+    "trials": (*TRIALS, *SOLUTIONS, AFTER, SAVED),
     "course": COURSE,
-    "curve": (*TRIALS, AFTER, SAVED),
+    "curve": (*TRIALS, *SOLUTIONS, AFTER, SAVED),
     "recovery": (*RECOVERED, CORRELATION),
     "metrics": METRICS,
 }
 
 Measure = Literal[
-    "attempts", "first_solution", "after_first", "saved_after_first", "solved", "found", "opens",
-    "finds_all", "else", "unlocks", "single", "groups", "halves", "r", "differing_pairs",
-    "differing_transitions",
+    "attempts", "first_solution", "first", "second", "third", "after_first", "saved_after_first",
+    "solved", "found", "opens", "finds_all", "else", "unlocks", "single", "groups", "halves", "r",
+    "differing_pairs", "differing_transitions",
 ]  # fmt: skip
 """Measures of each unit: see :mod:`~causal_openlock.evidence.units`."""
 
@@ -429,6 +430,11 @@ class Study:
         parameters = networks.parameters.get(label, {})
         played = [self.asked.declaration, self.file.measured, networks.learner, parameters]
         return _digest(played)
+
+    def stored(self) -> set[str]:
+        """Measures that stored units must have; those of a solution only where it is asked for."""
+        asked = {measure for _, measure, _ in self._sides()}
+        return {*MEASURED[self.file.measured]} - {AFTER, SAVED} - ({*SOLUTIONS} - asked)
 
     def faults(self) -> list[str]:
         """Faults: what is named and not played, and a seed that a stored fit played with."""

@@ -12,6 +12,8 @@ whether a condition is judged by this row; ``unit``, the number of the subject o
 
 - ``attempts``, ``first_solution``: attempts to find every solution and the first one; a trial that
   was not solved counts as its limit.
+- ``first``, ``second``, ``third``: attempts for that solution since the one before, in trials in
+  which it was found. Units that were stored before there were these measures lack them.
 - ``after_first``, ``saved_after_first``, not stored: attempts from the first solution to the last,
   and how many fewer these are than those to the first, where one was found. A policy without memory
   needs more, not fewer.
@@ -31,7 +33,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.measures import CELL, SUBJECT
+from causal_openlock.analysis.measures import CELL, SOLUTIONS, SUBJECT
 from causal_openlock.analysis.results.visits import shares
 from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.study import (
@@ -63,7 +65,7 @@ def units_of(trials: pd.DataFrame, measured: str) -> pd.DataFrame:
         when, measures = "part", [*COURSE]
         table = shares(trials).rename(columns={"visits": "trials"})
     else:
-        when, measures = "part" if measured == "curve" else "trial", [*TRIALS]
+        when, measures = "part" if measured == "curve" else "trial", [*TRIALS, *SOLUTIONS]
         each = trials.assign(
             solved=trials["solved"].astype(float),
             found=trials["solutions_found"] / trials["solutions"],

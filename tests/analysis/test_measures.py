@@ -7,6 +7,7 @@ import math
 from collections import Counter, defaultdict
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pytest
@@ -14,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from causal_openlock.analysis.measures import (
+    SOLUTIONS,
     attempts_to_solve,
     by_subject,
     category_counts,
@@ -45,8 +47,11 @@ def test_attempts_of_three_trials_worked_by_hand() -> None:
     )
     trials = attempts_to_solve(record)
     assert trials["first_solution"].tolist() == [2, 1, 1]
+    nan = pytest.approx(np.nan, nan_ok=True)
+    assert trials[[*SOLUTIONS]].to_numpy().tolist() == [[2, 1, 1], [1, 2, nan], [1, 1, nan]]
     nothing_found = attempts_to_solve(table(trial_rows([0, 0, 0])))
     assert nothing_found["first_solution"].tolist() == [3]
+    assert nothing_found[[*SOLUTIONS]].to_numpy().tolist() == [[nan, nan, nan]]
     assert trials["attempts"].tolist() == [4, 5, 2]
     assert trials["last_attempt"].tolist() == [4, 5, 3]
     assert trials["solved"].tolist() == [True, False, True]

@@ -18,6 +18,8 @@ from causal_openlock.analysis.topics.learning_cost import (
     median_cost,
     shown,
 )
+from causal_openlock.analysis.topics.solution_costs import TOPIC as SOLUTION_COSTS
+from causal_openlock.analysis.topics.solution_costs import solution_costs
 from causal_openlock.analysis.topics.survival import unsolved_after
 from causal_openlock.experiment.building import Changes
 from causal_openlock.experiment.experiment import Origin
@@ -53,6 +55,28 @@ def test_a_trial_at_its_limit_is_censored_and_not_solved() -> None:
     assert (found["ci_low"] <= found["unsolved"]).all()
     assert (found["unsolved"] <= found["ci_high"]).all()
     assert found["ci_high"].iloc[1] > found["ci_low"].iloc[1]
+
+
+def test_each_solution_costs_what_it_took_since_the_one_before() -> None:
+    rows = [
+        *trial_rows([0, 1, 1, 2, 3], subject=0),
+        *trial_rows([1, 1, 1, 2, 2], subject=1),  # the third is not found
+        *trial_rows([0, 0, 0, 0, 0], subject=2),
+    ]
+    record = table(rows)
+    found = solution_costs(attempts_to_solve(record))
+    assert found[["solution", "subjects", "attempts"]].to_numpy().tolist() == [
+        ["first", 2, 1.5],
+        ["second", 2, 2.5],
+        ["third", 1, 1.0],
+    ]
+    section = section_on(SOLUTION_COSTS, material_of(record, experiment_of(record)))
+    assert section is not None
+    assert section.tables[0].rows == [
+        ["CC4", "a", "1.50 [1.00, 2.00], n = 2", "2.50 [2.00, 3.00], n = 2", "1.00, n = 1"]
+    ]
+    nothing = table(trial_rows([0, 0]))
+    assert section_on(SOLUTION_COSTS, material_of(nothing, experiment_of(nothing))) is None
 
 
 def test_shares_are_those_of_statsmodels() -> None:

@@ -599,6 +599,32 @@ def test_attempts_are_counted_up_to_the_first_solution_and_from_there() -> None:
         selected(units.assign(found=0.0), asked, "after_first")
 
 
+def test_what_a_solution_cost_is_measured_where_a_claim_asks_for_it(
+    root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study = root / "small"
+    with monkeypatch.context() as before:  # as units were stored before there was this measure
+        before.setattr("causal_openlock.evidence.units.SOLUTIONS", ())
+        run(root)
+    shutil.rmtree(root.parent / "results")
+    units = read_units(read_study(study))
+    assert read_study(study).stored() <= set(units)
+    with pytest.raises(EvidenceError, match="second was not measured of oracle"):
+        Evidence(read_study(study)).text("second oracle CC3")
+    asks = "  later:\n    text: It pays later\n    contrasts:\n      CC3: {measure: second, "
+    asks += "of: {learner: random, condition: CC3-CC4}, minus: 40.0, expected: less}\n"
+    text = (study / "study.yaml").read_text().replace("tables:", f"{asks}tables:")
+    (study / "study.yaml").write_text(text)
+    assert not read_study(study).stored() <= set(units)
+    run(root)
+    found = Evidence(read_study(study))
+    assert found.text("second oracle CC3") == "1.00"
+    third = selected(
+        read_units(read_study(study)), Selection(learner="oracle", condition="CC3-CC4"), "third"
+    )
+    assert (third.values.tolist(), third.least, third.most) == ([1.0] * 3, 1.0, 30.0)
+
+
 def test_all_trials_behind_a_mean_are_counted(root: Path) -> None:
     run(root)
     units = read_units(read_study(root / "small"))

@@ -8,6 +8,7 @@ MODULES = (
     "leaderboard",
     "learning_cost",
     "survival",
+    "solution_costs",
     "regret",
     "structure_recovery",
     "language_models",

@@ -1,0 +1,68 @@
+"""Cost of each solution: attempts for the first, and for each later one since the one before.
+
+What a subject knows before it enters a room may pay at the first solution, or only once the first
+solution says which lever plays which role. The attempts of a whole room hide which it was.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from causal_openlock.analysis.decisions import Decided
+from causal_openlock.analysis.measures import CELL, SOLUTIONS, SUBJECT, judged
+from causal_openlock.analysis.prose import Prose
+from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.section import Section
+from causal_openlock.analysis.statistics import mean_intervals
+from causal_openlock.analysis.topic import Topic
+
+_PROSE = Prose(__name__)
+
+
+def solution_costs(trials: pd.DataFrame) -> pd.DataFrame:
+    """Attempts for each solution, in the trials that a condition is judged by.
+
+    >>> solution_costs(results.trials)[["learner", "solution", "subjects", "attempts"]].head(2)
+      learner solution  subjects  attempts
+    0  oracle    first         4       1.0
+    1  oracle   second         4       1.0
+
+    Args:
+        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
+
+    Returns:
+        A row for each ``condition``, ``protocol``, ``learner`` and ``solution`` that was found:
+        ``subjects`` that found it, their mean ``attempts`` since the solution before, and its 95%
+        bootstrap interval over subjects, ``ci_low`` to ``ci_high``.
+    """
+    each = judged(trials).groupby([*CELL, *SUBJECT], observed=True)[[*SOLUTIONS]].mean()
+    long = each.rename_axis(columns="solution").stack().dropna().rename("attempts").reset_index()
+    long["solution"] = pd.Categorical(long["solution"], SOLUTIONS)
+    by = ["condition", "protocol", "learner", "solution"]
+    means = long.groupby(by, observed=True)["attempts"].agg(subjects="size", attempts="mean")
+    return means.reset_index().merge(mean_intervals(long, by, "attempts"), on=by)
+
+
+def section(material: Material, _: Decided) -> Section | None:
+    """A table of means with their intervals; None where no solution was found."""
+    table = solution_costs(material.trials)
+    if table.empty:
+        return None
+    table["text"] = [
+        f"{row.attempts:.2f}{_interval(row.ci_low, row.ci_high)}, n = {row.subjects}"
+        for row in table.itertuples()
+    ]
+    about = ["condition", "protocol", "learner"]
+    about = about if table["protocol"].nunique() > 1 else ["condition", "learner"]
+    wide = table.pivot(index=about, columns="solution", values="text").fillna("–")
+    shown = wide.rename_axis(columns=None).reset_index()
+    return _PROSE.section("solution_costs", [_PROSE.table("solution_costs", shown, {})])
+
+
+def _interval(low: float, high: float) -> str:
+    """An interval in brackets; empty for one subject, of whom there is none."""
+    return f" [{low:.2f}, {high:.2f}]" if np.isfinite(low) else ""
+
+
+TOPIC = Topic("solution_costs", 45, section)
