@@ -183,7 +183,7 @@ def selected(units: pd.DataFrame, selection: Selection, measure: str) -> Selecte
         values=each.mean(axis=1).to_numpy(float),
         units=each.index.to_numpy(np.int64),
         trials=int(trials),
-        least=-most if measure == SAVED else float(measure in ("attempts", "first_solution")),
+        least=-most if measure == SAVED else float(measure in ATTEMPTS and measure != AFTER),
         most=most,
     )
 
