@@ -72,8 +72,8 @@ def _each_kernel_is_compiled_by_one(tmp_path_factory: pytest.TempPathFactory) ->
 def _figures_are_drawn_where_a_test_looks_at_them() -> Iterator[None]:
     """See :mod:`support.figures`."""
     from causal_openlock.analysis.plots import style
-    from support.figures import save_empty
+    from support.figures import empty
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(style, "save", save_empty)
+        patch.setattr(style, "images", empty)
         yield

@@ -2,7 +2,7 @@
 
 The report lays sections out and knows nothing of what is in them. Their sentences come from a
 template (:mod:`~causal_openlock.analysis.prose`); their tables
-(:mod:`~causal_openlock.analysis.table`) become HTML on the page, CSV and LaTeX next to it
+(:mod:`~causal_openlock.analysis.table`) become HTML on the page, and CSV and LaTeX on request
 (:mod:`~causal_openlock.analysis.report.page`).
 """
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SectionPlot:
-    """A figure that is shown, and kept as files called ``name``.
+    """A figure that is shown; its files, where they are wanted, are called ``name``.
 
     Its name is of lower-case letters, digits and underscores; the caption says what is seen, and
     what the error bars are; the call is the line of Python that makes it again, if there is one.

@@ -46,7 +46,7 @@ MANY_COLUMNS = 9
 
 @dataclass(frozen=True)
 class Table:
-    """A table that is shown, and kept as a file.
+    """A table that is shown; its files, where they are wanted, are called ``name``.
 
     >>> frame = pd.DataFrame({"learner": ["bayes"], "mean_attempts": [3.751]})
     >>> print(Table("attempts", "Attempts", frame, {"mean_attempts": ".2f"}).markdown())
@@ -55,7 +55,7 @@ class Table:
     | bayes | 3.75 |
 
     Attributes:
-        name: File name without ending.
+        name: Name of its files, without ending.
         title: What it is.
         frame: Its values as they were computed, unrounded; columns are headed by their names.
         formats: How to print a column (``.2f``, ``+.2f``, ``.1%``, ``,``; ``s`` sets text to the
@@ -79,7 +79,7 @@ class Table:
         names = [str(name) for name in self.frame.columns]
         return names if self.verbatim else [name.replace("_", " ") for name in names]
 
-    @property
+    @cached_property
     def numeric(self) -> list[bool]:
         """Whether each column holds numbers, and is set to the right."""
         return [

@@ -41,6 +41,13 @@ def report(
         Path | None,
         typer.Option("--out", "-o", help="Folder for the comparison of two; default: the first."),
     ] = None,
+    figures: Annotated[
+        bool,
+        typer.Option(
+            "--figures",
+            help="Also write figures (SVG, PNG, PDF) and tables (CSV, LaTeX) as files.",
+        ),
+    ] = False,
     methods: Annotated[
         bool, typer.Option("--methods", help="Print the methods section for a paper instead.")
     ] = False,
@@ -52,8 +59,10 @@ def report(
     if methods:
         from causal_openlock.comparison.results import open_results
 
-        if against or out:
-            raise OpenLockError("--methods is about one comparison; leave out the other and --out")
+        if against or out or figures:
+            raise OpenLockError(
+                "--methods is about one comparison; leave out the other, --out and --figures"
+            )
         results = open_results(folder, *beside or (), reference=reference, exclude=exclude)
         console.print_line(results.methods())
     elif against is None:
@@ -61,14 +70,16 @@ def report(
             raise OpenLockError(
                 "--out is for the comparison of two folders; a report is written into its own"
             )
-        report_store(folder, console, beside or (), reference or (), exclude=exclude)
+        report_store(
+            folder, console, beside or (), reference or (), exclude=exclude, figures=figures
+        )
     elif beside or reference or exclude:
         raise OpenLockError(
             "two folders are compared with one another, whole, and not with a --reference or "
             "--beside others; leave one out, or --exclude"
         )
     else:
-        report_difference(folder, against, out or folder, console)
+        report_difference(folder, against, out or folder, console, figures)
 
 
 def report_store(
@@ -78,6 +89,7 @@ def report_store(
     references: Sequence[ReferenceForm] = (),
     reasons: bool = True,
     exclude: Exclusion | None = None,
+    figures: bool = False,
 ) -> None:
     """Write the report of a results folder, perhaps with others, and print its leaderboard.
 
@@ -88,6 +100,7 @@ def report_store(
         references: What learners are compared with.
         reasons: Whether to say why some learners are not applicable; ``compare`` has said it.
         exclude: The rule by which people are left out.
+        figures: Whether figures and tables are also written as files.
     """
     from causal_openlock.analysis.report.about_people import exclusions
     from causal_openlock.analysis.report.warnings import not_applicable
@@ -100,7 +113,7 @@ def report_store(
     with shown_steps("report") as begin:
         begin("reading")
         results = open_results(folder, *others, reference=references, exclude=exclude)
-        page = make_report(results, folder, begin=begin)
+        page = make_report(results, folder, begin=begin, figures=figures)
     print_leaderboard(page.leaderboard, console, page.answers)
     said = not_applicable(results.experiment.reasons) if reasons else ()
     for sentence in (*exclusions(results), *said):
@@ -125,7 +138,9 @@ def _print_missing(missing: Sequence[Missing], console: Terminal) -> None:
         console.print(f"  and {len(missing) - MOST_MISSING} more")
 
 
-def report_difference(first: Path, second: Path, out: Path, console: Terminal) -> None:
+def report_difference(
+    first: Path, second: Path, out: Path, console: Terminal, figures: bool = False
+) -> None:
     """Compare two results folders: a page in a folder, and the same on the terminal."""
     from causal_openlock.analysis.report.difference_page import (
         sentence_on_changes,
@@ -142,7 +157,7 @@ def report_difference(first: Path, second: Path, out: Path, console: Terminal) -
         begin("reading")
         both = read_results(Store(first)), read_results(Store(second))
         begin("comparing")
-        changed, table = write_difference(*both, path, names)
+        changed, table = write_difference(*both, path, names, figures)
     if len(changed):
         _print_changes(changed, names, console)
     else:

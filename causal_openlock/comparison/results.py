@@ -279,12 +279,14 @@ class Results(Material):
 
     # -- what is made of them -------------------------------------------------------------------
 
-    def report(self, folder: Path | str | None = None) -> Report:
+    def report(self, folder: Path | str | None = None, figures: bool = False) -> Report:
         """Write the report; a notebook shows its page.
 
         Args:
             folder: Where to write it; by default into the results folder, or, of results from
                 several folders, into a temporary one.
+            figures: Whether every figure is also written as SVG, PNG and PDF (``figures/``), and
+                every table as CSV and LaTeX (``tables/``).
 
         Raises:
             OpenLockError: If it cannot be written.
@@ -294,7 +296,7 @@ class Results(Material):
         if folder is None:
             several = len(self.folders) != 1
             folder = tempfile.mkdtemp(prefix="report-") if several else self.folders[0]
-        return make_report(self, folder)
+        return make_report(self, folder, figures=figures)
 
     def methods(self) -> Methods:
         """Return the paragraphs for one's paper: what was compared, and how.

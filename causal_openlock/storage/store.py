@@ -8,7 +8,7 @@
                             is played, also its checkpoint and its progress
       transcripts/          what was said in a cell, of learners that speak: a line of JSON each
       code/                 source of learners that a notebook or a script defined
-      report.html  summary.csv  figures/
+      report.html  summary.csv
       errors/               a file for each failed cell: a sentence and the traceback
 
 A cell's file is written completely or not at all, so a comparison killed at any moment continues

@@ -92,7 +92,7 @@ def test_it_stands_beside_learners_in_every_table(mine: Path, played: Path, tmp_
     assert ranked.loc["random", "to_guests"] == pytest.approx(gap)
     (table,) = results.by_condition
     assert [*table.beside] == ["people", "published model", "guests", "ideal observer"]
-    report = results.report(tmp_path)
+    report = results.report(tmp_path, figures=True)
     assert "than guests" in report.answers["human"][0]
     page = Page(report.path.read_text("utf-8"))
     assert [row[0].split(" | ")[0] for row in page.tables[0]][:3] == ["Learner", "people", "guests"]

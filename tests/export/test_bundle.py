@@ -165,12 +165,18 @@ def test_a_bundle_holds_everything_and_is_the_same_every_time(made: Path) -> Non
     }
     assert {"experiment.json", "report.html", "summary.csv"} <= results
     assert sum(name.startswith("cells/") for name in results) == 20
-    assert "tables/learner_mine.csv" in results
+    assert not any(name.startswith(("figures/", "tables/")) for name in results)
     assert re.search(r"^# Python \d", read, re.M)
     assert re.search(r"^numpy==[\d.]+$", read, re.M)
     (made / "out" / "notes.txt").write_text("nobody else's business")
     write_bundle(Store(made / "out"), made / "second.zip")
     assert (made / "second.zip").read_bytes() == (made / "own.zip").read_bytes()
+    done = CliRunner().invoke(app, ["report", "out", "--figures"])
+    assert done.exit_code == 0, done.output
+    write_bundle(Store(made / "out"), made / "third.zip")
+    with zipfile.ZipFile("third.zip") as bundle:
+        assert "own_everything/results/tables/learner_mine.csv" in bundle.namelist()
+        assert "own_everything/results/figures/learner_mine.pdf" in bundle.namelist()
 
 
 def test_a_learner_that_has_changed_since_is_not_bundled(made: Path) -> None:

@@ -64,7 +64,7 @@ from causal_openlock.schemas.fsm import IntArray
 from causal_openlock.testing import LearnerContract
 from causal_openlock.world.randomness import Streams
 from openlock_learners.oracle import Oracle
-from support.figures import KINDS, drawn
+from support.figures import drawn
 from support.processes import start_prepared
 
 pytestmark = pytest.mark.slow
@@ -384,7 +384,7 @@ def test_the_share_is_searched_and_both_kinds_are_written(tmp_path):
     assert found.model.all == pytest.approx(3.789, abs=1e-3)
     assert found.perfect.fitted == found.perfect.all > 1.2
     assert np.isnan(found.perfect.held_out)  # nothing is
-    with drawn(*KINDS):
+    with drawn():
         write_fitted_learner(fitted, found, tmp_path)
     _, first, second = read_experiment(tmp_path / "experiment.yaml").learners
     assert first.subjects + second.subjects == fitted.plan.final_subjects
@@ -419,7 +419,7 @@ def test_the_bundled_mixture_can_be_read():
 def test_the_fitted_learner_is_written_as_an_experiment_that_can_be_run(tmp_path):
     fitted, trials = fit(plan(candidates=2), tmp_path)
     found = fitted_learner(fitted, trials)
-    with drawn(*KINDS):
+    with drawn():
         files = write_fitted_learner(fitted, found, tmp_path)
     assert all(file.stat().st_size > 100 for file in files)
     experiment = read_experiment(tmp_path / "experiment.yaml")

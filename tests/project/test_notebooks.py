@@ -53,7 +53,7 @@ def prepare():
     known = get_ipython().user_ns
     for name in [name for name in known if name not in first_names and name != "first_names"]:
         del known[name]
-    style.save = lambda figure, stem: '<svg viewBox="0 0 432 216"></svg>'
+    style.images = lambda figure, kinds: {"svg": b'<svg viewBox="0 0 432 216"></svg>'}
     played = sys.modules["played"] = type(sys)("played")
     played.attempts = 0
     def compare(*given, workers=0, **more):

@@ -1,4 +1,4 @@
-"""Commands one after the other in one process, which plays all cells and saves figures empty.
+"""Commands one after the other in one process, which plays all cells and draws figures empty.
 
 ``python -m support.undrawn compare … THEN report …``; the status of each is a line of standard
 error, in brackets.
@@ -13,12 +13,12 @@ import pytest
 from causal_openlock.analysis.plots import style
 from causal_openlock.cli import main
 from support.command import play_here
-from support.figures import save_empty
+from support.figures import empty
 
 THEN = "THEN"
 
 if __name__ == "__main__":
-    style.save = save_empty
+    style.images = empty
     play_here(pytest.MonkeyPatch())
     words = sys.argv[1:]
     while words:

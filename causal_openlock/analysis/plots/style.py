@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import io
 import textwrap
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -19,9 +19,6 @@ from typing import Any
 import matplotlib as mpl
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_pdf import FigureCanvasPdf
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.colors import is_color_like
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -42,8 +39,8 @@ them."""
 WIDTH = 7.2
 """Width of a full figure in inches: two columns of a printed page."""
 
-KINDS = ("png", "pdf")
-"""Formats in which a figure is written, in addition to SVG."""
+KINDS = ("svg", "png", "pdf")
+"""Formats in which a figure is written."""
 
 _RC: Any = {
     "font.family": "DejaVu Sans",  # comes with matplotlib
@@ -226,21 +223,20 @@ def ideal_key() -> Line2D:
     return Line2D([], [], **_IDEAL_LOOK, label=IDEAL)
 
 
-def save(figure: Figure, stem: Path) -> str:
-    """Write ``stem.png`` (200 dots per inch), ``.svg`` and ``.pdf``; equal figures, equal bytes.
-
-    Returns:
-        The SVG.
+def save(figure: Figure, stem: Path) -> None:
+    """Write ``stem.svg``, ``stem.png`` and ``stem.pdf``; equal figures, equal bytes.
 
     Raises:
         OpenLockError: If they cannot be written.
     """
+    for kind, content in images(figure, KINDS).items():
+        write_bytes(stem.with_name(f"{stem.name}.{kind}"), content)
+
+
+def images(figure: Figure, kinds: Sequence[str]) -> dict[str, bytes]:
+    """The figure in several formats (:data:`KINDS`), laid out once for all of them."""
     _settle(figure)
-    for kind in KINDS:
-        write_bytes(stem.with_name(f"{stem.name}.{kind}"), image(figure, kind))
-    svg = image(figure, "svg")
-    write_bytes(stem.with_name(f"{stem.name}.svg"), svg)
-    return svg.decode()
+    return {kind: image(figure, kind) for kind in kinds}
 
 
 def _settle(figure: Figure) -> None:
@@ -249,8 +245,9 @@ def _settle(figure: Figure) -> None:
     The solver of the layout ends within rounding of the same places, and not always on the same
     side of it: rounding its result is what makes equal figures equal byte for byte.
     """
-    with settings():
-        figure.draw_without_rendering()
+    if engine := figure.get_layout_engine():
+        with settings():
+            engine.execute(figure)
     figure.set_layout_engine("none")
     for axes in figure.axes:
         left, bottom, width, height = (round(edge, 6) for edge in axes.get_position().bounds)
@@ -260,19 +257,26 @@ def _settle(figure: Figure) -> None:
 def image(figure: Figure, kind: str, dots: int = 200) -> bytes:
     """The figure as ``svg``, ``png`` (``dots`` per inch) or ``pdf``, without a date.
 
-    It is drawn once; ``savefig`` would do it twice, in case the layout changes.
+    It is drawn once; ``savefig`` would do it twice, in case the layout changes. Each format has a
+    backend of its own, which is loaded when it is asked for: that of PDF takes long.
     """
     content = io.BytesIO()
     canvas: Any
     with settings():
         if kind == "png":
+            from matplotlib.backends.backend_agg import FigureCanvasAgg
+
             figure.set_dpi(dots)
             canvas = FigureCanvasAgg(figure)
             canvas.print_png(content, metadata={"Software": None})
         elif kind == "pdf":
+            from matplotlib.backends.backend_pdf import FigureCanvasPdf
+
             canvas = FigureCanvasPdf(figure)
             canvas.print_pdf(content, metadata=_NO_PDF_METADATA)
         else:
+            from matplotlib.backends.backend_svg import FigureCanvasSVG
+
             canvas = FigureCanvasSVG(figure)
             canvas.print_svg(content, metadata=_NO_METADATA)
     return content.getvalue()

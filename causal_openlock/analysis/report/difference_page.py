@@ -162,15 +162,21 @@ def _groups(trials: pd.DataFrame) -> dict[tuple[str, str, str, str], Any]:
 
 
 def write_difference(
-    first: Results, second: Results, path: Path | str, names: tuple[str, str]
+    first: Results,
+    second: Results,
+    path: Path | str,
+    names: tuple[str, str],
+    figures: bool = False,
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Write the page that compares two records, with its figures and tables.
+    """Write the page that compares two records.
 
     Args:
         first: A record with its experiment.
         second: The other.
         path: The page.
         names: What to call them, such as the names of their folders.
+        figures: Whether its figure and tables are also written as files, to ``figures/`` and
+            ``tables/`` next to the page.
 
     Returns:
         :func:`changes` and :func:`compared`.
@@ -184,7 +190,7 @@ def write_difference(
     trials = [count(record).trials for record, _ in (first, second)]
     learners = [spec.name for spec in first[1].learners]
     table = compared(trials[0], trials[1], learners)
-    written = Written(path.parent)
+    written = Written(path.parent, figures)
     label = re.sub(r"\W+", "_", path.stem, flags=re.ASCII)
     cells = [set(_groups(one)) for one in trials]
     sections = [

@@ -9,48 +9,73 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.prose import environment
 from causal_openlock.analysis.section import Section, SectionPlot
 from causal_openlock.analysis.table import write_table
-from causal_openlock.files.atomic import write_text
+from causal_openlock.files.atomic import write_bytes, write_text
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 class Written:
-    """The files of a page, in ``figures/`` and ``tables/``, as paths within its folder.
+    """The plots and sections of a page, and, if wanted, the files of their own that they have.
 
-    ``begin`` is called with the name of each plot before it is drawn.
+    The page holds all of them. Files are in ``figures/`` and ``tables/``, and cost more time than
+    the page.
+
+    Args:
+        folder: Where the page is.
+        figures: Whether plots and tables are also written as files.
+        begin: Called with the name of each plot before it is drawn.
+
+    Attributes:
+        files: What was written, as paths within the folder.
     """
 
-    def __init__(self, folder: Path, begin: Callable[[str], None] = lambda _: None) -> None:
+    def __init__(
+        self, folder: Path, figures: bool = False, begin: Callable[[str], None] = lambda _: None
+    ) -> None:
         self.folder = folder
+        self.figures = figures
         self.begin = begin
         self.files: list[str] = []
 
     def plot(self, plot: SectionPlot) -> dict[str, Any]:
-        """Write a plot; returns what the template shows."""
+        """Draw a plot; returns what the template shows."""
         self.begin(plot.name)
-        svg = style.save(plot.figure, self.folder / "figures" / plot.name)
-        self.files += [f"figures/{plot.name}.{kind}" for kind in (*style.KINDS, "svg")]
-        return inline(plot, svg)
+        images = style.images(plot.figure, style.KINDS if self.figures else ("svg",))
+        if self.figures:
+            for kind, image in images.items():
+                write_bytes(self._file(f"figures/{plot.name}.{kind}"), image)
+        return inline(plot, images["svg"].decode())
+
+    def table(self, name: str, frame: pd.DataFrame) -> None:
+        """Write a table as CSV."""
+        if self.figures:
+            write_table(frame, self._file(f"tables/{name}.csv"))
 
     def section(self, section: Section) -> dict[str, Any]:
-        """Write the tables and plots of a section; returns what the template shows.
+        """Draw the plots of a section; returns what the template shows.
 
         On the page and in LaTeX numbers are printed as the table asks for; the CSV file has them as
         they were computed, to six significant digits.
         """
         for table in section.tables:
-            stem = f"tables/{table.name}"
-            write_table(table.frame, self.folder / f"{stem}.csv")
-            write_text(self.folder / f"{stem}.tex", table.latex())
-            self.files += [f"{stem}.csv", f"{stem}.tex"]
+            self.table(table.name, table.frame)
+            if self.figures:
+                write_text(self._file(f"tables/{table.name}.tex"), table.latex())
         return {
             **vars(section),
             "figures": [self.plot(plot) for plot in section.plots if not plot.opening],
         }
+
+    def _file(self, name: str) -> Path:
+        self.files.append(name)
+        return self.folder / name
 
 
 def render(template: str, **values: Any) -> str:

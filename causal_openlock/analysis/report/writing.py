@@ -1,9 +1,9 @@
 """The report of a record: counts become sections, sections become a page and its files.
 
 ``report.html`` is a single file: its style, its figures and its tables are inside it, and it
-fetches nothing. Next to it are ``summary.csv``, the figures as PNG, SVG and PDF (``figures/``) and
-the tables of its sections as CSV and LaTeX (``tables/``). Nothing in any of them depends on when or
-where the report was written.
+fetches nothing. Next to it is ``summary.csv``. On request, since they take longer than the page,
+there are also the figures as SVG, PNG and PDF (``figures/``) and the tables as CSV and LaTeX
+(``tables/``). Nothing in any of them depends on when or where the report was written.
 """
 
 from __future__ import annotations
@@ -75,21 +75,24 @@ def write_report(
     out_dir: Path | str,
     experiment: StoredExperiment,
     topics: Sequence[Topic] | None = None,
+    figures: bool = False,
 ) -> Path:
     """Write the report of a record.
 
     Args:
         record: Columns as in :func:`causal_openlock.experiment.record.record_schema`, rows in any
             order.
-        out_dir: The folder to write ``report.html``, ``summary.csv``, ``figures/`` and ``tables/``
-            to; it is made if it does not exist. Figures and tables of an earlier report that this
-            one does not have are removed; other files stay.
+        out_dir: The folder to write ``report.html`` and ``summary.csv`` to; it is made if it does
+            not exist. Figures and tables of an earlier report that this one does not write are
+            removed; other files stay.
         experiment: What was run, as :meth:`causal_openlock.storage.store.Store.record` gives it
             with the record. Learners appear in its order; the page opens with the cells that are
             missing. Published results are shown with learners that did what people did; see
             :mod:`~causal_openlock.analysis.results.references`.
         topics: What it is about; by default
             :func:`~causal_openlock.analysis.topic.all_topics`.
+        figures: Whether figures and tables are also written as files, to ``figures/`` and
+            ``tables/``.
 
     Returns:
         The path of ``report.html``.
@@ -98,7 +101,7 @@ def write_report(
         StoreError: If the record has attempts missing or twice.
         OpenLockError: If a file cannot be written; those that were there stay whole.
     """
-    return make_report(Material.of(record, experiment), out_dir, topics).path
+    return make_report(Material.of(record, experiment), out_dir, topics, figures=figures).path
 
 
 def make_report(
@@ -106,6 +109,7 @@ def make_report(
     out_dir: Path | str,
     topics: Sequence[Topic] | None = None,
     begin: Callable[[str], None] | None = None,
+    figures: bool = False,
 ) -> Report:
     """Write a report as :func:`write_report` does, of what is counted already.
 
@@ -122,14 +126,13 @@ def make_report(
 
     write_table(with_missing(summary, missing), folder / "summary.csv")
     begin = begin or (lambda _: None)
-    written = Written(folder, lambda name: begin(f"drawing {name}"))
+    written = Written(folder, figures, lambda name: begin(f"drawing {name}"))
     plots, pages = figures_of(material), learner_pages(material, described["each"])
     topics = all_topics() if topics is None else topics
     decisions = decisions_of(material, topics, lambda name: begin(f"computing {name}"))
     ranked = decisions.computed("leaderboard")
     ranked = leaderboard(material) if ranked is None else ranked
-    write_table(ranked, folder / "tables" / "leaderboard.csv")
-    written.files.append("tables/leaderboard.csv")
+    written.table("leaderboard", ranked)
     first, opening = list(leaderboard_tables(ranked)), answers(ranked, decisions)
     sections = sections_of(material, topics, decisions, lambda name: begin(f"describing {name}"))
     opening_figures = [plot for one in sections for plot in one.plots if plot.opening]

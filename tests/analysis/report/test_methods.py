@@ -67,7 +67,9 @@ def test_the_command_prints_the_same_and_writes_nothing(folder: Path) -> None:
 def test_the_command_refuses_a_second_folder_with_it(folder: Path) -> None:
     done = at_once("report", folder, folder, "--methods")
     assert done.status == 2
-    assert "--methods is about one comparison; leave out the other and --out" in done.stderr
+    assert (
+        "--methods is about one comparison; leave out the other, --out and --figures" in done.stderr
+    )
 
 
 def test_a_notebook_shows_paragraphs(folder: Path) -> None:

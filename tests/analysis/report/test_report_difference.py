@@ -147,7 +147,7 @@ def test_the_page_stands_alone_and_has_its_tables_as_files(tmp_path: Path) -> No
         (lengths(bayes=[14, 15, 16, 17]), described(seed=9, missing=("x",))),
     ]
     path = tmp_path / "difference_b.html"
-    write_difference(results[0], results[1], path, ("a <1>", "b"))
+    write_difference(results[0], results[1], path, ("a <1>", "b"), figures=True)
     text = path.read_text("utf-8")
     page = Page(text)
     assert page.open == []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import re
 from pathlib import Path
 from typing import Any
 
@@ -16,19 +17,32 @@ from causal_openlock.analysis.report.writing import write_report
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.errors import OpenLockError
 from support.fabricated_records import random_cells, table, trial_rows
-from support.figures import KINDS, drawn
+from support.figures import drawn
 from support.made_up_experiments import experiment_of
 
 pytestmark = pytest.mark.slow
 
 
-def written(record: pa.Table, folder: Path, **known: Any) -> Path:
-    return write_report(record, folder, experiment_of(record, **known))
+def written(record: pa.Table, folder: Path, figures: bool = False, **known: Any) -> Path:
+    return write_report(record, folder, experiment_of(record, **known), figures=figures)
+
+
+def test_the_page_alone_holds_everything(tmp_path: Path) -> None:
+    record = random_cells(1, conditions=("CC4",), subjects=2)[0]
+    alone = written(record, tmp_path / "alone").read_text("utf-8")
+    assert sorted(path.name for path in (tmp_path / "alone").iterdir()) == [
+        *("report.html", "summary.csv")
+    ]
+    whole = written(record, tmp_path / "whole", figures=True).read_text("utf-8")
+    listed = re.compile(r'<meta name="files" content="([^"]*)">')
+    assert '<meta name="files" content="">' in alone
+    assert "tables/leaderboard.csv" in next(listed.finditer(whole))[1].split()
+    assert listed.sub("", alone) == listed.sub("", whole)
 
 
 def test_files_beside_the_page(tmp_path: Path) -> None:
     cells = random_cells(2, conditions=("CC4", "CC3-CC4"), subjects=2)
-    report = written(pa.concat_tables(cells), tmp_path)
+    report = written(pa.concat_tables(cells), tmp_path, title="whole", figures=True)
     names = {path.name for path in (report.parent / "figures").iterdir()}
     stems = {
         "cost_of_learning",
@@ -50,8 +64,8 @@ def test_writing_again_writes_the_same(tmp_path: Path) -> None:
     record = pa.concat_tables(random_cells(1, conditions=("CC4", "CC3-CC4"), subjects=2))
     rows = np.random.default_rng(0).permutation(record.num_rows)
     with drawn():
-        report = written(record, tmp_path / "once", title="again")
-        written(record.take(rows), tmp_path / "twice", title="again")
+        report = written(record, tmp_path / "once", True, title="again")
+        written(record.take(rows), tmp_path / "twice", True, title="again")
     files = sorted(path for path in report.parent.rglob("*.*"))
     assert sum(path.suffix == ".svg" for path in files) >= 6
     for path in files:
@@ -61,7 +75,7 @@ def test_writing_again_writes_the_same(tmp_path: Path) -> None:
 
 def test_a_figure_drawn_again_is_the_same_file_of_every_kind(tmp_path: Path) -> None:
     record = random_cells(1, conditions=("CC4",), subjects=2)[0]
-    with drawn(*KINDS):
+    with drawn():
         for name in ("once", "twice"):
             (plot, *_) = figures_of(Material.of(record, experiment_of(record)))
             style.save(plot.figure, tmp_path / name)
@@ -75,13 +89,13 @@ def test_a_figure_drawn_again_is_the_same_file_of_every_kind(tmp_path: Path) -> 
 def test_figures_of_an_earlier_report_are_removed_and_nothing_else(tmp_path: Path) -> None:
     rows = trial_rows([1, 2, 3])
     both = [*rows, *trial_rows([1, 2, 3], protocol="rl"), *trial_rows([1, 2, 3], condition="x-y")]
-    written(table(both), tmp_path)
+    written(table(both), tmp_path, figures=True)
     figures = tmp_path / "figures"
     (figures / "mine.png").write_text("")
     (figures / "baseline_attempts_mine.svg").write_text("")
     (figures / "attempts_by_trial_rl.txt").write_text("")
     assert (figures / "attempts_by_trial_rl.svg").exists()
-    written(table(rows), tmp_path)
+    written(table(rows), tmp_path, figures=True)
     assert {path.name for path in figures.iterdir()} == {
         *(f"{stem}.{kind}"
           for stem in ("cost_of_learning", "survival_human", "attempts_by_trial_human", "learner_a")
@@ -90,6 +104,10 @@ def test_figures_of_an_earlier_report_are_removed_and_nothing_else(tmp_path: Pat
         "baseline_attempts_mine.svg",
         "attempts_by_trial_rl.txt",
     }  # fmt: skip
+    written(table(rows), tmp_path)
+    assert {path.name for path in figures.iterdir()} == {
+        *("mine.png", "baseline_attempts_mine.svg", "attempts_by_trial_rl.txt")
+    }
 
 
 def test_a_folder_that_cannot_be_written_to_is_told_in_a_sentence(
@@ -97,7 +115,7 @@ def test_a_folder_that_cannot_be_written_to_is_told_in_a_sentence(
 ) -> None:
     (tmp_path / "figures").write_text("in the way")
     with pytest.raises(OpenLockError, match=r"figures.*cannot be written"):
-        written(table(trial_rows([1, 2, 3])), tmp_path)
+        written(table(trial_rows([1, 2, 3])), tmp_path, figures=True)
     (tmp_path / "figures").unlink()
     (tmp_path / "report.html").mkdir()
     with pytest.raises(OpenLockError, match=r"report.html.*cannot be written"):

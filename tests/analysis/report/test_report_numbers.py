@@ -47,7 +47,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     with ThreadPoolExecutor(1) as pool:
         store = run(read_experiment(folder / "numbers.yaml"), folder / "out", executor=pool)
         record, description = read_results(store)
-        write_report(record, store.folder, description)
+        write_report(record, store.folder, description, figures=True)
         yield store.folder
 
 

@@ -28,7 +28,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     folder = tmp_path_factory.mktemp("report")
     record = pa.concat_tables(random_cells(3, conditions=("CC4",), subjects=2))
-    write_report(record, folder, experiment_of(record), [OURS])
+    write_report(record, folder, experiment_of(record), [OURS], figures=True)
     return folder
 
 
@@ -90,9 +90,9 @@ def test_each_step_is_named_when_it_begins(tmp_path: Path) -> None:
 
 def test_what_a_later_report_does_not_have_is_removed(tmp_path: Path) -> None:
     record = table(trial_rows([1, 2, 3]))
-    write_report(record, tmp_path, experiment_of(record), [OURS])
+    write_report(record, tmp_path, experiment_of(record), [OURS], figures=True)
     (tmp_path / "tables" / "mine.csv").write_text("kept")
-    write_report(record, tmp_path, experiment_of(record), [])
+    write_report(record, tmp_path, experiment_of(record), [], figures=True)
     assert not (tmp_path / "tables" / "paid.csv").exists()
     assert not (tmp_path / "figures" / "paid.svg").exists()
     assert (tmp_path / "tables" / "mine.csv").exists()
