@@ -218,10 +218,11 @@ class Results(Material):
         A row for each pair of learners under a ``protocol``; the other columns are those of
         :func:`~causal_openlock.analysis.topics.pairwise.pairwise_table`.
         """
-        from causal_openlock.analysis.topics.pairwise import outcomes, pairwise_table
+        from causal_openlock.analysis.topics.pairwise import all_pairs
 
+        found = self.once(all_pairs)
         tables = [
-            pairwise_table(outcomes(self.trials, protocol)).assign(protocol=protocol)
+            found[protocol].assign(protocol=protocol)
             for protocol in self.trials["protocol"].unique()
         ]
         return pd.concat(tables, ignore_index=True)

@@ -18,6 +18,7 @@ from causal_openlock.analysis.results.material import Material
 from causal_openlock.errors import NothingToDrawError
 from causal_openlock.paper.likeness import (
     PUBLISHED_MODEL,
+    Likeness,
     distance,
     likeness,
     points_of_model,
@@ -60,8 +61,10 @@ def plot_likeness(
     are drawn. Arguments, what is returned and
     errors are those of :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`.
     """
-    trials = rows_of(results, results.trials, learners)
-    found = likeness(trials, people_beside(results), results.learners)
+    found = results.once(likeness_of)
+    if learners is not None:
+        trials = rows_of(results, results.trials, learners)
+        found = likeness(trials, people_beside(results), results.learners)
     if found is None:
         raise NothingToDrawError(
             "no such learner played all six conditions of the paper as people did, in its rooms "
@@ -76,6 +79,11 @@ def plot_likeness(
         return draw_together({name: own[name] for name in names}, ax)
     drawn = {name: found.points[name] for name in [*names, PUBLISHED_MODEL]}
     return draw_points(drawn, found.effects, ax)
+
+
+def likeness_of(results: Material) -> Likeness | None:
+    """Compare all learners of some results with people; None where none can be compared."""
+    return likeness(results.trials, people_beside(results), results.learners)
 
 
 def draw_points(

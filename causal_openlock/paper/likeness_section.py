@@ -18,11 +18,10 @@ from causal_openlock.paper.likeness import (
     PUBLISHED_MODEL,
     distance,
     effects_of,
-    likeness,
     points_of_people,
     published_points,
 )
-from causal_openlock.paper.likeness_figure import MOST_TOGETHER, plot_likeness
+from causal_openlock.paper.likeness_figure import MOST_TOGETHER, likeness_of, plot_likeness
 from causal_openlock.paper.noise_ceiling import (
     beside_null_models,
     chosen_settings,
@@ -30,14 +29,13 @@ from causal_openlock.paper.noise_ceiling import (
     noise_ceiling,
     null_curves,
 )
-from causal_openlock.paper.references import people_beside
 
 _PROSE = Prose(__name__)
 
 
 def section(material: Material, _: Decided) -> Section | None:
     """Section on learners that played all six conditions as people did; None without any."""
-    like = likeness(material.trials, people_beside(material), material.learners)
+    like = material.once(likeness_of)
     if like is None:
         return None
     table, found = like.table, like.effects

@@ -18,9 +18,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.integrate import quad
 from scipy.special import digamma, expit, gammaln, logsumexp, softmax
-from scipy.stats import gamma
 
 from causal_openlock.schemas.fsm import FloatArray
 
@@ -102,6 +100,9 @@ def exceedance_of(counts: FloatArray) -> FloatArray:
     >>> exceedance_of(np.array([3.0, 3.0, 3.0])).round(6).tolist()
     [0.333333, 0.333333, 0.333333]
     """
+    from scipy.integrate import quad
+    from scipy.stats import gamma
+
     if len(counts) == 1:
         return np.ones(1)
 

@@ -13,11 +13,13 @@ from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import references_beside
 from causal_openlock.analysis.section import Section
 from causal_openlock.analysis.topic import sections_of
+from causal_openlock.paper import likeness_figure
 from causal_openlock.paper.likeness import (
     EFFECTS,
     PUBLISHED_MODEL,
     distance,
     effects_of,
+    likeness,
     likeness_table,
     points_of,
     points_of_model,
@@ -256,6 +258,16 @@ def test_a_panel_is_drawn_for_the_nearest_learners_and_the_published_model():
     assert titles == [*(f"learner {i}" for i in range(MOST_DRAWN)), PUBLISHED_MODEL]
     (one, _) = plot_likeness(everybody, learners=["learner 6"], ax=Figure())
     assert one.get_title(loc="left") == "learner 6"
+
+
+def test_a_section_and_its_figures_compare_learners_once(monkeypatch):
+    asked = []
+    monkeypatch.setattr(
+        likeness_figure, "likeness", lambda *given: asked.append(given) or likeness(*given)
+    )
+    found = section(material(made_up()))
+    assert len(found.plots) == 2
+    assert len(asked) == 1
 
 
 def test_what_is_drawn_are_the_means():

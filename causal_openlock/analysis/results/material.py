@@ -7,11 +7,11 @@ the ideal observer wherever they are known.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import pandas as pd
 
@@ -28,6 +28,8 @@ from causal_openlock.storage.stored import StoredExperiment
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -116,6 +118,20 @@ class Material:
     def compared(self, trials: pd.DataFrame) -> pd.DataFrame:
         """The rows of a table with which any reference is comparable."""
         return trials[beside_any(trials, self.references)]
+
+    def once(self, compute: Callable[[Material], T]) -> T:
+        """Return what a function computes from these results; it is called the first time alone.
+
+        A topic, its figure and the tables of the results share numbers so. Nobody may change them.
+        """
+        if compute not in self._computed:
+            self._computed[compute] = compute(self)
+        found: T = self._computed[compute]
+        return found
+
+    @cached_property
+    def _computed(self) -> dict[Callable[..., Any], Any]:
+        return {}
 
     @cached_property
     def counts(self) -> Counts:

@@ -29,7 +29,7 @@ from causal_openlock.analysis.section import Section
 from causal_openlock.analysis.statistics import FEW_SUBJECTS, too_few
 from causal_openlock.analysis.table import Table, number, printed, share
 from causal_openlock.analysis.topic import Topic
-from causal_openlock.analysis.topics.pairwise import Outcomes, compared, outcomes
+from causal_openlock.analysis.topics.pairwise import Outcomes, all_outcomes, compared
 from causal_openlock.experiment.protocol import HUMAN_PROTOCOL, default_action_limit
 from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.wording import counted
@@ -122,7 +122,7 @@ def _gap(name: str, gap: Difference) -> dict[str, float]:
 
 
 def _rows(results: Material, protocol: str) -> list[dict[str, Any]]:
-    held = outcomes(results.trials, protocol)
+    held = results.once(all_outcomes)[protocol]
     trials = judged(results.trials[results.trials["protocol"] == protocol])
     medians = trials[trials["solved"]].groupby("learner", observed=True)["attempts"].median()
     limits = {one.name: one.attempt_limit for one in results.experiment.protocols}

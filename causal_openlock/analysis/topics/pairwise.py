@@ -217,11 +217,20 @@ def plot_pairs(
     return axes
 
 
-def compute(material: Material) -> dict[str, pd.DataFrame]:
-    """All pairs of learners, by protocol."""
+def all_outcomes(material: Material) -> dict[str, Outcomes]:
+    """Outcomes of all subjects, by protocol."""
     protocols = ordered(material.trials["protocol"].unique(), ("human",))
-    tables = {one: pairwise_table(outcomes(material.trials, one)) for one in protocols}
-    return {protocol: table for protocol, table in tables.items() if len(table)}
+    return {one: outcomes(material.trials, one) for one in protocols}
+
+
+def all_pairs(material: Material) -> dict[str, pd.DataFrame]:
+    """All pairs of learners, by protocol; of one that a single learner played, none."""
+    return {one: pairwise_table(held) for one, held in material.once(all_outcomes).items()}
+
+
+def compute(material: Material) -> dict[str, pd.DataFrame]:
+    """All pairs of learners, by those protocols that have any."""
+    return {protocol: table for protocol, table in material.once(all_pairs).items() if len(table)}
 
 
 def tests(computed: Mapping[str, pd.DataFrame]) -> dict[Hashable, float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -14,6 +15,7 @@ from causal_openlock.analysis.plots.style import WIDTH
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.topic import decisions_of, sections_of
 from causal_openlock.analysis.topics import pairwise
+from causal_openlock.analysis.topics.leaderboard import leaderboard
 from causal_openlock.analysis.topics.pairwise import outcomes, pairwise_table, plot_pairs
 from support.paper_play import Attempts, material, play, same, scattered
 from support.topics import topics_called
@@ -43,6 +45,21 @@ def judged(played: Material) -> dict[str, dict[str, np.ndarray]]:
             place = ("test", 1) if "-" in condition else ("train", 5)
             held.setdefault(learner, {})[condition] = needed[learner, condition, *place].to_numpy()
     return held
+
+
+def test_the_leaderboard_the_pairs_and_their_section_share_what_is_computed(
+    played: Material, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fresh, asked = replace(played), []
+    for name in ("outcomes", "pairwise_table"):
+        function = getattr(pairwise, name)
+        monkeypatch.setattr(
+            pairwise, name, lambda *given, of=function: asked.append(of) or of(*given)
+        )
+    leaderboard(fresh)
+    (table,) = pairwise.compute(fresh).values()
+    assert fresh.once(pairwise.all_pairs)["human"] is table
+    assert asked == [outcomes, pairwise_table]
 
 
 def test_differences_and_probabilities_are_of_pairs_by_hand(played: Material) -> None:
