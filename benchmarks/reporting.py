@@ -6,6 +6,9 @@ tells its seconds, from the start of Python to the end, and the most memory that
 two such records, because they cost in different places: one of few subjects with very many
 attempts each (the paper's protocol ``rl``), and one of very many subjects (``human``). Run as a
 script, this file is that process.
+
+A small record, whose report is mostly figures, is compared with figures alone: as many as the
+report of the bundled comparison has, of four panels each, drawn by matplotlib in a fresh process.
 """
 
 from __future__ import annotations
@@ -20,7 +23,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from measure import Row, Target
+from measure import Row, Target, in_turns, stopwatch
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -38,8 +41,36 @@ RECORDS = {
 }
 
 
+SMALL = 20_000
+PEER = "32 figures in bare matplotlib"
+FIGURES = """\
+import io
+from matplotlib.figure import Figure
+for _ in range(32):
+    figure = Figure((7.2, 4.0), layout="constrained")
+    for axes in figure.subplots(2, 2).flat:
+        axes.plot(range(10), label="a")
+        axes.legend()
+    figure.savefig(io.BytesIO(), format="svg")
+"""
+
+
 def reporting(repeats: int) -> Iterator[Row]:
     """Seconds for each kind of record; the target is about both time and memory."""
+    with tempfile.TemporaryDirectory() as folder:
+        attempts = fabricate(Path(folder), "human", SMALL)
+        mine, others = in_turns(
+            lambda: _in_a_process(Path(folder))["seconds"], _bare_figures, max(1, repeats // 3)
+        )
+    yield Row(
+        "reporting",
+        f"report, {attempts / 1e3:.0f} k attempts, figures on the page alone",
+        "s",
+        mine,
+        PEER,
+        others,
+        Target("at most", 2.5),
+    )
     for protocol in RECORDS:
         with tempfile.TemporaryDirectory() as folder:
             attempts = fabricate(Path(folder), protocol)
@@ -164,6 +195,12 @@ def _in_a_process(folder: Path) -> dict[str, float]:
     command = [sys.executable, __file__, str(folder)]
     told = json.loads(subprocess.check_output(command, text=True).splitlines()[-1])
     return {"seconds": time.perf_counter() - began, "peak": told["peak"]}
+
+
+def _bare_figures() -> float:
+    with stopwatch() as seconds:
+        subprocess.run([sys.executable, "-c", FIGURES], check=True)
+        return seconds()
 
 
 def _report(folder: Path) -> dict[str, float]:
