@@ -234,7 +234,7 @@ def save(figure: Figure, stem: Path) -> None:
 
 
 def images(figure: Figure, kinds: Sequence[str]) -> dict[str, bytes]:
-    """The figure in several formats (:data:`KINDS`), laid out once for all of them."""
+    """Return the figure in several formats (:data:`KINDS`), laid out once."""
     _settle(figure)
     return {kind: image(figure, kind) for kind in kinds}
 

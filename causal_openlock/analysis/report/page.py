@@ -29,7 +29,7 @@ class Written:
 
     Args:
         folder: Where the page is.
-        figures: Whether plots and tables are also written as files.
+        figures: Whether plots and tables are also written as files of their own.
         begin: Called with the name of each plot before it is drawn.
 
     Attributes:
