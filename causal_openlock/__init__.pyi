@@ -90,6 +90,8 @@ from .analysis.topics.pairwise import plot_pairs as plot_pairs
 from .analysis.topics.savings import plot_savings as plot_savings
 from .analysis.topics.learning_cost import plot_cost as plot_cost
 from .analysis.plots.course import plot_course as plot_course
+from .paper.knowledge import knowledge_steps as knowledge_steps
+from .paper.knowledge import plot_knowledge_steps as plot_knowledge_steps
 from .paper.likeness_figure import plot_likeness as plot_likeness
 from .analysis.plots.style import PlotStyle as PlotStyle
 from .analysis.plots.style import plot_style as plot_style

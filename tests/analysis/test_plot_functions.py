@@ -66,7 +66,12 @@ def draw(name: str, **options: Any) -> list[Axes]:
 
 def test_all_plot_functions_are_kept_to_it() -> None:
     public = {name for name in dir(ol) if name.startswith("plot_")}
-    assert public - set(PLOTS) == {"plot_style", "plot_trace", "plot_understanding"}
+    assert public - set(PLOTS) == {
+        "plot_knowledge_steps",
+        "plot_style",
+        "plot_trace",
+        "plot_understanding",
+    }
 
 
 @EVERY

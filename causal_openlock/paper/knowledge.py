@@ -1,0 +1,165 @@
+"""Attempts that each piece of knowledge saves, from nothing to the schema, next to people's.
+
+The first four steps are of a search that never repeats a sequence of actions and uses nothing else
+that it sees. Among N sequences, k of which are solutions, it finds the first after
+(N + 1) / (k + 1) attempts and all after k (N + 1) / (k + 1). Knowledge makes N smaller:
+
+===================================  ==============================================
+knows                                N sequences, n levers being active
+===================================  ==============================================
+nothing                              15³: seven pushes, seven pulls and the door
+that pulls are useless               8³
+that two moves precede the door      7 · 6
+which levers are active              n (n - 1)
+===================================  ==============================================
+
+The last two are of an ideal observer (:mod:`causal_openlock.belief.worth`), who also uses which
+levers move: first with the prior of the learner ``bayes``, after the training if there is any, and
+then with the schema. All are exact. The search does not use the number of solutions, so that
+knowing it saves nothing there; for the ideal observer, who knows it, this was not computed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from functools import cache
+from typing import Any
+
+import pandas as pd
+from matplotlib.patches import Patch
+
+from causal_openlock.analysis.plots import style
+from causal_openlock.analysis.plots.panels import in_rows, panels
+from causal_openlock.belief.worth import Expected, schema_worth
+from causal_openlock.paper.published import people, people_in_training
+from causal_openlock.schemas.finding import find_schema
+
+CONDITIONS = ("CC3", "CE3", "CC4", "CE4", "CC3-CC4", "CE3-CC4", "CE3-CE4", "CC3-CE4")
+"""Training in three-lever rooms, and the six conditions of the paper."""
+SEARCHES: Mapping[str, Callable[[int], int]] = {
+    "nothing": lambda levers: 15**3,
+    "pulls are useless": lambda levers: 8**3,
+    "two moves precede the door": lambda levers: 7 * 6,
+    "active levers": lambda levers: levers * (levers - 1),
+}
+"""Sequences that a search goes through, by what it knows."""
+MOVES, SCHEMA, WITHOUT_LEVERS = "what movements tell", "schema", "schema, not the active levers"
+TRAINING_ROOMS = 6
+_ALL, _FIRST = ("attempts", ""), ("first", "first_solution_")
+_DRAWN = {"CC4": _ALL, "CE4": _ALL, "CC3": _FIRST, "CE3": _FIRST}
+"""Condition of each panel, with the column of steps and the beginning of people's columns."""
+_ENDS = ("first", "last")
+
+
+def knowledge_steps(conditions: Collection[str] = CONDITIONS) -> pd.DataFrame:
+    """Return the least expected attempts with more and more knowledge, in each condition.
+
+    A trial of people ends after 30 attempts; these numbers have no such limit. Where several
+    policies are optimal by the prior, that with the least attempts in these rooms counts.
+
+    >>> knowledge_steps(["CC3"])["attempts"].round(2).tolist()
+    [2250.67, 342.0, 28.67, 4.67, 3.0, 2.67, 4.9]
+
+    Args:
+        conditions: Names of some of :data:`CONDITIONS`.
+
+    Returns:
+        One row for each ``condition`` and for what its observer ``knows`` more than in the row
+        before: ``attempts`` until all solutions and until the ``first``, in its test rooms or, if
+        there is no test, its first room; ``saved`` since the row before; and the ``method``. The
+        last row of a condition, an ideal observer who knows the schema but not the active levers,
+        is not a step, so that it has no ``saved``.
+    """
+    rows = []
+    for condition in conditions:
+        *training, name = condition.split("-")
+        schema = find_schema(name)
+        many = len(schema.solutions)
+        for knows, sequences in SEARCHES.items():
+            first = (sequences(len(schema.levers)) + 1) / (many + 1)
+            rows.append((condition, knows, many * first, first, "search without repeats"))
+        split, known, unplaced = _ideal(name, *training)
+        rows += [
+            (condition, MOVES, sum(split), split[0], "ideal observer, prior of bayes"),
+            (condition, SCHEMA, known.upper, known.each[0], "ideal observer"),
+            (condition, WITHOUT_LEVERS, unplaced.upper, unplaced.each[0], "ideal observer"),
+        ]
+    table = pd.DataFrame(rows, columns=["condition", "knows", "attempts", "first", "method"])
+    saved = table.groupby("condition", sort=False)["attempts"].diff(-1).shift()
+    return (
+        table.assign(saved=saved.where(table["knows"] != WITHOUT_LEVERS))
+        .round(9)
+        .replace(-0.0, 0.0)
+    )
+
+
+@cache
+def _ideal(name: str, *training: str) -> tuple[tuple[float, ...], Expected, Expected]:
+    """Attempts in rooms of a schema: by the prior, who knows it, and who knows not the levers."""
+    found = schema_worth(name, "grammar", after=training * TRAINING_ROOMS)
+    unplaced = schema_worth(name, [name], levers_known=False)
+    return found.here_least, found.here_known, unplaced.here_known
+
+
+def peoples_rooms() -> pd.DataFrame:
+    """Return people's published attempts in the first and in the last room of each condition.
+
+    Returns:
+        One row for each ``condition``, with ``first_room`` and ``last_room`` (until all solutions;
+        the only test room of a transfer is its first) and, in three-lever rooms,
+        ``first_solution_first_room`` and ``first_solution_last_room``.
+    """
+    training = people_in_training().rename(columns={"schema": "condition"})
+    whole = pd.concat([training[training["solution"] == "all"], people()])
+    tested = whole["condition"].isin(whole.loc[whole["phase"] == "test", "condition"])
+    whole = whole[(whole["phase"] == "test") | ~tested]
+    ends = {"": whole, "first_solution_": training[training["solution"] == "first"]}
+    columns = {}
+    for prefix, rows in ends.items():
+        by_condition = rows.sort_values("trial").groupby("condition")["mean"]
+        columns[f"{prefix}first_room"] = by_condition.first()
+        columns[f"{prefix}last_room"] = by_condition.last()
+    table = pd.DataFrame(columns).reindex(CONDITIONS).rename_axis("condition").reset_index()
+    tests = table["condition"].str.contains("-")
+    return table.assign(last_room=table["last_room"].mask(tests))
+
+
+def plot_knowledge_steps(steps: pd.DataFrame | None = None, *, ax: Any = None) -> Any:
+    """Draw what each piece of knowledge saves, next to people's first and last rooms.
+
+    Args:
+        steps: As :func:`knowledge_steps` returns them, by default computed now.
+        ax: Four axes, an empty figure, or None for a new one.
+
+    Returns:
+        The axes: attempts until all solutions in rooms of CC4 and CE4, and until the first in
+        rooms of CC3 and CE3. A bar is as long as the attempts that its knowledge saves.
+    """
+    steps = knowledge_steps([*_DRAWN]) if steps is None else steps
+    steps, rooms = steps[steps["knows"] != WITHOUT_LEVERS], peoples_rooms().set_index("condition")
+    with panels(ax, 4, in_rows(4, 2, 2.4)) as at:
+        for axes, (condition, (measure, prefix)) in zip(at.axes, _DRAWN.items(), strict=True):
+            own = steps[steps["condition"] == condition].reset_index(drop=True)
+            colour = style.current().trained(condition)
+            ends = own[measure].to_numpy(float)
+            axes.scatter(ends, own.index, color=colour, s=18, zorder=3)
+            axes.barh(own.index[1:], ends[:-1] - ends[1:], left=ends[1:], color=colour, alpha=0.45)
+            for place, value in enumerate(ends):
+                axes.annotate(
+                    f"{value:,.2f}", (value, place), xytext=(-5, 0), textcoords="offset points",
+                    ha="right", va="center", fontsize="small",
+                )  # fmt: skip
+            low, high = sorted(rooms.loc[condition, [f"{prefix}{end}_room" for end in _ENDS]])
+            axes.axvspan(low, high, color="#777777", alpha=0.2, lw=0)
+            axes.set_xscale("log")
+            axes.set_xlim(0.3, 5000)
+            axes.set_yticks(own.index, own["knows"], fontsize="small")
+            axes.set_ylim(len(own) - 0.5, -0.5)
+            axes.set_xlabel("Attempts")
+            what = "first solution" if prefix else "all solutions"
+            style.panel_title(axes, condition, f"until {what}; people {high:.1f} to {low:.1f}")
+        at.legend([
+            Patch(color="#777777", alpha=0.2, label="people, first to last room"),
+            Patch(color="#777777", alpha=0.6, label="saved by knowing this as well"),
+        ])  # fmt: skip
+    return at.returned

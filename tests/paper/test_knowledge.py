@@ -1,0 +1,83 @@
+"""What each piece of knowledge saves: by enumeration, as stored, and next to people's rooms."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import pandas as pd
+import pytest
+from matplotlib.figure import Figure
+
+import causal_openlock as ol
+from causal_openlock.paper.knowledge import SEARCHES, peoples_rooms
+from support.places import ROOT
+
+STORED = ROOT / "evidence" / "worth"
+
+
+def solving(name):
+    """All sequences of three actions in a room of seven levers, and which of them solve it."""
+    schema = ol.schema(name)
+    white = [f"white{number}" for number in range(7 - len(schema.levers))]
+    moves = [(verb, lever) for verb in ("push", "pull") for lever in (*schema.levers, *white)]
+    for sequence in product([*moves, ("push", "door")], repeat=3):
+        pushed = []
+        for verb, lever in sequence:
+            if lever == "door":
+                break
+            causes = schema.causes(lever) if lever in schema.levers else None
+            enough = causes is not None and (
+                not causes or sum(one in pushed for one in causes) >= schema.threshold(lever)
+            )
+            if enough and (verb == "push") != (lever in pushed):
+                pushed = [*pushed, lever] if verb == "push" else [p for p in pushed if p != lever]
+        yield (
+            sequence,
+            ("push", "door") in sequence and frozenset(pushed) in map(frozenset, schema.solutions),
+        )
+
+
+@pytest.mark.parametrize("name", ["CC3", "CE3", "CC4", "CE4"])
+def test_sequences_are_counted_right(name):
+    schema = ol.schema(name)
+    every = [*solving(name)]
+    good = [sequence for sequence, solves in every if solves]
+    assert len(good) == len(schema.solutions)
+    counts = [find(len(schema.levers)) for find in SEARCHES.values()]
+    pushes = [one for one, _ in every if all(verb == "push" for verb, _ in one)]
+    last = [one for one in pushes if one[2][1] == "door" and "door" not in (one[0][1], one[1][1])]
+    last = [one for one in last if one[0] != one[1]]
+    active = [one for one in last if {one[0][1], one[1][1]} <= {*schema.levers}]
+    assert counts == [len(every), len(pushes), len(last), len(active)]
+    assert {*good} <= {*active}
+
+
+def test_what_is_stored_is_what_is_computed():
+    stored = pd.read_csv(STORED / "steps.csv")
+    own = ol.knowledge_steps(["CC3", "CE3"])
+    again = stored[stored["condition"].isin(["CC3", "CE3"])].reset_index(drop=True)
+    pd.testing.assert_frame_equal(again, own, atol=1e-9)
+    pd.testing.assert_frame_equal(pd.read_csv(STORED / "people.csv"), peoples_rooms())
+
+
+def test_the_schema_is_the_smallest_step_and_people_gain_what_levers_are_worth():
+    steps = pd.read_csv(STORED / "steps.csv").set_index(["condition", "knows"])["saved"]
+    rooms = peoples_rooms().set_index("condition")
+    for condition in ("CC4", "CE4"):
+        own = steps[condition].dropna()
+        gain = rooms.loc[condition, "first_room"] - rooms.loc[condition, "last_room"]
+        assert own.idxmin() == "schema"
+        assert own["what movements tell"] < gain < own["active levers"]
+    trained = steps.xs("schema", level="knows")
+    assert trained["CE3-CC4"] - trained["CC3-CC4"] == pytest.approx(0.25)
+
+
+def test_the_figure_has_people_s_rooms_as_a_band():
+    drawn = ol.plot_knowledge_steps(pd.read_csv(STORED / "steps.csv"), ax=Figure())
+    assert [axes.get_title(loc="left") for axes in drawn][:2] == ["CC4", "CE4"]
+    low, high = (
+        drawn[0].patches[-1].get_x() + width for width in (0, drawn[0].patches[-1].get_width())
+    )
+    assert (low, high) == pytest.approx((6.45, 19.375))
+    names = [label.get_text() for label in drawn[0].get_yticklabels()]
+    assert (names[0], names[-1]) == ("nothing", "schema")
