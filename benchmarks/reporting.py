@@ -69,7 +69,6 @@ def reporting(repeats: int) -> Iterator[Row]:
         mine,
         PEER,
         others,
-        Target("at most", 2.5),
     )
     for protocol in RECORDS:
         with tempfile.TemporaryDirectory() as folder:
