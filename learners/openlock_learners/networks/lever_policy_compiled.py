@@ -35,8 +35,8 @@ class _Course(torch.autograd.Function):
         kept = any(ctx.needs_input_grad)
         trace = spare.pop((kept, *seen.shape), None)
         if trace is None:
-            positions = (seen.shape[2] - SHARED) // OWN
-            trace = kernels.new_trace(weights, *seen.shape[:2], positions, kept)
+            steps, rooms, width = seen.shape
+            trace = kernels.new_trace(weights, steps, rooms, (width - SHARED) // OWN, kept)
         found = kernels.forward(weights, seen, before, resets, trace)
         if kept:
             ctx.kept = spare, seen.shape, weights, resets, trace
@@ -70,5 +70,6 @@ class CompiledLeverPolicy(LeverPolicy):
         parameters = [
             part if torch.is_grad_enabled() else part.detach() for part in self.parameters()
         ]
-        logits, values, last = _Course.apply(self._spare, inputs, state, fresh, *parameters)
+        given = self._spare, inputs, state, fresh, *parameters
+        logits, values, last = _Course.apply(*given)  # type: ignore[no-untyped-call]
         return logits, values, last

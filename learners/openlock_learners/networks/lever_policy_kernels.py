@@ -282,7 +282,7 @@ def acted_on_back(own: Floats, by_last: Floats, by_levers: Floats) -> None:
 
 @loops
 def project(own: Floats, weights: Floats, shared: Floats, projected: Floats) -> None:
-    """What levers' inputs contribute to each gate, ``[3H, P, n]``; rooms' part is ``shared``."""
+    """Contributions of inputs to gates of levers, ``[3H, P, n]``; the room's is ``shared``."""
     rows, positions, rooms = projected.shape
     for row in range(rows):
         push, grey, pushed, pulled = (
