@@ -86,7 +86,7 @@ def test_what_subjects_do_is_what_they_were_shown_and_they_learn_from_it() -> No
     assert session.record().num_rows == 2 * 6 * 2
 
 
-@pytest.mark.parametrize("name", ["bayes", "ddqn"])
+@pytest.mark.parametrize("name", ["bayes", "win_stay"])
 def test_being_shown_teaches_what_doing_the_same_teaches(name: str) -> None:
     """Elsewhere the same actions are taken in the same rooms, as when a record is scored."""
     shown = Condition("same", named("CC3-CC4").train, named("CC3-CC4").test, shown=True)
