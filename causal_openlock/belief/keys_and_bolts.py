@@ -5,7 +5,7 @@ between two schemas of three or four levers, none that was tried is worth more t
 attempt. Knowledge pays where it names what would otherwise be searched for. In these rooms *keys*
 always move, a *bolt* moves while the keys that it needs are pushed, and any bolt unlocks the door.
 An attempt has room for one set of keys and one bolt. Who has found the keys of one bolt knows, if
-the schema is known, where those of the next are: at the same keys, or at others, or at some of them.
+the schema is known, where those of the next are: the same keys, others, or some of both.
 """
 
 from __future__ import annotations

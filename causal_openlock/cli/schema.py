@@ -263,6 +263,34 @@ def worth(
     console.print_line(str(found))
 
 
+@app.command()
+def search(
+    levers: Annotated[int, typer.Argument(help="Levers of the rooms, keys and bolts together.")],
+    most_states: Annotated[
+        int, typer.Option(help="States that a search may take before bounds replace it.", min=1)
+    ] = 200_000,
+) -> None:
+    """Search rooms of keys and bolts for those in which knowing the schema pays most."""
+    from rich.table import Table
+
+    from causal_openlock.belief.keys_and_bolts import families
+    from causal_openlock.comparison.console import Terminal
+    from causal_openlock.comparison.progress_bar import shown_steps
+
+    table = Table("keys", "bolts", "keys a bolt needs", "schemas", box=None, pad_edge=False)
+    for column in ("known", "unknown", "worth"):
+        table.add_column(column, justify="right")
+    with shown_steps("search") as report:
+        for one in families(levers, most_states):
+            report(f"{one.keys} keys and {one.bolts} bolts, {one.needed} needed")
+            known, unknown = one.worth.known.upper, one.worth.unknown.upper
+            low, high = one.worth.bounds
+            ends = f"{low:.3f}" if one.worth.exact else f"{low:.3f} to {high:.3f}"
+            sizes = map(str, (one.keys, one.bolts, one.needed, len(one.schemas)))
+            table.add_row(*sizes, f"{known:.3f}", f"{unknown:.3f}", ends)
+    Terminal().print(table)
+
+
 def _weighted(text: str) -> tuple[str, float]:
     """A schema and its weight, which is 1 unless the text ends with another."""
     schema, equals, weight = text.rpartition("=")

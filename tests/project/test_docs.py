@@ -28,7 +28,7 @@ RUN = [
     path
     for path in PAGES
     if path.parent.name == "howto"
-    or path.stem in ("index", "notebooks", "tutorial", "reproduction")
+    or path.stem in ("index", "notebooks", "tutorial", "reproduction", "what_is_a_schema_worth")
 ]
 """Pages whose every block is run here; what the others show, tests of their own hold them to."""
 
