@@ -1,4 +1,4 @@
-"""What a report says about people themselves: who is left out, and how long they took.
+"""Sentences of a report about people themselves: who is left out, and how long they took.
 
 A person's time is that from the first action in a room of the experiment to the last one, with
 what they took over the first. Instructions and the practice room are left out. Breaks are not, so
@@ -29,7 +29,7 @@ def exclusions(results: Material) -> tuple[str, ...]:
 
 
 def about_people(results: Material) -> str:
-    """Who is left out and how long people took, in sentences; empty without people or times.
+    """Say who is left out and how long people took; empty without people or times.
 
     Raises:
         StoreError: If a file of reaction times is damaged.
