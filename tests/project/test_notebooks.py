@@ -272,7 +272,7 @@ def test_it_needs_one_import(path: Path) -> None:
 
 def test_they_are_numbered_in_the_order_in_which_they_are_read() -> None:
     numbers = [path.stem.partition("_")[0] for path in LESSONS]
-    assert numbers == [f"{number:02}" for number in range(1, 9)]
+    assert numbers == [f"{number:02}" for number in range(1, 10)]
 
 
 @each
