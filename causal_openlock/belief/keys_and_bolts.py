@@ -24,7 +24,7 @@ LEAST_LEVERS, MOST_LEVERS = 4, 7
 
 @dataclass(frozen=True)
 class Family:
-    """All schemas of so many keys and bolts, and what knowing which of them holds is worth.
+    """All schemas with these numbers of keys and bolts, and what knowing which one holds is worth.
 
     Attributes:
         keys, bolts: Levers of each kind.
@@ -41,7 +41,7 @@ class Family:
 
 
 def keys_and_bolts(keys: int, bolts: int, needed: int) -> tuple[Schema, ...]:
-    """Return all schemas in which each bolt needs so many of the keys, up to renaming.
+    """Return all schemas in which each bolt needs this number of keys, up to renaming.
 
     Example:
         >>> [one.name for one in keys_and_bolts(4, 2, 2)]
@@ -49,8 +49,8 @@ def keys_and_bolts(keys: int, bolts: int, needed: int) -> tuple[Schema, ...]:
     """
     if not 1 <= needed <= keys or bolts < 1:
         raise OpenLockError(
-            f"{bolts} bolts that need {needed} of {keys} keys are no room; give at least one bolt, "
-            "and as many keys as it needs"
+            f"a room cannot have {bolts} bolts that need {needed} of {keys} keys; give at least "
+            "one bolt, and as many keys as it needs"
         )
     sets = [*combinations(range(keys), needed)]
     renamed = [*permutations(range(keys))]
@@ -65,7 +65,7 @@ def keys_and_bolts(keys: int, bolts: int, needed: int) -> tuple[Schema, ...]:
 
 
 def families(levers: int, most_states: int = MOST_STATES) -> Iterator[Family]:
-    """Yield every family of at least two schemas, two bolts and so many levers, with its worth.
+    """Yield every family of two bolts or more and this number of levers, with its worth.
 
     Args:
         levers: Keys and bolts together, at most 7.

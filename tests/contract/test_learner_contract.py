@@ -583,6 +583,6 @@ def test_the_contract_runs_under_unittest() -> None:
     case = type("Case", (LearnerContract, unittest.TestCase), {"learner": "oracle"})
     result = unittest.TestResult()
     unittest.defaultTestLoader.loadTestsFromTestCase(case).run(result)
-    assert result.testsRun == 13
+    assert result.testsRun == 14
     assert result.wasSuccessful()
     assert len(result.skipped) == 2

@@ -85,7 +85,7 @@ def test_the_oracle_needs_as_many_attempts_as_there_are_solutions(name: str) -> 
 
 def test_the_oracle_s_floors() -> None:
     floors = {"CC3": 2, "CE3": 2, "CC4": 3, "CE4": 3, "chain3": 1, "two_keys": 1}
-    floors |= {"two_of_four": 6, "seven": 3}
+    floors |= {"two_of_four": 6, "seven": 3, "same_keys": 2, "shared_key": 2, "own_keys": 2}
     assert {name: len(find_schema(name).solutions) for name in DETERMINISTIC} == floors
 
 

@@ -149,4 +149,4 @@ def test_it_is_compared_with_ours(installed, tmp_path, monkeypatch) -> None:
 def test_it_keeps_the_contract(installed, tmp_path) -> None:
     (tmp_path / "test_sweeper.py").write_text(CONTRACT)
     said = python(installed, tmp_path, "-m", "pytest", "-q", "-p", "no:cacheprovider")
-    assert "12 passed" in said
+    assert "13 passed" in said

@@ -867,7 +867,14 @@ def test_curves_show_what_the_record_holds_and_change_nothing(
         assert {value for _, value in decided} == {12}
     told = {tag.removeprefix("learner/") for tag in shown if tag.startswith("learner/")}
     deep = {
-        "ddqn": {"epsilon", "loss", "max_q", "dead_units"},
+        "ddqn": {
+            "epsilon",
+            "loss",
+            "max_q",
+            "dead_units",
+            "differing_pairs",
+            "differing_transitions",
+        },
         "recurrent": {"epsilon", "loss", "max_q"},
     }
     assert told == deep.get(learner, set())

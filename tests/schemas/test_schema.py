@@ -71,6 +71,9 @@ def subsets(levers: tuple[str, ...]) -> chain[tuple[str, ...]]:
             3,
         ),
         ("seven", [("L0", "L1", "L2"), ("L0", "L3", "L5"), ("L1", "L4", "L6")], 4),
+        ("same_keys", [("L0", "L1", "L4"), ("L0", "L1", "L5")], 4),
+        ("shared_key", [("L0", "L1", "L4"), ("L0", "L2", "L5")], 4),
+        ("own_keys", [("L0", "L1", "L4"), ("L2", "L3", "L5")], 4),
     ],
 )
 def test_solutions_of_the_bundled_schemas(
@@ -82,7 +85,8 @@ def test_solutions_of_the_bundled_schemas(
 
 def test_every_bundled_schema_has_its_worked_example_above() -> None:
     assert set(BUNDLED) == {
-        *("CC3", "CE3", "CC4", "CE4", "chain3", "noisy_CC3", "two_keys", "two_of_four", "seven")
+        *("CC3", "CE3", "CC4", "CE4", "chain3", "noisy_CC3", "two_keys", "two_of_four", "seven"),
+        *("same_keys", "shared_key", "own_keys"),
     }
     assert list(BUNDLED)[:4] == ["CC3", "CE3", "CC4", "CE4"]
 
