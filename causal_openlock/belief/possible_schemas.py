@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import permutations
+from numbers import Real
 
 import numpy as np
 
@@ -58,10 +59,12 @@ def possible_schemas(
         >>> len(possible_schemas(find_schema("CC3"), "all", 3))
         12
     """
+    if isinstance(after, str | Schema) or not isinstance(after, Iterable):
+        raise OpenLockError(f"after is a list of schemas, not {after!r}")
     before = [declared(one) for one in after]
     if before and among != GRAMMAR:
         raise OpenLockError(f"rooms known before change the prior of the {GRAMMAR} alone")
-    if not concentration > 0:
+    if not (isinstance(concentration, Real) and concentration > 0):
         raise OpenLockError(f"a concentration has to be more than 0, not {concentration!r}")
     if among in (ALL, GRAMMAR):
         _check(schema, action_limit)
@@ -73,13 +76,18 @@ def possible_schemas(
                 )
         return _listed(schema, action_limit, None if among == ALL else (concentration, before))
     weights: dict[Schema, float] = {}
+    if not isinstance(among, str | Schema | Iterable):
+        raise OpenLockError(f"among is schemas, {ALL!r} or {GRAMMAR!r}, not {among!r}")
     given = among if isinstance(among, Mapping) else dict.fromkeys(
         [among] if isinstance(among, str | Schema) else among, 1.0
     )  # fmt: skip
     for source, weight in given.items():
-        weights[one := declared(source)] = float(weight)
-        if not 0 < weight < np.inf:
+        if source in (ALL, GRAMMAR):
+            raise OpenLockError(f"{source} stands alone and has no weight; leave out the others")
+        one = declared(source)
+        if not (isinstance(weight, Real) and 0 < weight < np.inf):
             raise OpenLockError(f"the weight of {one.name} has to be more than 0, not {weight!r}")
+        weights[one] = float(weight)
     weights = {schema: weights.pop(schema, 1.0), **weights}
     sizes = (len(schema.levers), len(schema.solutions))
     for one in weights:

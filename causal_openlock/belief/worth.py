@@ -23,7 +23,7 @@ from causal_openlock.belief.optimal import OneAttemptAhead, Optimum, by_weight, 
 from causal_openlock.belief.placements import TooLargeError, mixture
 from causal_openlock.belief.possible_schemas import Among, Possible, possible_schemas
 from causal_openlock.errors import OpenLockError
-from causal_openlock.experiment.protocol import default_action_limit
+from causal_openlock.experiment.protocol import MAX_ACTION_LIMIT, default_action_limit
 from causal_openlock.files.validation import whole_number
 from causal_openlock.schemas.declared import schema as declared
 from causal_openlock.schemas.schema import Schema
@@ -203,6 +203,8 @@ def schema_worth(
     own = declared(schema)
     limit = default_action_limit(own) if action_limit is None else action_limit
     limit = whole_number(limit, "action_limit", 1)
+    if limit > MAX_ACTION_LIMIT:
+        raise OpenLockError(f"no attempt can have more than {MAX_ACTION_LIMIT} actions")
     states = MOST_STATES if most_states is None else whole_number(most_states, "most_states", 1)
     possible = possible_schemas(own, among, limit, concentration, after)
     positions = None if levers_known else max(POSITIONS, len(own.levers))

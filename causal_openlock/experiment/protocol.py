@@ -35,7 +35,7 @@ from causal_openlock.errors import FileError, LayoutError, OpenLockError, Protoc
 from causal_openlock.files.validation import whole_number
 from causal_openlock.schemas.finding import SUFFIXES
 from causal_openlock.schemas.schema import NAME, Schema
-from causal_openlock.wording import nearest
+from causal_openlock.wording import counted, nearest
 from causal_openlock.world.room import Layout, positions_for, published_layouts
 from causal_openlock.world.tables import ACTIONS_LEFT
 
@@ -437,8 +437,8 @@ def plan(
             if solutions > protocol.attempt_limit:
                 raise ProtocolError(
                     f"{visit.schema.name} has {solutions} solutions to show, and a trial of "
-                    f"protocol {protocol.name} has {protocol.attempt_limit} attempts; raise its "
-                    "attempt_limit"
+                    f"protocol {protocol.name} has {counted(protocol.attempt_limit, 'attempt')}; "
+                    "raise its attempt_limit"
                 )
             order = tuple(generator.permutation(solutions).tolist())
             visits[number] = replace(visit, order=order)

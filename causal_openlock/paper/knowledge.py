@@ -31,8 +31,10 @@ from matplotlib.patches import Patch
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import in_rows, panels
 from causal_openlock.belief.worth import Expected, schema_worth
+from causal_openlock.errors import NothingToDrawError, OpenLockError
 from causal_openlock.paper.published import people, people_in_training
 from causal_openlock.schemas.finding import find_schema
+from causal_openlock.wording import joined, nearest
 
 CONDITIONS = ("CC3", "CE3", "CC4", "CE4", "CC3-CC4", "CE3-CC4", "CE3-CE4", "CC3-CE4")
 """Training in three-lever rooms, and the six conditions of the paper."""
@@ -70,8 +72,13 @@ def knowledge_steps(conditions: Collection[str] = CONDITIONS) -> pd.DataFrame:
         last row of a condition, an ideal observer who knows the schema but not the active levers,
         is not a step, so that it has no ``saved``.
     """
+    if isinstance(conditions, str) or not isinstance(conditions, Collection):
+        raise OpenLockError(f"conditions are a list of names, not {conditions!r}")
     rows = []
-    for condition in conditions:
+    for condition in dict.fromkeys(conditions):
+        if condition not in CONDITIONS:
+            others = nearest(str(condition), CONDITIONS)
+            raise OpenLockError(f"nothing is known of people in {condition}; {others}")
         *training, name = condition.split("-")
         schema = find_schema(name)
         many = len(schema.solutions)
@@ -136,6 +143,12 @@ def plot_knowledge_steps(steps: pd.DataFrame | None = None, *, ax: Any = None) -
         rooms of CC3 and CE3. A bar is as long as the attempts that its knowledge saves.
     """
     steps = knowledge_steps([*_DRAWN]) if steps is None else steps
+    held = {*steps["condition"]} if isinstance(steps, pd.DataFrame) and "condition" in steps else {}
+    if lacking := [one for one in _DRAWN if one not in held]:
+        raise NothingToDrawError(
+            f"steps are what knowledge_steps returns of {joined([*_DRAWN])}; {joined(lacking)} "
+            f"{'is' if len(lacking) == 1 else 'are'} missing"
+        )
     steps, rooms = steps[steps["knows"] != WITHOUT_LEVERS], peoples_rooms().set_index("condition")
     with panels(ax, 4, in_rows(4, 2, 2.4)) as at:
         for axes, (condition, (measure, prefix)) in zip(at.axes, _DRAWN.items(), strict=True):

@@ -28,7 +28,7 @@ assert str(bundled("schemas")).startswith(home)
 assert {"CC3", "CE3", "CC4", "CE4"} < set(bundled_schemas())
 assert (bundled("notebooks") / "template.ipynb").is_file()
 lessons = [path.read_text() for path in bundled("notebooks").glob("0*.ipynb")]
-assert len(lessons) == 8 and not any("image/png" in text for text in lessons)
+assert len(lessons) == 9 and not any("image/png" in text for text in lessons)
 """
 
 

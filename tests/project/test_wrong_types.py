@@ -14,6 +14,9 @@ GRAPH = {"A": ["door"]}
 schema: Any = ol.schema
 make: Any = ol.make_experiment
 sample_size: Any = ol.sample_size
+worth: Any = ol.schema_worth
+steps: Any = ol.knowledge_steps
+plot: Any = ol.plot_knowledge_steps
 
 
 @pytest.mark.parametrize(
@@ -43,3 +46,29 @@ def test_many_settings_of_a_protocol_still_have_a_name() -> None:
     names = [one.learners[0].protocol.name for one in (made, again)]
     assert all(name.startswith("human_") and len(name) <= 64 for name in names)
     assert names[0] != names[1]
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: worth("CC3", among=3), "among is schemas"),
+        (lambda: worth("CC3", among={"CE3": "2"}), "the weight of CE3"),
+        (lambda: worth("CC3", among=["grammar", "CE3"]), "grammar stands alone"),
+        (lambda: worth("CC3", "grammar", concentration="x"), "a concentration has to be"),
+        (lambda: worth("CC3", "grammar", after="CE3"), "after is a list of schemas"),
+        (lambda: worth("CC3", "CE3", action_limit=140), "more than 63 actions"),
+        (lambda: steps("CC3"), "conditions are a list of names"),
+        (lambda: steps([3]), "nothing is known of people in 3"),
+        (lambda: steps(["chain3"]), "nothing is known of people in chain3"),
+        (lambda: plot(steps(["CC3"])), "CC4, CE4 and CE3 are missing"),
+        (lambda: plot(3), "are missing"),
+    ],
+)
+def test_what_knowledge_is_worth_takes_what_it_can(call: Callable[[], object], said: str) -> None:
+    with pytest.raises(OpenLockError) as caught:
+        call()
+    assert said in str(caught.value)
+
+
+def test_a_condition_that_is_named_twice_is_counted_once() -> None:
+    assert len(steps(["CC3", "CC3"])) == len(steps(["CC3"]))

@@ -12,14 +12,16 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 from causal_openlock.analysis.measures import CELL, SUBJECT
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.experiment import PERSON
+from causal_openlock.experiment.protocol import SHOWN
 from causal_openlock.experiment.record import record_schema
 from causal_openlock.storage.store import Store
 from causal_openlock.storage.versions import merged_versions
+from causal_openlock.wording import joined
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -53,10 +55,14 @@ def read_results(
     Raises:
         StoreError: If there is no cell, one is damaged, or the rule leaves nobody.
     """
+    if exclude is not None and exclude not in get_args(Exclusion):
+        raise StoreError(
+            f"no rule {exclude!r} leaves people out; {joined(get_args(Exclusion))} does"
+        )
     wanted = [name for name in record_schema().names if name in columns or name not in UNREAD]
     found = store.record(wanted, small=True)
     people = [spec.name for spec in found[1].learners if spec.learner == PERSON]
-    return without_excluded(*found, people) if exclude else found
+    return found if exclude is None else without_excluded(*found, people)
 
 
 def without_excluded(
@@ -78,7 +84,8 @@ def without_excluded(
     import pandas as pd
 
     columns = {name: record[name].to_pandas() for name in (*CELL, *SUBJECT)}
-    columns["solved"] = record["solutions_found"].to_pandas() == record["solutions"].to_pandas()
+    complete = record["solutions_found"].to_pandas() == record["solutions"].to_pandas()
+    columns["solved"] = complete & (record["phase"].to_pandas() != SHOWN)
     attempts = pd.DataFrame(columns)
     by = attempts.groupby([*CELL, *SUBJECT], observed=True)["solved"]
     out = attempts["learner"].isin(people) & ~by.transform("any")

@@ -5,13 +5,16 @@ from __future__ import annotations
 import itertools
 from pathlib import Path
 
+import pyarrow as pa
 import pytest
 
 import causal_openlock as ol
-from causal_openlock.analysis.results.reading import Exclusion
+from causal_openlock.analysis.results.reading import Exclusion, read_results, without_excluded
 from causal_openlock.analysis.results.references import find_references
+from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.importing.folder import import_files
 from causal_openlock.paper.published import minutes
+from causal_openlock.storage.store import Store
 from support.command import at_once
 
 RULES: tuple[Exclusion | None, ...] = (None, "completed no trial")
@@ -113,3 +116,16 @@ def test_the_command_says_who_is_left_out(two_of_three: Path) -> None:
     assert (done.status, LEFT_OUT in done.stdout) == (0, True)
     both = at_once("report", two_of_three, two_of_three, "--exclude", "completed no trial")
     assert (both.status, "or --exclude" in both.stderr) == (2, True)
+
+
+def test_another_rule_is_refused(two_of_three: Path) -> None:
+    with pytest.raises(OpenLockError, match="no rule 'nope' leaves people out"):
+        ol.open_results(two_of_three, exclude="nope")  # type: ignore[arg-type]
+
+
+def test_a_solution_that_was_shown_completes_no_trial(two_of_three: Path) -> None:
+    record, experiment = read_results(Store(two_of_three))
+    first = record.column_names.index("phase")
+    shown = pa.array(["shown"] * record.num_rows)
+    with pytest.raises(StoreError, match="everybody completed no trial"):
+        without_excluded(record.set_column(first, "phase", shown), experiment, ["person"])
