@@ -132,6 +132,7 @@ class Trace:
         forgetting: Share of the trial's evidence that the subject loses with every attempt; the
             loss counts against the last action of the attempt.
         actions: The actions.
+        shown: Whether the subject was shown the trial and did not act itself.
     """
 
     learner: str
@@ -144,6 +145,7 @@ class Trace:
     action_limit: int
     forgetting: float
     actions: tuple[TracedAction, ...]
+    shown: bool = False
 
     @property
     def snapshots(self) -> list[Snapshot]:
@@ -315,6 +317,7 @@ def trace_trial(
         action_limit=protocol.actions_for(room.schema),
         forgetting=learner.beliefs.prior.forgetting,
         actions=tuple(actions),
+        shown=trial <= session.shown_trials,
     )
 
 
@@ -372,7 +375,8 @@ def trace_text(trace: Trace, most: int = 30) -> Iterator[str]:
         f"of {counted(trace.action_limit, 'action')}"
     )
     yield ""
-    yield from _wrapped(f"Before it acts: {belief_in_words(trace.snapshots[0])}")
+    before = "Before it is shown the solutions" if trace.shown else "Before it acts"
+    yield from _wrapped(f"{before}: {belief_in_words(trace.snapshots[0])}")
     found = 0
     width = max(len(shown_name(action)) for action in trace.actions)
     for attempt in trace.attempts[:most]:
@@ -428,7 +432,9 @@ def _action_lines(action: TracedAction, width: int, found: int, solutions: int) 
 
 def _verdict(trace: Trace) -> str:
     attempts, truth = len(trace.attempts), in_words(trace.truth)
-    if trace.solved:
+    if trace.shown:
+        end = f"Shown in {counted(attempts, 'attempt')}."
+    elif trace.solved:
         last = max(a.attempt for a in trace.actions if a.outcome == "new solution")
         end = f"Solved in {counted(last, 'attempt')}"
         end += f"; the trial continued to {attempts:,}." if attempts > last else "."

@@ -27,6 +27,7 @@ from causal_openlock.scoring.inverse_binomial import Draws
 from causal_openlock.scoring.teacher_forcing import score_actions
 from causal_openlock.storage.store import Store
 from openlock_learners.random import RandomLearner
+from support.command import at_once
 from support.made_up_experiments import stored
 from support.session_play import HUMAN, RL, SCHEMAS, Scripted, named, play, trials_of
 
@@ -212,6 +213,13 @@ def test_beliefs_after_what_was_shown_are_traced(folder: Path) -> None:
     assert axes is not None
     with pytest.raises(OpenLockError, match="trials from 1 to 1"):
         results.plot.beliefs(learner="bayes", condition=SHOWN, trial=2)
+
+
+@pytest.mark.parametrize("trial", [1, 7])
+def test_a_trace_tells_a_shown_trial_from_a_played_one(trial: int) -> None:
+    done = at_once("trace", "shown-CC3-CC4", "--learner", "bayes", "--trial", str(trial))
+    said = [part in done.stdout for part in ("it is shown the solutions", "Shown in", "Solved in")]
+    assert said == ([True, True, False] if trial == 1 else [False, False, True])
 
 
 @pytest.mark.parametrize("scored", ["bayes", "theory_based"])
