@@ -12,7 +12,7 @@ import re
 import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, fields, is_dataclass, replace
+from dataclasses import asdict, dataclass, is_dataclass, replace
 from itertools import product
 from pathlib import Path
 from typing import Any, TypeVar
@@ -24,6 +24,7 @@ from causal_openlock.contract.former_names import present_name
 from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.one_subject import OneSubjectLearner, PerSubjectAdapter
 from causal_openlock.contract.registry import (
+    changed_parameters,
     file_that_runs,
     learner_class,
     name_of,
@@ -443,15 +444,10 @@ def as_learner(learner: LearnerForm) -> LearnerFile:
         )
     if lacking := sorted(kind.__abstractmethods__):
         raise LearnerError(f"{kind.__name__} has no method {lacking[0]}; define it")
-    given: dict[str, Any] = {}
-    if is_dataclass(parameters) and not isinstance(parameters, type):
-        defaults = {one.name: one.default for one in fields(parameters)}
-        given = {  # without defaults, which may be swept
-            name: value
-            for name, value in asdict(parameters).items()
-            if getattr(parameters, name) != defaults[name]
-        }
-    return LearnerFile(learner=name_of(kind), parameters=given)
+    name = name_of(kind)
+    given = asdict(parameters) if is_dataclass(parameters) else {}  # type: ignore[arg-type]
+    # What has its default can still be swept.
+    return LearnerFile(learner=name, parameters=changed_parameters(name, given) if given else {})
 
 
 def learner(
