@@ -61,6 +61,15 @@ def plain(value: Any) -> Any:
     return value
 
 
+def several(value: Any) -> bool:
+    """Whether a value is a collection of others; a text is one value.
+
+    >>> several("CC4"), several(["CC4"])
+    (False, True)
+    """
+    return isinstance(value, Iterable) and not isinstance(value, str)
+
+
 def whole_number(value: Any, name: str, least: int = 0) -> int:
     """An argument that has to be a whole number; NumPy's are.
 

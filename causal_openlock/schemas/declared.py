@@ -9,6 +9,7 @@ from typing import Any
 import networkx as nx
 
 from causal_openlock.errors import OpenLockError, SchemaError
+from causal_openlock.files.validation import several
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.schemas.graphs import schema_of_graph
 from causal_openlock.schemas.one_line import parse_line
@@ -76,7 +77,7 @@ def schema(
         graph = source.copy() if isinstance(source, nx.Graph) else _graph(source)
         _add(graph.nodes, "gate", gates or {})
         _add(graph.edges, "strength", strengths or {})
-        if not _several(inert):
+        if not several(inert):
             raise SchemaError(f"inert levers are a list of names, not {inert!r}")
         if inert := [*inert]:
             graph.graph["inert"] = inert
@@ -91,10 +92,10 @@ def _graph(source: Any) -> nx.DiGraph:
         source = [
             (cause, effect, *([effects[effect]] if isinstance(effects, Mapping) else []))
             for cause, effects in source.items()
-            for effect in (effects if _several(effects) else [effects])
+            for effect in (effects if several(effects) else [effects])
         ]
-    for edge in source if _several(source) else [source]:
-        ends = [*edge][:2] if _several(edge) else []
+    for edge in source if several(source) else [source]:
+        ends = [*edge][:2] if several(edge) else []
         if len(ends) < 2 or len([*edge]) > 3 or not all(isinstance(one, str) for one in ends):
             raise SchemaError(
                 f"{edge!r} is not an edge; write (cause, effect), or declare the schema with a "
@@ -109,10 +110,6 @@ def _graph(source: Any) -> nx.DiGraph:
         if len(edge) == 3:
             graph[cause][effect]["strength"] = edge[2]
     return graph
-
-
-def _several(value: Any) -> bool:
-    return isinstance(value, Iterable) and not isinstance(value, str)
 
 
 def _add(parts: Any, attribute: str, values: Mapping[Any, Any]) -> None:

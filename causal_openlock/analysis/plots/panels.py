@@ -13,7 +13,7 @@ Every plot function takes ``ax``, which is one of three things:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -27,6 +27,7 @@ from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.errors import NothingToDrawError, OpenLockError
+from causal_openlock.files.validation import several
 from causal_openlock.wording import counted, nearest
 
 Names = Collection[str] | None
@@ -112,7 +113,7 @@ def panels(ax: Any, count: int, lay_out: Layout) -> Iterator[Panels]:
 def _flat(ax: Any) -> Iterator[Axes]:
     if isinstance(ax, Axes):
         yield ax
-    elif isinstance(ax, Iterable) and not isinstance(ax, str):
+    elif several(ax):
         for each in ax:
             yield from _flat(each)
     else:
@@ -160,8 +161,7 @@ def rows_of(
     """
     for column, asked in (("learner", learners), ("condition", conditions)):
         known = [str(name) for name in results.trials[column].unique()]
-        several = isinstance(asked, Iterable) and not isinstance(asked, str)
-        names = known if asked is None else [*map(str, asked if several else [asked])]
+        names = known if asked is None else [*map(str, asked if several(asked) else [asked])]
         for name in names:
             if name not in known:
                 raise OpenLockError(f"no {column} {name} in these results; {nearest(name, known)}")

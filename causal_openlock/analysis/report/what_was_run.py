@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
@@ -11,6 +11,7 @@ import pandas as pd
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.table import Table
 from causal_openlock.experiment.protocol import Protocol
+from causal_openlock.files.validation import several
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.storage.stored import StoredExperiment
 
@@ -162,6 +163,6 @@ def in_words(value: Any) -> str:
         return "yes" if value else "no"
     if isinstance(value, Mapping):
         return "(" + pairs(value) + ")"
-    if isinstance(value, Iterable) and not isinstance(value, str):
+    if several(value):
         return ", ".join(map(in_words, value))
     return str(value)
