@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations, combinations_with_replacement, permutations
 
-from causal_openlock.belief.worth import MOST_STATES, SchemaWorth, schema_worth
+from causal_openlock.belief.worth import SchemaWorth, schema_worth
 from causal_openlock.errors import OpenLockError
 from causal_openlock.schemas.declared import schema
 from causal_openlock.schemas.schema import Schema
@@ -64,12 +64,12 @@ def keys_and_bolts(keys: int, bolts: int, needed: int) -> tuple[Schema, ...]:
     return tuple(_schema(keys, each) for each in sorted(found))
 
 
-def families(levers: int, most_states: int = MOST_STATES) -> Iterator[Family]:
+def families(levers: int, most_states: int | None = None) -> Iterator[Family]:
     """Yield every family of two bolts or more and this number of levers, with its worth.
 
     Args:
         levers: Keys and bolts together, at most 7.
-        most_states: States that one search may take before bounds take its place.
+        most_states: As for :func:`~causal_openlock.belief.worth.schema_worth`.
     """
     if not LEAST_LEVERS <= levers <= MOST_LEVERS:
         raise OpenLockError(

@@ -267,8 +267,9 @@ def worth(
 def search(
     levers: Annotated[int, typer.Argument(help="Levers of the rooms, keys and bolts together.")],
     most_states: Annotated[
-        int, typer.Option(help="States that a search may take before bounds replace it.", min=1)
-    ] = 200_000,
+        int | None,
+        typer.Option(help="States that a search may take before bounds replace it.", min=1),
+    ] = None,
 ) -> None:
     """Search rooms of keys and bolts for those in which knowing the schema pays most."""
     from rich.table import Table
