@@ -362,17 +362,16 @@ class Condition:
 
     def as_dict(self) -> dict[str, Any]:
         """The condition as plain data, schemas included."""
-        return {
+        data: dict[str, Any] = {
             "name": self.name,
             "train": [trials.as_dict() for trials in self.train],
             "test": [trials.as_dict() for trials in self.test],
-            **(
-                {"rooms": {str(k): [list(o.places) for o in v] for k, v in self.rooms.items()}}
-                if self.rooms
-                else {}
-            ),
-            **({"shown": True} if self.shown else {}),
         }
+        if self.rooms:
+            data["rooms"] = {str(k): [list(o.places) for o in v] for k, v in self.rooms.items()}
+        if self.shown:
+            data["shown"] = True
+        return data
 
 
 @dataclass(frozen=True)

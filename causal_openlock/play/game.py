@@ -222,9 +222,8 @@ class Game:
 
 def _room(session: Session) -> Answer:
     view: View = session.view
-    console, shown = view.console, session.shown
-    return {
-        **({} if shown is None else {"shown": int(shown[0])}),
+    console = view.console
+    room: Answer = {
         "over": session.over,
         "observation": view.observation[0].tolist(),
         "solutions_left": int(console.solutions_left[0]),
@@ -233,6 +232,9 @@ def _room(session: Session) -> Answer:
         "trial": int(view.trial[0]),
         "attempt": int(view.attempt[0]),
     }
+    if (shown := session.shown) is not None:
+        room["shown"] = int(shown[0])
+    return room
 
 
 def _practice_room(session: Session) -> Session:
