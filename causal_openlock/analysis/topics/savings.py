@@ -123,11 +123,10 @@ def _published(reference: Reference, protocol: str) -> list[tuple[Any, ...]]:
         if {condition, untrained} <= {*first.index}:
             one, two = first["mean"][condition], first["mean"][untrained]
             error = float(np.hypot(se[condition] / two, one * se[untrained] / two**2))
-            saved, solved = 1 - one / two, float(shares[[condition, untrained]].mean())
+            solved = float(shares[[condition, untrained]].mean())
+            saved = 1 - one / two if solved else np.nan
             ends = saved - z * error, saved + z * error
-            if not solved:
-                saved, ends = np.nan, (np.nan, np.nan)
-            elif not error and saved:  # as of learners: if nobody differs
+            if not error and saved:  # as of learners: if nobody differs
                 ends = np.nan, np.nan
             size = int(first["subjects"][condition])
             rows.append(
