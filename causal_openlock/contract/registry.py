@@ -21,10 +21,10 @@ import inspect
 import json
 from collections.abc import Mapping
 from dataclasses import MISSING, asdict, fields
-from functools import cache
+from functools import cache, lru_cache
 from importlib.metadata import Distribution, EntryPoint
 from pathlib import Path
-from typing import Any, NamedTuple, get_type_hints
+from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
 
 from causal_openlock.contract.former_names import FORMER_PACKAGE, PACKAGE, TOOLKIT
 from causal_openlock.contract.learner import Learner
@@ -42,6 +42,9 @@ from causal_openlock.usercode.module_source import (
 )
 from causal_openlock.usercode.session_code import is_of_session, session_origin
 from causal_openlock.wording import nearest
+
+if TYPE_CHECKING:
+    from pydantic import TypeAdapter
 
 
 def registry() -> Mapping[str, EntryPoint]:
@@ -262,15 +265,13 @@ def require_parameter(name: str, key: str) -> None:
 
 def parse_parameter(name: str, key: str, value: Any) -> Any:
     """One hyper-parameter of a learner; as :func:`parse_parameters`."""
-    from pydantic import TypeAdapter, ValidationError
+    from pydantic import ValidationError
     from pydantic_core import PydanticSerializationError, to_json
 
     require_parameter(name, key)
-    hints = get_type_hints(learner_class(name).Parameters, include_extras=True)
     try:
         text = to_json(plain(value), inf_nan_mode="constants")
-        kind = TypeAdapter(hints[key], config={"allow_inf_nan": False})
-        return kind.validate_json(text, strict=True)
+        return _reader(learner_class(name).Parameters, key).validate_json(text, strict=True)
     except PydanticSerializationError:
         raise LearnerError(
             f"the parameter {key} of {name} must be plain data, and this is {value!r}", (key,)
@@ -283,6 +284,15 @@ def parse_parameter(name: str, key: str, value: Any) -> Any:
         raise LearnerError(
             f"the parameter {key} of {name} {fault}, and this is {value!r}{remedy}", (key,)
         ) from None
+
+
+@lru_cache(maxsize=1024)
+def _reader(declared: type, key: str) -> TypeAdapter[Any]:
+    """Reads values of a parameter; making one takes a hundred times as long as using it."""
+    from pydantic import TypeAdapter
+
+    hints = get_type_hints(declared, include_extras=True)
+    return TypeAdapter(hints[key], config={"allow_inf_nan": False})
 
 
 class ParameterInfo(NamedTuple):
