@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import traceback
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -192,6 +193,32 @@ def together(errors: Sequence[OpenLockError]) -> OpenLockError:
     made = kind("\n".join(_first([*dict.fromkeys(map(str, errors))])), first.at)
     made._parts = tuple(part for one in errors for part in one.parts)
     return made
+
+
+class Faults(list[OpenLockError]):
+    """Errors that are raised together, once everything has been checked.
+
+    >>> faults = Faults()
+    >>> with faults.noted("levers"):
+    ...     raise SchemaError("no lever")
+    >>> [one.at for one in faults]
+    [('levers',)]
+    """
+
+    @contextmanager
+    def noted(self, *where: str | int) -> Iterator[None]:
+        """Take note of an error instead of raising it, with the path before its own."""
+        try:
+            yield
+        except OpenLockError as error:
+            for part in error.parts:
+                part.at = (*where, *part.at)
+            self.append(error)
+
+    def check(self) -> None:
+        """Raise all errors that have been taken note of."""
+        if self:
+            raise together(self) from None
 
 
 def in_short(error: BaseException) -> str:

@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
 from causal_openlock.contract.former_names import FORMER_PACKAGE, PACKAGE, TOOLKIT
 from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.one_subject import OneSubjectLearner, PerSubjectAdapter
-from causal_openlock.errors import LearnerError, together
+from causal_openlock.errors import Faults, LearnerError
 from causal_openlock.files.plugins import LEARNERS, registered
 from causal_openlock.files.validation import plain
 from causal_openlock.usercode.code_digest import code_digest, imported_digest
@@ -232,14 +232,11 @@ def parse_parameters(name: str, parameters: Mapping[str, Any]) -> Any:
         LearnerError: If a parameter is unknown or missing, or its value does not fit.
     """
     declared: Any = learner_class(name).Parameters
-    values, faults = {}, []
+    values, faults = {}, Faults()
     for key, value in parameters.items():
-        try:
+        with faults.noted():
             values[key] = parse_parameter(name, key, value)
-        except LearnerError as error:
-            faults.append(error)
-    if faults:
-        raise together(faults)
+    faults.check()
     try:
         made = declared(**values)
     except (TypeError, ValueError) as error:  # one without default, or values at odds

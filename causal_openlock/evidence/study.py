@@ -37,7 +37,7 @@ from causal_openlock.contract.parameters import Count
 from causal_openlock.errors import EvidenceError
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.file import code_named_in, read_experiment
-from causal_openlock.experiment.file_format import NAME_FORM
+from causal_openlock.experiment.file_format import NAME_FORM, Name
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from causal_openlock.files.digest import digest
 from causal_openlock.files.validation import StrictModel
@@ -100,8 +100,6 @@ Measure = Literal[
 ]  # fmt: skip
 """Measures of each unit: see :mod:`~causal_openlock.evidence.units`."""
 
-Label = Annotated[str, Field(pattern=NAME_FORM)]
-
 Expected = Literal["less", "more", "same"]
 
 About = Literal["every", "whole"]
@@ -119,7 +117,7 @@ class Selection(StrictModel):
     phase: Literal["train", "test"] | None = None
     trial: Count | None = None
     part: Count | None = None
-    parameter: Label | None = None
+    parameter: Name | None = None
 
     @classmethod
     def parse(cls, words: Sequence[str]) -> Selection:
@@ -222,13 +220,11 @@ class Networks(StrictModel):
     command: Annotated[
         str, Field(description="Trains one; with {file}, {seed} and {out} where these belong.")
     ]
-    files: Annotated[
-        dict[Label, str], Field(min_length=1, description="Label: file of a training.")
-    ]
+    files: Annotated[dict[Name, str], Field(min_length=1, description="Label: file of a training.")]
     seeds: Annotated[list[int], Field(min_length=1)]
     learner: str = "rl2"
     parameters: Annotated[
-        dict[Label, dict[str, Any]],
+        dict[Name, dict[str, Any]],
         Field(description="Label of a variant of the first file's networks: other parameters."),
     ] = Field(default_factory=dict)
 
@@ -252,7 +248,7 @@ class RecoverySettings(StrictModel):
     """Settings of a recovery; see :class:`~causal_openlock.fitting.recovering.ToRecover`."""
 
     parameters: Annotated[
-        list[Label], Field(description="Learners whose parameters are also recovered.")
+        list[Name], Field(description="Learners whose parameters are also recovered.")
     ] = Field(default_factory=list)
     draws: Count = 128
     lapse: Annotated[float, Field(ge=0, le=1)] = 0.01

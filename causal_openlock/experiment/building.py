@@ -26,13 +26,12 @@ from causal_openlock.contract.one_subject import OneSubjectLearner, PerSubjectAd
 from causal_openlock.contract.registry import (
     changed_parameters,
     file_that_runs,
-    learner_class,
     name_of,
-    parse_parameter,
     parse_parameters,
 )
 from causal_openlock.errors import (
     ExperimentError,
+    Faults,
     FileError,
     LearnerError,
     OpenLockError,
@@ -58,7 +57,7 @@ from causal_openlock.experiment.protocol import (
     find_protocol,
     plan,
 )
-from causal_openlock.experiment.sweeps import check_swept, label_of, labels, points
+from causal_openlock.experiment.sweeps import check_parameters, label_of, labels, points
 from causal_openlock.files.digest import digest
 from causal_openlock.files.validation import plain, sentence, whole_number
 from causal_openlock.files.yaml_file import Document, Where
@@ -67,7 +66,13 @@ from causal_openlock.schemas.finding import find_schema
 from causal_openlock.schemas.schema import NAME, Schema
 from causal_openlock.usercode.module_source import look_beside
 from causal_openlock.wording import joined
-from causal_openlock.world.rewards import PAPER_REWARD, PRESETS, RewardForm, find_reward
+from causal_openlock.world.rewards import (
+    PAPER_REWARD,
+    PRESETS,
+    RewardForm,
+    RewardFunction,
+    find_reward,
+)
 from causal_openlock.world.room import Layout
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -168,7 +173,7 @@ class _Builder:
         self.document, self.file, self.changes = document, file, changes
         self.folder = document.path.resolve().parent if document else Path.cwd()
         self.own_protocols: dict[str, Protocol] = {}
-        self.faults: list[OpenLockError] = []
+        self.faults = Faults()
 
     @contextmanager
     def at(self, *where: str | int) -> Iterator[None]:
@@ -180,11 +185,6 @@ class _Builder:
             if self.document is not None and not changed and not isinstance(error, FileError):
                 error = self.document.error(error, where)
             self.faults.append(error)
-
-    def check(self) -> None:
-        """Raise all that has been taken note of."""
-        if self.faults:
-            raise together(self.faults) from None
 
     def tell_what_runs(self, tell: Callable[[str], None]) -> None:
         """Report the code files that the experiment file names and that will run."""
@@ -212,7 +212,7 @@ class _Builder:
                 self.own_protocols[name] = self.own_protocol(settings, name)
         conditions = self.resolved("conditions", self.condition)
         learners = self.resolved("learners", self.learner)
-        self.check()
+        self.faults.check()
         check_together(conditions.values(), learners.values())
         name, title = file.name, file.title or file.name
         if changes.conditions is not None or changes.learners is not None:
@@ -375,43 +375,43 @@ class _Builder:
         declared, where, before = as_learner(entry), ("learners", index), len(self.faults)
         if ":" in declared.learner:
             look_beside(self.folder)
-        with self.at(*where, "learner"):
-            learner_class(declared.learner)
-            for key, values in declared.sweep.items():
-                with self.at(*where, "sweep"):
-                    check_swept(declared, key)
-                    for number, value in enumerate(values):
-                        with self.at(*where, "sweep", key, number):
-                            parse_parameter(declared.learner, key, value)
-        if len(self.faults) > before:
-            return []
-        return [self.spec(one, where) for one in points(declared)]
+        with self.at(*where):
+            check_parameters(declared)
+        fits = len(self.faults) == before
+        played, pays = self.played(declared, where), self.pays(declared, where)
+        with self.at(*where, "parameters"):
+            return [
+                LearnerSpec(
+                    name=one.name or "",
+                    learner=one.learner,
+                    parameters=asdict(parse_parameters(one.learner, one.parameters)),
+                    protocol=played,
+                    reward=pays,
+                    subjects=self.changes.subjects or one.subjects or self.file.subjects,
+                    cell_size=one.cell_size,
+                )
+                for one in (points(declared) if fits else ())
+            ]
+        return []
 
-    def spec(self, declared: LearnerFile, where: Where) -> LearnerSpec:
-        file = self.file
-        own_reward = declared.reward is not None
-        reward: Any = declared.reward if own_reward else file.reward
+    def played(self, declared: LearnerFile, where: Where) -> Protocol:
+        """The protocol of a learner: that of the command line, its own, or the file's."""
+        own = declared.protocol and not self.changes.protocol
+        with self.at(*(where if own else ()), "protocol"):
+            return self.protocol(self.changes.protocol or declared.protocol or self.file.protocol)
+        return PROTOCOLS[HUMAN_PROTOCOL]
+
+    def pays(self, declared: LearnerFile, where: Where) -> RewardFunction:
+        """The reward of a learner: its own, or the file's."""
+        own = declared.reward is not None
+        reward: Any = declared.reward if own else self.file.reward
         if isinstance(reward, BaseModel):
             reward = reward.model_dump(exclude_none=True)
         if isinstance(reward, str) and ":" in reward:
             look_beside(self.folder)
-        parameters, played, pays = None, PROTOCOLS[HUMAN_PROTOCOL], PRESETS[PAPER_REWARD]
-        with self.at(*where, "parameters"):
-            parameters = parse_parameters(declared.learner, declared.parameters)
-        own_protocol = declared.protocol and not self.changes.protocol
-        with self.at(*(where if own_protocol else ()), "protocol"):
-            played = self.protocol(self.changes.protocol or declared.protocol or file.protocol)
-        with self.at(*(where if own_reward else ()), "reward"):
-            pays = find_reward(reward)
-        return LearnerSpec(
-            name=declared.name or "",
-            learner=declared.learner,
-            parameters=asdict(parameters) if is_dataclass(parameters) else {},  # type: ignore[arg-type]
-            protocol=played,
-            reward=pays,
-            subjects=self.changes.subjects or declared.subjects or file.subjects,
-            cell_size=declared.cell_size,
-        )
+        with self.at(*(where if own else ()), "reward"):
+            return find_reward(reward)
+        return PRESETS[PAPER_REWARD]
 
 
 def listed(learners: LearnerForm | Iterable[LearnerForm]) -> list[LearnerForm]:
@@ -478,16 +478,7 @@ def learner(
         >>> learner("ddqn", learning_rate=0.0005, label="slow").parameters
         {'learning_rate': 0.0005}
     """
-    declared = as_learner(learner)
-    if label is not None and not re.fullmatch(NAME_FORM, label):
-        raise ExperimentError(f"{label!r} is not a label; it must have {NAME_IN_WORDS}")
-    together = {**declared.parameters, **parameters}
-    parse_parameters(declared.learner, together)
-    if callable(reward):
-        reward = find_reward(reward).name
-    given = {"name": label, "subjects": subjects, "protocol": protocol, "reward": reward}
-    changed = {key: value for key, value in given.items() if value is not None}
-    return _checked(LearnerFile, {**declared.model_dump(), "parameters": together, **changed})
+    return _learner(learner, parameters, {}, label, reward, subjects=subjects, protocol=protocol)
 
 
 def sweep(
@@ -524,17 +515,44 @@ def sweep(
         if isinstance(values, Iterable) and not isinstance(values, str | Mapping)
     }
     fixed = {key: value for key, value in given.items() if key not in swept}
-    made = learner(
-        learner_, label=label, subjects=subjects, protocol=protocol, reward=reward, **fixed
-    )
     if not swept or not all(swept.values()):
         raise LearnerError("a sweep needs a list of values, such as gamma=[0.5, 0.9]")
-    declared = made.model_copy(update={"sweep": swept})
-    for key, values in swept.items():
-        check_swept(declared, key)
-        for value in values:
-            parse_parameter(declared.learner, key, value)
-    return points(declared)
+    return points(
+        _learner(learner_, fixed, swept, label, reward, subjects=subjects, protocol=protocol)
+    )
+
+
+def _learner(
+    learner: LearnerForm,
+    parameters: Mapping[str, Any],
+    sweep: Mapping[str, Any],
+    label: str | None,
+    reward: Any,
+    **given: Any,
+) -> LearnerFile:
+    """A learner, perhaps swept.
+
+    Raises:
+        OpenLockError: With every value that does not fit.
+    """
+    faults, declared = Faults(), as_learner(learner)
+    if label is not None and not re.fullmatch(NAME_FORM, label):
+        faults.append(ExperimentError(f"{label!r} is not a label; it must have {NAME_IN_WORDS}"))
+        label = None
+    if callable(reward):
+        with faults.noted():
+            reward = find_reward(reward).name
+    own = {"parameters": {**declared.parameters, **parameters}, "sweep": sweep}
+    given |= {"name": label, "reward": reward}
+    changed = {key: value for key, value in given.items() if value is not None}
+    with faults.noted():
+        check_parameters(declared.model_copy(update=own))
+    with faults.noted():
+        declared = _checked(LearnerFile, {**declared.model_dump(), **own, **changed})
+    faults.check()
+    for one in points(declared):
+        parse_parameters(one.learner, one.parameters)
+    return declared
 
 
 def make_experiment(
@@ -606,7 +624,7 @@ def check_together(conditions: Iterable[Condition], learners: Iterable[LearnerSp
     Otherwise a comparison could fail after an hour.
     """
     known: dict[str, Schema] = {}
-    faults: list[OpenLockError] = []
+    faults = Faults()
     for condition in conditions:
         for one in condition.schemas:
             if known.setdefault(one.name, one) != one:
@@ -614,9 +632,6 @@ def check_together(conditions: Iterable[Condition], learners: Iterable[LearnerSp
                 faults.append(ExperimentError(message))
     for spec, condition in product(learners, conditions):
         once = replace(spec.protocol, baseline_loops=1, train_loops=1, test_loops=1)
-        try:
+        with faults.noted():
             plan(condition, once, np.random.default_rng(0))
-        except OpenLockError as error:
-            faults.append(error)
-    if faults:
-        raise together(faults)
+    faults.check()

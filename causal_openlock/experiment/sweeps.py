@@ -13,8 +13,8 @@ from collections.abc import Mapping
 from itertools import islice, product
 from typing import Any
 
-from causal_openlock.contract.registry import require_parameter
-from causal_openlock.errors import LearnerError
+from causal_openlock.contract.registry import learner_class, parse_parameter, require_parameter
+from causal_openlock.errors import Faults, LearnerError
 from causal_openlock.experiment.file_format import NAME_FORM, LearnerFile
 
 MOST_SWEPT = 500
@@ -41,21 +41,45 @@ def points(declared: LearnerFile) -> list[LearnerFile]:
     return found
 
 
-def check_swept(declared: LearnerFile, key: str) -> None:
-    """Check that a parameter can be swept, and the size and the labels of the grid.
+def check_parameters(declared: LearnerFile) -> None:
+    """Check every value of a learner's parameters, and the size and the labels of its sweep.
 
     Raises:
-        LearnerError: If the parameter does not exist, has another value already, or the grid is
-            too large; or if a label is too long.
+        LearnerError: If there is no such learner; or with every fault as one of ``error.parts``.
     """
-    require_parameter(declared.learner, key)
-    if key in declared.parameters:
-        raise LearnerError(f"{key} is in parameters and in sweep; leave it out of one", (key,))
+    faults = Faults()
+    with faults.noted("learner"):
+        learner_class(declared.learner)
+    faults.check()
+    for key, value in declared.parameters.items():
+        with faults.noted("parameters"):
+            parse_parameter(declared.learner, key, value)
+    for key, values in declared.sweep.items():
+        with faults.noted("sweep"):
+            require_parameter(declared.learner, key)
+            if key in declared.parameters:
+                message = f"{key} is in parameters and in sweep; leave it out of one"
+                raise LearnerError(message, (key,))
+            for number, value in enumerate(values):
+                with faults.noted("sweep", key, number):
+                    parse_parameter(declared.learner, key, value)
+    if declared.sweep:
+        with faults.noted("sweep"):
+            _check_labels(declared)
+    faults.check()
+
+
+def _check_labels(declared: LearnerFile) -> None:
     if (size := math.prod(map(len, declared.sweep.values()))) > MOST_SWEPT:
         raise LearnerError(f"this sweep has {size:,} learners; sweep at most {MOST_SWEPT}")
-    for one in points(declared):
-        if not re.fullmatch(NAME_FORM, str(one.name)):
-            raise LearnerError(f"{one.name!r} is not a label; give the learner a shorter name")
+    labels = [str(one.name) for one in points(declared)]
+    for label in labels:
+        if not re.fullmatch(NAME_FORM, label):
+            raise LearnerError(f"{label!r} is not a label; give the learner a shorter name")
+        if labels.count(label) > 1:
+            raise LearnerError(
+                f"this sweep has two learners with the label {label}; take one of their values out"
+            )
 
 
 def label_of(name: str, values: Mapping[str, Any], mark: str) -> str:

@@ -136,8 +136,9 @@ def sentence(fault: Any, model: type[BaseModel]) -> str:
     if kind == "too_short":
         return f"{name} needs at least {fault['ctx']['min_length']}; add one"
     if kind == "string_pattern_mismatch":
-        field = _fields(model, where[:-1]).get(str(where[-1]))
-        form = (field and field.description) or fault["ctx"]["pattern"]
+        field = _fields(model, where[:-1])[str(where[-1])]
+        inner = [note for part in get_args(field.annotation) for note in get_args(part)[1:]]
+        form = next(note.description for note in (*inner, field) if note.description)
         return f"{name} must have the form: {form}; this is {described(value)}"
     message = fault["msg"].removeprefix("Value error, ").removeprefix("Input ")
     return f"{name} {message}, and this is {described(value)}"

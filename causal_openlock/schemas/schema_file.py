@@ -25,7 +25,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, ValidationError, WrapValidator
 from pydantic_core import PydanticCustomError
 
-from causal_openlock.errors import FileError, SchemaError, together
+from causal_openlock.errors import Faults, FileError, SchemaError, together
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.validation import StrictModel, described, plain, sentence
 from causal_openlock.files.yaml_file import (
@@ -138,7 +138,7 @@ class SchemaFile(StrictModel):
     def schema_(self) -> Schema:
         """The schema that this file declares."""
         edges: dict[str, dict[str, float]] = {}
-        faults: list[SchemaError] = []
+        faults = Faults()
         for cause, effects in self.edges.items():
             if isinstance(effects, dict):
                 edges[cause] = {effect: edge.strength for effect, edge in effects.items()}
@@ -153,14 +153,11 @@ class SchemaFile(StrictModel):
             node: Gate("at_least", gate.at_least) if isinstance(gate, AtLeast) else Gate(gate)
             for node, gate in self.gates.items()
         }
-        try:
+        with faults.noted():
             made = Schema(
                 self.name, self.levers, edges, gates=gates, inert=self.inert, title=self.title
             )
-        except SchemaError as error:
-            faults.append(error)
-        if faults:
-            raise together(faults)
+        faults.check()
         return made
 
 

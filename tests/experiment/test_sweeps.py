@@ -9,7 +9,7 @@ import pytest
 
 import causal_openlock as ol
 from causal_openlock.contract.registry import create
-from causal_openlock.errors import LearnerError, OpenLockError
+from causal_openlock.errors import FileError, LearnerError, OpenLockError
 from causal_openlock.experiment.building import Changes
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.file import read_experiment
@@ -84,7 +84,7 @@ def test_two_sweeps_of_one_learner_are_both_chosen_by_its_name(tmp_path: Path) -
         ("{lapse: [0.1, 1.1]}", 5, 43, "less than or equal to 1"),
         ("{lapse: [0.1,\n    high]}", 6, 5, "a valid number"),
         ("{lapse: [[0.1]]}", 5, 38, "a valid number"),
-        ("{lapse: [0.1, 0.1]}", 5, 5, "bayes-lapse-0.1 is listed twice"),
+        ("{lapse: [0.1, 0.1]}", 5, 22, "two learners with the label bayes-lapse-0.1; take one"),
         ("{noise: [0.1]}, parameters: {noise: 0.2}", 5, 30, "noise is in parameters and in sweep"),
         ("{forgets: [" + "x" * 70 + "]}", 5, 22, "give the learner a shorter name"),
         (f"{{lapse: {NINE}, noise: {NINE}, free_form: {NINE}}}", 5, 22, "729 learners; sweep"),
@@ -108,9 +108,49 @@ def test_a_fault_of_a_sweep_has_its_place(
         ({"lapse": [0.1, 3]}, "less than or equal to 1, and this is 3"),
         ({"lapsing": [0.1]}, "did you mean lapse?"),
         ({"lapse": np.array(0.3)}, "a sweep needs a list of values"),
+        ({"lapse": [0.1, 0.1]}, "two learners with the label bayes-lapse-0.1; take one"),
     ],
 )
 def test_a_faulty_sweep_of_a_program_is_refused(parameters: dict[str, object], said: str) -> None:
     with pytest.raises(LearnerError) as caught:
         ol.sweep("bayes", **parameters)  # type: ignore[arg-type]
     assert said in str(caught.value)
+
+
+def test_a_program_is_told_every_fault_of_a_learner_at_once() -> None:
+    parameters: dict[str, object] = {"lapse": [0.1, 3], "noise": ["x"], "polcy": 1}
+    with pytest.raises(OpenLockError) as caught:
+        ol.sweep("bayes", label="a b", subjects=0, **parameters)  # type: ignore[arg-type]
+    said = [
+        "'a b' is not a label",
+        "the learner bayes has no parameter 'polcy'",
+        "the parameter lapse of bayes should be less than or equal to 1, and this is 3",
+        "the parameter noise of bayes should be a valid number, and this is 'x'",
+        "subjects should be greater than or equal to 1, and this is 0",
+    ]
+    lines = str(caught.value).splitlines()
+    assert len(lines) == len(said)
+    for line, start in zip(lines, said, strict=True):
+        assert line.startswith(start)
+
+
+def test_a_file_is_told_every_fault_of_a_learner_at_once(tmp_path: Path) -> None:
+    with pytest.raises(FileError) as caught:
+        read(
+            tmp_path,
+            "learner: bayes\n    sweep: {lapse: [3]}\n    parameters: {noise: x}\n"
+            "    protocol: hum\n    reward: nono\n  - {learner: unknown, protocol: hum}",
+        )
+    assert [(fault.line, fault.message.partition(";")[0]) for fault in caught.value.faults] == [
+        (6, "the parameter lapse of bayes should be less than or equal to 1, and this is 3"),
+        (7, "the parameter noise of bayes should be a valid number, and this is 'x'"),
+        (8, "there is no protocol 'hum'"),
+        (9, "there is no reward 'nono'"),
+        (10, "there is no learner 'unknown'"),
+        (10, "there is no protocol 'hum'"),
+    ]
+
+
+def test_a_wrong_label_in_a_file_is_told_its_form(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="the form: letters, digits, underscores, dots and dashes"):
+        read(tmp_path, "{learner: bayes, name: a b}")
