@@ -16,7 +16,7 @@ from html import escape
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from causal_openlock.wording import counted
+from causal_openlock.wording import counted, first_line
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -243,9 +243,8 @@ def learner_html(learner: Learner) -> str:
         shown = escape(str(value))
         shown = shown if value == row.default else f"<b>{shown}</b>"
         rows.append([escape(row.name), shown, escape(row.meaning)])
-    about = re.sub(r":\w+:`~?([^`]*)`", r"\1", (kind.__doc__ or "").strip().partition("\n")[0])
     table = _table(["parameter", "value", "meaning"], rows) if rows else ""
-    return _card(kind.__name__, f"<div>{escape(about)}</div>", table)
+    return _card(kind.__name__, f"<div>{escape(first_line(kind.__doc__))}</div>", table)
 
 
 def results_html(results: Results) -> str:

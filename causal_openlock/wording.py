@@ -33,13 +33,23 @@ def joined(names: Sequence[str]) -> str:
     return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
 
 
-def first_line(text: object, most: int = 120) -> str:
-    """Return the first line of a docstring, cut off if it is long; empty without one.
+_ROLE = re.compile(r"(?::[\w:]+:)?`(?:~[\w.]*\.)?([^`]*?)(?: <[^`>]*>)?`_*")
 
+
+def first_line(text: object, most: int = 120) -> str:
+    """Return the first line of a docstring without its marks; empty without one.
+
+    Roles and quotes of reStructuredText and control characters are left out, and a long line is
+    cut off.
+
+    >>> first_line("Plays as :class:`~mine.Slow` (extra ``slow``).")
+    'Plays as Slow (extra slow).'
     >>> first_line("Draws every action uniformly. " + 100 * "More. ", most=30)
     'Draws every action uniformly.…'
     """
-    line = text.strip().partition("\n")[0].strip() if isinstance(text, str) else ""
+    line = text.strip().partition("\n")[0] if isinstance(text, str) else ""
+    line = _ROLE.sub(r"\1", line.replace("``", ""))
+    line = "".join(filter(str.isprintable, " ".join(line.split())))
     return line if len(line) <= most else f"{line[: most - 1].rstrip()}…"
 
 

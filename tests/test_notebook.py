@@ -334,4 +334,4 @@ def test_a_learner_for_one_subject_shows_itself(tmp_path: Any, monkeypatch: Any)
     learner: Learner = create("shown_here:Shown", {"zeal": 0.7})
     page = read(learner_html(learner))
     assert page.tables[0][1] == ["zeal", "0.7", "a < b"]
-    assert "ShownLike somewhere.Other." in page.text
+    assert "ShownLike Other." in page.text

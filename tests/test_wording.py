@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
+import pytest
 
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.report.difference_page import sentence_on_changes
@@ -16,13 +17,27 @@ from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.schema import Schema
-from causal_openlock.wording import counted, nearest
+from causal_openlock.wording import counted, first_line, nearest
 from support.html_page import Page
 from support.made_up_experiments import stored
 
 
 def test_digits_that_are_no_numbers_are_letters() -> None:
     assert nearest("₁", ["₂", "x²", "x10", "x2"]).endswith("known: x2, x10, x², ₂")
+
+
+@pytest.mark.parametrize(
+    ("docstring", "line"),
+    [
+        ("A learner (extra ``llm``).\n\nMore.", "A learner (extra llm)."),
+        ("Draws as :class:`~openlock_learners.random.RandomLearner`.", "Draws as RandomLearner."),
+        ("See :py:func:`a.b` and `the paper <https://x.org>`_.", "See a.b and the paper."),
+        ("\n   Plays\t``a < b``, \x1b[1mbold\u202e. \n", "Plays a < b, [1mbold."),
+        (None, ""),
+    ],
+)
+def test_the_first_line_of_a_docstring_is_plain_text(docstring: object, line: str) -> None:
+    assert first_line(docstring) == line
 
 
 def test_one_is_one() -> None:
