@@ -146,25 +146,26 @@ class Difference(NamedTuple):
 class Group(NamedTuple):
     """Summary of a group of subjects, or of differences of pairs, from which means are compared.
 
-    ``variance`` has size − 1 in the denominator; the ``weight`` is that of the group's mean.
+    ``variance`` has size − 1 in the denominator, and is 0 for a single subject; the ``weight`` is
+    that of the group's mean.
     """
 
-    weight: float
     size: int
     mean: float
     variance: float
+    weight: float = 1.0
 
     @classmethod
-    def of(cls, weight: float, values: FloatArray) -> Group:
-        """The group of ``[n]`` values."""
-        alike = len(values) < 2 or bool(np.ptp(values) == 0)
+    def of(cls, values: FloatArray, weight: float = 1.0) -> Group:
+        """The group of ``[n]`` values, one for each of at least one subject."""
+        alike = bool(np.ptp(values) == 0)  # means of equal values may differ in the last digit
         mean = float(values[0] if alike else values.mean())
-        return cls(weight, len(values), mean, 0.0 if alike else float(values.var(ddof=1)))
+        return cls(len(values), mean, 0.0 if alike else float(values.var(ddof=1)), weight)
 
     @classmethod
-    def published(cls, weight: float, size: int, mean: float, se: float) -> Group:
+    def published(cls, mean: float, se: float, size: int) -> Group:
         """The group behind a published mean and its error bar, population SD / √n."""
-        return cls(weight, size, mean, se**2 * size**2 / max(size - 1, 1))
+        return cls(size, mean, se**2 * size**2 / (size - 1) if size > 1 else 0.0)
 
 
 def weighted_difference(groups: Sequence[Group], pooled: bool = False) -> Difference:
@@ -174,7 +175,7 @@ def weighted_difference(groups: Sequence[Group], pooled: bool = False) -> Differ
     conditions have the mean of their differences. Groups need not be equally scattered: the degrees
     of freedom are Welch's and Satterthwaite's, or with ``pooled`` variances Student's, N − G.
 
-    >>> found = weighted_difference([Group.of(1, np.array([1.0, 2, 3, 2]))])
+    >>> found = weighted_difference([Group.of(np.array([1.0, 2, 3, 2]))])
     >>> [round(number, 2) for number in found]
     [2.0, 0.7, 3.3, 0.02]
 
@@ -187,7 +188,7 @@ def weighted_difference(groups: Sequence[Group], pooled: bool = False) -> Differ
 
     if not groups:
         return Difference(math.nan, math.nan, math.nan, math.nan)
-    weight, size, mean, variance = np.array(groups, float).T
+    size, mean, variance, weight = np.array(groups, float).T
     value = math.fsum(weight * mean)  # what is equal has no difference of the last digits
     if size.min() < 2:
         return Difference(value, math.nan, math.nan, math.nan)

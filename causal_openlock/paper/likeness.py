@@ -28,6 +28,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from causal_openlock.analysis.effects import Group
 from causal_openlock.analysis.measures import (
     BASELINES,
     CELL,
@@ -44,7 +45,7 @@ from causal_openlock.paper.published import (
     people,
     people_in_training,
 )
-from causal_openlock.paper.significance import GroupSummary, contrast_test
+from causal_openlock.paper.significance import contrast_test
 
 PUBLISHED_MODEL = "published model"
 TRAINING_MODEL = "model of CogSci 2019"
@@ -275,9 +276,7 @@ def effects_of(points: pd.DataFrame, trials: pd.DataFrame | None = None) -> pd.D
         is people's.
     """
     at = {
-        (row.condition, row.phase, row.trial): GroupSummary.published(
-            row.mean, row.se, int(row.subjects)
-        )
+        (row.condition, row.phase, row.trial): Group.published(row.mean, row.se, int(row.subjects))
         for row in points.itertuples()
     }
     rows = []

@@ -1,9 +1,10 @@
 """Significance tests of groups of subjects, from their values or from published means alone.
 
 A comparison of means needs only the size, the mean and the variance of each group: a
-:class:`GroupSummary`. So the same functions test learners, of which every value is known, and
-people, of whom the paper publishes means and error bars. Only the test of learning over trials
-needs every value, because it depends on how a subject's own trials vary together.
+:class:`~causal_openlock.analysis.effects.Group`. So the same functions test learners, of which
+every value is known, and people, of whom the paper publishes means and error bars. Only the test of
+learning over trials needs every value, because it depends on how a subject's own trials vary
+together.
 
 Where subjects do not differ, a test is not defined: its :class:`SignificanceTest` then says why and
 has no numbers.
@@ -16,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from causal_openlock.analysis.effects import partial_eta_squared
+from causal_openlock.analysis.effects import Group, partial_eta_squared
 from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.wording import joined
 
@@ -25,31 +26,7 @@ INTERACTION = (0.5, -0.5, -0.5, 0.5)
 squares of type III)."""
 
 
-@dataclass(frozen=True)
-class GroupSummary:
-    """Summary of a group of subjects, from which means are compared.
-
-    The variance has size − 1 in the denominator; it is 0 for a single subject.
-    """
-
-    size: int
-    mean: float
-    variance: float
-
-    @classmethod
-    def of(cls, values: FloatArray) -> GroupSummary:
-        """The group of ``[n]`` values, one for each of at least one subject."""
-        if (values == values[0]).all():  # means of equal values may differ in the last digit
-            return cls(len(values), float(values[0]), 0.0)
-        return cls(len(values), float(np.mean(values)), float(np.var(values, ddof=1)))
-
-    @classmethod
-    def published(cls, mean: float, se: float, size: int) -> GroupSummary:
-        """The group behind a mean and an error bar of the paper, population SD / √n."""
-        return cls(size, mean, se**2 * size**2 / (size - 1) if size > 1 else 0.0)
-
-
-Sample = GroupSummary | FloatArray
+Sample = Group | FloatArray
 """A group of subjects: a summary of it, or ``[n]`` their values."""
 
 
@@ -87,7 +64,7 @@ class SignificanceTest:
 def t_test(first: Sample, second: Sample) -> SignificanceTest:
     """Student's t of two independent groups, variances pooled, two-sided: the paper's t(78).
 
-    >>> people = GroupSummary.published(9.425, 1.24, 40), GroupSummary.published(6.45, 0.86, 40)
+    >>> people = Group.published(9.425, 1.24, 40), Group.published(6.45, 0.86, 40)
     >>> print(t_test(*people))
     t(78) = 1.95, p = .055
 
@@ -169,11 +146,11 @@ def _f(value: float, df: tuple[int, int], difference: float) -> SignificanceTest
     return SignificanceTest("F", df, difference, float(value), float(fdtrc(*df, value)), effect)
 
 
-def _summaries(groups: Sequence[Sample]) -> list[GroupSummary]:
-    return [one if isinstance(one, GroupSummary) else GroupSummary.of(one) for one in groups]
+def _summaries(groups: Sequence[Sample]) -> list[Group]:
+    return [one if isinstance(one, Group) else Group.of(one) for one in groups]
 
 
-def _pooled(groups: Sequence[GroupSummary]) -> tuple[float, int, str]:
+def _pooled(groups: Sequence[Group]) -> tuple[float, int, str]:
     """The variance within groups, its degrees of freedom, and why it cannot be used."""
     df = sum(one.size for one in groups) - len(groups)
     if df < 1:

@@ -348,4 +348,4 @@ def _of_each(actions: pd.DataFrame, columns: Sequence[str]) -> pd.DataFrame:
 def _interval(values: np.ndarray) -> tuple[float, float, float, float]:
     if not np.isfinite(values).all():
         return float(values.mean()), np.nan, np.nan, np.nan
-    return weighted_difference([Group.of(1, values)])
+    return weighted_difference([Group.of(values)])

@@ -65,29 +65,33 @@ def test_one_group_is_students_t_and_two_are_welchs() -> None:
     rng = np.random.default_rng(3)
     one, other = rng.integers(3, 20, 12).astype(float), rng.integers(3, 9, 7).astype(float)
     alone = stats.ttest_1samp(one, 0.0)
-    ours = weighted_difference([Group.of(1, one)])
+    ours = weighted_difference([Group.of(one)])
     assert ours == pytest.approx((one.mean(), *alone.confidence_interval(), alone.pvalue))
     welch = stats.ttest_ind(one, other, equal_var=False)
-    ours = weighted_difference([Group.of(1, one), Group.of(-1, other)])
+    ours = weighted_difference([Group.of(one), Group.of(other, -1)])
     ends = welch.confidence_interval()
     assert ours == pytest.approx((one.mean() - other.mean(), *ends, welch.pvalue))
 
 
 def test_conditions_count_alike_whatever_their_size() -> None:
     large, small = np.tile([1.0, 3.0], 40), np.tile([9.0, 11.0], 2)
-    found = weighted_difference([Group.of(0.5, large), Group.of(0.5, small)])
+    found = weighted_difference([Group.of(large, 0.5), Group.of(small, 0.5)])
     assert found.value == pytest.approx(6.0)
     assert found.low < 6.0 < found.high
 
 
 def test_where_nobody_differs_there_is_no_interval_and_p_is_that_of_equal_signs() -> None:
-    found = weighted_difference([Group.of(1, np.full(5, 2.0))])
+    found = weighted_difference([Group.of(np.full(5, 2.0))])
     assert (found.value, found.p) == (2.0, 2 / 2**5)
     assert np.isnan([found.low, found.high]).all()
-    assert weighted_difference([Group.of(1, np.zeros(5))]).p == 1.0
-    unpaired = weighted_difference([Group.of(1, np.full(5, 30.0)), Group.of(-1, np.full(3, 4.0))])
+    assert weighted_difference([Group.of(np.zeros(5))]).p == 1.0
+    unpaired = weighted_difference([Group.of(np.full(5, 30.0)), Group.of(np.full(3, 4.0), -1)])
     assert (unpaired.value, unpaired.p) == (26.0, 2 / 2**3)
-    assert np.isnan(weighted_difference([Group.of(1, np.ones(1))])[1:]).all()
+    assert np.isnan(weighted_difference([Group.of(np.ones(1))])[1:]).all()
+
+
+def test_a_single_subject_has_no_variance_whatever_its_error_bar() -> None:
+    assert Group.of(np.ones(1)).variance == Group.published(4.0, 0.5, 1).variance == 0.0
 
 
 # -- power ----------------------------------------------------------------------------------------
@@ -95,8 +99,8 @@ def test_where_nobody_differs_there_is_no_interval_and_p_is_that_of_equal_signs(
 
 def test_equal_groups_have_no_difference_of_the_last_digits() -> None:
     for size in range(1, 30):
-        groups = [Group.of(1 / size, np.full(3, 30.1)) for _ in range(size)]
-        others = [Group.of(-1 / size, np.full(3, 30.1)) for _ in range(size)]
+        groups = [Group.of(np.full(3, 30.1), 1 / size) for _ in range(size)]
+        others = [Group.of(np.full(3, 30.1), -1 / size) for _ in range(size)]
         assert weighted_difference([*groups, *others])[::3] == (0.0, 1.0)
 
 

@@ -8,6 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 from scipy import stats
 
+from causal_openlock.analysis.effects import Group
 from causal_openlock.analysis.results.bounds import Bound
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import references_beside
@@ -29,7 +30,6 @@ from causal_openlock.paper.likeness import (
 from causal_openlock.paper.likeness_figure import MOST_DRAWN, draw_points, plot_likeness, signs
 from causal_openlock.paper.significance import (
     INTERACTION,
-    GroupSummary,
     contrast_test,
 )
 from support.fabricated_records import table
@@ -83,7 +83,7 @@ def test_the_papers_t_values_follow_from_its_means_and_error_bars(effect, printe
 def test_the_papers_interaction_follows_from_its_means_and_error_bars():
     tests = points_of_people().query("phase == 'test'").set_index("condition")
     order = ["CC3-CC4", "CE3-CC4", "CC3-CE4", "CE3-CE4"]
-    cells = [GroupSummary.published(*tests.loc[name, ["mean", "se"]], 40) for name in order]
+    cells = [Group.published(*tests.loc[name, ["mean", "se"]], 40) for name in order]
     found = contrast_test(cells, INTERACTION)
     assert (found.value, found.df) == (pytest.approx(24.94, abs=0.02), (1, 156))
     assert found.p < 0.001
@@ -133,8 +133,7 @@ def test_a_contrast_of_published_means_is_that_of_the_values():
     rng = np.random.default_rng(6)
     groups = [rng.normal(5, spread, n) for spread, n in ((1, 5), (4, 40), (2, 12))]
     published = [
-        GroupSummary.published(one.mean(), one.std() / np.sqrt(len(one)), len(one))
-        for one in groups
+        Group.published(one.mean(), one.std() / np.sqrt(len(one)), len(one)) for one in groups
     ]
     for weights in ([1.0, -0.5, -0.5], [-1.0, 0.5, 0.5], [0.0, 1.0, -1.0]):
         ours, expected = contrast_test(published, weights), contrast_test(groups, weights)
@@ -145,7 +144,7 @@ def test_a_contrast_of_published_means_is_that_of_the_values():
 
 
 def test_a_single_subject_adds_no_variance():
-    two = [GroupSummary.published(6.0, 0.5, 9), GroupSummary.published(4.0, 0.0, 1)]
+    two = [Group.published(6.0, 0.5, 9), Group.published(4.0, 0.0, 1)]
     found = contrast_test(two)
     assert found.value == pytest.approx(4 / (81 * 0.25 / 8 * (1 / 9 + 1)))
     assert found.df == (1, 8)

@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from causal_openlock.analysis.effects import Group
 from causal_openlock.contract.registry import create
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition
 from causal_openlock.experiment.session import Session
-from causal_openlock.paper.significance import GroupSummary, contrast_test, t_test
+from causal_openlock.paper.significance import contrast_test, t_test
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.world import facts
 from causal_openlock.world.room import Layout, Room
@@ -28,9 +29,9 @@ PAGE = Path(__file__).parents[2] / "docs" / "paper_sentences.md"
 FIFTHS = ("0-30k", "30-60k", "60-90k", "90-120k", "120-150k")
 
 
-def in_test(condition: str) -> GroupSummary:
+def in_test(condition: str) -> Group:
     """People in a test, as Figure 4 has them."""
-    return GroupSummary.published(**HUMAN["transfer"][condition], size=40)
+    return Group.published(**HUMAN["transfer"][condition], size=40)
 
 
 # -- people ---------------------------------------------------------------------------------------
@@ -85,7 +86,7 @@ def test_that_complexity_decides_is_not_shown_by_its_own_interaction() -> None:
     """CE minus CC, in the last trial: four levers (Figure 3) against three (the later paper)."""
     baseline = HUMAN["baseline"]
     four = [
-        GroupSummary.published(baseline[name]["mean"][-1], baseline[name]["se"][-1], 40)
+        Group.published(baseline[name]["mean"][-1], baseline[name]["se"][-1], 40)
         for name in ("CE4", "CC4")
     ]
     three = [

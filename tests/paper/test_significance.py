@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
+from causal_openlock.analysis.effects import Group
 from causal_openlock.paper.significance import (
     INTERACTION,
-    GroupSummary,
     Sample,
     contrast_test,
     t_test,
@@ -30,20 +30,20 @@ def _no_warnings() -> Iterator[None]:
         yield
 
 
-def published(condition: str, trial: int | None = None) -> GroupSummary:
+def published(condition: str, trial: int | None = None) -> Group:
     human = facts.results()["cogsci2018"]["human"]
     if trial is None:
         values = human["transfer"][condition]
-        return GroupSummary.published(values["mean"], values["se"], 40)
+        return Group.published(values["mean"], values["se"], 40)
     values = human["baseline"][condition]
-    return GroupSummary.published(values["mean"][trial - 1], values["se"][trial - 1], 40)
+    return Group.published(values["mean"][trial - 1], values["se"][trial - 1], 40)
 
 
 def sample(seed: int, mean: float = 8, size: int = 40) -> np.ndarray:
     return np.random.default_rng(seed).normal(mean, 3, size)
 
 
-def normal_like(group: GroupSummary) -> np.ndarray:
+def normal_like(group: Group) -> np.ndarray:
     """Values with exactly the mean and the variance of a group."""
     values = np.random.default_rng(group.size).normal(size=group.size)
     values = (values - values.mean()) / values.std(ddof=1)
@@ -81,7 +81,7 @@ def test_the_papers_statistics_follow_from_its_means_and_error_bars(form: object
 def test_with_error_bars_of_sample_deviations_they_would_not() -> None:
     """The ruling that bars are population SD / √n is what makes the numbers come out."""
     groups = [published("CE4", 5), published("CC4", 5)]
-    other = [GroupSummary(one.size, one.mean, one.variance * 39 / 40) for one in groups]
+    other = [Group(one.size, one.mean, one.variance * 39 / 40) for one in groups]
     assert abs(t_test(*other).value - 2.00) > 0.015  # type: ignore[operator]
 
 

@@ -106,7 +106,7 @@ Groups = Mapping[str, tuple[Group, float]]
 def _played(trials: pd.DataFrame) -> Groups:
     each = by_subject(trials, []).groupby("condition", observed=True)
     return {
-        str(name): (Group.of(1, rows["attempts"].to_numpy(float)), float(rows["solved"].mean()))
+        str(name): (Group.of(rows["attempts"].to_numpy(float)), float(rows["solved"].mean()))
         for name, rows in each
     }
 
@@ -116,7 +116,7 @@ def _published(reference: Reference) -> Groups:
     means = means[(means["phase"] == "test") & means["condition"].isin(TRANSFERS)]
     return {
         row["condition"]: (
-            Group.published(1, int(row["subjects"]), row["mean"], row["se"]),
+            Group.published(row["mean"], row["se"], int(row["subjects"])),
             float(row.get("share_solved", 1.0)),
         )
         for row in means.to_dict("records")

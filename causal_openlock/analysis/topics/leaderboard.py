@@ -268,12 +268,12 @@ def _groups(one: Beside, headline: pd.DataFrame, of: str | None = None) -> dict[
     for row in rows.to_dict("records"):
         n = int(sizes[row["condition"]])
         mean, se = (float(row[f"{one.reference.prefix}_{of}"]) for of in ("attempts", "se"))
-        found[str(row["condition"])] = Group.published(1.0, n, mean, se)
+        found[str(row["condition"])] = Group.published(mean, se, n)
     return found
 
 
 def _as_groups(own: Mapping[str, pd.DataFrame]) -> dict[str, Group]:
-    return {name: Group.of(1.0, one["attempts"].to_numpy(float)) for name, one in own.items()}
+    return {name: Group.of(one["attempts"].to_numpy(float)) for name, one in own.items()}
 
 
 def _against(one: Mapping[str, Group], other: Mapping[str, Group]) -> Difference:

@@ -100,11 +100,11 @@ def compared(
         weight = 1 / len(common)
         if len(shared):
             gap = (first[shared] - second[shared]).to_numpy(float)
-            groups.append(Group.of(weight, gap))
+            groups.append(Group.of(gap, weight))
             pairs += len(gap)
         else:
             values = first.to_numpy(float), second.to_numpy(float)
-            groups += [Group.of(weight, values[0]), Group.of(-weight, values[1])]
+            groups += [Group.of(values[0], weight), Group.of(values[1], -weight)]
             gap = np.subtract.outer(*values)
         wins.append(float(np.mean((gap < 0) + (gap == 0) / 2)))
     return weighted_difference(groups), pairs, float(np.mean(wins)) if wins else np.nan

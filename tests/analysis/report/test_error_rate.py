@@ -61,7 +61,7 @@ def decided(played: Played) -> tuple[Decisions, dict[tuple[str, object], float]]
     pairs, congruent = {}, {}
     for one, other in combinations(played, 2):
         gaps = [
-            Group.of(1 / 6, (played[one][cell] - played[other][cell])[:, -1])
+            Group.of((played[one][cell] - played[other][cell])[:, -1], 1 / 6)
             for name in PAPER_CONDITIONS
             for cell in [(name, "test" if "-" in name else "train")]
         ]
