@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, pairwise
 from types import SimpleNamespace
 from typing import Any
 
@@ -238,6 +238,33 @@ def test_a_sweep_of_numbers_has_them_as_its_axis_and_a_line_for_whatever_else_di
         plot_sweep(results, "laps")
     with pytest.raises(NothingToDrawError, match="no such learner has the parameter lapse"):
         plot_sweep(results, "lapse", learners="random")
+
+
+POLICIES = [
+    *("solve_and_learn", "solve", "learn_attempt", "learn_action", "thompson"),
+    "random_consistent",
+]
+
+
+@pytest.mark.parametrize(
+    ("parameter", "values"),
+    [("policy", POLICIES), ("lapse", [0.0001, 0.05, 0.1, 0.123456, 0.5])],
+)
+def test_names_at_the_axis_of_a_sweep_never_touch(parameter: str, values: list[Any]) -> None:
+    results = played_results.played(sweep("bayes", **{parameter: values}), ["CC3", "CE3", "CC4"], 1)
+    panels = plot_sweep(results)
+    panels[0].figure.canvas.draw()
+    for axes in panels:
+        labels = [one for one in axes.get_xticklabels() if one.get_text()]
+        assert len(labels) >= 2
+        if parameter == "policy":
+            assert [one.get_text() for one in labels] == values
+        for one, other in pairwise(labels):
+            gap = other.get_window_extent().x1 - one.get_window_extent().x1
+            high = one.get_fontsize() * axes.figure.dpi / 72
+            slope = np.sin(np.radians(one.get_rotation()))
+            beside = one.get_window_extent().x1 < other.get_window_extent().x0
+            assert gap * slope > high or beside
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.colors import is_color_like
@@ -196,6 +197,17 @@ def label(name: str, most: int = 200) -> str:
     if len(name) > most:
         name = f"{name[: most // 2]}…{name[len(name) + 1 - most + most // 2 :]}"
     return name.replace("$", r"\$")
+
+
+def crowded(axes: Axes, places: Sequence[float], texts: Sequence[str]) -> bool:
+    """Whether texts at places of the x axis would touch; a letter is about 5.2 points wide."""
+    axes.get_xlim()  # limits up to date
+    x = axes.transData.transform([(place, 0) for place in places])[:, 0] * 72 / axes.figure.dpi
+    return bool((np.diff(x) < 5.2 * max(map(len, texts))).any())
+
+
+SLANTED: Any = {"rotation": 30, "ha": "right", "rotation_mode": "anchor"}
+"""Look of texts at an axis that would touch otherwise."""
 
 
 def panel_title(axes: Axes, name: str, detail: str = "") -> None:

@@ -127,10 +127,9 @@ def _scale(axes: Axes, conditions: Sequence[str], highest: float) -> float:
     spacing = box.width * points / len(conditions)
     height = 0.75 * box.height * points  # titles, a legend and labels take the rest
     names = [style.label(name, 16) for name in conditions]
-    slanted = max(map(len, names)) * 5.2 > spacing  # a letter is about so many points wide
-    turned: Any = {"rotation": 30, "ha": "right", "rotation_mode": "anchor"} if slanted else {}
-    axes.set_xticks(range(len(names)), names, **turned)
     axes.set_xlim(-0.6, len(names) - 0.4)
+    turned = style.SLANTED if style.crowded(axes, range(len(names)), names) else {}
+    axes.set_xticks(range(len(names)), names, **turned)
     room = min(_WIDEST, 0.3 * height)
     beyond = highest * 0.5 * room / (height - room)
     axes.set_ylim(-beyond, highest + beyond)

@@ -20,7 +20,6 @@ from causal_openlock.analysis.results.material import Material
 from causal_openlock.errors import NothingToDrawError, OpenLockError
 from causal_openlock.wording import joined, nearest
 
-MOST_TICKS = 8
 LOGARITHMIC = 100
 """Positive values are on a logarithmic axis if the highest is this many times the lowest."""
 
@@ -166,12 +165,14 @@ def plot_sweep(
                 )
             if numbers and numbers[0] > 0 and numbers[-1] >= LOGARITHMIC * numbers[0]:
                 axes.set_xscale("log")
-            if len(numbers) <= MOST_TICKS:
-                texts = [f"{one:g}" for one in numbers] or words
-                axes.set_xticks(numbers or range(len(words)), texts)
-                axes.minorticks_off()
             if not numbers:
                 axes.set_xlim(-0.4, len(words) - 0.6)
+            places = numbers or range(len(words))
+            texts = [f"{one:g}" for one in numbers] or [style.label(one, 24) for one in words]
+            crowded = style.crowded(axes, places, texts)
+            if not (numbers and crowded):
+                axes.set_xticks(places, texts, **(style.SLANTED if crowded else {}))
+                axes.minorticks_off()
             for attempts in here["ideal_attempts"].dropna().unique():
                 style.ideal_line(axes, attempts, *axes.get_xlim())
             style.panel_title(axes, condition, style.sizes(here))
