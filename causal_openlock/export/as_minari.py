@@ -4,7 +4,7 @@ An episode is a whole trial or a single attempt, as in
 :class:`~causal_openlock.envs.OpenLockEnv`: within a trial, what is seen after an attempt is the
 room put back. Observations and rewards are not on record; they are what the recorded actions lead
 to when they are carried out once more (:mod:`causal_openlock.export.replay`). Who played what is
-in the metadata of each episode.
+in the metadata of each episode. What subjects were shown is left out.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ import numpy as np
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.experiment.protocol import Condition
+from causal_openlock.experiment.record import played
 from causal_openlock.export.replay import Steps, replay, trial_numbers
 from causal_openlock.schemas.finding import bundled_schemas
 from causal_openlock.version import __version__
@@ -68,14 +69,14 @@ def write_minari(
 
     experiment = store.experiment()
     specs: dict[str, LearnerSpec] = _chosen(experiment.learners, learners, "learner")
-    played: dict[str, Condition] = _chosen(experiment.conditions, conditions, "condition")
+    among: dict[str, Condition] = _chosen(experiment.conditions, conditions, "condition")
     for spec in specs.values():
         if isinstance(spec.reward, OwnReward):  # results may be somebody else's: it does not run
             raise OpenLockError(
                 f"what each action of {spec.name} was paid is decided by {spec.reward.name}, code "
                 "that an export does not run; choose others with --learner, or export to CSV"
             )
-    positions = {name: max(map(positions_for, one.schemas)) for name, one in played.items()}
+    positions = {name: max(map(positions_for, one.schemas)) for name, one in among.items()}
     if len(set(positions.values())) > 1:
         numbers = ", ".join(f"{name} {number}" for name, number in positions.items())
         raise OpenLockError(
@@ -98,10 +99,10 @@ def write_minari(
             data.resolve(),
             observation_space=spaces.MultiBinary(2 * width + 2),
             action_space=spaces.Discrete(2 * width + 1),
-            env_spec=_environment(specs.values(), played.values(), episodes, width),
+            env_spec=_environment(specs.values(), among.values(), episodes, width),
         )
         metadata: list[dict[str, Any]] = []
-        storage.update_episodes(_episodes(store, specs, played, episodes, metadata))
+        storage.update_episodes(_episodes(store, specs, among, episodes, metadata))
         if metadata:
             storage.update_episode_metadata(metadata)
         storage.update_metadata(
@@ -158,7 +159,7 @@ def _episodes(
     from minari.data_collector import EpisodeBuffer
 
     for path in store.files()[0]:
-        record = store.read(path)
+        record = played(store.read(path))
         if not record.num_rows:
             continue
         spec = specs.get(record["learner"][0].as_py())
@@ -228,7 +229,11 @@ def _environment(
     known = bundled_schemas()
     rooms: list[dict[str, Any]] = []
     for spec in specs:
-        for schema in dict.fromkeys(s for one in conditions for s in one.schemas):
+        for schema in dict.fromkeys(
+            trials.schema
+            for one in conditions
+            for trials in (*(() if one.shown else one.train), *one.test)
+        ):
             room = {
                 "schema": schema.name if known.get(schema.name) == schema else schema.as_dict(),
                 "reward": spec.reward.written(),

@@ -18,7 +18,7 @@ from jinja2 import Template
 from causal_openlock.experiment.answers import answers_schema
 from causal_openlock.experiment.experiment import PERSON
 from causal_openlock.experiment.reactions import reactions_schema
-from causal_openlock.experiment.record import record_schema
+from causal_openlock.experiment.record import played, record_schema
 from causal_openlock.files.json_text import present
 from causal_openlock.storage.stored import StoredExperiment
 
@@ -159,11 +159,11 @@ def data_card(
 
     Args:
         experiment: What was run.
-        record: ``learner``, ``condition`` and ``subject`` of every attempt.
+        record: ``learner``, ``condition``, ``subject`` and ``phase`` of every attempt.
         contents: The bundle's files by their paths in it.
         licence: Under what the data may be used.
     """
-    table = record.select(["learner", "condition", "subject"]).to_pandas()
+    table = played(record).to_pandas()
     size = {"subjects": ("subject", "nunique"), "attempts": ("subject", "size")}
     grouped = table.groupby(["learner", "condition"], observed=True, sort=False)
     text = Path(__file__).with_name("data_card.md.j2").read_text("utf-8")

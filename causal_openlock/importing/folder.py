@@ -19,7 +19,7 @@ from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.file_format import NAME_FORM, NAME_IN_WORDS
 from causal_openlock.experiment.protocol import Condition, find_protocol
 from causal_openlock.experiment.reactions import FOLDER, reactions_table, write_reactions
-from causal_openlock.experiment.record import with_times
+from causal_openlock.experiment.record import played, with_times
 from causal_openlock.experiment.session import AT_ONCE
 from causal_openlock.files.digest import digest
 from causal_openlock.importing.csv_tables import Table, experiment_of, table_actions
@@ -147,7 +147,7 @@ def import_files(
     _write(folder, name, seed, command, [*specs.values()], [*conditions.values()], found)
     return Imported(
         sum(one.record.num_rows > 0 for _, one in found),
-        sum(one.record.num_rows for _, one in found),
+        sum(played(one.record).num_rows for _, one in found),
         tuple(
             f"{one.entries[-1].place}: the last trial of subject {one.entries[-1].subject} is not "
             f"over, and left out ({counted(one.left_out, 'action')})"

@@ -116,7 +116,7 @@ class _Console:
         layout = f" in {name}" if name in published_layouts(trial.schema) else ""
         self._lines = (
             f"{trial.condition}, protocol {trial.protocol.name}, subject {trial.subject}",
-            f"Trial {trial.trial} of {trial.trials}: {trial.schema.name}{layout}",
+            f"{trial.place.capitalize()}: {trial.schema.name}{layout}",
         )
 
     def panel(self, number: int, done: int, moving: bool = False) -> Panel:
@@ -126,7 +126,7 @@ class _Console:
         ended = trial.attempts[: number if over else number - 1]
         found = [self._pushes(one.solution) for one in ended if one.new]
         missing = len(trial.schema.solutions) - len(found)
-        solved = trial.protocol.stop_when_solved and not missing
+        solved = (trial.shown or trial.protocol.stop_when_solved) and not missing
         limit = trial.protocol.attempt_limit
         actions = self._outcomes(attempt)[:done]
         if moving:
@@ -161,7 +161,8 @@ class _Console:
             return f"{counted(more, 'more attempt')} not shown"
         if left:
             return f"{counted(left, 'solution')} not found"
-        return f"All solutions found in {counted(shown, 'attempt')}"
+        what = "shown" if self._trial.shown else "found"
+        return f"All solutions {what} in {counted(shown, 'attempt')}"
 
 
 def check_suffix(path: Path | str) -> Path:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from causal_openlock.contract.learner import Learner
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.experiment import LearnerSpec
-from causal_openlock.experiment.protocol import Condition, Protocol, check_trial
+from causal_openlock.experiment.protocol import SHOWN, Condition, Protocol, check_trial
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.fsm import compile_schema
 from causal_openlock.schemas.schema import Schema
@@ -60,6 +60,7 @@ class FilmedTrial:
         schema: The schema of the room.
         layout: The positions of its levers.
         attempts: The attempts.
+        shown: Whether the subject was shown the trial and did not act itself.
     """
 
     learner: str
@@ -71,6 +72,13 @@ class FilmedTrial:
     schema: Schema
     layout: Layout
     attempts: tuple[FilmedAttempt, ...]
+    shown: bool = False
+
+    @property
+    def place(self) -> str:
+        """Its place in the condition: ``trial 1 of 7``, perhaps ``(shown to the subject)``."""
+        shown = " (shown to the subject)" if self.shown else ""
+        return f"trial {self.trial} of {self.trials}{shown}"
 
     @property
     def room(self) -> Room:
@@ -214,5 +222,6 @@ def _filmed(attempts: Sequence[dict[str, Any]], condition: Condition, **about: A
             )
             for row in attempts
         ),
+        shown=attempts[0]["phase"] == SHOWN,
         **about,
     )

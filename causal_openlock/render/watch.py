@@ -60,7 +60,7 @@ class WatchedTrial:
         """Learner, condition and trial, in words."""
         trial = self.trial
         return (
-            f"{trial.learner} in {trial.condition}, trial {trial.trial} of {trial.trials} "
+            f"{trial.learner} in {trial.condition}, {trial.place} "
             f"({trial.schema.name} in {trial.layout.name}), subject {trial.subject}"
         )
 

@@ -18,9 +18,12 @@ from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.protocol import Condition, Protocol, Trials, plan, shown_trials
 from causal_openlock.experiment.session import Session
 from causal_openlock.export.as_csv import write_csv
+from causal_openlock.export.as_minari import write_minari
+from causal_openlock.export.croissant import data_card
 from causal_openlock.export.experiment_file import experiment_file
 from causal_openlock.files.yaml_file import dump_yaml
 from causal_openlock.importing.folder import import_files
+from causal_openlock.render.watch import watch
 from causal_openlock.running.runner import run
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.scoring.inverse_binomial import Draws
@@ -216,10 +219,55 @@ def test_beliefs_after_what_was_shown_are_traced(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("trial", [1, 7])
-def test_a_trace_tells_a_shown_trial_from_a_played_one(trial: int) -> None:
-    done = at_once("trace", "shown-CC3-CC4", "--learner", "bayes", "--trial", str(trial))
+def test_a_trace_tells_a_shown_trial_from_a_played_one(trial: int, tmp_path: Path) -> None:
+    done = at_once("trace", SHOWN, "--learner", "bayes", "--trial", trial, cwd=tmp_path)
     said = [part in done.stdout for part in ("it is shown the solutions", "Shown in", "Solved in")]
     assert said == ([True, True, False] if trial == 1 else [False, False, True])
+
+
+@pytest.mark.parametrize("trial", [1, 7])
+def test_a_film_tells_a_shown_trial_from_a_played_one(
+    trial: int, folder: Path, tmp_path: Path
+) -> None:
+    options = "--learner", "bayes", "--trial", trial, "--from", folder, "--out", "film.svg"
+    done = at_once("film", SHOWN, *options, cwd=tmp_path)
+    picture = (tmp_path / "film.svg").read_text(encoding="utf-8")
+    said = [
+        "2 of 2 solutions shown to the subject" in done.stdout,
+        "Trial 1 of 7 (shown to the subject): CC3" in picture,
+        "All solutions shown in 2 attempts" in picture,
+    ]
+    assert said == [trial == 1] * 3
+    assert ("3 of 3 solutions found in the trial" in done.stdout) == (trial == 7)
+    watched = watch("bayes", SHOWN, trial=trial, attempts=1)
+    assert ("trial 1 of 7 (shown to the subject)" in watched.title) == (trial == 1)
+
+
+def test_what_was_shown_is_not_counted_among_what_was_played(folder: Path, tmp_path: Path) -> None:
+    record = Store(folder).record()[0].to_pandas().query("phase != 'shown'")
+    own = record.query("learner == 'bayes' and condition == @SHOWN")
+    card = data_card(
+        Store(folder).experiment(),
+        Store(folder).record(["learner", "condition", "subject", "phase"])[0],
+        {},
+    )
+    assert f"| bayes | {SHOWN} | 3 | {len(own)} |" in card
+    write_csv(Store(folder), tmp_path / "out.csv")
+    made = import_files([tmp_path / "out.csv"], tmp_path / "in")
+    assert made.attempts == len(record)
+
+
+@pytest.mark.parametrize("episodes", ["trial", "attempt"])
+def test_a_data_set_for_learning_has_what_was_played(
+    episodes: str, folder: Path, tmp_path: Path
+) -> None:
+    minari = pytest.importorskip("minari")
+    written, count = write_minari(Store(folder), tmp_path, episodes=episodes, conditions=[SHOWN])
+    played = Store(folder).record()[0].to_pandas().query("phase != 'shown' and condition == @SHOWN")
+    assert count == (2 * 3 if episodes == "trial" else len(played))
+    data = minari.MinariDataset(written / "data")
+    assert {one["phase"] for one in data.storage.get_episode_metadata(range(count))} == {"test"}
+    assert data.spec.env_spec.kwargs["schema"] == "CC4"  # rooms of CC3 were only shown
 
 
 @pytest.mark.parametrize("scored", ["bayes", "theory_based"])
