@@ -12,7 +12,7 @@ import shutil
 import sys
 import tempfile
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 from functools import cache
 from pathlib import Path
@@ -72,9 +72,9 @@ def compare(
 
     Args:
         what: A list of conditions: each a name (``"CC4"``, ``"CC3-CC4"``, ``"my.yaml"``), a
-            schema, a sequence of schemas whose last one is the test, or a :class:`Condition`. Or a
-            single one of these; the name or path of an experiment file; or an
-            :class:`Experiment`.
+            schema, a sequence of schemas whose last one is the test, a :class:`Condition`, or a
+            mapping as in an experiment file. Or a single one of these; the name or path of an
+            experiment file; or an :class:`Experiment`.
         learners: Learners: each a name, a class, an instance, or what
             :func:`~causal_openlock.learner` or :func:`~causal_openlock.sweep` returns. Not needed
             with an experiment; with an experiment file, these play in place of those in the file.
@@ -236,7 +236,9 @@ def _experiment(
         return replace(read, name=(out and Store(out).name) or path.stem)
     if not learners:
         raise ExperimentError("name the learners to compare, such as learners=['bayes', 'ddqn']")
-    single = isinstance(what, str | Path | Schema | Condition) or not isinstance(what, Iterable)
+    single = isinstance(what, str | Path | Schema | Condition | Mapping) or not isinstance(
+        what, Iterable
+    )
     return make_experiment([what] if single else list(what), learners, **given)
 
 

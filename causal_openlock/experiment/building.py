@@ -51,6 +51,7 @@ from causal_openlock.experiment.file_format import (
 from causal_openlock.experiment.protocol import (
     HUMAN_PROTOCOL,
     PROTOCOLS,
+    SHOWN,
     Condition,
     Protocol,
     Trials,
@@ -59,7 +60,7 @@ from causal_openlock.experiment.protocol import (
 )
 from causal_openlock.experiment.sweeps import check_parameters, label_of, labels, points
 from causal_openlock.files.digest import digest
-from causal_openlock.files.validation import plain, sentence, whole_number
+from causal_openlock.files.validation import faults_of, plain, whole_number
 from causal_openlock.files.yaml_file import Document, Where
 from causal_openlock.schemas.declared import schema
 from causal_openlock.schemas.finding import find_schema
@@ -80,10 +81,13 @@ Model = TypeVar("Model", bound=BaseModel)
 LONGEST_NAMES = 28
 """The longest list of learners or conditions in the name of a comparison, which has two."""
 
-ConditionForm = str | Path | Schema | Condition | ConditionFile | Sequence[str | Schema]
+ConditionForm = (
+    str | Path | Schema | Condition | ConditionFile | Mapping[str, Any] | Sequence[str | Schema]
+)
 """A condition by its name (``CC4``, ``CC3-CC4``, ``my.yaml``), as a schema (a baseline; also in a
 line of text, ``A -> B -> door``), as a sequence of schemas (train on all but the last, then test on
-the last), or spelled out."""
+the last), or spelled out as in an experiment file, ``{"train": {"shown": "CC3"}, "test": "CC4"}``.
+"""
 
 LearnerForm = (
     str
@@ -319,15 +323,20 @@ class _Builder:
             # Files are called by its name, which is checked as that of a file's condition is.
             _checked(ConditionFile, {"name": declared.name, "train": [{"schema": "CC4"}]})
             return [declared]
+        if isinstance(declared, Mapping):
+            declared = _checked(ConditionFile, declared)
         if not isinstance(declared, ConditionFile):
             return [self.sequence(declared)]
-        where, train = ("conditions", index), declared.train
+        where, train, before = ("conditions", index), declared.train, len(self.faults)
         if shown := isinstance(train, ShownFile):
             first = self.group(train.shown, (*where, "train", "shown"))
         else:
             first = self.group(train, (*where, "train"))
         tested = self.group(declared.test, (*where, "test"))
-        return [Condition(declared.name, first, tested, shown=shown)]
+        if len(self.faults) > before:
+            return []
+        names = [*([SHOWN] if shown else []), *(one.schema.name for one in (*first, *tested))]
+        return [Condition(declared.name or "-".join(names), first, tested, shown=shown)]
 
     def group(self, declared: str | list[TrialsFile], where: Where) -> tuple[Trials, ...]:
         """Trials in a list; a name alone is that of the schema."""
@@ -572,7 +581,8 @@ def make_experiment(
 
     Args:
         conditions: The conditions: each a name (``CC4``, ``CC3-CC4``, ``my.yaml``), a schema, a
-            sequence of schemas whose last one is the test, or a :class:`Condition`.
+            sequence of schemas whose last one is the test, a :class:`Condition`, or a mapping as
+            in an experiment file.
         learners: The learners: each a name, a class, an instance, or what :func:`learner` returns.
         name: A short name.
         title: A line for the report; by default who plays what.
@@ -614,8 +624,7 @@ def _checked(model: type[Model], values: Mapping[str, Any]) -> Model:
     try:
         return model.model_validate(plain(values))
     except ValidationError as error:
-        faults = error.errors(include_url=False)
-        raise together([ExperimentError(sentence(one, model)) for one in faults]) from None
+        raise together([ExperimentError(said) for _, said in faults_of(error, model)]) from None
 
 
 def check_together(conditions: Iterable[Condition], learners: Iterable[LearnerSpec]) -> None:

@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, get_args, get_type_hints
 
-from pydantic import BaseModel, Discriminator, Field, Tag, create_model
+from pydantic import BaseModel, Discriminator, Field, Tag, create_model, model_validator
+from pydantic_core import PydanticCustomError
 
 from causal_openlock.experiment.protocol import Protocol
 from causal_openlock.files.validation import StrictModel
@@ -31,11 +32,10 @@ def _form(value: Any) -> str:
     return "<list>" if isinstance(value, list) else "<name>"
 
 
-def _written(*forms: str) -> Discriminator:
-    known = " or ".join(f"a {form}" for form in forms)
-    return Discriminator(
-        _form, custom_error_type="custom.form", custom_error_message=f"write {known} here"
-    )
+def _written(*forms: str, but: str = "") -> Discriminator:
+    *others, last = (f"a {form}" for form in forms)
+    message = f"write {', '.join(others)} or {last} here{but}"
+    return Discriminator(_form, custom_error_type="custom.form", custom_error_message=message)
 
 
 A_NAME, A_LIST, A_MAPPING = Tag("<name>"), Tag("<list>"), Tag("<mapping>")
@@ -65,8 +65,18 @@ LayoutEntry = Annotated[
 ]
 
 
+ONLY_TRAIN = "only the whole of train can be shown, as in train: {shown: CC3}"
+
+
 class TrialsFile(StrictModel):
     """Trials in rooms of one schema."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _are_played(cls, data: Any) -> Any:
+        if isinstance(data, Mapping) and "shown" in data:
+            raise PydanticCustomError("custom.shown", ONLY_TRAIN)
+        return data
 
     schema_: Annotated[str, Field(alias="schema", description="Name or path of a schema.")]
     layouts: Annotated[
@@ -78,27 +88,41 @@ class TrialsFile(StrictModel):
     shuffle: Annotated[bool, Field(description="Whether layouts come in random order.")] = True
 
 
-SomeTrials = Annotated[list[TrialsFile], Field(min_length=1)]
+SchemaName = Annotated[str, A_NAME]
+SomeTrials = Annotated[Annotated[list[TrialsFile], Field(min_length=1)], A_LIST]
+TRIALS_IN_WORDS = "schema by name or path", "list of trials"
 
 
 class ShownFile(StrictModel):
     """Training that is shown: each solution of each room once."""
 
-    shown: Annotated[
-        Annotated[str, A_NAME] | Annotated[SomeTrials, A_LIST],
-        _written("schema by name or path", "list of trials"),
-    ]
+    shown: Annotated[SchemaName | SomeTrials, _written(*TRIALS_IN_WORDS)]
 
 
 class ConditionFile(StrictModel):
     """A condition spelled out."""
 
-    name: Name
+    name: Annotated[
+        Name | None,
+        Field(description="Left out, that of the schemas, where no list of trials is given."),
+    ] = None
     train: Annotated[
-        Annotated[SomeTrials, A_LIST] | Annotated[ShownFile, A_MAPPING],
-        _written("list of trials", "mapping such as {shown: CC3}"),
+        SchemaName | SomeTrials | Annotated[ShownFile, A_MAPPING],
+        _written(*TRIALS_IN_WORDS, "mapping such as {shown: CC3}"),
     ]
-    test: list[TrialsFile] = Field(default_factory=list)
+    test: Annotated[
+        SchemaName | Annotated[list[TrialsFile], A_LIST],
+        _written(*TRIALS_IN_WORDS, but=f"; {ONLY_TRAIN}"),
+    ] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _has_a_name(self) -> ConditionFile:
+        train = self.train.shown if isinstance(self.train, ShownFile) else self.train
+        if self.name is None and any(
+            isinstance(part, list) and part for part in (train, self.test)
+        ):
+            raise PydanticCustomError("custom.name", "name: is missing; add it")
+        return self
 
 
 def _setting(kind: Any) -> tuple[Any, None]:

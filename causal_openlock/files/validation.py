@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from inspect import signature
-from typing import Any, get_args
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from causal_openlock.errors import OpenLockError
 from causal_openlock.wording import nearest
@@ -115,9 +116,21 @@ _WANTED = {
 }
 
 
-def sentence(fault: Any, model: type[BaseModel]) -> str:
-    """One of Pydantic's ``ValidationError.errors()`` as a sentence with a remedy."""
-    where, kind, value = fault["loc"], fault["type"], fault.get("input")
+def faults_of(error: ValidationError, model: type[BaseModel]) -> list[tuple[Where, str]]:
+    """Faults that Pydantic found: the path of each, and a sentence with a remedy."""
+    found = []
+    for fault in error.errors(include_url=False):
+        # <name>, <list>, <mapping>: the arm of a union, no key of the file.
+        *above, last = fault["loc"] or ("",)
+        arm = str(last)[:1] == "<" and fault["type"] != "extra_forbidden"
+        kept = [part for part in above if str(part)[:1] != "<"]
+        where = (*kept, *(() if arm or not fault["loc"] else (last,)))
+        found.append((where, _sentence(fault, where, model)))
+    return found
+
+
+def _sentence(fault: Any, where: Where, model: type[BaseModel]) -> str:
+    kind, value = fault["type"], fault.get("input")
     name = ".".join(str(part) for part in where) or "the file"
     in_quotes = value is not None and not isinstance(value, str | Mapping | Sequence)
     quotes = "; write it in quotes" if in_quotes else ""
@@ -136,30 +149,38 @@ def sentence(fault: Any, model: type[BaseModel]) -> str:
     if kind == "too_short":
         return f"{name} needs at least {fault['ctx']['min_length']}; add one"
     if kind == "string_pattern_mismatch":
-        field = _fields(model, where[:-1])[str(where[-1])]
-        inner = [note for part in get_args(field.annotation) for note in get_args(part)[1:]]
-        form = next(note.description for note in (*inner, field) if note.description)
+        field = _fields(model, where[:-1]).get(str(where[-1]))
+        inner = [note for arm in get_args(field and field.annotation) for note in get_args(arm)[1:]]
+        words = [getattr(note, "description", None) for note in (*inner, field)]
+        form = next(filter(None, words), fault["ctx"]["pattern"])
         return f"{name} must have the form: {form}; this is {described(value)}"
     message = fault["msg"].removeprefix("Value error, ").removeprefix("Input ")
     return f"{name} {message}, and this is {described(value)}"
 
 
 def _fields(model: Any, where: Where) -> dict[str, Any]:
-    """The fields of a model at a path of keys, found by walking its field annotations."""
+    """The fields of a model at a path of keys and indices, found by walking its annotations."""
 
-    def models(annotation: Any) -> list[type[BaseModel]]:
-        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-            return [annotation]
-        return [found for part in get_args(annotation) for found in models(part)]
+    def arms(annotation: Any) -> list[Any]:
+        """The types of a union, without what annotates them."""
+        if get_origin(annotation) in (Annotated, Union, UnionType):
+            inner = get_args(annotation)
+            inner = inner[:1] if get_origin(annotation) is Annotated else inner
+            return [found for one in inner for found in arms(one)]
+        return [annotation]
 
     here = [model]
     for key in where:
-        here = [
-            found
-            for part in here
-            if isinstance(key, str) and key in part.model_fields
-            for found in models(part.model_fields[key].annotation)
-        ] or here
+        found = []
+        for one in here:
+            fields = getattr(one, "model_fields", {})
+            if key in fields:
+                found += arms(fields[key].annotation)
+            elif (get_origin(one), type(key)) in ((list, int), (dict, str)):
+                found += arms(get_args(one)[-1])
+        here = found
     return {
-        field.alias or name: field for part in here for name, field in part.model_fields.items()
+        field.alias or name: field
+        for one in here
+        for name, field in getattr(one, "model_fields", {}).items()
     }

@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from causal_openlock.errors import Fault, FileError, OpenLockError
 from causal_openlock.files.decoding import decoded
 from causal_openlock.files.validation import Where as Where
-from causal_openlock.files.validation import described, sentence
+from causal_openlock.files.validation import described, faults_of
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -154,16 +154,8 @@ class Document:
         try:
             return model.model_validate(plain(self.data))
         except ValidationError as error:
-            faults = error.errors(include_url=False)
-            for fault in faults:
-                # <name>, <list>, <mapping>: the arm of a union, no key of the file.
-                *above, last = fault["loc"] or ("",)
-                arm = str(last)[:1] == "<" and fault["type"] != "extra_forbidden"
-                kept = [part for part in above if str(part)[:1] != "<"]
-                fault["loc"] = (*kept, *(() if arm or not fault["loc"] else (last,)))
             raise FileError(
-                self.path,
-                [self.fault(fault["loc"], sentence(fault, model)) for fault in faults],
+                self.path, [self.fault(*fault) for fault in faults_of(error, model)]
             ) from None
 
 

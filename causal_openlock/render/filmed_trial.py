@@ -76,7 +76,7 @@ class FilmedTrial:
 
     @property
     def place(self) -> str:
-        """Its place in the condition: ``trial 1 of 7``, perhaps ``(shown to the subject)``."""
+        """Place in the condition: ``trial 1 of 7``, perhaps ``(shown to the subject)``."""
         shown = " (shown to the subject)" if self.shown else ""
         return f"trial {self.trial} of {self.trials}{shown}"
 

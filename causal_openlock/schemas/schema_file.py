@@ -27,7 +27,7 @@ from pydantic_core import PydanticCustomError
 
 from causal_openlock.errors import Faults, FileError, SchemaError, together
 from causal_openlock.files.atomic import write_text
-from causal_openlock.files.validation import StrictModel, described, plain, sentence
+from causal_openlock.files.validation import StrictModel, described, faults_of, plain
 from causal_openlock.files.yaml_file import (
     Document,
     parse_document,
@@ -188,12 +188,8 @@ def schema_from_dict(data: Mapping[str, Any]) -> Schema:
     try:
         return SchemaFile.model_validate(plain(data)).schema_()
     except ValidationError as error:
-        raise together(
-            [
-                SchemaError(sentence(fault, SchemaFile), fault["loc"])
-                for fault in error.errors(include_url=False)
-            ]
-        ) from None
+        faults = faults_of(error, SchemaFile)
+        raise together([SchemaError(said, where) for where, said in faults]) from None
 
 
 def _schema_of(document: Document) -> Schema:

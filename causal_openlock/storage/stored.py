@@ -20,7 +20,7 @@ from causal_openlock.contract.parameters import Count
 from causal_openlock.errors import OpenLockError, RewardError, StoreError
 from causal_openlock.experiment.experiment import Experiment, LearnerSpec, Origin
 from causal_openlock.experiment.protocol import Condition, LayoutSource, Protocol, Trials
-from causal_openlock.files.validation import StrictModel, sentence
+from causal_openlock.files.validation import StrictModel, faults_of
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.schemas.schema_file import SchemaFile
 from causal_openlock.world.facts import room_facts
@@ -65,13 +65,11 @@ def parse_experiment(data: Any) -> StoredExperiment:
         return _File.model_validate_json(json.dumps(data)).built()
     except ValidationError as error:
         fault = error.errors(include_url=False)[0]
-        where = tuple(part for part in fault["loc"] if not str(part).startswith("<"))
+        where, message = faults_of(error, _File)[0]
         if fault["type"] == "json_invalid":
             message = "it is nested too deeply, or holds text that is not Unicode"
-        else:
-            message = sentence({**fault, "loc": where}, _File)
-            if fault["type"] in ("missing", "extra_forbidden") and where[1:]:
-                message = f"{'.'.join(map(str, where[:-1]))}: {message}"
+        elif fault["type"] in ("missing", "extra_forbidden") and where[1:]:
+            message = f"{'.'.join(map(str, where[:-1]))}: {message}"
     except OpenLockError as error:  # its parts do not fit together
         message = str(error)
     raise StoreError(message)

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from causal_openlock import Results
 from causal_openlock.contract.registry import create
-from causal_openlock.errors import LearnerError, OpenLockError, ProtocolError
+from causal_openlock.errors import FileError, LearnerError, OpenLockError, ProtocolError
 from causal_openlock.experiment.building import Changes, make_experiment
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.file import read_experiment
@@ -182,8 +183,10 @@ def test_a_file_says_what_is_shown_and_survives_being_described(tmp_path: Path) 
     [
         ("{shown: CC5}", r":6:13: .*did you mean CC4\?"),
         ("{show: CC3}", r":6:13: .*did you mean shown\?"),
-        ("CC3", r":6:5: write a list of trials or a mapping such as {shown: CC3}"),
+        ("{shown: {}}", r":6:13: write a schema by name or path or a list of trials here"),
         ("{shown: []}", r":6:13: .*at least 1"),
+        ("[{shown: CC3}]", r":6:13: only the whole of train can be shown, as in train: {shown: C"),
+        ("[{shwn: CC3}]", r"'shwn' is not a key here; known: layouts, schema, shuffle, trials"),
     ],
 )
 def test_a_fault_in_what_is_shown_names_its_line(train: str, says: str, tmp_path: Path) -> None:
@@ -191,6 +194,44 @@ def test_a_fault_in_what_is_shown_names_its_line(train: str, says: str, tmp_path
         written(tmp_path, FILE.replace("{shown: CC3}", train))
     with pytest.raises(OpenLockError, match=r":5:.*watched is only shown; add a test"):
         written(tmp_path, FILE.replace("    test: [{schema: CC4}]\n", ""))
+
+
+@pytest.mark.parametrize("test", ["{shown: CC4}", "[{shown: CC4}]"])
+def test_a_test_cannot_be_shown(test: str, tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="only the whole of train can be shown, as in train"):
+        written(tmp_path, FILE.replace("test: [{schema: CC4}]", f"test: {test}"))
+
+
+@pytest.mark.parametrize(
+    ("declared", "name"),
+    [
+        ({"train": {"shown": "CC3"}, "test": "CC4"}, SHOWN),
+        ({"train": "CC3", "test": "CC4"}, "CC3-CC4"),
+        ({"train": "CC3"}, "CC3"),
+    ],
+)
+def test_a_mapping_declares_the_condition_that_has_its_name(
+    declared: dict[str, Any], name: str, tmp_path: Path
+) -> None:
+    (made,) = make_experiment([declared], ["random"]).conditions
+    (in_file,) = written(
+        tmp_path, dump_yaml({"name": "own", "conditions": [declared], "learners": ["random"]})
+    ).conditions
+    assert made == in_file == named(name)
+    (own,) = make_experiment([{"name": "own", **declared}], ["random"]).conditions
+    assert own == replace(made, name="own")
+
+
+def test_a_faulty_mapping_is_told_what_a_file_is_told() -> None:
+    trials = [{"schema": "CC3", "trials": 2}]
+    for declared, said in (
+        ({"train": trials, "test": "CC4"}, "name: is missing; add it"),
+        ({"train": [{"shown": "CC3"}], "test": "CC4"}, "only the whole of train can be shown"),
+        ({"train": {"shown": "CC5"}, "test": "CC4"}, r"did you mean CC4\?"),
+    ):
+        with pytest.raises(OpenLockError, match=f"{said}") as caught:
+            make_experiment([declared], ["random"])
+        assert len(str(caught.value).splitlines()) == 1
 
 
 # -- what is made of it ---------------------------------------------------------------------------
