@@ -120,6 +120,8 @@ def report_store(
     for sentence in (*exclusions(results), *said):
         console.print(sentence, highlight=False)
     _print_missing(missing_cells(results.experiment), console)
+    if page.removed:
+        console.print_line(page.removed)
     console.print_line(f"report: {page.path}")
 
 
@@ -158,13 +160,15 @@ def report_difference(
         begin("reading")
         both = read_results(Store(first)), read_results(Store(second))
         begin("comparing")
-        changed, table = write_difference(*both, path, names, figures)
+        changed, table, removed = write_difference(*both, path, names, figures)
     if len(changed):
         _print_changes(changed, names, console)
     else:
         console.print(sentence_on_changes(changed))
     _print_differences(table, names, console)
     console.print_line(sentence_on_differences(table))
+    if removed:
+        console.print_line(removed)
     console.print_line(f"report: {path}")
 
 

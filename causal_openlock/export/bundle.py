@@ -39,7 +39,7 @@ from typing import TYPE_CHECKING, Any
 
 from jinja2 import Template
 
-from causal_openlock.analysis.report.writing import files_of
+from causal_openlock.analysis.report.page import files_of
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.experiment import PERSON, Experiment, LearnerSpec
 from causal_openlock.experiment.file import read_experiment

@@ -30,11 +30,10 @@ from causal_openlock.analysis.measures import (
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import in_rows, panels
 from causal_openlock.analysis.prose import Prose
-from causal_openlock.analysis.report.page import Written, render
+from causal_openlock.analysis.report.page import Written
 from causal_openlock.analysis.report.what_was_run import edges, in_words
 from causal_openlock.analysis.section import Section
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
-from causal_openlock.files.atomic import write_text
 from causal_openlock.storage.stored import StoredExperiment
 
 if TYPE_CHECKING:
@@ -167,7 +166,7 @@ def write_difference(
     path: Path | str,
     names: tuple[str, str],
     figures: bool = False,
-) -> tuple[pd.DataFrame, pd.DataFrame]:
+) -> tuple[pd.DataFrame, pd.DataFrame, str]:
     """Write the page that compares two records.
 
     Args:
@@ -179,7 +178,8 @@ def write_difference(
             ``tables/`` next to the page.
 
     Returns:
-        :func:`changes` and :func:`compared`.
+        :func:`changes`, :func:`compared`, and a sentence on files of an earlier page that were
+        removed (empty without any).
 
     Raises:
         OpenLockError: If a file cannot be written.
@@ -190,14 +190,14 @@ def write_difference(
     trials = [count(record).trials for record, _ in (first, second)]
     learners = [spec.name for spec in first[1].learners]
     table = compared(trials[0], trials[1], learners)
-    written = Written(path.parent, figures)
+    written = Written(path, figures)
     label = re.sub(r"\W+", "_", path.stem, flags=re.ASCII)
     cells = [set(_groups(one)) for one in trials]
     sections = [
         _changes_section(changed, names, label),
         _noise_section(table, (cells[0] - cells[1], cells[1] - cells[0]), names, label),
     ]
-    page = render(
+    written.page(
         "difference.html.j2",
         title=f"{names[0]} and {names[1]}",
         names=names,
@@ -211,10 +211,8 @@ def write_difference(
             for (record, experiment), played in zip((first, second), trials, strict=True)
         ],
         sections=[written.section(section) for section in sections],
-        files=written.files,
     )
-    write_text(path, page)
-    return changed, table
+    return changed, table, written.removed
 
 
 def sentence_on_changes(changed: pd.DataFrame) -> str:

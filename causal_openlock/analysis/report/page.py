@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,10 +16,15 @@ from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.prose import environment
 from causal_openlock.analysis.section import Section, SectionPlot
 from causal_openlock.analysis.table import write_table
+from causal_openlock.errors import OpenLockError
 from causal_openlock.files.atomic import write_bytes, write_text
+from causal_openlock.wording import counted
 
 if TYPE_CHECKING:
     import pandas as pd
+
+_FILES = re.compile(r'<meta name="files" content="([^"]*)">')
+_FILE = re.compile(r"figures/\w[\w.-]*\.(png|svg|pdf)|tables/\w[\w.-]*\.(csv|tex)", re.ASCII)
 
 
 class Written:
@@ -28,21 +34,48 @@ class Written:
     the page.
 
     Args:
-        folder: Where the page is.
+        path: The page.
         figures: Whether plots and tables are also written as files of their own.
         begin: Called with the name of each plot before it is drawn.
 
     Attributes:
-        files: What was written, as paths within the folder.
+        files: What was written, as paths within the page's folder.
+        removed: A sentence on files of an earlier page that were removed; empty without any.
     """
 
     def __init__(
-        self, folder: Path, figures: bool = False, begin: Callable[[str], None] = lambda _: None
+        self, path: Path, figures: bool = False, begin: Callable[[str], None] = lambda _: None
     ) -> None:
-        self.folder = folder
+        self.path = path
         self.figures = figures
         self.begin = begin
         self.files: list[str] = []
+        self.removed = ""
+
+    def page(self, template: str, **values: Any) -> None:
+        """Write the page, and remove the files of the earlier one that this one does not have.
+
+        Raises:
+            OpenLockError: If a file cannot be written or removed.
+        """
+        left = files_of(self.path) - {*self.files}
+        write_text(self.path, render(template, files=self.files, **values))
+        try:
+            for name in left:
+                (self.path.parent / name).unlink(missing_ok=True)
+        except OSError as error:
+            raise OpenLockError(
+                f"{self.path.parent}: the figures of an earlier report cannot be removed "
+                f"({error.strerror}); remove them, or choose another folder"
+            ) from None
+        if left:
+            files = counted(
+                len(left), "file of the earlier page was", "files of the earlier page were"
+            )
+            again = (
+                "" if self.figures else "; --figures writes files again (figures=True in Python)"
+            )
+            self.removed = f"{files} removed from figures/ and tables/{again}"
 
     def plot(self, plot: SectionPlot) -> dict[str, Any]:
         """Draw a plot; returns what the template shows."""
@@ -75,7 +108,15 @@ class Written:
 
     def _file(self, name: str) -> Path:
         self.files.append(name)
-        return self.folder / name
+        return self.path.parent / name
+
+
+def files_of(path: Path) -> set[str]:
+    """The figures and tables that belong to a page that is there already."""
+    with suppress(OSError, ValueError), path.open(encoding="utf-8") as page:
+        if listed := _FILES.search(page.read(100_000)):
+            return {name for name in listed[1].split() if _FILE.fullmatch(name)}
+    return set()
 
 
 def render(template: str, **values: Any) -> str:

@@ -8,10 +8,8 @@ there are also the figures as SVG, PNG and PDF (``figures/``) and the tables as 
 
 from __future__ import annotations
 
-import re
 import webbrowser
-from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,7 +22,7 @@ from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.report.about_people import about_people, exclusions
 from causal_openlock.analysis.report.all_figures import figures_of
 from causal_openlock.analysis.report.learner_pages import learner_pages
-from causal_openlock.analysis.report.page import Written, render
+from causal_openlock.analysis.report.page import Written
 from causal_openlock.analysis.report.warnings import not_applicable, warnings_of
 from causal_openlock.analysis.report.what_was_run import trials_played, what_was_run
 from causal_openlock.analysis.results.by_condition import condition_tables
@@ -39,15 +37,10 @@ from causal_openlock.analysis.topics.leaderboard import (
     leaderboard_tables,
     legend,
 )
-from causal_openlock.errors import OpenLockError
-from causal_openlock.files.atomic import write_text
 from causal_openlock.storage.stored import StoredExperiment
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-_FILES = re.compile(r'<meta name="files" content="([^"]*)">')
-_FILE = re.compile(r"figures/\w[\w.-]*\.(png|svg|pdf)|tables/\w[\w.-]*\.(csv|tex)", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -59,11 +52,13 @@ class Report:
         answers: The sentences that it opens with, by protocol.
         leaderboard: Its first table, from
             :func:`~causal_openlock.analysis.topics.leaderboard.leaderboard`.
+        removed: A sentence on files of an earlier report that were removed; empty without any.
     """
 
     path: Path
     answers: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     leaderboard: pd.DataFrame = field(default_factory=pd.DataFrame, repr=False, compare=False)
+    removed: str = ""
 
     def open(self) -> None:
         """Open the page in a browser."""
@@ -116,8 +111,6 @@ def make_report(
     ``begin`` is called before each step with its name, such as ``drawing survival``.
     """
     folder = Path(out_dir)
-    path = folder / "report.html"
-    earlier = files_of(path)
     experiment = material.experiment
     trials, learners, summary = material.counts.trials, material.learners, material.summary
     missing = missing_cells(experiment)
@@ -126,7 +119,7 @@ def make_report(
 
     write_table(with_missing(summary, missing), folder / "summary.csv")
     begin = begin or (lambda _: None)
-    written = Written(folder, figures, lambda name: begin(f"drawing {name}"))
+    written = Written(folder / "report.html", figures, lambda name: begin(f"drawing {name}"))
     plots, pages = figures_of(material), learner_pages(material, described["each"])
     topics = all_topics() if topics is None else topics
     decisions = decisions_of(material, topics, lambda name: begin(f"computing {name}"))
@@ -136,7 +129,7 @@ def make_report(
     first, opening = list(leaderboard_tables(ranked)), answers(ranked, decisions)
     sections = sections_of(material, topics, decisions, lambda name: begin(f"describing {name}"))
     opening_figures = [plot for one in sections for plot in one.plots if plot.opening]
-    page = render(
+    written.page(
         "report.html.j2",
         title=experiment.title or experiment.name,
         experiment=experiment,
@@ -178,32 +171,9 @@ def make_report(
         not_applicable=not_applicable(experiment.reasons),
         warnings=exclusions(material)
         + warnings_of(trials, summary, experiment.versions, material.references, material.given),
-        files=written.files,
         given=material.given,
     )
-    write_text(path, page)
-    _remove(folder, earlier - set(written.files))
-    return Report(path, opening, ranked)
-
-
-def files_of(path: Path) -> set[str]:
-    """The figures and tables that belong to a report that is there already."""
-    with suppress(OSError, ValueError), path.open(encoding="utf-8") as page:
-        if listed := _FILES.search(page.read(100_000)):
-            return {name for name in listed[1].split() if _FILE.fullmatch(name)}
-    return set()
-
-
-def _remove(folder: Path, files: Collection[str]) -> None:
-    """Remove files of an earlier report."""
-    try:
-        for name in files:
-            (folder / name).unlink(missing_ok=True)
-    except OSError as error:
-        raise OpenLockError(
-            f"{folder}: the figures of an earlier report cannot be removed ({error.strerror}); "
-            "remove them, or choose another folder"
-        ) from None
+    return Report(written.path, opening, ranked, written.removed)
 
 
 def _summary_blocks(

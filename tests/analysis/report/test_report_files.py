@@ -16,6 +16,7 @@ from causal_openlock.analysis.report.all_figures import figures_of
 from causal_openlock.analysis.report.writing import write_report
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.errors import OpenLockError
+from support.command import at_once
 from support.fabricated_records import random_cells, table, trial_rows
 from support.figures import drawn
 from support.made_up_experiments import experiment_of
@@ -108,6 +109,22 @@ def test_figures_of_an_earlier_report_are_removed_and_nothing_else(tmp_path: Pat
     assert {path.name for path in figures.iterdir()} == {
         *("mine.png", "baseline_attempts_mine.svg", "attempts_by_trial_rl.txt")
     }
+
+
+def test_a_report_says_what_it_removed(tmp_path: Path) -> None:
+    done = [
+        at_once("compare", "-c", "CC3", "-l", "oracle", "--subjects", 2, "-o", "a", cwd=tmp_path),
+        *(
+            at_once("report", "a", *more, cwd=tmp_path)
+            for more in (["--figures"], [], [], ["a", "--figures"], ["a"])
+        ),
+    ]
+    removed = [
+        re.findall(r"(\d+ files? of the earlier page w\w+ removed from .*--figures)", one.stdout)
+        for one in done
+    ]
+    assert [len(found) for found in removed] == [0, 0, 1, 0, 0, 1]
+    assert not [path for path in tmp_path.rglob("*") if path.suffix in (".svg", ".tex")]
 
 
 def test_a_folder_that_cannot_be_written_to_is_told_in_a_sentence(
