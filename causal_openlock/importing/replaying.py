@@ -16,7 +16,7 @@ import numpy as np
 
 from causal_openlock.contract.learner import Step
 from causal_openlock.errors import LayoutError, StoreError
-from causal_openlock.experiment.protocol import Condition, Visit, plan
+from causal_openlock.experiment.protocol import SHOWN, Condition, Visit, plan
 from causal_openlock.experiment.session import Session
 from causal_openlock.importing.imported_actions import ActionEntry, ImportFault
 from causal_openlock.play.game import PlayedAction
@@ -80,7 +80,10 @@ def play_again(
     """
     visits = plan(condition, spec.protocol, np.random.default_rng(0))
     order = [_visits(own, visits, condition.name) for own in entries]
-    given = zip(numbers, map(_rooms, entries, order, [visits] * len(entries)), strict=True)
+    rooms = [
+        _rooms(own, trials, visits, condition.name)
+        for own, trials in zip(entries, order, strict=True)
+    ]
     other = plan(condition, spec.protocol, np.random.default_rng(1))
     if not drawn and [one.layout for one in other] != [one.layout for one in visits]:
         for acted in entries:
@@ -90,7 +93,8 @@ def play_again(
                     "layout, such as trial1, or give --layouts drawn if these were the rooms that "
                     "--seed draws"
                 )
-    placed = replace(condition, rooms={number: rooms for number, rooms in given if rooms})
+    given = {number: own for number, own in zip(numbers, rooms, strict=True) if own}
+    placed = replace(condition, rooms=given)
     session = Session(
         placed,
         spec.protocol,
@@ -119,6 +123,10 @@ def play_again(
                 one = entries[row][moment]
                 trial = int(step.view.trial[row])
                 why = _impossible(one, order[row][moment], step, row, bool(moved[row]), ends[row])
+                if shown := _was_shown(visits[order[row][moment] - 1], condition.name):
+                    if step.attempt_over[row] and not step.new_solution[row]:
+                        why = why or "this attempt is not a new solution, and what is shown is"
+                    why = why and why + shown
                 if why and drawn and not one.layout:
                     why += (
                         f"; the rooms were drawn by --seed {seed}, and this subject may have met "
@@ -158,7 +166,7 @@ def play_again(
 def _visits(own: Sequence[ActionEntry], visits: Sequence[Visit], condition: str) -> list[int]:
     """The number of each action's trial in the whole condition, from 1, as the file has it."""
     known = {(one.phase, one.loop, one.trial): n for n, one in enumerate(visits, start=1)}
-    numbers = []
+    numbers: list[int] = []
     for one in own:
         stated = one.of_attempt
         key = (stated["phase"], stated["loop"], one.trial) if "phase" in stated else None
@@ -169,12 +177,28 @@ def _visits(own: Sequence[ActionEntry], visits: Sequence[Visit], condition: str)
                 f"{' '.join(map(str, key)) if key else number} is none of them; declare others in "
                 "an experiment file, and name it with --from"
             )
+        before = numbers[-1] if numbers else 0
+        if number > before + 1:
+            raise one.place.fault(
+                f"this is trial {number} of {condition}, and there is no row of trial {before + 1}"
+                f"{_was_shown(visits[before], condition) or '; add its rows, or correct this one'}"
+            )
         numbers.append(number)
     return numbers
 
 
+def _was_shown(visit: Visit, condition: str) -> str:
+    """Remedy for rows of a trial that is shown; empty for one that is played."""
+    if visit.phase != SHOWN:
+        return ""
+    return (
+        f"; the trials of {visit.schema.name} in {condition} are shown: before what a subject "
+        "played, add rows of what it was shown, with the phase shown"
+    )
+
+
 def _rooms(
-    own: Sequence[ActionEntry], order: Sequence[int], visits: Sequence[Visit]
+    own: Sequence[ActionEntry], order: Sequence[int], visits: Sequence[Visit], condition: str
 ) -> tuple[Layout, ...]:
     """The layouts that the file names, of each trial in order; none if it names none."""
     named: dict[int, ActionEntry] = {}
@@ -183,16 +207,18 @@ def _rooms(
     if not any(one.layout for one in named.values()):
         return ()
     layouts = []
-    for number in range(1, max(named) + 1):
-        one, schema = named.get(number, own[-1]), visits[number - 1].schema
-        if number not in named or not one.layout:
+    for number, one in sorted(named.items()):
+        visit = visits[number - 1]
+        if not one.layout:
             raise one.place.fault(
                 f"trial {number} has no layout and others have; name it in every row, or in none"
             )
         try:
+            schema = visit.schema
             layouts.append(recorded_layout(schema, one.layout, positions_for(schema)))
         except (LayoutError, StoreError) as error:
-            raise one.place.fault(f"{error}".partition("; compare again")[0]) from None
+            why = f"{error}".partition("; compare again")[0]
+            raise one.place.fault(f"{why}{_was_shown(visit, condition)}") from None
     return tuple(layouts)
 
 

@@ -331,6 +331,23 @@ def test_scores_are_of_what_was_chosen_after_what_was_shown(folder: Path, scored
         assert not own["impossible"].any()
 
 
+@pytest.mark.parametrize(
+    ("trial", "also"),
+    [(1, ["phase", "layout"]), (1, ["phase"]), (1, ["layout"]), (1, []), (7, ["layout"])],
+)
+def test_a_table_without_what_was_shown_is_told_so(
+    trial: int, also: list[str], folder: Path, tmp_path: Path
+) -> None:
+    """Actions of the test alone, whether or not its number counts on from what was shown."""
+    table = Store(folder).record()[0].to_pandas().query("learner == 'bayes'")
+    table = table[(table["phase"] == "test") & (table["condition"] == SHOWN)].assign(trial=trial)
+    table = table.explode("actions").rename(columns={"actions": "action"})
+    columns = ["subject", "condition", "trial", "attempt", "action", *also]
+    table[columns].to_csv(tmp_path / "played.csv", index=False)
+    with pytest.raises(OpenLockError, match=r"played.csv:\d: .*add rows of what it was shown"):
+        import_files([tmp_path / "played.csv"], tmp_path / "in", layouts="drawn")
+
+
 def test_a_table_that_goes_out_comes_back(folder: Path, tmp_path: Path) -> None:
     write_csv(Store(folder), tmp_path / "out.csv")
     import_files([tmp_path / "out.csv"], tmp_path / "in")

@@ -219,7 +219,7 @@ def test_an_attempt_of_ours_that_came_to_something_else_is_named(own: Path, tmp_
     for old, new, what in [
         (',"open1",', ',"open2",', "category of this attempt is open1, and this row says open2"),
         (f",{frame['reward'][solved]:g},", ",7,", "name the experiment with --from"),
-        (',"train",', ',"test",', "places 3 levers and CE4 has 4"),
+        (',"train",', ',"test",', "this is trial 7 of CC3-CE4, and there is no row of trial 2"),
     ]:
         assert old in row
         said = refused(changed(text, number, old, new), tmp_path)
