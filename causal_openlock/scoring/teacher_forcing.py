@@ -25,7 +25,7 @@ from causal_openlock.contract.learner import InformedLearner, Learner
 from causal_openlock.contract.probes import are_probabilities, failures_of
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError, StoreError
-from causal_openlock.experiment.experiment import LearnerSpec
+from causal_openlock.experiment.experiment import Experiment, LearnerSpec
 from causal_openlock.experiment.protocol import SHOWN
 from causal_openlock.experiment.session import AT_ONCE, Session, padded
 from causal_openlock.files.digest import digest
@@ -66,7 +66,7 @@ class Recorded:
 
     group: dict[str, Any]
     rows: pd.DataFrame
-    experiment: StoredExperiment
+    experiment: Experiment
 
     @cached_property
     def numbers(self) -> list[int]:
@@ -157,7 +157,7 @@ def subject_names(table: pd.DataFrame) -> pd.Series:
     return first.str.cat(others, sep="/")
 
 
-def digests_of(attempts: pd.DataFrame, experiment: StoredExperiment) -> pd.DataFrame:
+def digests_of(attempts: pd.DataFrame, experiment: Experiment) -> pd.DataFrame:
     """Digests of what subjects did and met, which show whether scores belong to it.
 
     Args:
@@ -186,7 +186,7 @@ def digests_of(attempts: pd.DataFrame, experiment: StoredExperiment) -> pd.DataF
 
 
 def recorded_subjects(
-    record: pa.Table, experiment: StoredExperiment, of: Sequence[str] = ()
+    record: pa.Table, experiment: Experiment, of: Sequence[str] = ()
 ) -> list[Recorded]:
     """The subjects of a record, in parts that are played again together.
 
@@ -385,7 +385,7 @@ def _told(
                     f"the sample_size of {name} is not an array of numbers from 0, one for each "
                     "subject; return None where probabilities are exact"
                 )
-            share = own[:, moment]
+            share = own[:, moment].clip(0.0, 1.0)  # sums may be 1 and a rounding error
             spread[:, moment] = np.sqrt(share * (1.0 - share) / (draws + 1.0))
         step = session.step(actions[:, moment])
         learner.learn(step)
