@@ -29,7 +29,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -350,6 +350,7 @@ def _range(read: RangeFile) -> Range:
     return Range(read.low, read.high, read.log)
 
 
+@cache
 def bundled_search(learner: str) -> SearchSpace | None:
     """The search space that comes with the toolkit, if there is one for the learner."""
     path = BUNDLED / f"{learner}.yaml"
