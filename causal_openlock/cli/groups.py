@@ -15,7 +15,7 @@ GROUPS = {
     "Declare": ("learners", "room", "train"),
     "Compare": ("status", "trace", "film"),
     "People": ("import", "forget", "text"),
-    "Predict": ("score", "fit", "recover"),
+    "Predict": ("score", "fit", "recover", "design"),
     "Share": ("export", "bundle", "evidence", "check"),
 }
 OTHERS = "More"

@@ -1,0 +1,262 @@
+"""Conditions are ranked by what a minute in them tells about theories with unknown parameters."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.special import logsumexp
+
+from causal_openlock.comparison.comparing import play
+from causal_openlock.experiment.building import Changes, learner, make_experiment
+from causal_openlock.experiment.experiment import Experiment, LearnerSpec
+from causal_openlock.experiment.file import read_experiment
+from causal_openlock.fitting import design
+from causal_openlock.fitting.design import (
+    DOUBT,
+    Effort,
+    drawn,
+    halved,
+    information_ends,
+    informed,
+    posterior,
+    ranked,
+    told_apart,
+    unknown,
+)
+from causal_openlock.scoring.inverse_binomial import Draws
+from causal_openlock.scoring.teacher_forcing import score_actions
+from causal_openlock.storage.store import Store
+from support.command import at_once
+
+EXPERIMENT = """
+name: three
+seed: 4
+subjects: 2
+protocol: brief
+conditions: [CC3]
+protocols: {brief: {attempt_limit: 5, stop_when_solved: true, baseline_trials: 1}}
+learners: [random, win_stay, associative]
+"""
+THOMPSON = {"policy": "thompson", "forgets": "failures"}
+
+
+def told(rows: Sequence[tuple[str, float, float]], condition: str = "CC3") -> pd.DataFrame:
+    """Subjects by who made them, with the log-likelihoods of two theories."""
+    return pd.DataFrame(
+        [
+            {"learner": maker, "condition": condition, "protocol": "human", "subject": number,
+             "attempts": 10, "actions": 30, "nats a": a, "nats b": b}
+            for number, (maker, a, b) in enumerate(rows)
+        ]
+    )  # fmt: skip
+
+
+def specs(*learners: object) -> tuple[LearnerSpec, ...]:
+    return make_experiment(["CC3"], list(learners)).learners  # type: ignore[arg-type]
+
+
+# -- what subjects tell ---------------------------------------------------------------------------
+
+
+def test_information_of_made_up_subjects() -> None:
+    sure, even = math.log(9), 0.0
+    found = informed(told([("a", sure, 0.0), ("a", even, 0.0), ("b", sure, 0.0), ("c", 0.0, 0.0)]))
+    right, wrong = 0.98 * 0.9 + 0.01, 0.98 * 0.1 + 0.01
+    expected = [1 + math.log2(right), 0.0, 1 + math.log2(wrong), np.nan]
+    assert found["information"].tolist() == pytest.approx(expected, nan_ok=True)
+    assert found["single"].tolist() == pytest.approx([1.0, 0.5, 0.0, np.nan], nan_ok=True)
+    assert found["certain"].tolist() == [0.0, 0.0, 0.0, 0.0]
+    low, high = information_ends(2)
+    assert (low, high) == pytest.approx((math.log2(DOUBT), math.log2(2 - DOUBT)))
+    extreme = informed(told([("a", 0.0, -900.0), ("b", 0.0, -900.0)]))
+    assert extreme["information"].tolist() == pytest.approx([high, low])
+    assert extreme["certain"].tolist() == [1.0, 1.0]
+
+
+def test_who_acts_like_no_theory_stands_out() -> None:
+    own = [("a", -30.0 - number, -60.0) for number in range(5)]
+    found = informed(told([*own, ("b", -60.0, -30.0), ("c", -80.0, -90.0), ("c", -31.0, -90.0)]))
+    assert found["unlike"].tolist()[-2:] == [1.0, 0.0]
+
+
+@given(
+    st.lists(st.lists(st.integers(1, 9), min_size=3, max_size=3), min_size=2, max_size=2),
+    st.lists(st.lists(st.floats(-9, 0), min_size=3, max_size=3), min_size=2, max_size=2),
+)
+def test_whatever_is_believed_of_likelihoods_information_is_not_overstated(
+    odds: list[list[int]], believed: list[list[float]]
+) -> None:
+    """Two theories, three courses of action; the mean over all is at most the exact information."""
+    truth = np.array(odds) / np.sum(odds, axis=1, keepdims=True)
+    mean = truth.mean(axis=0)
+    exact = (truth / 2 * np.log2(truth / mean)).sum()
+    pairs = [*itertools.product((0, 1), range(3))]
+    found = informed(told([("ab"[i], believed[0][k], believed[1][k]) for i, k in pairs]))
+    weights = np.array([truth[pair] / 2 for pair in pairs])
+    assert weights @ found["information"] <= exact + 1e-12
+
+
+def test_conditions_are_ranked_by_the_minute() -> None:
+    quick, slow = told([("a", 0.0, -3.0), ("b", -3.0, 0.0)]), told([("a", 0.0, -5.0)] * 2, "CE3")
+    found = ranked(pd.concat([slow.assign(attempts=30), quick], ignore_index=True))
+    assert found["condition"].tolist() == ["CC3", "CE3"]
+    assert found["minutes"].tolist() == pytest.approx([10 * 17.4 / 61.0875, 30 * 17.4 / 61.0875])
+    assert found["per_minute"].tolist() == pytest.approx(found["information"] / found["minutes"])
+
+
+def test_halving_keeps_the_better_half_and_doubles_subjects() -> None:
+    asked = make_experiment(
+        ["CC3", "CE3", "CC4", "CE4", "chain3"], ["random", "win_stay"], subjects=3
+    )
+    worth = {"CC3": 1.0, "CE3": 5.0, "CC4": 2.0, "CE4": 3.0, "chain3": 4.0}
+    seen = []
+
+    def simulate(experiment: Experiment) -> pd.DataFrame:
+        names = [one.name for one in experiment.conditions]
+        seen.append((names, [one.subjects for one in experiment.learners]))
+        return pd.concat([told([("a", worth[one], 0.0)] * 2, one) for one in names])
+
+    rounds = [*halved(asked, simulate)]
+    assert seen == [
+        (["CC3", "CE3", "CC4", "CE4", "chain3"], [3, 3]),
+        (["CE3", "CE4", "chain3"], [6, 6]),
+        (["CE3", "chain3"], [12, 12]),
+    ]
+    assert rounds[-1]["condition"].tolist() == ["CE3", "chain3"]
+
+
+# -- parameters -----------------------------------------------------------------------------------
+
+
+def test_what_lies_in_a_range_is_unknown_and_what_lies_outside_is_set() -> None:
+    plain, slow, flat, other = specs(
+        "bayes",
+        learner("bayes", label="slow", forgetting=0.8, concentration=60.0, **THOMPSON),
+        learner("bayes", label="flat", forgetting=0.8, directness=1.1, **THOMPSON),
+        "theory_based",
+    )
+    assert [*unknown(plain)] == []
+    assert [*unknown(slow)] == ["forgetting", "concentration"]
+    assert [*unknown(other)] == ["local_gain", "global_gain", "schema_gain", "edit_weight"]
+    (one, two), (shared, _) = (drawn(theory, 1, "theory", [3, 4]) for theory in (slow, flat))
+    assert one.parameters["forgetting"] == shared.parameters["forgetting"]
+    assert one.parameters["forgetting"] != two.parameters["forgetting"]
+    assert one.parameters["policy"] == "thompson"
+    makers = drawn(slow, 1, "subject", range(50))
+    for name, ends in unknown(slow).items():
+        values = [maker.parameters[name] for maker in makers]
+        assert ends.low <= min(values) < max(values) <= ends.high
+    assert drawn(slow, 1, "subject", [3])[0].parameters != one.parameters
+
+
+def test_draws_go_to_the_theories_that_predict_best() -> None:
+    thompson = [
+        learner("bayes", label=f"t{number}", forgetting=0.8, **THOMPSON) for number in range(5)
+    ]
+    given_to: dict[str, list[int]] = {}
+
+    def predict(theory: LearnerSpec, which: Sequence[int]) -> list[float]:
+        given_to.setdefault(theory.name, []).extend(which)
+        return [-10.0 * int(theory.name[1]) - number for number in which]
+
+    found = dict(design._halved(specs(*thompson), predict, Effort(draws=6)))
+    assert {name: len(own) for name, own in given_to.items()} == {
+        "t0": 6, "t1": 6, "t2": 4, "t3": 2, "t4": 2,
+    }  # fmt: skip
+    assert given_to["t0"] == [*range(6)]
+    assert found["t2"] == pytest.approx(logsumexp([-20, -21, -22, -23]) - math.log(4))
+
+
+# -- simulated ------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def asked(tmp_path: Path) -> Experiment:
+    path = tmp_path / "three.yaml"
+    path.write_text(EXPERIMENT)
+    return read_experiment(path)
+
+
+def test_subjects_and_likelihoods_are_those_of_compare_and_score(
+    asked: Experiment, tmp_path: Path
+) -> None:
+    found = told_apart(asked, Effort(draws=1, asked=8), folder=tmp_path / "kept")
+    store = Store(tmp_path / "played")
+    assert not play(asked, store.folder, workers=1, warn=print)
+    record, played = store.record()
+    scores = score_actions(record, played, asked.learners, 0.01, draws=Draws(most=8))
+    by = ["learner", "condition", "subject"]
+    sums = scores.groupby([*by, "scored"], observed=True)["log_probability"].sum().unstack()
+    own = found.set_index(by)[[f"nats {name}" for name in sums]].sort_index()
+    assert own.to_numpy() == pytest.approx(sums.sort_index().to_numpy(), abs=1e-9)
+    attempts = scores.groupby(by, observed=True)["action_index"].size().div(len(asked.learners))
+    assert found.set_index(by)["actions"].sort_index().tolist() == attempts.sort_index().tolist()
+
+
+def test_workers_and_interruptions_change_nothing(
+    asked: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    effort = Effort(draws=1)
+    alone = told_apart(asked, effort, folder=tmp_path / "one", outside=["associative"])
+    side = told_apart(asked, effort, folder=tmp_path / "two", outside=["associative"], workers=2)
+    pd.testing.assert_frame_equal(alone, side)
+    assert [*posterior(alone)] == ["random", "win_stay"]
+    assert informed(alone).loc[lambda t: t["learner"] == "associative", "single"].isna().all()
+    # More subjects are added to those that are there, and what is kept is not made again.
+    more = replace(asked, learners=tuple(replace(one, subjects=3) for one in asked.learners))
+    steps: list[int] = []
+    larger = told_apart(
+        more, effort, folder=tmp_path / "one", outside=["associative"],
+        report=lambda done, _: steps.append(done),
+    )  # fmt: skip
+    assert steps == [*range(6, 10)]
+    pd.testing.assert_frame_equal(larger[larger["subject"] < 2].reset_index(drop=True), alone)
+    monkeypatch.setattr(design.Simulated, "told", None)
+    told_apart(more, effort, folder=tmp_path / "one", outside=["associative"])
+
+
+def test_on_the_command_line(tmp_path: Path) -> None:
+    path, out = tmp_path / "three.yaml", tmp_path / "out"
+    path.write_text(EXPERIMENT)
+    words = ("design", path, "--draws", "1", "--workers", "1", "-o", out)
+    done = at_once(*words, "--outside", "associative")
+    assert done.status == 0, done.stderr
+    table = pd.read_csv(out / "conditions.csv")
+    assert table["condition"].tolist() == ["CC3"]
+    assert "CC3 tells most a minute" in done.stdout
+    assert len(pd.read_csv(out / "subjects.csv")) == 6
+
+
+@pytest.mark.parametrize(
+    ("learners", "words", "said"),
+    [
+        ("[random]", (), "one theory cannot be told from another"),
+        ("[random, sb3]", (), "sb3 learns from its own actions alone"),
+        ("[random, win_stay]", ("--outside", "win"), "there is no learner 'win'"),
+        ("[random, win_stay]", ("--outside", "win_stay"), "one theory cannot be told"),
+    ],
+)
+def test_what_cannot_be_told_apart_is_said_before_anything_is_simulated(
+    tmp_path: Path, learners: str, words: tuple[str, ...], said: str
+) -> None:
+    path = tmp_path / "three.yaml"
+    path.write_text(EXPERIMENT.replace("[random, win_stay, associative]", learners))
+    done = at_once("design", path, "-o", tmp_path / "out", *words)
+    assert done.status == 2
+    assert said in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_number_of_subjects_can_be_changed(asked: Experiment, tmp_path: Path) -> None:
+    one = read_experiment(tmp_path / "three.yaml", Changes(subjects=1, conditions=["CC3"]))
+    found = told_apart(one, Effort(draws=1), folder=tmp_path / "kept")
+    assert found["learner"].tolist() == ["random", "win_stay", "associative"]
