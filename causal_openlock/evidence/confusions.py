@@ -11,6 +11,10 @@ every learner predict all of them (:mod:`~causal_openlock.fitting.recovery`). It
   subjects, and ``halves``, two groups of half the number; 1 or 0, or a share, as for a subject;
 - a row for each set and ``parameter`` that was recovered: the ``true`` value and the ``fitted``
   one, logarithms where these were searched. ``r``, their correlation over sets, follows from them.
+
+A study with ``measured: design`` does so with parameters that no theory knows
+(:mod:`~causal_openlock.fitting.design`): likelihoods are averaged over draws, and rows of subjects
+have what :func:`~causal_openlock.fitting.design.informed` adds.
 """
 
 from __future__ import annotations
@@ -21,11 +25,11 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.evidence.study import Study
+from causal_openlock.fitting.design import NATS, informed
 from causal_openlock.fitting.recovery import Recovery, attributed, recovery
 from causal_openlock.fitting.search import SearchSpace
 from causal_openlock.scoring.scores import LN2, SUBJECT
 
-NATS = "nats "
 GROUPS = {"groups": 1, "halves": 2}
 """Into how many groups the subjects of a learner in a condition are divided."""
 WHOLE = {"phase": "test", "judged": True}
@@ -48,8 +52,20 @@ def units_of_recovery(actions: pd.DataFrame) -> pd.DataFrame:
     ]
     subjects = wide.add_prefix(NATS).assign(actions=taken, single=single).reset_index()
     subjects = subjects.rename(columns={"subject": "unit"}).assign(subjects=1)
-    kept = subjects.drop(columns=["experiment", "seed"])
-    return pd.concat([kept, units_of_groups(kept)], ignore_index=True).assign(**WHOLE)
+    return _with_groups(subjects.drop(columns=["experiment", "seed"]))
+
+
+def units_of_design(subjects: pd.DataFrame) -> pd.DataFrame:
+    """The rows of subjects and of groups, where parameters are unknown.
+
+    Args:
+        subjects: From :func:`~causal_openlock.fitting.design.told_apart`.
+    """
+    return _with_groups(informed(subjects).rename(columns={"subject": "unit"}).assign(subjects=1))
+
+
+def _with_groups(subjects: pd.DataFrame) -> pd.DataFrame:
+    return pd.concat([subjects, units_of_groups(subjects)], ignore_index=True).assign(**WHOLE)
 
 
 def units_of_groups(subjects: pd.DataFrame) -> pd.DataFrame:
@@ -57,6 +73,8 @@ def units_of_groups(subjects: pd.DataFrame) -> pd.DataFrame:
     nats = [str(name) for name in subjects.columns if str(name).startswith(NATS)]
     rows = []
     for names, own in subjects.groupby(["learner", "condition", "protocol"], sort=False):
+        if NATS + str(names[0]) not in nats:  # of no theory
+            continue
         maker, likelihoods = nats.index(NATS + names[0]), own[nats].to_numpy(float)
         for measure, many in GROUPS.items():
             for unit, group in enumerate(np.array_split(likelihoods, min(many, len(own)))):
@@ -89,7 +107,8 @@ def units_of_parameters(learner: str, pairs: pd.DataFrame, space: SearchSpace) -
 def recovery_of(units: pd.DataFrame, seed: int) -> Recovery:
     """Attribution of subjects to learners, from the rows of subjects."""
     names = [str(name) for name in units.columns if str(name).startswith(NATS)]
-    subjects = units.dropna(subset=names).rename(columns={"unit": "subject"})
+    made = units["learner"].isin([name.removeprefix(NATS) for name in names])
+    subjects = units[made].dropna(subset=names).rename(columns={"unit": "subject"})
     key = subjects[["learner", "condition", "protocol", "subject"]].assign(experiment="", seed=seed)
     parts = [
         key.assign(trial=1, scored=name.removeprefix(NATS), log_probability=subjects[name])

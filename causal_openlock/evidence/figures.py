@@ -27,6 +27,7 @@ from causal_openlock.evidence.measured import Evidence
 from causal_openlock.evidence.study import (
     ATTEMPTS,
     BLOCK,
+    IN_BITS,
     OF_ALL,
     PUBLISHED,
     RL_2020,
@@ -262,11 +263,12 @@ def draw_distances(evidence: Evidence, figure: Any) -> None:
 
 
 def _limits(evidence: Evidence, table: Table) -> tuple[float, float]:
-    """Limits of all panels: 0 to 1 for shares, up to the most that a unit needed for attempts."""
-    if table.measure not in ATTEMPTS:
+    """Limits of all panels: 0 to 1 for shares, otherwise all that units have, and 0."""
+    if table.measure not in (*ATTEMPTS, *IN_BITS, "minutes"):
         return -0.03, 1.03
-    cells = (_units(evidence, table, row, c) for row in table.rows for c in table.columns)
-    return 0.0, 1.05 * max(float(cell.values.max()) for cell in cells if cell is not None)
+    cells = [_units(evidence, table, row, c) for row in table.rows for c in table.columns]
+    values = np.concatenate([cell.values for cell in cells if cell is not None])
+    return 1.05 * min(0.0, float(values.min())), 1.05 * float(values.max())
 
 
 def _measure(table: Table) -> str:
@@ -281,6 +283,11 @@ def _measure(table: Table) -> str:
         "opens": "share of attempts",
         "unlocks": "share of attempts",
         "else": "share of attempts",
+        "information": "bits",
+        "per_minute": "bits a minute",
+        "minutes": "minutes",
+        "certain": "share of subjects",
+        "unlike": "share of subjects",
         "single": "share attributed right",
         "groups": "share attributed right",
         "halves": "share attributed right",

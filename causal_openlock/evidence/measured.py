@@ -18,6 +18,7 @@ from causal_openlock.evidence.power import as_stated, decides_at, planned
 from causal_openlock.evidence.published_units import published_units
 from causal_openlock.evidence.study import (
     ATTEMPTS,
+    ATTRIBUTED,
     CORRELATION,
     OF_ALL,
     PUBLISHED,
@@ -147,7 +148,7 @@ class Evidence:
 
     def too_few(self) -> list[str]:
         """The open claims for which the study asks for fewer units than can decide them."""
-        if self.study.file.measured == "recovery":  # its groups and sets are not asked for as such
+        if self.study.file.measured in ATTRIBUTED:  # groups and sets are not asked for as such
             return []
         lines = []
         for name, claim in self.study.file.claims.items():

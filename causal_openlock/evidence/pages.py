@@ -220,8 +220,10 @@ def page_of(evidence: Evidence) -> str:
 def _run_in_words(evidence: Evidence, run: Mapping[str, Any]) -> str:
     study = evidence.study
     experiment = f"[{study.experiment.name}]({study.file.experiment})"
-    recovers = study.file.measured == "recovery"
-    predicts = " and lets every learner predict every subject" if recovers else ""
+    predicts = {
+        "recovery": " and lets every learner predict every subject",
+        "design": " and lets every theory predict every subject, its parameters unknown",
+    }.get(study.file.measured, "")
     lines = [
         f"    causal-openlock evidence {study.name}",
         "",

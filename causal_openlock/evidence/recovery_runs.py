@@ -1,4 +1,4 @@
-"""Running a study of recovery: simulate subjects, let all learners predict all, keep who is who.
+"""Running a study of recovery or design: simulate subjects, let all predict all, keep who is who.
 
 Everything continues where it stopped, from the files in ``results``, or, if these are gone, from
 the stored units. These are written once every learner has predicted every subject, and again once
@@ -9,13 +9,18 @@ from __future__ import annotations
 
 import json
 import os
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pandas as pd
 
-from causal_openlock.evidence.confusions import units_of_parameters, units_of_recovery
+from causal_openlock.evidence.confusions import (
+    units_of_design,
+    units_of_parameters,
+    units_of_recovery,
+)
 from causal_openlock.evidence.keeping import (
     Measured,
     Watched,
@@ -28,6 +33,7 @@ from causal_openlock.evidence.keeping import (
 from causal_openlock.evidence.study import Study
 from causal_openlock.evidence.study_files import UNITS
 from causal_openlock.files.atomic import write_text
+from causal_openlock.fitting.design import Effort, told_apart
 from causal_openlock.fitting.recovering import (
     SIMULATED,
     Running,
@@ -39,6 +45,7 @@ from causal_openlock.fitting.recovering import (
 )
 from causal_openlock.scoring.teacher_forcing import known_learners
 from causal_openlock.storage.store import Store
+from causal_openlock.storage.versions import versions
 
 SECONDS = "seconds.json"
 
@@ -81,6 +88,37 @@ def run_recovery(study: Study, results: Path, watched: Watched, anew: bool = Fal
         others = units[~_of_parameters(units) | (units["learner"] != spec.name)]
         units = pd.concat([others, units_of_parameters(spec.name, pairs, space)], ignore_index=True)
         kept = _keep(study, results, own, units, kept)
+
+
+def run_design(study: Study, results: Path, watched: Watched, anew: bool = False) -> None:
+    """Run what is missing of a study of theories with unknown parameters.
+
+    The arguments are those of :func:`~causal_openlock.evidence.running.run_study`.
+
+    Raises:
+        LearnerError: If a theory cannot predict others, or there are fewer than two.
+    """
+    if not anew and stored_whole(study):
+        return
+    asked, settings, running = study.asked, study.file.design, _running(watched, "subjects")
+    folder = results / "cells" / parts_of(study)[0].name
+    with _timed(results):
+        subjects = told_apart(
+            asked,
+            Effort(settings.draws, settings.lapse),
+            outside=settings.outside,
+            folder=folder,
+            workers=running.processes,
+            report=running.report,
+        )
+    measured = Measured(
+        tables={UNITS: units_of_design(subjects)},
+        cells=tuple(cell.file_name for cell in asked.cells()),
+        missing=0,
+        seconds=_seconds(results),
+        run=of_this_run(study, time.time(), versions()),
+    )
+    write_measured(study, {parts_of(study)[0].name: measured}, known=False)
 
 
 def _of_parameters(units: pd.DataFrame) -> pd.Series[bool]:

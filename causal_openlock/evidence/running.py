@@ -37,7 +37,7 @@ from causal_openlock.evidence.keeping import (
     write_measured,
 )
 from causal_openlock.evidence.metric_runs import run_metrics
-from causal_openlock.evidence.recovery_runs import run_recovery
+from causal_openlock.evidence.recovery_runs import run_design, run_recovery
 from causal_openlock.evidence.study import FILE, Networks, Study
 from causal_openlock.evidence.study_files import COSTS, UNITS, read_run, read_units
 from causal_openlock.evidence.units import of_network, units_of
@@ -70,6 +70,9 @@ def run_study(study: Study, results: Path, watched: Watched, anew: bool = False)
         raise EvidenceError(f"{study.folder / FILE}: {faults[0]}")
     if study.file.measured == "recovery":
         run_recovery(study, results, watched, anew)
+        return
+    if study.file.measured == "design":
+        run_design(study, results, watched, anew)
         return
     if study.file.measured == "metrics":
         run_metrics(study, watched, anew)

@@ -44,6 +44,7 @@ from causal_openlock.files.validation import StrictModel
 from causal_openlock.files.yaml_file import plain, read_document
 from causal_openlock.fitting.kept import seeds_of
 from causal_openlock.fitting.recovery import space_of
+from causal_openlock.scoring import LAPSE
 from causal_openlock.wording import joined, nearest
 
 FILE = "study.yaml"
@@ -76,6 +77,10 @@ ATTEMPTS = ("attempts", "first_solution", *SOLUTIONS, AFTER, SAVED)
 RECOVERED = ("single", "groups", "halves")
 """Measures of a recovery: shares attributed to the true learner; every row is a unit."""
 
+IN_BITS = ("information", "per_minute")
+TOLD = (*IN_BITS, "minutes", "certain", "unlike")
+"""Measures of a design (:func:`~causal_openlock.fitting.design.informed`); as above."""
+
 METRICS = ("differing_pairs", "differing_transitions")
 """Metrics of a learner (:meth:`Learner.metrics`) at the end of its visits; all are shares."""
 
@@ -83,20 +88,25 @@ CORRELATION = "r"
 """Measure of a recovery: correlation of true parameters with fitted ones."""
 
 EVERYONE = "everyone"
-"""Name of all learners of a recovery together."""
+"""Name of all theories of a recovery or a design together."""
+
+ATTRIBUTED = ("recovery", "design")
+"""What is measured where subjects are attributed to the learners that made them."""
 
 MEASURED: Mapping[str, Sequence[str]] = {
     "trials": (*TRIALS, *SOLUTIONS, AFTER, SAVED),
     "course": COURSE,
     "curve": (*TRIALS, *SOLUTIONS, AFTER, SAVED),
     "recovery": (*RECOVERED, CORRELATION),
+    "design": (*RECOVERED, *TOLD),
     "metrics": METRICS,
 }
 
 Measure = Literal[
     "attempts", "first_solution", "first", "second", "third", "after_first", "saved_after_first",
     "solved", "found", "opens", "finds_all", "else", "unlocks", "single", "groups", "halves", "r",
-    "differing_pairs", "differing_transitions",
+    "information", "per_minute", "minutes", "certain", "unlike", "differing_pairs",
+    "differing_transitions",
 ]  # fmt: skip
 """Measures of each unit: see :mod:`~causal_openlock.evidence.units`."""
 
@@ -251,11 +261,21 @@ class RecoverySettings(StrictModel):
         list[Name], Field(description="Learners whose parameters are also recovered.")
     ] = Field(default_factory=list)
     draws: Count = 128
-    lapse: Annotated[float, Field(ge=0, le=1)] = 0.01
+    lapse: Annotated[float, Field(ge=0, le=1)] = LAPSE
     sets: Annotated[int, Field(ge=3)] = 20
     each: Count = 1
     candidates: Count = 40
     restarts: Count = 2
+
+
+class DesignSettings(StrictModel):
+    """Settings of a design; see :mod:`~causal_openlock.fitting.design`."""
+
+    draws: Count = 8
+    lapse: Annotated[float, Field(ge=0, le=1)] = LAPSE
+    outside: Annotated[
+        list[Name], Field(description="Learners that make subjects and are none of the theories.")
+    ] = Field(default_factory=list)
 
 
 class StudyFile(StrictModel):
@@ -268,13 +288,15 @@ class StudyFile(StrictModel):
         Field(pattern=r"^[^\x00]+$", description="Its file, as seen from the study's folder."),
     ]
     measured: Annotated[
-        Literal["trials", "course", "curve", "recovery", "metrics"],
+        Literal["trials", "course", "curve", "recovery", "design", "metrics"],
         Field(
             description="Each trial of people's protocol, parts of a long course, the trials of "
-            "one by fifties, who is attributed to whom, or what learners measure of themselves."
+            "one by fifties, who is attributed to whom, with parameters known (recovery) or not "
+            "(design), or what learners measure of themselves."
         ),
     ] = "trials"
     recovery: RecoverySettings = Field(default_factory=RecoverySettings)
+    design: DesignSettings = Field(default_factory=DesignSettings)
     derived: Annotated[
         Literal["distances_from_people", "learning_costs", "confusion"] | None,
         Field(description="A table that is computed from all units together."),
@@ -312,23 +334,24 @@ class StudyFile(StrictModel):
 
     @model_validator(mode="after")
     def _recovery_is_by_itself(self) -> StudyFile:
-        if self.derived == "confusion" and self.measured != "recovery":
-            raise ValueError("derived: confusion is of measured: recovery")
-        if self.measured != "recovery":
-            if "recovery" in self.model_fields_set:
-                raise ValueError("recovery: is of measured: recovery")
+        if self.derived == "confusion" and self.measured not in ATTRIBUTED:
+            raise ValueError("derived: confusion is of measured: recovery or design")
+        for name in ATTRIBUTED:
+            if name in self.model_fields_set and self.measured != name:
+                raise ValueError(f"{name}: is of measured: {name}")
+        if self.measured not in ATTRIBUTED:
             return self
         if self.networks or self.derived not in (None, "confusion"):
-            raise ValueError("a recovery has no networks:, and derives only confusion")
+            raise ValueError(f"a {self.measured} has no networks:, and derives only confusion")
         for claim in self.claims.values():
             for contrast in claim.contrasts.values():
-                if not isinstance(contrast.minus, float):
-                    raise ValueError("minus: of a recovery is a number")  # noqa: TRY004
+                if self.measured == "recovery" and not isinstance(contrast.minus, float):
+                    raise ValueError("minus: of a recovery is a number")
         return self
 
     @model_validator(mode="after")
     def _sides_can_be_selected(self) -> StudyFile:
-        if self.measured == "recovery":
+        if self.measured in ATTRIBUTED:
             return self
         for claim in self.claims.values():
             for contrast in claim.contrasts.values():
@@ -411,13 +434,9 @@ class Study:
         }
         if networks:
             run["learner"] = networks.learner
-        if self._recovers:
-            run["recovery"] = self.file.recovery.model_dump()
+        if self.file.measured in ATTRIBUTED:
+            run[self.file.measured] = getattr(self.file, self.file.measured).model_dump()
         return _digest(run)
-
-    @property
-    def _recovers(self) -> bool:
-        return self.file.measured == "recovery"
 
     def asks_of(self, label: str) -> str:
         """A hash of what a trained network plays, and as what; not of how it is trained."""
@@ -438,7 +457,7 @@ class Study:
         learners = {one.name for one in self.asked.learners}
         if networks:
             learners = {*networks.files, *networks.parameters}
-        if self._recovers:
+        if self.file.measured in ATTRIBUTED:
             learners |= {EVERYONE}
         conditions = {one.name for one in self.asked.conditions}
         measures = MEASURED[self.file.measured]

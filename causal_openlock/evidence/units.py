@@ -22,7 +22,7 @@ whether a condition is judged by this row; ``unit``, the number of the subject o
 - ``opens``, ``unlocks``, ``else``, of a course: the shares of attempts that open the door, that
   unlock it and do not open it, and that do neither.
 
-Those of a recovery are in :mod:`~causal_openlock.evidence.confusions`.
+Those of a recovery and of a design are in :mod:`~causal_openlock.evidence.confusions`.
 """
 
 from __future__ import annotations
@@ -42,12 +42,15 @@ from causal_openlock.evidence.study import (
     BLOCK,
     COURSE,
     EVERYONE,
+    IN_BITS,
     RECOVERED,
     SAVED,
+    TOLD,
     TRIALS,
     Selection,
 )
 from causal_openlock.experiment.protocol import PROTOCOLS
+from causal_openlock.fitting.design import NATS, information_ends
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.wording import joined
 
@@ -137,7 +140,7 @@ def selected(units: pd.DataFrame, selection: Selection, measure: str) -> Selecte
         EvidenceError: If the study has no such learner, condition or measure.
     """
     conditions = selection.condition
-    everyone = selection.learner == EVERYONE and measure in RECOVERED
+    everyone = selection.learner == EVERYONE and measure in (*RECOVERED, *TOLD)
     wanted: dict[str, Any] = {
         "learner": [] if everyone else [selection.learner],
         "condition": [conditions] if isinstance(conditions, str) else conditions,
@@ -167,9 +170,11 @@ def selected(units: pd.DataFrame, selection: Selection, measure: str) -> Selecte
         rows = rows.assign(**{AFTER: rest, SAVED: rows["first_solution"] - rest})
     if measure not in rows or rows[measure].isna().all():
         raise EvidenceError(f"{measure} was not measured of {selection.learner}")
-    if measure in RECOVERED:  # every row is a unit
+    if measure in (*RECOVERED, *TOLD):  # every row is a unit
         rows = rows.dropna(subset=measure)
-        return Selected(rows[measure].to_numpy(float), np.arange(len(rows)))
+        least, most = _ends(rows, measure)
+        values = rows[measure].to_numpy(float)
+        return Selected(values, np.arange(len(rows)), least=least, most=most)
     by_unit, played = rows.groupby("unit"), rows["condition"].unique()
     if len(played) == 1:  # most often; it takes half of the time
         each = by_unit[measure].mean().dropna().to_frame(played[0])
@@ -186,6 +191,17 @@ def selected(units: pd.DataFrame, selection: Selection, measure: str) -> Selecte
         least=-most if measure == SAVED else float(measure in ATTEMPTS and measure != AFTER),
         most=most,
     )
+
+
+def _ends(rows: pd.DataFrame, measure: str) -> tuple[float, float]:
+    """The least and the most that a subject's measure can be, where parameters are unknown."""
+    if measure == "minutes":
+        return 0.0, float(rows[measure].max())
+    if measure not in IN_BITS:
+        return 0.0, 1.0
+    least, most = information_ends(sum(str(name).startswith(NATS) for name in rows))
+    ratio = (rows[measure] / rows["information"]).max()  # one over the fewest minutes
+    return least * ratio, most * ratio
 
 
 def _limit(rows: pd.DataFrame, units: pd.DataFrame) -> float:

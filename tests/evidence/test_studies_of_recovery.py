@@ -142,6 +142,59 @@ def test_a_study_of_recovery_from_the_run_to_its_page(
     pd.testing.assert_frame_equal(read_units(study), before)
 
 
+DESIGN = """
+title: Whether two learners are told apart
+experiment: experiment.yaml
+measured: design
+design: {outside: [thompson], draws: 1}
+derived: confusion
+hours: 0.01
+claims:
+  told_apart:
+    text: Subjects are told apart
+    contrasts:
+      single: {measure: single, of: {learner: everyone}, minus: 0.5, expected: more}
+  by_the_minute:
+    text: Visits tell as much a minute, whoever makes them
+    contrasts:
+      rooms: {measure: per_minute, of: {learner: random}, minus: {learner: win_stay}, expected: same, smallest: 9}
+tables:
+  information: {measure: information, interval: true, columns: [CC3], rows: {everyone: everyone, random: "`random`"}}
+  unlike: {measure: unlike, columns: [CC3], rows: {thompson: Thompson}}
+figures: [derived, information]
+"""  # noqa: E501
+
+
+def test_a_study_of_unknown_parameters_from_the_run_to_its_page(
+    root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (root / "small" / "study.yaml").write_text(DESIGN)
+    study, results = read_study(root / "small"), root.parent / "results"
+    assert not study.faults()
+    run_study(study, results, Watched(workers=0))
+    found, units = Evidence(study), read_units(study)
+    assert found.complete
+    assert len(units) == 3 * 5 + 2 * (1 + 2)  # subjects; groups and halves of the two theories
+    own = units.dropna(subset="information")
+    assert set(own["learner"]) == {"random", "win_stay"}
+    assert found.text("information everyone units") == "10"
+    assert float(found.text("information everyone")) == pytest.approx(
+        own["information"].mean(), abs=0.006
+    )
+    mean = found.estimates["by_the_minute", "rooms"][0]
+    assert mean.units == (5,)  # in the same rooms, so in pairs
+    assert found.text("claim told_apart verdict") == "holds"
+    assert found.text("unlike thompson units") == "5"
+    assert not write(root)[1]
+    assert not check(root)
+    page = (root / "small" / "README.md").read_text()
+    assert "lets every theory predict every subject, its parameters unknown" in page
+    assert "| Thompson |" in page
+    shutil.rmtree(results)
+    run_study(study, results, Watched(workers=0))  # all is stored: nothing is run
+    assert not results.exists()
+
+
 def _stopped(*_: object) -> None:
     raise KeyboardInterrupt
 
