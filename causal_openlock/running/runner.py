@@ -19,10 +19,12 @@ from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from uuid import uuid4
 
-from causal_openlock.contract.registry import is_ours
+from causal_openlock.contract.learner import Learner
+from causal_openlock.contract.registry import is_ours, learner_class
 from causal_openlock.errors import CellsFailed, LearnerError, OpenLockError
 from causal_openlock.experiment.experiment import Cell, Experiment
 from causal_openlock.files.atomic import write_text
@@ -235,6 +237,15 @@ def _sources(experiment: Experiment) -> Iterator[tuple[str, str]]:
             yield named[name], source
 
 
+@cache
+def _kinds(learner: str) -> frozenset[type]:
+    """The toolkit's classes that a learner is one of; none if it is not the toolkit's."""
+    classes = learner_class(learner).__mro__ if is_ours(learner) else ()
+    return frozenset(
+        one for one in classes if issubclass(one, Learner) and one.__module__ != Learner.__module__
+    )
+
+
 def _ignore(*_: object) -> None:
     """Default callback; does nothing."""
 
@@ -258,6 +269,7 @@ class _Run:
     reasons: dict[str, str] = field(default_factory=dict)
     warned: set[str] = field(default_factory=set)
     lost: dict[str, tuple[int, int]] = field(default_factory=dict)
+    known: set[type] = field(default_factory=set)
 
     def play(self, workers: Workers) -> None:
         """Play all cells; ``reasons`` then has why some failed, by the file's name."""
@@ -266,7 +278,7 @@ class _Run:
         try:
             while self.pending or self.running:
                 while self.pending and workers.free():
-                    cell = self.pending.popleft()
+                    cell = self._next()
                     # Other people's code may change its process, so it gets a new one.
                     alone = not is_ours(cell.spec.learner)
                     job = (cell, folder, self.watching, self.definitions)
@@ -286,6 +298,21 @@ class _Run:
                 future.cancel()
         self._look(workers)
 
+    def _next(self) -> Cell:
+        """Take the next cell; others first while the first cell of its kind of learner is played.
+
+        Loops of a learner are compiled in its first cell, and read from numba's files from then on.
+        """
+        begun = {kind for cell in self.running.values() for kind in _kinds(cell.spec.learner)}
+        begun -= self.known
+        place = 0
+        if begun:
+            each = enumerate(_kinds(cell.spec.learner) for cell in self.pending)
+            place = next((number for number, kinds in each if not kinds & begun), 0)
+        cell = self.pending[place]
+        del self.pending[place]
+        return cell
+
     def _ended(self, future: Future[list[str]], workers: Workers) -> None:
         cell, how = self.running.pop(future), workers.done(future)
         error = future.exception()
@@ -295,6 +322,7 @@ class _Run:
             for warning in () if kept else future.result():
                 self._warn(warning)
             self.course.ended(cell, time.monotonic())
+            self.known |= _kinds(cell.spec.learner)
             self.done(cell, False)
             return
         if future in self.overdue:

@@ -1,0 +1,61 @@
+"""The order in which cells are given to workers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from causal_openlock.experiment.experiment import Cell
+from causal_openlock.experiment.file import read_experiment
+from causal_openlock.running.runner import run
+from causal_openlock.running.workers import ExternalExecutor
+
+
+class Noting(Executor):
+    """Notes cells and plays none."""
+
+    def __init__(self) -> None:
+        self.given: list[str] = []
+
+    def submit(self, job: Callable[..., Any], cell: Cell, /, *_: Any, **__: Any) -> Future[Any]:
+        self.given.append(cell.spec.name)
+        future: Future[Any] = Future()
+        future.set_result([])
+        return future
+
+
+@pytest.mark.parametrize(
+    ("workers", "order"),
+    [
+        (9, ["ddqn", "oracle", "random", "semi_markov_ddqn", "bayes_net_ddqn"]),
+        # Those of the first two are known once they have ended.
+        (2, ["ddqn", "oracle", "semi_markov_ddqn", "bayes_net_ddqn", "random"]),
+    ],
+)
+def test_one_cell_compiles_while_others_play_what_needs_no_compiling(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, workers: int, order: list[str]
+) -> None:
+    file = tmp_path / "order.yaml"
+    file.write_text(
+        "name: order\nconditions: [CC3]\nsubjects: 1\n"
+        "learners: [ddqn, semi_markov_ddqn, bayes_net_ddqn, oracle, random]\n"
+    )
+    noting = Noting()
+    ended: list[Future[Any]] = []
+    done = ExternalExecutor.done
+
+    def free(_: ExternalExecutor) -> bool:
+        return len(noting.given) - len(ended) < workers
+
+    def note(self: ExternalExecutor, future: Future[Any]) -> str:
+        ended.append(future)
+        return done(self, future)
+
+    monkeypatch.setattr(ExternalExecutor, "free", free)
+    monkeypatch.setattr(ExternalExecutor, "done", note)
+    run(read_experiment(file), tmp_path / "out", executor=noting)
+    assert noting.given == order
