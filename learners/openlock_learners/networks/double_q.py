@@ -14,6 +14,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Sequence
+from functools import cached_property
 from itertools import pairwise, zip_longest
 from typing import Any, Literal
 
@@ -173,13 +174,20 @@ class StackedDoubleQ:
         self.loss = loss
         self.double = double
         self.updates = 0
-        options = {"fused": True} if optimizer == "adam" else {}
-        self.optimizer = OPTIMIZERS[optimizer](
-            [self.online.parameters], lr=learning_rate, **options
-        )
+        self.optimizer_name, self.learning_rate = optimizer, learning_rate
         self._table = self.online.parameters.new_zeros(0, self.online.sizes[0])
         self._target_values: Tensor | None = None
         self.observe(self._table)
+
+    @cached_property
+    def optimizer(self) -> torch.optim.Optimizer:
+        """Torch's optimizer."""
+        options = {"fused": True} if self.optimizer_name == "adam" else {}
+        kind = OPTIMIZERS[self.optimizer_name]
+        made: torch.optim.Optimizer = kind(
+            [self.online.parameters], lr=self.learning_rate, **options
+        )
+        return made
 
     def observe(self, table: Tensor) -> None:
         """Replace the table of ``[D, in]`` distinct observations, which all indices refer to."""

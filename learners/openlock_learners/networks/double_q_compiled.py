@@ -12,7 +12,8 @@ that cannot be written to, in the user's cache) for all later processes of the i
 
 from __future__ import annotations
 
-from functools import lru_cache
+import inspect
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -21,13 +22,13 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from openlock_learners.networks import double_q_kernels as kernels
-from openlock_learners.networks.double_q import StackedDoubleQ
+from openlock_learners.networks.double_q import OPTIMIZERS, OptimizerName, StackedDoubleQ
 from openlock_learners.networks.replay_buffer import Batch
 
-RULES: dict[type[torch.optim.Optimizer], int] = {
-    torch.optim.Adam: kernels.ADAM,
-    torch.optim.RMSprop: kernels.RMSPROP,
-    torch.optim.SGD: kernels.SGD,
+RULES: dict[OptimizerName, int] = {
+    "adam": kernels.ADAM,
+    "rmsprop": kernels.RMSPROP,
+    "sgd": kernels.SGD,
 }
 LOSSES = {"huber": kernels.HUBER, "squared": kernels.SQUARED}
 
@@ -40,8 +41,19 @@ def layout(widths: tuple[int, ...], agents: int) -> tuple[kernels.Integers, kern
     return sizes, np.concatenate([[0], lengths.cumsum()[:-1]])
 
 
+@lru_cache
+def defaults_of(optimizer: OptimizerName) -> dict[str, Any]:
+    """Torch's settings of an optimizer."""
+    known = inspect.signature(OPTIMIZERS[optimizer]).parameters.values()
+    return {one.name: one.default for one in known if one.default is not one.empty}
+
+
 class CompiledDoubleQ(StackedDoubleQ):
-    """A :class:`StackedDoubleQ` in compiled code for a CPU."""
+    """A :class:`StackedDoubleQ` in compiled code for a CPU.
+
+    Torch's own optimizer is built for checkpoints alone: the first one of a process loads torch's
+    compiler, which takes a second.
+    """
 
     @property
     def _networks(self) -> tuple[kernels.Networks, kernels.Networks]:
@@ -108,15 +120,31 @@ class CompiledDoubleQ(StackedDoubleQ):
     def _target_changed(self) -> None:
         self._target_table.is_known[:] = False
 
+    def state_dict(self) -> dict[str, Any]:
+        """See :class:`~openlock_learners.networks.double_q.StackedDoubleQ`."""
+        if self._state:
+            self.optimizer.state[self.online.parameters] = self._state
+        return super().state_dict()
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """See :class:`~openlock_learners.networks.double_q.StackedDoubleQ`."""
+        super().load_state_dict(state)
+        self._state = self.optimizer.state.get(self.online.parameters, {})
+
+    @cached_property
+    def _state(self) -> dict[str, Tensor]:
+        """The optimizer's step and moments, as torch names them; empty before the first step."""
+        return {}
+
     def _optimizer_step(self) -> kernels.Optimizer:
         """Count one more step of torch's optimizer, and describe it at that step."""
-        rule, parameters = RULES[type(self.optimizer)], self.online.parameters
-        settings = self.optimizer.param_groups[0]
+        rule, parameters = RULES[self.optimizer_name], self.online.parameters
+        settings = defaults_of(self.optimizer_name)
         first = second = parameters.numpy()  # unused where the rule keeps no moments
         kept, kept_square, count = 0.0, 0.0, 1.0
         if rule != kernels.SGD:
             moments = ("exp_avg", "exp_avg_sq") if rule == kernels.ADAM else ("square_avg",)
-            state = self.optimizer.state[parameters]
+            state = self._state
             if not state:  # created at the first step, as torch does
                 state["step"] = torch.zeros((), dtype=torch.float32)
                 state |= {name: torch.zeros_like(parameters) for name in moments}
@@ -125,7 +153,7 @@ class CompiledDoubleQ(StackedDoubleQ):
             first, second = (state[name].numpy() for name in (moments[0], moments[-1]))
             kept, kept_square = settings.get("betas", (0.0, settings.get("alpha")))
         numbers = (
-            settings["lr"] / (1 - kept**count),
+            self.learning_rate / (1 - kept**count),
             1 - kept,
             kept_square,
             1 - kept_square,

@@ -250,7 +250,7 @@ def test_denormal_numbers_are_flushed_in_compiled_code_too() -> None:
         q.observe(table(rng, 3))
         batch = minibatch(rng, [3])
         q.update(batch)
-        moments = q.optimizer.state[q.online.parameters]["exp_avg"]
+        moments = q._state["exp_avg"]
         moments.fill_(2e-38)
         nothing = batch._replace(weight=torch.zeros_like(batch.weight))
         for _ in range(steps):  # each takes a tenth
