@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from pandas.api.types import union_categoricals
+from pandas.api.types import is_numeric_dtype, union_categoricals
 
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from causal_openlock.experiment.record import CATEGORIES, PHASES, played
-from causal_openlock.schemas.fsm import IntArray
+from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.wording import counted
 
 if TYPE_CHECKING:
@@ -244,11 +244,48 @@ def by_subject(trials: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
         :data:`SUBJECT`, with the means ``attempts`` and ``solved`` (a share) and ``visits``, the
         number of trials averaged.
     """
-    frame = trials.assign(solved=trials["solved"].astype(float))
-    grouped = frame.groupby([*CELL, *by, *SUBJECT], observed=True, sort=True)
-    return grouped.agg(
-        attempts=("attempts", "mean"), solved=("solved", "mean"), visits=("attempts", "size")
-    ).reset_index()
+    names = [*CELL, *by, *SUBJECT]
+    first, group = numbered(trials, names)
+    visits = np.bincount(group, minlength=len(first))
+    means = {
+        name: np.bincount(group, trials[name].to_numpy(float), len(first)) / visits
+        for name in ("attempts", "solved")
+    }
+    return trials[names].iloc[first].reset_index(drop=True).assign(**means, visits=visits)
+
+
+def at_places(
+    each: pd.DataFrame, by: Sequence[str] = ("phase", "trial"), value: str = "attempts"
+) -> tuple[FloatArray, list[tuple[Any, ...]]]:
+    """``[n, P]`` a value of n subjects of one group at each of P places, and the places.
+
+    Args:
+        each: A row for each subject and place, such as from :func:`by_subject`.
+        by: What makes up a place.
+        value: The column; NaN where a subject was not at a place.
+    """
+    subjects, subject = numbered(each, SUBJECT)
+    places, place = numbered(each, by)
+    found = np.full((len(subjects), len(places)), np.nan)
+    found[subject, place] = each[value].to_numpy(float)
+    return found, list(each[[*by]].iloc[places].itertuples(index=False, name=None))
+
+
+def numbered(frame: pd.DataFrame, names: Sequence[str]) -> tuple[IntArray, IntArray]:
+    """The first row of each group of equal values, in their order, and each row's group."""
+    codes = [_sortable(frame[name]) for name in names]
+    order = np.lexsort(codes[::-1])
+    starts = _starts([column[order] for column in codes])
+    group = np.empty(len(order), np.int64)
+    group[order] = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(order)))
+    return order[starts], group
+
+
+def _sortable(column: pd.Series) -> NDArray[Any]:
+    """The column as numbers in the order of its values, of names in that of their categories."""
+    if isinstance(column.dtype, pd.CategoricalDtype):
+        return column.cat.codes.to_numpy()
+    return column.to_numpy() if is_numeric_dtype(column) else pd.factorize(column, sort=True)[0]
 
 
 def mean_by_trial(trials: pd.DataFrame, by: Sequence[str] = ("phase", "trial")) -> pd.DataFrame:

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -34,6 +35,7 @@ from causal_openlock.analysis.measures import (
     CELL,
     SUBJECT,
     TRANSFERS,
+    at_places,
     by_subject,
     mean_by_trial,
 )
@@ -109,8 +111,11 @@ EFFECTS = (
 """People's effects at the fourteen points; the last four are tested in the paper as well."""
 
 
+@cache
 def published_points() -> pd.DataFrame:
     """People's and the published model's means and error bars at each of the fourteen points.
+
+    Nobody may change them.
 
     Columns: :data:`~causal_openlock.paper.published.POINT`, and for people and
     model ``X_subjects``, ``X_mean`` and ``X_se``, in attempts.
@@ -279,12 +284,13 @@ def effects_of(points: pd.DataFrame, trials: pd.DataFrame | None = None) -> pd.D
         (row.condition, row.phase, row.trial): Group.published(row.mean, row.se, int(row.subjects))
         for row in points.itertuples()
     }
-    rows = []
+    rows, each = [], None
     for effect in EFFECTS:
         if not all(place in at for place in effect.weights):
             continue
         if effect.within and trials is not None:
-            tested = _within(effect, trials)
+            each = by_subject(trials, ["phase", "trial"]) if each is None else each
+            tested = _within(effect, each)
         else:
             groups = [at[place] for place in effect.weights]
             found = contrast_test(groups, list(effect.weights.values()))
@@ -296,20 +302,17 @@ def effects_of(points: pd.DataFrame, trials: pd.DataFrame | None = None) -> pd.D
     return pd.DataFrame(rows, columns=["effect", "difference", "t", "df", "p", "like_people"])
 
 
-def _within(effect: Effect, trials: pd.DataFrame) -> tuple[float, float, int, float]:
+def _within(effect: Effect, each: pd.DataFrame) -> tuple[float, float, int, float]:
     """An effect within subjects: the mean of each one's weighted sum, tested against zero."""
     from scipy.stats import ttest_1samp
 
     condition = next(iter(effect.weights))[0]
-    own = by_subject(trials[trials["condition"] == condition], ["phase", "trial"])
-    wide = own.pivot_table(
-        index=SUBJECT, columns=["phase", "trial"], values="attempts", observed=True
-    )
+    attempts, places = at_places(each[each["condition"] == condition])
     sums = sum(
-        weight * wide[phase, trial].to_numpy(float)
+        weight * attempts[:, places.index((phase, trial))]
         for (_, phase, trial), weight in effect.weights.items()
     )
-    value, freedom = float(np.mean(sums)), len(wide) - 1
+    value, freedom = float(np.mean(sums)), len(attempts) - 1
     if np.ptp(sums) == 0:  # as of a single subject
         return value, float("nan"), freedom, float("nan")
     found = ttest_1samp(sums, 0.0)

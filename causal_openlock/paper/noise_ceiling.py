@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.measures import SUBJECT, by_subject
+from causal_openlock.analysis.measures import at_places, by_subject
 from causal_openlock.analysis.statistics import LEVEL, RESAMPLES, SEED
 from causal_openlock.contract.registry import changed_parameters, is_ours
 from causal_openlock.experiment.experiment import LearnerSpec
@@ -237,10 +237,9 @@ def drawn_means(
     drawn = np.empty((RESAMPLES, len(points)))
     each = by_subject(trials, ["phase", "trial"])
     for condition, own in points.reset_index(drop=True).groupby("condition", sort=False):
-        wide = each[each["condition"] == condition].pivot_table(
-            index=SUBJECT, columns=["phase", "trial"], values="attempts", observed=True
-        )
-        values = wide[list(zip(own["phase"], own["trial"], strict=True))].to_numpy(float)
+        values, places = at_places(each[each["condition"] == condition])
+        wanted = zip(own["phase"], own["trial"], strict=True)
+        values = values[:, [places.index(place) for place in wanted]]
         subjects = rng.integers(len(values), size=(RESAMPLES, len(values)))
         drawn[:, own.index] = values[subjects].mean(axis=1)
     return drawn
@@ -315,9 +314,10 @@ def beside_null_models(
     drawn = {name: drawn_means(own, played.get(name), rng) for name, own in like.points.items()}
     nearest = next(name for name in like.points if name in played)
     beside = like.points[nearest], drawn[nearest]
+    training = training_points_of(trials)
     rows = []
     for name, points in like.points.items():
-        trained = training_points_of(played[name]) if name in played else None
+        trained = training[training["learner"] == name] if name in played else None
         row = _row(name, points, trained, fitted.get(name, 0))
         row |= {"spreads": spread_distance(points), "settings": settings.get(name)}
         if name != nearest:

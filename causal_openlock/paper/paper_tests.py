@@ -29,7 +29,7 @@ from causal_openlock.analysis.effects import (
     power_of_t,
     subjects_needed,
 )
-from causal_openlock.analysis.measures import SUBJECT, by_subject
+from causal_openlock.analysis.measures import at_places, by_subject
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.section import Section
@@ -265,8 +265,9 @@ def _matrices(means: pd.DataFrame) -> dict[str, tuple[FloatArray, bool]]:
     """``[n, T]`` attempts of the subjects of each condition, and whether any trial was solved."""
     held = {}
     for name, rows in means.groupby("condition", observed=True, sort=False):
-        wide = rows.set_index([*SUBJECT, "trial"])["attempts"].unstack("trial")
-        held[str(name)] = (wide.dropna().to_numpy(float), bool((rows["solved"] > 0).any()))
+        attempts, _ = at_places(rows, ["trial"])
+        whole = attempts[~np.isnan(attempts).any(axis=1)]
+        held[str(name)] = whole, bool((rows["solved"] > 0).any())
     return {name: found for name, found in held.items() if len(found[0])}
 
 

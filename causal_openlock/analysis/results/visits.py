@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.measures import CELL, START, SUBJECT
+from causal_openlock.analysis.measures import CELL, START, SUBJECT, at_places
 from causal_openlock.analysis.statistics import LEVEL, SEED, mean_interval
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.schemas.fsm import FloatArray
@@ -102,9 +102,8 @@ def each_group(
 
 def matrix(rows: pd.DataFrame, measure: str) -> FloatArray:
     """``[n, P]`` a measure of n subjects in each of the parts that all of them have."""
-    wide = rows.pivot_table(index=SUBJECT, columns="part", values=measure, observed=True)
-    values: FloatArray = wide.dropna(axis="columns").to_numpy(float)
-    return values
+    values, _ = at_places(rows, ["part"], measure)
+    return values[:, ~np.isnan(values).any(axis=0)]
 
 
 def interval(values: FloatArray, level: float = LEVEL) -> tuple[float, float]:

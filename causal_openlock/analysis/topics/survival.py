@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from causal_openlock.analysis.decisions import Decided
-from causal_openlock.analysis.measures import CELL, SUBJECT, judged, ordered
+from causal_openlock.analysis.measures import CELL, SUBJECT, judged, numbered, ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, in_rows, panels, trials_under
 from causal_openlock.analysis.prose import Prose
@@ -47,7 +47,7 @@ def unsolved_after(trials: pd.DataFrame) -> pd.DataFrame:
     """
     parts = []
     for key, own in judged(trials).groupby(CELL, observed=True, sort=True):
-        subject = own.groupby(SUBJECT, observed=True).ngroup().to_numpy()
+        _, subject = numbered(own, SUBJECT)
         ended, solved = own["attempts"].to_numpy(), own["solved"].to_numpy()
         size, length = subject.max() + 1, ended.max() + 1
         events = np.zeros((size, length), np.int64)
