@@ -144,12 +144,17 @@ def _canonical(kind: SchemaClass) -> SchemaClass:
     best = None
     given = [(role.many, role.causes, role.gate) for role in kind.roles]
     for order, moved in _renamings(len(given)):
-        described = []
+        described: list[tuple[bool, int, str]] = []
+        alike = best is not None
         for index, old in enumerate(order):
             many, causes, gate = given[old]
             if moved[causes] >> index:
                 break  # an effect would come before its cause
             described.append((many, moved[causes], gate))
+            if alike and described[-1] != best[index]:
+                if described[-1] > best[index]:
+                    break
+                alike = False
         else:
             described.append((False, moved[kind.door.causes], kind.door.gate))
             if best is None or described < best:

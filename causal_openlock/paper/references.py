@@ -64,8 +64,10 @@ def ddqn_2018() -> Reference:
 
 def people_beside(results: Material) -> Beside:
     """Return the paper's people, with the learners that did what they did."""
-    beside = (one for one in results.references if one.reference.name == PEOPLE)
-    return next(beside, Beside(people(), frozenset()))
+    for one in results.references:
+        if one.reference.name == PEOPLE:
+            return one
+    return Beside(people(), frozenset())
 
 
 def did_what_people_did(spec: LearnerSpec, condition: Condition) -> bool:

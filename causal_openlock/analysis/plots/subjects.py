@@ -7,6 +7,7 @@ from itertools import cycle
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
@@ -49,7 +50,7 @@ def plot_subjects(
     ]
     if not shown:
         raise NothingToDrawError("no such learner played such a condition")
-    values = by_subject(judged(results.trials), ["phase"])
+    values = results.once(_values)
     keys = [
         Line2D([], [], **_circle(), marker="o", ls="", ms=7, label="subjects"),
         Line2D([], [], color="black", lw=2, label="mean, 95% interval"),
@@ -87,6 +88,11 @@ def plot_subjects(
         at.label_y("Attempts")
         at.legend(keys, columns=2)
     return at.returned
+
+
+def _values(results: Material) -> pd.DataFrame:
+    """Attempts of each subject of all learners."""
+    return by_subject(judged(results.trials), ["phase"])
 
 
 def _circle() -> dict[str, Any]:

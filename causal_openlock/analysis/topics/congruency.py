@@ -77,6 +77,11 @@ def congruency(results: Material) -> pd.DataFrame:
     trials = judged(results.trials[results.trials["condition"].isin(TRANSFERS)])
     known = {one.reference.name: _published(one.reference) for one in results.references}
     gaps = [gap_column(one.reference.name) for one in results.leading]
+    each = by_subject(trials, [])
+    played = {
+        (str(protocol), str(learner)): _played(own)
+        for (protocol, learner), own in each.groupby(["protocol", "learner"], observed=True)
+    }
     rows: list[dict[str, Any]] = []
     for protocol in ordered(trials["protocol"].unique(), (HUMAN_PROTOCOL,)):
         here = trials[trials["protocol"] == protocol]
@@ -93,7 +98,7 @@ def congruency(results: Material) -> pd.DataFrame:
                 if one.stands(own).all()
             }
             about = {"learner": name, "reference": False, "protocol": protocol}
-            rows += [about | _effect(test, _played(own), beside) for test in COMPARED]
+            rows += [about | _effect(test, played[protocol, name], beside) for test in COMPARED]
     columns = [*COLUMNS, *(f"{gap}{end}" for gap in gaps for end in ("", "_low", "_high"))]
     table = pd.DataFrame([row for row in rows if "saved" in row], columns=columns)
     return table.astype({"reference": bool})
@@ -103,11 +108,10 @@ Groups = Mapping[str, tuple[Group, float]]
 """Subjects of each condition, and the share of trials that they solved."""
 
 
-def _played(trials: pd.DataFrame) -> Groups:
-    each = by_subject(trials, []).groupby("condition", observed=True)
+def _played(each: pd.DataFrame) -> Groups:
     return {
         str(name): (Group.of(rows["attempts"].to_numpy(float)), float(rows["solved"].mean()))
-        for name, rows in each
+        for name, rows in each.groupby("condition", observed=True)
     }
 
 
@@ -180,7 +184,11 @@ def plot_congruency(
     :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`.
     """
     protocol, trials = trials_under(results, protocol, learners)
-    table = congruency(replace(results, trials=trials))
+    if learners is None:
+        table = compute(results)
+        table = table[table["protocol"] == protocol]
+    else:
+        table = congruency(replace(results, trials=trials))
     if table["reference"].all():
         raise NothingToDrawError(
             f"no such learner played two of the paper's transfer conditions with the same test "
@@ -206,6 +214,11 @@ def plot_congruency(
             axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
         same_scale(at)
     return at.returned
+
+
+def compute(material: Material) -> pd.DataFrame:
+    """The effects of all learners, computed once."""
+    return material.once(congruency)
 
 
 def tests(computed: pd.DataFrame) -> dict[Hashable, float]:
@@ -316,4 +329,4 @@ def _with_interval(row: Mapping[str, Any], value: str, ends: tuple[str, str]) ->
     return text if np.isnan(low) else f"{text} [{printed(low, '.2f')}, {printed(high, '.2f')}]"
 
 
-TOPIC = Topic("congruency", 10, section, congruency, tests, family)
+TOPIC = Topic("congruency", 10, section, compute, tests, family)

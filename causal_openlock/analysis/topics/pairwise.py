@@ -96,14 +96,15 @@ def compared(
     groups, wins, pairs = [], [], 0
     for name in common:
         first, second = one[name]["attempts"], other[name]["attempts"]
-        shared = first.index.intersection(second.index)
+        values = first.to_numpy(float), second.to_numpy(float)
+        place = second.index.get_indexer(first.index)
+        shared = place >= 0
         weight = 1 / len(common)
-        if len(shared):
-            gap = (first[shared] - second[shared]).to_numpy(float)
+        if shared.any():
+            gap = values[0][shared] - values[1][place[shared]]
             groups.append(Group.of(gap, weight))
             pairs += len(gap)
         else:
-            values = first.to_numpy(float), second.to_numpy(float)
             groups += [Group.of(values[0], weight), Group.of(values[1], -weight)]
             gap = np.subtract.outer(*values)
         wins.append(float(np.mean((gap < 0) + (gap == 0) / 2)))
@@ -156,15 +157,18 @@ def plot_pairs(
     :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`.
     """
     protocol, trials = trials_under(results, protocol, learners, conditions)
-    held = outcomes(trials, protocol)
-    table = pairwise_table(held)
+    if learners is None and conditions is None:
+        held, table = (results.once(all_of)[protocol] for all_of in (all_outcomes, all_pairs))
+    else:
+        held = outcomes(trials, protocol)
+        table = pairwise_table(held)
     if table.empty:
         raise NothingToDrawError(
             f"no two such learners played a condition in common under the protocol {protocol}"
         )
     means = {
         name: np.mean([one["attempts"].mean() for one in held[name].values()])
-        for name in ordered(set(table["learner"]) | set(table["other"]), list(held))
+        for name in sorted({*table["learner"], *table["other"]})
     }
     names = sorted(means, key=means.__getitem__)
     size = len(names)

@@ -9,6 +9,8 @@ learners. Only what is on record is used.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -76,17 +78,19 @@ def regret(results: Material) -> pd.DataFrame:
     table = played(results.record).select(columns).to_pandas().sort_values([*_TRIAL, "attempt"])
     table = table.reset_index(drop=True)
     observers = _observers(results)
-    actions = table.pop("actions").map(np.ndarray.tolist)
+    actions = [own.tolist() for own in table.pop("actions")]
     worth: dict[Observer, dict[int, Worth]] = {one: {} for one, _ in observers.values()}
-    for key, own in table.groupby([*_TRIAL, *_ROOM], observed=True, sort=False).groups.items():
+    sizes = table.groupby([*_TRIAL, *_ROOM], observed=True, sort=False, dropna=False).size()
+    for key, end, size in zip(sizes.index, sizes.cumsum(), sizes, strict=True):
+        own = range(end - size, end)  # a trial's attempts follow one another
         known = observers.get((key[0], key[1], key[-2]))
-        placed = known and _placed(known[1], key[-1])
+        placed = known and known[1](key[-1])
         # Play that leads the observer out of reach leaves out all rooms of its schema, whose other
         # trials are no fair sample.
         if not known or placed is None or known[0] not in worth:
             continue
         try:
-            worths = known[0].trial(placed, actions.loc[own].tolist())
+            worths = known[0].trial(placed, actions[own.start : own.stop])
         except TooLargeError:
             del worth[known[0]]
         else:
@@ -98,8 +102,13 @@ def regret(results: Material) -> pd.DataFrame:
     return joined.drop(columns="layout").assign(learner=learner)
 
 
-def _observers(results: Material) -> dict[tuple[str, str, str], tuple[Observer, Schema]]:
-    """The observer of each learner's rooms, by learner, condition and schema."""
+def _observers(
+    results: Material,
+) -> dict[tuple[str, str, str], tuple[Observer, Callable[[str], Layout | None]]]:
+    """The observer of each learner's rooms, and their layouts by name; see :func:`_placed`.
+
+    Keys are learner, condition and schema.
+    """
     from causal_openlock.belief.observer import observer_of
 
     found = {}
@@ -108,7 +117,10 @@ def _observers(results: Material) -> dict[tuple[str, str, str], tuple[Observer, 
             for schema in condition.schemas:
                 limit = spec.protocol.actions_for(schema)
                 if (observer := observer_of(schema, limit)) is not None:
-                    found[spec.name, condition.name, schema.name] = observer, schema
+                    found[spec.name, condition.name, schema.name] = (
+                        observer,
+                        cache(partial(_placed, schema)),
+                    )
     return found
 
 

@@ -76,6 +76,7 @@ def savings(results: Material) -> pd.DataFrame:
     first = trials[(trials["loop"] == 1) & (trials["trial"] == 1)]
     is_test = first["condition"].isin(TRANSFERS)
     first = first[first["phase"] == np.where(is_test, "test", "train")]
+    each = by_subject(first, [])
     rows: list[tuple[Any, ...]] = []
     for protocol in ordered(first["protocol"].unique(), (HUMAN_PROTOCOL,)):
         here = first[first["protocol"] == protocol]
@@ -83,7 +84,7 @@ def savings(results: Material) -> pd.DataFrame:
             if one.stands(here).any():
                 rows += _published(one.reference, protocol)
         for name in ordered(here["learner"].unique(), results.learners):
-            own = by_subject(here[here["learner"] == name], [])
+            own = each[(each["learner"] == name) & (each["protocol"] == protocol)]
             held = {str(key): part for key, part in own.groupby("condition", observed=True)}
             for condition in TRANSFERS:
                 untrained = condition.split("-")[1]
@@ -148,7 +149,11 @@ def plot_savings(
     :func:`~causal_openlock.analysis.topics.congruency.plot_congruency`.
     """
     protocol, trials = trials_under(results, protocol, learners)
-    table = savings(replace(results, trials=trials))
+    if learners is None:
+        table = results.once(savings)
+        table = table[table["protocol"] == protocol]
+    else:
+        table = savings(replace(results, trials=trials))
     if table["reference"].all():
         raise NothingToDrawError(
             f"no such learner played one of the paper's transfer conditions and its baseline under "
@@ -179,7 +184,7 @@ def plot_savings(
 
 def section(material: Material, _: Decided) -> Section | None:
     """Section on savings by training; None if no condition and its baseline were played."""
-    found = savings(material)
+    found = material.once(savings)
     protocols = list(dict.fromkeys(found.loc[~found["reference"].astype(bool), "protocol"]))
     if not protocols:
         return None
