@@ -42,6 +42,9 @@ LONG_TEXT = 40
 """Cells of more characters than this are wrapped."""
 MANY_COLUMNS = 9
 """Tables of more columns than this are set smaller."""
+NARROW = 14
+"""Characters of a name that a phone's column has room for."""
+_LONG_NAME = re.compile(rf"\S{{{NARROW + 1},}}")
 
 
 @dataclass(frozen=True)
@@ -98,12 +101,12 @@ class Table:
         return [list(row) for row in zip(*columns, strict=True)]
 
     def html(self, look: str = "data") -> Markup:
-        """Return it as HTML, of a class of the page's style."""
+        """Return it as HTML, of a class of the page's style; long names may break after a ``_``."""
         from markupsafe import Markup, escape
 
         def lines(text: str) -> str:
-            first, *rest = text.split("\n")
-            return "".join([escape(first), *(f"<small>{escape(one)}</small>" for one in rest)])
+            first, *rest = (_LONG_NAME.sub(_breaks, str(escape(one))) for one in text.split("\n"))
+            return "".join([first, *(f"<small>{one}</small>" for one in rest)])
 
         def entry(text: str, number: int, tag: str) -> str:
             kind = "" if self.numeric[number] else "name"
@@ -151,6 +154,10 @@ class Table:
             r"\end{table}",
         ]
         return "\n".join(lines) + "\n"
+
+
+def _breaks(name: re.Match[str]) -> str:
+    return re.sub(rf"(\S{{1,{NARROW - 1}}}_)(?=\S)", r"\1<wbr>", name[0])
 
 
 def _escaped(text: str) -> str:

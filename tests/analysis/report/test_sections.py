@@ -147,6 +147,20 @@ def test_values_are_printed_as_a_reader_expects(value: object, form: str | None,
     assert printed(value, form) == text
 
 
+@pytest.mark.parametrize(
+    ("name", "html"),
+    [
+        ("theory_based", "theory_based"),
+        ("semi_markov_ddqn", "semi_markov_<wbr>ddqn"),
+        ("participants_of_spring_2026", "participants_<wbr>of_spring_<wbr>2026"),
+        ("a <b_ccccccccccccccccc", "a &lt;b_<wbr>ccccccccccccccccc"),
+    ],
+)
+def test_long_names_break_after_an_underscore_and_not_within_a_word(name: str, html: str) -> None:
+    table = Table("a", "A", pd.DataFrame({"learner": [name]}), {})
+    assert f">{html}</th>" in table.html()
+
+
 def test_long_tables_are_closed_on_the_page() -> None:
     from causal_openlock.analysis.prose import LONG
     from causal_openlock.analysis.report.page import render
