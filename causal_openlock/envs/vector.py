@@ -217,8 +217,8 @@ class OpenLockVectorEnv(Recreatable, VectorEnv[NDArray[np.int8], NDArray[np.int6
         self._codes, self._rooms = _NONE, _NONE
         moment = batch.row - old.start[batch.room]
         batch.room[:] = self._stacked([old.rooms[room].layout for room in used])[which]
-        batch.row = self._tables.start[batch.room] + moment
         batch.use(self._tables)
+        batch.row = self._tables.start[batch.room] + moment
         stacked = self._tables.rows * self._tables.actions
         self._kept_choices = max(KEPT_CHOICES, 2 * stacked)
 
@@ -242,13 +242,14 @@ class OpenLockVectorEnv(Recreatable, VectorEnv[NDArray[np.int8], NDArray[np.int6
         """
         if not self._started:
             raise ResetNeeded("call reset() before step()")
-        actions, legal = self._plain(actions), self._tables.actions
-        batch, due, luck = self._batch, self._due, None
+        actions = self._checked(actions)
+        legal: int | None = self._tables.actions
+        due, luck = self._due, None
         if len(due) or self._tables.stochastic:
             # Nothing may be drawn or begun for actions that are refused.
-            if not self._all_below(actions, legal):
+            if not self._all_below(actions, self._tables.actions):
                 raise self._outside()
-            legal = 0
+            legal = None
             if self._tables.stochastic:
                 luck = self._luck.array()
                 self.np_random.random(out=luck)
@@ -260,21 +261,23 @@ class OpenLockVectorEnv(Recreatable, VectorEnv[NDArray[np.int8], NDArray[np.int6
         # Where an attempt is over, the step resets the room: that is the reset of NEXT_STEP.
         seen = self._observations.array()
         try:
-            taken = batch.step(actions, luck, seen, legal)
+            _, actions_left, reward, attempt_over, trial_over, new, ended, finished, found_new = (
+                self._batch.step(actions, luck, seen, legal)
+            )
         except IndexError:
             raise self._outside() from None
-        terminated = taken.trial_over if self._whole_trial else taken.attempt_over
-        truncated = np.zeros(self.num_envs, np.bool_)
+        terminated = trial_over if self._whole_trial else attempt_over
+        truncated = np.zeros(self.num_envs, _BOOL)
         # Until the reset, an attempt that has just ended counts as left.
         shown = self._attempts_left
-        if taken.any_new_solution:
-            self._left = _read_only(self._left - taken.new_solution)
-            self._found_count = _read_only(self._found_count + taken.new_solution)
-        if taken.any_attempt_over:
-            self._attempts_left = _read_only(shown - taken.attempt_over)
-        if taken.any_trial_over:
-            self._due = np.flatnonzero(taken.trial_over)
-            goes_on = ~taken.trial_over
+        if found_new:
+            self._left = _read_only(self._left - new)
+            self._found_count = _read_only(self._found_count + new)
+        if ended:
+            self._attempts_left = _read_only(shown - attempt_over)
+        if finished:
+            self._due = np.flatnonzero(trial_over)
+            goes_on = ~trial_over
             shown = _read_only(shown * goes_on)
             self._attempts_left = _read_only(self._attempts_left * goes_on)
             if self._whole_trial:
@@ -282,17 +285,15 @@ class OpenLockVectorEnv(Recreatable, VectorEnv[NDArray[np.int8], NDArray[np.int6
                 terminated = terminated & ~truncated
         if self._whole_trial:
             shown = self._attempts_left
-        return seen, taken.reward, terminated, truncated, self._info(taken.actions_left, shown)
+        return seen, reward, terminated, truncated, self._info(actions_left, shown)
 
-    def _plain(self, actions: Any) -> NDArray[np.int64]:
+    def _checked(self, actions: Any) -> NDArray[Any]:
         actions = np.asarray(actions)
         if actions.shape != self._shape or actions.dtype.kind not in "iu":
             raise InvalidAction(
                 f"step takes {self.num_envs} integers, one for each room, not "
                 f"{actions.dtype} of shape {actions.shape}"
             )
-        if actions.dtype is not _INT64 or not actions.flags.carray:
-            actions = actions.astype(np.int64)  # always a plain array, for the compiled step
         return actions
 
     def _outside(self) -> InvalidAction:
@@ -312,7 +313,7 @@ class OpenLockVectorEnv(Recreatable, VectorEnv[NDArray[np.int8], NDArray[np.int6
             },
         }
         if self._reveal:
-            row = _read_only(self._batch.row.view())
+            row = _read_only(self._batch.row)
             info["latent"] = {"tables": self._tables, "row": row}
         return info
 
@@ -322,5 +323,5 @@ def _read_only(array: NDArray[Any]) -> NDArray[Any]:
     return array
 
 
-_INT64 = np.dtype(np.int64)
+_BOOL = np.dtype(np.bool_)
 _NONE = np.zeros(0, dtype=np.int64)

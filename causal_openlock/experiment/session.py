@@ -205,13 +205,14 @@ class Session:
 
     def _perceive(self) -> View:
         tables, batch = self._tables, self._batch
+        row = batch.row
         return View(
-            observation=tables.observation.take(batch.row, axis=0),
+            observation=tables.observation.take(row, axis=0),
             console=Console(
                 solutions_left=batch.solutions - batch.found_count,
                 solutions_found=batch.found_count.copy(),
                 attempts_left=self.protocol.attempt_limit + 1 - batch.attempt,
-                actions_left=tables.status.take(batch.row) & ACTIONS_LEFT,
+                actions_left=tables.status.take(row) & ACTIONS_LEFT,
             ),
             trial=self._visit + 1,
             attempt=batch.attempt.copy(),
@@ -432,6 +433,7 @@ class Session:
             raise ProtocolError("this is the state of another session, or not all of it")
         for own, kept in held:
             own[:] = kept
+        self._batch.row = state["row"]
         if self._luck:
             self._luck.load_state_dict(state["luck"])
         self._log = AttemptLog(self.brief.action_limit)

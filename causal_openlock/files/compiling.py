@@ -49,6 +49,23 @@ def compiled(function: Compiled, **options: Any) -> Compiled:
     return cast(Compiled, made)
 
 
+def direct(function: Compiled, *arguments: Any) -> Compiled:
+    """Return the machine code of a compiled function for arguments like these.
+
+    Numba looks up the type of every argument at every call, half the time of a call with two dozen
+    arrays. Nobody looks here: each array has to be of the same type, contiguous and writeable.
+
+    Args:
+        function: What :func:`compiled` gave.
+        arguments: Arguments with which it is called once, so that there is machine code.
+    """
+    import numba  # takes a while to load
+
+    function(*arguments)
+    versions: Any = function
+    return cast(Compiled, versions.overloads[tuple(map(numba.typeof, arguments))].entry_point)
+
+
 def without_cache() -> list[str]:
     """A sentence if this process compiles code that it cannot store."""
     return [*_said]

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from causal_openlock.files.compiling import direct
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.world.reward_table import (
     ALWAYS,
@@ -24,8 +25,9 @@ from causal_openlock.world.reward_table import (
     RewardFunction,
     RewardTable,
 )
-from causal_openlock.world.tables import RoomTables
+from causal_openlock.world.tables import LISTED, RoomTables
 
+_ROW, _COUNT, _FLAG = np.dtype(np.int64), np.dtype(np.uint8), np.dtype(np.bool_)
 _NO_LUCK: FloatArray = np.zeros(0)
 _NO_ROWS: IntArray = np.zeros(0, np.int64)
 _UNSEEN: NDArray[np.int8] = np.zeros((0, 16), np.int8)
@@ -33,7 +35,7 @@ KEPT_REWARDS = 1 << 20
 """The most rewards that depend on the past to keep in memory: 8 MB."""
 
 KEPT_ARRAYS = 3
-"""Spare arrays to keep: a step reads one and writes two."""
+"""Spare arrays to keep: results are often held until the next ones are there."""
 LARGE = 1 << 15
 """Bytes from which an array is used again: fresh memory for it can cost more than a step."""
 
@@ -85,7 +87,7 @@ class BatchStep(NamedTuple):
     """Results of one action in each of B rooms.
 
     Attributes:
-        after: ``[B]`` the row that the action led to.
+        after: ``[B]`` the row that the action led to; empty if what is seen was asked for instead.
         actions_left: ``[B]`` actions left then; in the next attempt, if the room was reset.
         reward: ``[B]`` the reward.
         attempt_over: ``[B]`` whether the attempt ended.
@@ -121,7 +123,6 @@ class RoomBatch:
 
     Attributes:
         room: ``[B]`` index of each room in the tables.
-        row: ``[B]`` its row in the tables; a new array after every step.
         found: ``[B, K]`` which solutions are found.
         attempt: ``[B]`` number of the attempt, from 1.
         found_count: ``[B]`` solutions found.
@@ -159,16 +160,20 @@ class RoomBatch:
         self._history += any(one.depends_on_repeats for one in rewards) * IF_REPEATED
         self.use(tables)
         self.room = np.zeros(size, dtype=np.int64)
-        self.row = np.zeros(size, dtype=np.int64)
+        self._at = np.zeros(size, dtype=np.uint32)  # the word of its last action
+        self._row: IntArray | None = None
         self.found = np.zeros((size, 0), dtype=bool)
         self._counts = np.zeros((5, size), dtype=np.int64)
         self._name_counts()
-        self._judged = np.zeros((3, size), dtype=np.int64)
-        self._spare_rows = Spare((size,), np.dtype(np.int64))
+        self._judged = np.zeros((5, size), dtype=np.int64)
         self._spare_rewards = Spare((size,), np.dtype(np.float64))
 
     def _name_counts(self) -> None:
         self.attempt, self.found_count, self.solutions, self.previous, self.reward = self._counts
+
+    def __getstate__(self) -> dict[str, Any]:
+        kept = {name: value for name, value in vars(self).items() if name != "_kernel"}
+        return kept | {"_rooms": 0}  # so a copy looks for it
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
@@ -180,6 +185,17 @@ class RoomBatch:
         self._rewards = [RewardTable(function, tables) for function in self._functions]
         self._rooms = 0
 
+    @property
+    def row(self) -> IntArray:
+        """``[B]`` the row of each room in the tables; a new array after every step."""
+        if self._row is None:
+            self._row = (self._at & LISTED) - self.tables.shift.take(self.room)
+        return self._row
+
+    @row.setter
+    def row(self, row: IntArray) -> None:
+        self._at[:], self._row = self.tables.listed[row], None
+
     def begin_trials(self, which: IntArray | Sequence[int] | slice, room: IntArray) -> None:
         """Begin a trial for some of the rooms.
 
@@ -189,8 +205,7 @@ class RoomBatch:
         """
         self._widen()
         self.room[which] = room
-        self.row = self.row.copy()
-        self.row[which] = self.tables.start[room]
+        self._at[which], self._row = self.tables.listed[self.tables.start[room]], None
         self.found[which] = False
         self.attempt[which] = 1
         self.found_count[which] = 0
@@ -208,7 +223,7 @@ class RoomBatch:
         action: IntArray,
         luck: FloatArray | None = None,
         seen: NDArray[np.int8] | None = None,
-        legal: int = 0,
+        legal: int | None = None,
     ) -> BatchStep:
         """Take one action in each room.
 
@@ -217,26 +232,30 @@ class RoomBatch:
             luck: ``[B]`` numbers in [0, 1), needed if ``tables.stochastic``: an action takes effect
                 if its chance is above its number.
             seen: ``[B, 2P + 2]`` where to write what is seen at the rows of the next actions.
-            legal: Refuse actions that are not from 0 to ``legal`` - 1; 0 looks at none of them.
+            legal: Refuse actions that are not from 0 to ``legal`` - 1; by default, what is not a
+                column of the tables.
 
         Raises:
             IndexError: If an action is refused; nothing has changed then.
         """
-        tables, row, size = self.tables, self.row, len(self.row)
+        tables, size = self.tables, len(self._at)
         if tables.stochastic and luck is None:
             raise ValueError("these rooms are not deterministic; pass luck")
         if self._rooms < len(tables.rooms):
             self._add_rooms()
-        after, reward = self._spare_rows.array(), self._spare_rewards.array()
-        next_row = self._spare_rows.array() if self.put_back else _NO_ROWS
-        actions_left, attempt_over = np.empty(size, np.uint8), np.empty(size, np.bool_)
-        trial_over, new_solution = np.zeros(size, np.bool_), np.zeros(size, np.bool_)
+        if legal is None:
+            legal = tables.columns
+        if action.dtype is not _ROW or not action.flags.carray:
+            action = np.array(action, _ROW)
+        after = np.empty(size, _ROW) if seen is None else _NO_ROWS
+        reward = self._spare_rewards.array()
+        actions_left, attempt_over = np.empty(size, _COUNT), np.empty(size, _FLAG)
+        trial_over, new_solution = np.empty(size, _FLAG), np.empty(size, _FLAG)
         ended, finished, found_new, unknown = self._kernel(
-            row,
+            self._at,
             action,
-            _NO_LUCK if luck is None else luck,
+            _NO_LUCK if luck is None else np.ascontiguousarray(luck, float),
             after,
-            next_row,
             seen if self._in_words and seen is not None else _UNSEEN,
             actions_left,
             reward,
@@ -246,11 +265,11 @@ class RoomBatch:
             *self._arguments,
             legal,
         )
+        self._row = None
         if unknown < 0:
             raise IndexError(f"an action is not from 0 to {legal - 1}")
-        self.row = next_row if self.put_back else after
         if unknown:
-            self._judge(unknown, row, action, after, new_solution, reward)
+            self._judge(unknown, action, new_solution, reward)
         if seen is not None and not self._in_words:
             tables.observation.take(self.row, axis=0, out=seen, mode="clip")
         return BatchStep(
@@ -266,9 +285,9 @@ class RoomBatch:
         )
 
     def _add_rooms(self) -> None:
-        from causal_openlock.world.kernel import packed, step
+        from causal_openlock.world.kernel import step
 
-        self._kernel, tables = step, self.tables
+        tables = self.tables
         self._widen()
         for table in self._rewards:
             table.fill()
@@ -281,56 +300,50 @@ class RoomBatch:
         if remembered.sum() * each > KEPT_REWARDS:
             remembered[:] = False
         case = np.where(remembered, (remembered.cumsum() - 1).reshape(remembered.shape), -1)
-        case *= np.where(remembered, each, 1)
+        past = 8 * case * np.where(remembered, each, 1) + matters
         self._known = np.full(remembered.sum() * each, np.nan)
         self._rooms = len(tables.rooms)
         self._arguments = (
             self.room,
-            tables.start,
             tables.shift,
             tables.column,
-            packed(tables),
+            np.stack([tables.words(self.put_back), tables.effect.astype(np.uint32)]),
             tables.chance,
-            tables.status,
-            (tables.observation if self._in_words else _UNSEEN).view(np.uint64),
-            tables.solution,
-            tables.begun,
+            (tables.observation if self._in_words else _UNSEEN).view(np.complex128)[:, 0],
+            tables.by_listed(tables.solution),
+            tables.begun.view(np.uint8),
             paid,
-            matters,
-            case,
+            past,
             self._known,
             self._counts,
-            self.found,
+            self.found.view(np.uint8),
             self._judged,
             self.attempt_limit,
             self.stop_when_solved,
             self._history,
         )
+        nobody = (np.zeros(0, kind) for kind in (np.uint8, float, bool, bool, bool))
+        action, seen = np.zeros(0, _ROW), np.zeros((0, 16), np.int8)
+        nothing = self._at[:0], action, _NO_LUCK, _NO_ROWS, seen, *nobody
+        self._kernel = direct(step, *nothing, *self._arguments, tables.columns)
 
-    def _judge(
-        self,
-        many: int,
-        row: IntArray,
-        action: IntArray,
-        after: IntArray,
-        new: BoolArray,
-        reward: FloatArray,
-    ) -> None:
+    def _judge(self, many: int, action: IntArray, new: BoolArray, reward: FloatArray) -> None:
         """Evaluate the rewards that depend on the past and are not known yet."""
-        which, repeated, place = self._judged[:, :many]
+        which, repeated, place, *listed = self._judged[:, :many]
+        row, after = (one - self.tables.shift[self.room[which]] for one in listed)
         found = self.found[which]
         fresh = np.flatnonzero(new[which])
-        found[fresh, self.tables.solution[after[which[fresh]]]] = False  # before this action
+        found[fresh, self.tables.solution[after[fresh]]] = False  # before this action
         by = self.reward[which]
         for index, table in enumerate(self._rewards):
             own = np.flatnonzero(by == index)
             rooms = which[own]
             reward[rooms] = table.judge(
-                row[rooms], action[rooms], after[rooms], repeated[own] == 1, found[own]
+                row[own], action[rooms], after[own], repeated[own] == 1, found[own]
             )
         remembered = place >= 0
         self._known[place[remembered]] = reward[which[remembered]]
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """The state of every room, for a checkpoint, to be copied from and into."""
+        """The state of every room, for a checkpoint, to be copied from and into; then set `row`."""
         return {"room": self.room, "row": self.row, "found": self.found, "counts": self._counts}

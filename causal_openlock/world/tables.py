@@ -34,6 +34,11 @@ from causal_openlock.world.room import Layout, Room
 
 UNLOCKED, OPENED, ACTIONS_LEFT = np.uint8(64), np.uint8(128), np.uint8(63)
 """Bits of :attr:`RoomTables.status`: from UNLOCKED up it is unlocked, from OPENED up open."""
+LISTED, OVER, STATUS = np.uint32((1 << 23) - 1), np.uint32(1 << 23), np.uint32(24)
+"""Parts of a word (:meth:`RoomTables.words`): the bits of a listed row, the bit for the end of the
+attempt, and the first bit of the status."""
+WITH_UNLOCKED, WITH_OPENED = int(UNLOCKED) << 24, int(OPENED) << 24
+"""Words from these up are those of an unlocked and of an open door."""
 RoomKey = tuple[Schema, tuple[int, ...], int]
 """Identifies a stacked room: the schema, the places of its levers, the action limit."""
 
@@ -261,6 +266,33 @@ class RoomTables:
     def after(self, row: IntArray, action: IntArray) -> IntArray:
         """``[B]`` the row after each of B actions at B rows, if it takes effect."""
         return self.effect[self.choice(row, action)] - self.shift[self.room[row]]
+
+    def words(self, put_back: bool) -> NDArray[np.uint32]:
+        """``[M * W]`` where each action leads, in one word that a step looks up.
+
+        A word has the listed row of the next action, whether the attempt is over, the actions left
+        at that row, and whether the action left the door unlocked and open.
+
+        Args:
+            put_back: Whether the room is reset where the attempt is over.
+
+        Raises:
+            ValueError: If there are more than 2 ** 23 listed rows.
+        """
+        if len(self.begun) > LISTED:
+            raise ValueError(f"rooms have {len(self.begun):,} rows in all, more than {LISTED:,}")
+        status = self.by_listed(self.status)
+        over = (status & ACTIONS_LEFT == 0)[self.effect]
+        # Any action resets a room whose attempt is over, also the first.
+        then = np.where(over & put_back, self.effect[self.effect * self.columns], self.effect)
+        bits = (status[self.effect] & ~ACTIONS_LEFT) | (status[then] & ACTIONS_LEFT)
+        return then.astype(np.uint32) | OVER * over | bits.astype(np.uint32) << STATUS
+
+    def by_listed(self, by_row: NDArray[Any]) -> NDArray[Any]:
+        """``[M]`` of what every row has, ``[R]``, and rooms of one list have in common."""
+        found = np.zeros(len(self.begun), by_row.dtype)
+        found[self.listed] = by_row
+        return found
 
     def begins(self, row: IntArray) -> BoolArray:
         """``[B, K]`` whether the actions so far, at B rows, are the beginning of solution *k*."""

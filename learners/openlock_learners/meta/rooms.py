@@ -160,13 +160,14 @@ class MetaRooms:
 
     def _perceive(self) -> View:
         tables, batch = self._tables, self._batch
+        row = batch.row
         return View(
-            observation=self._seen(batch.row),
+            observation=self._seen(row),
             console=Console(
                 solutions_left=batch.solutions - batch.found_count,
                 solutions_found=batch.found_count.copy(),
                 attempts_left=self.distribution.attempt_limit + 1 - batch.attempt,
-                actions_left=tables.status.take(batch.row) & ACTIONS_LEFT,
+                actions_left=tables.status.take(row) & ACTIONS_LEFT,
             ),
             trial=self._trial.copy(),
             attempt=batch.attempt.copy(),
@@ -212,6 +213,7 @@ class MetaRooms:
         """Continue from a checkpoint."""
         for name, array in self._arrays().items():
             array[:] = state[name]
+        self._batch.row = state["row"]
         self.generator.bit_generator.state = state["generator"]
         self.view = self._perceive()
 
