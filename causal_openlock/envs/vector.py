@@ -37,6 +37,10 @@ class OpenLockVectorEnv(Recreatable, VectorEnv[NDArray[np.int8], NDArray[np.int6
     Episodes end and begin as in :class:`OpenLockEnv`. A room whose episode has ended is reset by
     the next step, which ignores its action and pays nothing (Gymnasium's ``NEXT_STEP``).
 
+    Whether an action fails by chance is drawn by Philox4x32-10 for each room, seed and step
+    (:func:`causal_openlock.world.kernel.uniform`), so it depends neither on the number of rooms nor
+    on what the others do.
+
     Args:
         num_envs: How many rooms.
         schema: As for :class:`OpenLockEnv`, like the arguments below.
@@ -125,7 +129,8 @@ class OpenLockVectorEnv(Recreatable, VectorEnv[NDArray[np.int8], NDArray[np.int6
         self._kept_choices = KEPT_CHOICES
         self._started = False
         self._observations = Spare((num_envs, 2 * settings.positions + 2), np.dtype(np.int8))
-        self._luck = Spare((num_envs,), np.dtype(np.float64))
+        self._luck = np.empty(-(-num_envs // 4) * 4)  # Philox gives four numbers at a time
+        self._moment, self._key = 0, (0, 0)
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -145,12 +150,17 @@ class OpenLockVectorEnv(Recreatable, VectorEnv[NDArray[np.int8], NDArray[np.int6
                     f"this is {mask.dtype} of shape {mask.shape}"
                 )
         super().reset(seed=self._one_seed(seed))
+        if not self.settings.schema.deterministic and (
+            seed is not None or mask is None or not self._started
+        ):
+            first, second = self.np_random.integers(1 << 32, size=2).tolist()
+            self._moment, self._key = 0, (first, second)
         if mask is None or not self._started:
             mask = np.ones(self.num_envs, dtype=bool)
             # Here, since numba takes a while to load.
-            from causal_openlock.world.kernel import all_below, drawn
+            from causal_openlock.world.kernel import all_below, drawn, uniform
 
-            self._all_below, self._drawn = all_below, drawn
+            self._all_below, self._drawn, self._uniform = all_below, drawn, uniform
             self._started = True
         begun = np.flatnonzero(mask)
         self._begin_trials(begun)
@@ -245,19 +255,18 @@ class OpenLockVectorEnv(Recreatable, VectorEnv[NDArray[np.int8], NDArray[np.int6
         actions = self._checked(actions)
         legal: int | None = self._tables.actions
         due, luck = self._due, None
-        if len(due) or self._tables.stochastic:
-            # Nothing may be drawn or begun for actions that are refused.
+        if len(due):
+            actions = np.array(actions, np.int64)
+            # Nothing may be begun for actions that are refused.
             if not self._all_below(actions, self._tables.actions):
                 raise self._outside()
             legal = None
-            if self._tables.stochastic:
-                luck = self._luck.array()
-                self.np_random.random(out=luck)
-            if len(due):
-                self._begin_trials(due)
-                actions = actions.copy()
-                actions[due] = self._tables.wait
-                self._due = _NONE
+            self._begin_trials(due)
+            actions[due] = self._tables.wait
+            self._due = _NONE
+        if self._tables.stochastic:
+            self._uniform(self._luck, self._moment, *self._key)
+            luck = self._luck[: self.num_envs]
         # Where an attempt is over, the step resets the room: that is the reset of NEXT_STEP.
         seen = self._observations.array()
         try:
@@ -266,6 +275,8 @@ class OpenLockVectorEnv(Recreatable, VectorEnv[NDArray[np.int8], NDArray[np.int6
             )
         except IndexError:
             raise self._outside() from None
+        if luck is not None:
+            self._moment += 1
         terminated = trial_over if self._whole_trial else attempt_over
         truncated = np.zeros(self.num_envs, _BOOL)
         # Until the reset, an attempt that has just ended counts as left.

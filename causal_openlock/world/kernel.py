@@ -44,6 +44,38 @@ def all_below(action: Any, limit: int) -> bool:
 
 
 @compiled
+def uniform(numbers: Any, moment: int, first_key: int, second_key: int) -> None:
+    """Give each room its number in [0, 1) at a moment, by Philox4x32-10.
+
+    The generator is a bijection of 128 bits for each key, ten rounds of two multiplications (Salmon
+    et al., 2011, Parallel random numbers: as easy as 1, 2, 3). Room *i* gets word *i* mod 4, over
+    2 ** 32, of the block whose counter has *i* // 4 in its first word, 0 in its second, and the
+    moment in its third and fourth. So each room has a stream of its own, whatever the others are.
+
+    Args:
+        numbers: ``[B]`` out: the numbers; B is a multiple of 4.
+        moment: How many times before the rooms got a number.
+        first_key: First word of the key, 32 bits.
+        second_key: Second word.
+    """
+    low, half = np.uint64(0xFFFFFFFF), np.uint64(32)
+    for block in range(len(numbers) // 4):
+        one, two = np.uint64(block), np.uint64(0)
+        three, four = np.uint64(moment) & low, np.uint64(moment) >> half
+        key, other_key = np.uint64(first_key), np.uint64(second_key)
+        for _ in range(10):
+            left, right = one * np.uint64(0xD2511F53), three * np.uint64(0xCD9E8D57)
+            one, three = (right >> half) ^ two ^ key, (left >> half) ^ four ^ other_key
+            two, four = right & low, left & low
+            key = (key + np.uint64(0x9E3779B9)) & low
+            other_key = (other_key + np.uint64(0xBB67AE85)) & low
+        numbers[4 * block] = one * 2.0**-32
+        numbers[4 * block + 1] = two * 2.0**-32
+        numbers[4 * block + 2] = three * 2.0**-32
+        numbers[4 * block + 3] = four * 2.0**-32
+
+
+@compiled
 def drawn(numbers: Any, levers: int, codes: Any) -> tuple[Any, Any]:
     """Layouts by chance: lever *k* stands where *k* numbers are smaller.
 

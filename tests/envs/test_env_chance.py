@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from gymnasium.error import InvalidAction
 
 from causal_openlock.envs import OpenLockEnv, OpenLockVectorEnv
 from support.env_play import EPISODES, attempt
@@ -94,6 +95,29 @@ def test_a_noisy_room_obeys_as_often_as_its_strengths_say() -> None:
     # A push that fails changes nothing and costs an action.
     *_, info = many.step(np.full(pushes, 4))
     assert (info["console"]["actions_left"] == 0).all()
+
+
+@pytest.mark.parametrize("episode", EPISODES)
+def test_luck_of_a_room_depends_on_no_other_room_and_not_on_how_many_there_are(
+    episode: Any,
+) -> None:
+    few, many = (OpenLockVectorEnv(n, "noisy_CC3", "trial1", "paper", episode, 4) for n in (3, 10))
+    generator = np.random.default_rng(0)
+    for env in (few, many):
+        env.reset(seed=5)
+    failed = 0
+    for moment in range(300):
+        actions = generator.choice([0, 0, 4, 4, 14], size=10)
+        if moment % 50 == 7:  # a refused action draws nothing
+            with pytest.raises(InvalidAction):
+                few.step(np.array([0, 4, 15]))
+        results, others = few.step(actions[:3]), many.step(actions)
+        for one, other in zip(results[:4], others[:4], strict=True):
+            np.testing.assert_array_equal(one, other[:3])
+        for key, counts in results[4]["console"].items():
+            np.testing.assert_array_equal(counts, others[4]["console"][key][:3])
+        failed += ((actions == 4) & (others[0][:, 0] == 1) & (others[0][:, 4] == 0)).sum()
+    assert failed > 20
 
 
 @pytest.mark.parametrize(
