@@ -56,9 +56,24 @@ def registry() -> Mapping[str, EntryPoint]:
     return registered(LEARNERS)
 
 
-def _package(name: str) -> Distribution | None:
+class _Package(NamedTuple):
+    """An installed package; whether it is another than the toolkit, and edited where it lies."""
+
+    name: str
+    version: str
+    edited: bool
+
+
+@lru_cache(maxsize=100)  # its metadata would be parsed at each access
+def _described(package: Distribution) -> _Package:
+    name = package.name
+    told = {} if name == TOOLKIT else json.loads(package.read_text("direct_url.json") or "{}")
+    return _Package(name, package.version, bool(told.get("dir_info", {}).get("editable")))
+
+
+def _package(name: str) -> _Package | None:
     entry = registry().get(name)
-    return entry.dist if entry else None
+    return _described(entry.dist) if entry and entry.dist else None
 
 
 def origin(name: str, *, imported: bool = False) -> str:
@@ -75,7 +90,7 @@ def origin(name: str, *, imported: bool = False) -> str:
         OpenLockError: If there is no such learner, or a file that it imports is not valid Python.
     """
     package = _package(name)
-    if package is not None and not _is_edited(package):
+    if package is not None and not package.edited:
         return f"{package.name} {package.version}"
     if is_of_session(name):
         return session_origin(name)
@@ -87,14 +102,6 @@ def origin(name: str, *, imported: bool = False) -> str:
     modules = {kind.__module__} if package else {name.partition(":")[0], kind.__module__}
     code = (imported_digest if imported else code_digest)(Path(source), modules)
     return f"{package.name} {package.version}+{code}" if package else f"{Path(source).name} {code}"
-
-
-def _is_edited(package: Distribution) -> bool:
-    """Whether a package that is not the toolkit runs from a folder in which it is edited."""
-    if package.name == TOOLKIT:
-        return False
-    told = json.loads(package.read_text("direct_url.json") or "{}")
-    return bool(told.get("dir_info", {}).get("editable"))
 
 
 def is_ours(name: str) -> bool:

@@ -83,6 +83,7 @@ class Recorded:
         """``[B]`` arrays of all actions of each subject."""
         return [np.concatenate(own) for own in self.attempts]
 
+    @cached_property
     def asked(self) -> BoolArray:
         """``[B, T]`` which actions there are that the subjects chose: none that they were shown."""
         chose = self.rows["phase"].ne(SHOWN).groupby(self.rows["subject"], sort=True)
@@ -98,6 +99,23 @@ class Recorded:
             for _, rows in self.rows.groupby("subject", sort=True)
         }
 
+    @cached_property
+    def about(self) -> dict[str, NDArray[Any]]:
+        """Columns of scores that no learner changes, with a row for each action that is scored."""
+        actions, (who, moment) = padded(self.done())[0], np.nonzero(self.asked)
+        trials = self.rows.sort_values("subject", kind="stable")
+        trials = trials.assign(number=_trial_numbers(trials))[trials["phase"] != SHOWN]
+        each = trials["actions"].map(len).to_numpy(np.int64)
+        return {
+            "subject": np.array(self.numbers)[who],
+            "trial": np.repeat(trials["number"].to_numpy(), each),
+            "attempt": np.repeat(trials["attempt"].to_numpy(), each),
+            "action": np.array([place for one in each for place in range(1, one + 1)], np.int64),
+            "action_index": actions[who, moment],
+            PLAYED: np.array(self.played)[who],
+        }
+
+    @cached_property
     def played(self) -> list[str]:
         """Digest of what each subject did and met; see :func:`digests_of`."""
         return digests_of(self.rows, self.experiment)[PLAYED].tolist()
@@ -294,7 +312,7 @@ def _kept(
     if folder is None:
         return score_part(part, scored, lapse, draws)
     about = [RESULTS_VERSION, scored.as_dict(), part.group, part.numbers, lapse, asdict(draws)]
-    about += [part.played(), COLUMNS]
+    about += [part.played, COLUMNS]
     name = hashlib.sha256(json.dumps(about, sort_keys=True, default=str).encode()).hexdigest()[:24]
     path = folder / f"{name}.parquet"
     if not path.exists():
@@ -320,27 +338,18 @@ def _scored(part: Recorded, scored: LearnerSpec, lapse: float, draws: Draws) -> 
             "a subject that did others; leave it out"
         )
     session.begin(learner)
-    (actions, _), asked = padded(part.done()), part.asked()
+    actions, asked = padded(part.done())[0], part.asked
     if learner.probabilities(session.view) is None:
         found = _asked(part, scored, lapse, draws, session.brief.actions, actions, asked)
     else:
         found = _told(session, learner, actions, asked, scored.name, lapse)
-    who, moment = np.nonzero(asked)
-    trials = part.rows.sort_values("subject", kind="stable")
-    trials = trials.assign(number=_trial_numbers(trials))[trials["phase"] != SHOWN]
-    each = trials["actions"].map(len).to_numpy(np.int64)
     return pd.DataFrame(
         {
             "scored": scored.name,
             **part.group,
-            "subject": np.array(part.numbers)[who],
-            "trial": np.repeat(trials["number"].to_numpy(), each),
-            "attempt": np.repeat(trials["attempt"].to_numpy(), each),
-            "action": np.array([place for one in each for place in range(1, one + 1)], np.int64),
-            "action_index": actions[asked],
-            **{name: values[who, moment] for name, values in found.items()},
+            **part.about,
+            **{name: values[asked] for name, values in found.items()},
             "price": 0.0,
-            PLAYED: np.array(part.played())[who],
             "setting": setting_of(scored),
         }
     )

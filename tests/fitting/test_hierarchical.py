@@ -277,8 +277,8 @@ def test_a_mixture_finds_who_follows_whom_and_fits_only_them(tmp_path: Path) -> 
     both = own.merge(others, on="who")
     assert np.allclose(both["followed_x"] + both["followed_y"], 1)
 
-    alone = ["--out", str(tmp_path / "alone")]
-    words = [word for word in words[:-2] if word not in ("--or", "random")]
+    alone = ["--hold-out", "none", "--out", str(tmp_path / "alone")]
+    words = [word for word in words[:-4] if word not in ("--or", "random")]
     assert CliRunner().invoke(app, [*words, *alone]).exit_code == 0
     everyone = pd.read_csv(tmp_path / "alone" / "fits.csv").iloc[0]
     own = groups.loc["associative"]
