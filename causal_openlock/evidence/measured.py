@@ -30,7 +30,7 @@ from causal_openlock.evidence.study import (
     Table,
 )
 from causal_openlock.evidence.study_files import RUN, read_run, read_units
-from causal_openlock.evidence.units import Selected
+from causal_openlock.evidence.units import KEYS, Selected
 from causal_openlock.evidence.verdicts import (
     EQUIVALENCE,
     Ends,
@@ -72,7 +72,8 @@ class Evidence:
     @cached_property
     def units(self) -> pd.DataFrame:
         """The units of the study, and what is published."""
-        return pd.concat([self.own_units, published_units()], ignore_index=True)
+        both = pd.concat([self.own_units, published_units()], ignore_index=True)
+        return both.astype(dict.fromkeys(KEYS, "category"))  # rows are selected by them
 
     @cached_property
     def derived(self) -> pd.DataFrame:
@@ -122,16 +123,27 @@ class Evidence:
         found: dict[tuple[str, str], tuple[Estimate, Verdict] | str] = {}
         for name, claim in self.study.file.claims.items():
             for part, contrast in claim.contrasts.items():
-                try:
-                    one = self._compared(contrast)(1.0)
-                except EvidenceError as error:
-                    found[name, part] = str(error) if self.was_run else "not run yet"
+                difference = self._differences[name, part]
+                if isinstance(difference, EvidenceError):
+                    found[name, part] = str(difference) if self.was_run else "not run yet"
                 else:
+                    one = difference(1.0)
                     found[name, part] = one, verdict(one, contrast.expected, contrast.smallest)
         return found
 
-    def _compared(self, contrast: Contrast) -> Callable[[float], Estimate]:
-        return compared(self.units, contrast, self.study.unit, self._same_networks)
+    @cached_property
+    def _differences(self) -> Mapping[tuple[str, str], Callable[[float], Estimate] | EvidenceError]:
+        """What each contrast compares, or why it cannot be compared."""
+        found: dict[tuple[str, str], Callable[[float], Estimate] | EvidenceError] = {}
+        for name, claim in self.study.file.claims.items():
+            for part, contrast in claim.contrasts.items():
+                try:
+                    found[name, part] = compared(
+                        self.units, contrast, self.study.unit, self._same_networks
+                    )
+                except EvidenceError as error:
+                    found[name, part] = error
+        return found
 
     @cached_property
     def decides_at(self) -> Mapping[tuple[str, str], int | None]:
@@ -139,11 +151,9 @@ class Evidence:
         numbers = {}
         for name, claim in self.study.file.claims.items():
             for part, contrast in claim.contrasts.items():
-                try:
-                    found: Callable[[float], Estimate] | None = self._compared(contrast)
-                except EvidenceError:
-                    found = as_stated(contrast, self.study)
-                numbers[name, part] = decides_at(found, contrast) if found else None
+                found = self._differences[name, part]
+                known = as_stated(contrast, self.study) if isinstance(found, Exception) else found
+                numbers[name, part] = decides_at(known, contrast) if known else None
         return numbers
 
     def too_few(self) -> list[str]:

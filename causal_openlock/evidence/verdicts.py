@@ -55,6 +55,7 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 from scipy import stats
+from scipy.special import stdtrit
 
 from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.published_units import published_units
@@ -163,7 +164,7 @@ def _squared_error(found: Selected, times: float) -> float:
 
 
 def _students(level: float, freedom: float) -> float:
-    return float(stats.t.ppf((1 + level) / 2, max(freedom, 1.0)))
+    return float(stdtrit(max(freedom, 1.0), (1 + level) / 2))  # as stats.t.ppf, which takes longer
 
 
 def _missed(found: Selected, level: float, times: float) -> Ends:
