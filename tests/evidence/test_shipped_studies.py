@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from causal_openlock.evidence.checking import check
-from causal_openlock.evidence.study import FILE, Selection, Study, read_study
+from causal_openlock.evidence.study import FILE, Selection, Study, read_studies
 from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.fitting.kept import kept_fit, seeds_of
 
@@ -18,16 +19,26 @@ ROOT = Path(__file__).parents[2] / "evidence"
 FOLDERS = sorted(path.parent for path in ROOT.glob(f"*/{FILE}"))
 
 
+@cache
+def studies() -> dict[str, Study]:
+    """Studies by name, read once for all tests."""
+    return {study.name: study for study in read_studies(ROOT)}
+
+
 def test_all_that_is_written_follows_from_what_is_stored() -> None:
     assert check(ROOT) == []
 
 
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
 def test_its_claims_are_about_what_it_plays(folder: Path) -> None:
-    assert not read_study(folder).faults()
+    assert not studies()[folder.name].faults()
 
 
-FITS = [folder / name for folder in FOLDERS for name in read_study(folder).file.fits]
+def fits() -> list[Path]:
+    """Folders of all fits that are stored with a study."""
+    return [study.folder / name for study in studies().values() for name in study.file.fits]
+
+
 MEANS = {"people", "published_model"}
 """Published means, which learners were fitted to."""
 
@@ -68,17 +79,17 @@ def compared_with_means(study: Study) -> list[LearnerSpec]:
 def test_what_was_fitted_is_not_compared_with_people_in_the_rooms_of_its_fit(
     folder: Path,
 ) -> None:
-    study = read_study(folder)
+    study = studies()[folder.name]
     for spec in compared_with_means(study):
-        for fit in FITS:
+        for fit in fits():
             assert not (is_result(spec, fit) and study.asked.seed in seeds_of(fit)), spec.name
 
 
 def test_stored_fits_found_what_is_played() -> None:
     found = {
         (fit.parent.name, spec.name)
-        for fit in FITS
-        for spec in read_study(fit.parent).asked.learners
+        for fit in fits()
+        for spec in studies()[fit.parent.name].asked.learners
         if is_result(spec, fit)
     }
     assert found >= {("rivals", "theory_based"), ("likeness", "fitted_to_baselines")}
