@@ -114,7 +114,8 @@ def test_packages_of_common_names_beside_a_script_do_no_harm(tmp_path: Path) -> 
     (tmp_path / "script.py").write_text(
         "import causal_openlock as ol\n"
         "if __name__ == '__main__':\n"
-        "    found = ol.compare(['CC3', 'CC3-CC4'], ['bayes', 'ddqn', 'rl2'], subjects=1)\n"
+        "    learners = ['bayes', 'ddqn', 'rl2']\n"
+        "    found = ol.compare(['CC3', 'CC3-CC4'], learners, subjects=1, workers=1)\n"
         "    print(sorted(found.learners))\n"
     )
     done = subprocess.run(
