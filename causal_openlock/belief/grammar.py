@@ -141,11 +141,11 @@ def _chooses(role: Role, roles: tuple[Role, ...]) -> bool:
 
 def _canonical(kind: SchemaClass) -> SchemaClass:
     """The same class with its roles in a canonical order."""
-    best = None
+    best: list[tuple[bool, int, str]] = []
     given = [(role.many, role.causes, role.gate) for role in kind.roles]
     for order, moved in _renamings(len(given)):
         described: list[tuple[bool, int, str]] = []
-        alike = best is not None
+        alike = bool(best)  # so far; once something is greater, the rest need not be described
         for index, old in enumerate(order):
             many, causes, gate = given[old]
             if moved[causes] >> index:
@@ -157,9 +157,9 @@ def _canonical(kind: SchemaClass) -> SchemaClass:
                 alike = False
         else:
             described.append((False, moved[kind.door.causes], kind.door.gate))
-            if best is None or described < best:
+            if not best or described < best:
                 best = described
-    assert best is not None, "the order in which it was given is possible"
+    assert best, "the order in which it was given is possible"
     *roles, door = (Role(*role) for role in best)
     return SchemaClass(tuple(roles), door)
 

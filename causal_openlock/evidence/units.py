@@ -173,7 +173,7 @@ def selected(units: pd.DataFrame, selection: Selection, measure: str) -> Selecte
         raise EvidenceError(f"{measure} was not measured of {selection.learner}")
     if measure in (*RECOVERED, *TOLD):  # every row is a unit
         rows = rows.dropna(subset=measure)
-        least, most = _ends(rows, measure)
+        least, most = _ends(units.loc[rows.index], measure)
         values = rows[measure].to_numpy(float)
         return Selected(values, np.arange(len(rows)), least=least, most=most)
     by_unit, played = rows.groupby("unit"), rows["condition"].unique()

@@ -133,7 +133,7 @@ class Simulated:
             "protocol": maker.protocol.name,
             "subject": self.number,
             "attempts": len(part.rows),
-            "actions": int(part.asked().sum()),
+            "actions": int(part.asked.sum()),
             **{NATS + name: one for name, one in _halved(self.theories, predict, self.effort)},
         }
 

@@ -111,7 +111,7 @@ def _observers(
     """
     from causal_openlock.belief.observer import observer_of
 
-    found = {}
+    found: dict[tuple[str, str, str], tuple[Observer, Callable[[str], Layout | None]]] = {}
     for spec in results.experiment.learners:
         for condition in results.experiment.conditions:
             for schema in condition.schemas:
