@@ -27,7 +27,7 @@ from causal_openlock.evidence.measured import Evidence
 from causal_openlock.evidence.study import (
     ATTEMPTS,
     BLOCK,
-    IN_BITS,
+    NO_SHARES,
     OF_ALL,
     PUBLISHED,
     RL_2020,
@@ -264,7 +264,7 @@ def draw_distances(evidence: Evidence, figure: Any) -> None:
 
 def _limits(evidence: Evidence, table: Table) -> tuple[float, float]:
     """Limits of all panels: 0 to 1 for shares, otherwise all that units have, and 0."""
-    if table.measure not in (*ATTEMPTS, *IN_BITS, "minutes"):
+    if table.measure not in NO_SHARES:
         return -0.03, 1.03
     cells = [_units(evidence, table, row, c) for row in table.rows for c in table.columns]
     values = np.concatenate([cell.values for cell in cells if cell is not None])

@@ -17,9 +17,9 @@ from causal_openlock.evidence.derived import DERIVED
 from causal_openlock.evidence.power import as_stated, decides_at, planned
 from causal_openlock.evidence.published_units import published_units
 from causal_openlock.evidence.study import (
-    ATTEMPTS,
     ATTRIBUTED,
     CORRELATION,
+    NO_SHARES,
     OF_ALL,
     PUBLISHED,
     Claim,
@@ -402,7 +402,7 @@ def _ends(ends: Ends, measure: str, least: float = -1.0) -> str:
     low, high = ends
     if np.isnan(low):
         return "no interval: fewer than three units"
-    if measure not in ATTEMPTS:
+    if measure not in NO_SHARES:
         low, high = max(low, least), min(high, 1.0)
     return f"{_number(low, measure)} to {_number(high, measure)}"
 
@@ -456,7 +456,7 @@ def _number(value: float, measure: str) -> str:
     if not np.isfinite(value):
         raise EvidenceError("this number is not known: too few units")
     text = f"{value:.2f}".replace("-", "−")
-    if measure not in ATTEMPTS:
+    if measure not in NO_SHARES:
         text = re.sub(r"^(−?)0\.", r"\1.", text)
     return {"−.00": ".00", "−0.00": "0.00"}.get(text, text)
 

@@ -72,7 +72,7 @@ AFTER, SAVED = "after_first", "saved_after_first"
 """Attempts from the first solution to the last, and how many fewer than to the first; derived."""
 
 ATTEMPTS = ("attempts", "first_solution", *SOLUTIONS, AFTER, SAVED)
-"""Measures that are numbers of attempts; the others are shares."""
+"""Measures that are numbers of attempts."""
 
 RECOVERED = ("single", "groups", "halves")
 """Measures of a recovery: shares attributed to the true learner; every row is a unit."""
@@ -80,6 +80,9 @@ RECOVERED = ("single", "groups", "halves")
 IN_BITS = ("information", "per_minute")
 TOLD = (*IN_BITS, "minutes", "certain", "unlike")
 """Measures of a design (:func:`~causal_openlock.fitting.design.informed`); as above."""
+
+NO_SHARES = (*ATTEMPTS, *IN_BITS, "minutes")
+"""Measures that are not between 0 and 1."""
 
 METRICS = ("differing_pairs", "differing_transitions")
 """Metrics of a learner (:meth:`Learner.metrics`) at the end of its visits; all are shares."""
