@@ -12,7 +12,7 @@ import shutil
 import sys
 import tempfile
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 from functools import cache
 from pathlib import Path
@@ -35,7 +35,6 @@ from causal_openlock.running.expected_cost import cost_warnings
 from causal_openlock.running.runner import run
 from causal_openlock.running.worker import Watching
 from causal_openlock.schemas.finding import find_schema
-from causal_openlock.schemas.schema import Schema
 from causal_openlock.storage.remote import kept
 from causal_openlock.storage.store import Store
 from causal_openlock.storage.stored import StoredExperiment
@@ -236,10 +235,7 @@ def _experiment(
         return replace(read, name=(out and Store(out).name) or path.stem)
     if not learners:
         raise ExperimentError("name the learners to compare, such as learners=['bayes', 'ddqn']")
-    single = isinstance(what, str | Path | Schema | Condition | Mapping) or not isinstance(
-        what, Iterable
-    )
-    return make_experiment([what] if single else list(what), learners, **given)
+    return make_experiment(what, learners, **given)
 
 
 def _is_condition(name: str) -> bool:

@@ -391,6 +391,9 @@ def open_results(
         StoreError: If a folder holds no results, one is damaged, nobody is left, or they cannot be
             compared.
     """
+    for one in (folder, *others):
+        if not isinstance(one, str | Path):
+            raise StoreError(f"a results folder is given by its path, not by {type(one).__name__}")
     places = map(downloaded, (folder, *others))
     references = find_references(reference, exclude)
     return Results.read(*places, references=references, exclude=exclude)

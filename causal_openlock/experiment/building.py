@@ -565,8 +565,8 @@ def _learner(
 
 
 def make_experiment(
-    conditions: Sequence[ConditionForm],
-    learners: Sequence[LearnerForm],
+    conditions: ConditionForm | Sequence[ConditionForm],
+    learners: LearnerForm | Sequence[LearnerForm],
     *,
     name: str = "comparison",
     title: str = "",
@@ -580,10 +580,11 @@ def make_experiment(
     """An experiment from names and objects; an experiment file declares the same in YAML.
 
     Args:
-        conditions: The conditions: each a name (``CC4``, ``CC3-CC4``, ``my.yaml``), a schema, a
-            sequence of schemas whose last one is the test, a :class:`Condition`, or a mapping as
-            in an experiment file.
-        learners: The learners: each a name, a class, an instance, or what :func:`learner` returns.
+        conditions: A condition or several: each a name (``CC4``, ``CC3-CC4``, ``my.yaml``), a
+            schema, a sequence of schemas whose last one is the test, a :class:`Condition`, or a
+            mapping as in an experiment file.
+        learners: A learner or several: each a name, a class, an instance, or what :func:`learner`
+            returns.
         name: A short name.
         title: A line for the report; by default who plays what.
         seed: All randomness comes from it.
@@ -603,7 +604,10 @@ def make_experiment(
         ['oracle in CC3, subjects 0-9', 'oracle in CC3-CC4, subjects 0-9']
     """
     file = _settings(name=name, title=title, seed=seed, subjects=subjects, cell_size=cell_size)
-    given = {"conditions": list(conditions), "learners": list(learners), "reward": reward}
+    places: Any = conditions
+    single = isinstance(places, str | Path | Schema | Condition | BaseModel | Mapping)
+    places = [places] if single or not isinstance(places, Iterable) else [*places]
+    given = {"conditions": places, "learners": listed(learners), "reward": reward}
     if attempt_limit is not None:
         protocol = {"based_on": protocol, "attempt_limit": attempt_limit}
     return build(file.model_copy(update={**given, "protocol": protocol}))

@@ -29,6 +29,7 @@ from causal_openlock.errors import CellsFailed, LearnerError, OpenLockError
 from causal_openlock.experiment.experiment import Cell, Experiment
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.digest import digest
+from causal_openlock.files.validation import whole_number
 from causal_openlock.running.carried_code import carry
 from causal_openlock.running.cluster import joined
 from causal_openlock.running.progress import ProgressEstimator, RunProgress, work
@@ -117,8 +118,14 @@ def run(
         20
     """
     watching, warn = watching or Watching(), warn or _ignore
-    if workers is not None and workers < 0:
-        raise OpenLockError(f"{workers} workers cannot play; give 1 or more, or 0 for this process")
+    if workers is not None:
+        workers = whole_number(workers, "workers")  # 0: this process
+    for name, value in (
+        ("checkpoint_every", watching.checkpoint_every),
+        ("time_limit", time_limit),
+    ):
+        if value is not None and not (isinstance(value, int | float) and value >= 0):
+            raise OpenLockError(f"{name} is a number of seconds, not {value!r}")
     if time_limit is not None:  # a cell that is ended has to have made progress
         often = min(watching.checkpoint_every, time_limit / 5)
         watching = replace(watching, checkpoint_every=often)

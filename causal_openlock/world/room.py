@@ -201,6 +201,10 @@ class Layout:
                 )
             layout = dict(zip(schema.levers, values, strict=True))
             names = PAPER_POSITIONS  # in a larger room, the first seven
+        if not isinstance(layout, Mapping):
+            raise LayoutError(
+                f"{layout!r} is not a layout; give a name such as trial1, or {{lever: position}}"
+            )
         for lever in layout:
             if lever not in schema.levers:
                 raise LayoutError(

@@ -8,6 +8,8 @@ from typing import Any
 import pytest
 
 import causal_openlock as ol
+from causal_openlock.analysis.results.material import Material
+from causal_openlock.belief.trace import Trace
 from causal_openlock.errors import OpenLockError
 
 GRAPH = {"A": ["door"]}
@@ -37,6 +39,43 @@ def test_a_wrong_type_is_one_sentence(call: Callable[[], object], said: str) -> 
     with pytest.raises(OpenLockError) as caught:
         call()
     assert said in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: make(3, "random"), "3 is not a condition"),
+        (lambda: make("CC3", 3), "3 is not a learner"),
+        (lambda: ol.watch("oracle", "CC3", layout=3), "3 is not a layout"),  # type: ignore[arg-type]
+        (lambda: ol.open_results(3), "given by its path, not by int"),  # type: ignore[arg-type]
+    ],
+)
+def test_what_is_named_wrongly_is_one_sentence(call: Callable[[], object], said: str) -> None:
+    with pytest.raises(OpenLockError) as caught:
+        call()
+    assert said in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_condition_and_a_learner_need_no_list() -> None:
+    made = ol.make_experiment("CC3", "random")
+    assert made.identity == ol.make_experiment(["CC3"], ["random"]).identity
+
+
+FIGURES = {name for name in dir(ol) if name.startswith("plot_")}
+
+
+@pytest.mark.parametrize(
+    "name", sorted(FIGURES - {"plot_style", "plot_understanding", "plot_knowledge_steps"})
+)
+def test_a_plot_function_refuses_what_it_cannot_draw_in_a_sentence(name: str) -> None:
+    figure: Any = getattr(ol, name)
+    for values, kind in (((3,), "int"), ((), "NoneType")):
+        with pytest.raises(OpenLockError, match=f"{name} draws .*, and not {kind}"):
+            figure(*values)
+    given = object.__new__(Trace if name == "plot_trace" else Material)
+    with pytest.raises(OpenLockError, match=f"{name} has no argument conditionz"):
+        figure(given, conditionz=["CC4"])
 
 
 def test_many_settings_of_a_protocol_still_have_a_name() -> None:

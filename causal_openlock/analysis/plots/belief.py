@@ -22,7 +22,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import Layout, panels
+from causal_openlock.analysis.plots.panels import Layout, draws, draws_results, panels
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.traces import replayed
 from causal_openlock.belief.trace import Trace, TracedAction, agreement, percent, shown_name
@@ -44,6 +44,7 @@ _INK, _FAINT = "#222222", "#9A9A9A"
 _RENEWED: Any = {"color": _FAINT, "lw": 1.0, "ls": (0, (1.5, 1.5))}
 
 
+@draws_results
 def plot_beliefs(
     results: Material,
     subject: int | None = None,
@@ -82,6 +83,7 @@ def plot_beliefs(
     return plot_trace(replayed(results, subject, learner, condition, trial), ax=ax)
 
 
+@draws(Trace, "a trace, which trace_trial returns")
 def plot_trace(
     trace: Trace, *, actions: int = MOST_ACTIONS, arrows: int = MOST_ARROWS, ax: Any = None
 ) -> Any:

@@ -28,7 +28,14 @@ from causal_openlock.analysis.measures import (
     ordered,
 )
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import Layout, Names, panels, set_size, trials_under
+from causal_openlock.analysis.plots.panels import (
+    Layout,
+    Names,
+    draws_results,
+    panels,
+    set_size,
+    trials_under,
+)
 from causal_openlock.analysis.results.bounds import Bound, bounds_of
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
@@ -86,6 +93,7 @@ def course_of(
     return Course(shown, mean_by_trial(shown, ["phase", "place"]), int(width.max()), limit, ideal)
 
 
+@draws_results
 def plot_course(
     results: Material,
     *,

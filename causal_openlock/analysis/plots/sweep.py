@@ -15,7 +15,14 @@ from matplotlib.lines import Line2D
 
 from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of, trials_under
+from causal_openlock.analysis.plots.panels import (
+    Names,
+    draws_results,
+    in_rows,
+    panels,
+    rows_of,
+    trials_under,
+)
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.errors import NothingToDrawError, OpenLockError
 from causal_openlock.wording import joined, nearest
@@ -61,6 +68,7 @@ def sweep_table(results: Material, parameter: str | None = None) -> pd.DataFrame
                 f"{found} between learners of the same kind; name one, as in plot.sweep('lapse')"
             )
         (parameter,) = swept
+    parameter = str(parameter)
     values = {
         name: spec.parameters[parameter]
         for name, spec in specs.items()
@@ -69,8 +77,7 @@ def sweep_table(results: Material, parameter: str | None = None) -> pd.DataFrame
     if not values:
         known = {key for spec in specs.values() for key in spec.parameters}
         raise OpenLockError(
-            f"no learner of these results has a parameter {parameter}; "
-            f"{nearest(str(parameter), known)}"
+            f"no learner of these results has a parameter {parameter}; {nearest(parameter, known)}"
         )
     series = {
         name: _series(specs[name].learner, given[name], [k for k in differ[name] if k != parameter])
@@ -102,6 +109,7 @@ def _are_numbers(values: list[Any]) -> bool:
     return all(isinstance(one, int | float) and not isinstance(one, bool) for one in values)
 
 
+@draws_results
 def plot_sweep(
     results: Material,
     parameter: str | None = None,

@@ -23,7 +23,13 @@ from causal_openlock.analysis.decisions import Decided
 from causal_openlock.analysis.effects import ALPHA, Difference, Group, weighted_difference
 from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT, judged, ordered
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import Names, panels, set_size, trials_under
+from causal_openlock.analysis.plots.panels import (
+    Names,
+    draws_results,
+    panels,
+    set_size,
+    trials_under,
+)
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.section import Section, SectionPlot
@@ -133,6 +139,7 @@ def pairwise_table(held: Outcomes) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=PAIR_COLUMNS)
 
 
+@draws_results
 def plot_pairs(
     results: Material,
     *,

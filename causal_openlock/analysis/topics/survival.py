@@ -18,7 +18,13 @@ from matplotlib.ticker import MaxNLocator, PercentFormatter
 from causal_openlock.analysis.decisions import Decided
 from causal_openlock.analysis.measures import CELL, SUBJECT, judged, numbered, ordered
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import Names, in_rows, panels, trials_under
+from causal_openlock.analysis.plots.panels import (
+    Names,
+    draws_results,
+    in_rows,
+    panels,
+    trials_under,
+)
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.section import Section
@@ -83,6 +89,7 @@ def kaplan_meier(events: IntArray, at_risk: IntArray) -> FloatArray:
     return np.cumprod(kept, axis=-1, dtype=np.float64)
 
 
+@draws_results
 def plot_survival(
     results: Material,
     *,
