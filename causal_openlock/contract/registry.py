@@ -317,13 +317,14 @@ def parameter_table(name: str) -> list[ParameterInfo]:
 
 
 def changed_parameters(name: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """The hyper-parameters of a learner that differ from their defaults.
+    """The hyper-parameters of a learner that differ from their defaults, as a file has them.
 
     >>> changed_parameters("bayes", {"policy": "thompson", "forgetting": 0.0})
     {'policy': 'thompson'}
     """
-    defaults = {row.name: row.default for row in parameter_table(name)}
-    return {key: value for key, value in parameters.items() if value != defaults.get(key)}
+    defaults = {row.name: plain(row.default) for row in parameter_table(name)}
+    given = plain(parameters)
+    return {key: value for key, value in given.items() if value != defaults.get(key)}
 
 
 def parameters_of(declared: Any) -> list[ParameterInfo]:

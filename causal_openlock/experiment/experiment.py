@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from causal_openlock.contract.expected_cost import expected_cost
+from causal_openlock.contract.expected_cost import Cost, expected_cost
 from causal_openlock.contract.former_names import in_identities, parameters_in_identities
 from causal_openlock.contract.learner import InformedLearner, Learner
 from causal_openlock.contract.registry import learner_class, origin, parse_parameters
@@ -247,9 +247,19 @@ class Experiment:
         for spec in self.learners:
             for condition in self.conditions:
                 for schema in condition.schemas:
-                    if why := _cannot_play(spec, condition, schema):
+                    cost = self.costs[spec.name, schema]
+                    if why := _cannot_play(spec, condition, schema, cost):
                         found.setdefault(spec.name, {})[condition.name] = why
         return found
+
+    @cached_property
+    def costs(self) -> Mapping[tuple[str, Schema], Cost | str | None]:
+        """Expected cost by learner and schema, if it is high, or why the estimate failed."""
+        return {
+            (spec.name, schema): _cost(spec, schema)
+            for spec in self.learners
+            for schema in self.schemas
+        }
 
     def without_any(self, protocol: str) -> list[str]:
         """Labels of the learners under a protocol that can play none of the conditions."""
@@ -266,6 +276,11 @@ class Experiment:
         """Each reason in :attr:`not_applicable`, once."""
         each = (why for own in self.not_applicable.values() for why in own.values())
         return tuple(dict.fromkeys(each))
+
+    @property
+    def schemas(self) -> tuple[Schema, ...]:
+        """The schemas of the conditions, each once."""
+        return tuple(dict.fromkeys(s for one in self.conditions for s in one.schemas))
 
     @property
     def protocols(self) -> tuple[Protocol, ...]:
@@ -296,7 +311,7 @@ class Experiment:
             f"{schema.name} has {len(schema.solutions)} solutions and protocol {protocol.name} "
             f"gives {counted(protocol.attempt_limit, 'attempt')}, so its trials cannot be solved"
             for protocol in self.protocols
-            for schema in dict.fromkeys(s for c in self.conditions for s in c.schemas)
+            for schema in self.schemas
             if len(schema.solutions) > protocol.attempt_limit
         ]
 
@@ -322,18 +337,25 @@ class Experiment:
         return _digest(asked)
 
 
-def _cannot_play(spec: LearnerSpec, condition: Condition, schema: Schema) -> str:
+def _cost(spec: LearnerSpec, schema: Schema) -> Cost | str | None:
+    if spec.recorded is not None:  # its code need not be installed
+        return None
+    try:
+        limit = spec.protocol.actions_for(schema)
+        return expected_cost(spec.learner, spec.parameters, schema, limit)
+    except Exception as error:  # of a user's code; an estimate is no reason not to play
+        return f"{type(error).__name__}: {error}"
+
+
+def _cannot_play(
+    spec: LearnerSpec, condition: Condition, schema: Schema, cost: Cost | str | None
+) -> str:
     """Reason why a learner cannot play a condition's rooms of a schema; empty if none is known."""
     if spec.recorded is not None:  # its code need not be installed
         return ""
     if condition.shown and not getattr(learner_class(spec.learner), "learns_from_others", True):
         return f"{spec.name} learns from its own actions alone, so nothing can be shown to it"
-    try:
-        limit = spec.protocol.actions_for(schema)
-        cost = expected_cost(spec.learner, spec.parameters, schema, limit)
-    except Exception:  # of a user's code; an estimate is no reason not to play
-        return ""
-    if cost is None or cost.applicable:
+    if not isinstance(cost, Cost) or cost.applicable:
         return ""
     return f"{spec.name} cannot play in rooms of {schema.name}: {cost.work}"
 

@@ -18,6 +18,7 @@ from scipy import stats
 from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.one_subject import Moment, OneSubjectLearner, PerSubjectAdapter
 from causal_openlock.contract.registry import (
+    changed_parameters,
     create,
     learner_class,
     parameter_table,
@@ -469,6 +470,12 @@ def test_the_table_of_parameters_tells_defaults_and_meanings() -> None:
         ("greedy", False, ""),
     ]
     assert parameter_table("random") == []
+
+
+def test_changed_parameters_are_compared_as_a_file_has_them() -> None:
+    given = {"rate": 0.5, "steps": None, "layers": [8, 8], "greedy": np.bool_(False)}
+    assert changed_parameters(TUNED, given) == {}
+    assert changed_parameters(TUNED, {**given, "layers": (8,)}) == {"layers": [8]}
 
 
 def test_the_ddqn_s_defaults_are_the_paper_s() -> None:

@@ -9,8 +9,11 @@ from pathlib import Path
 import pytest
 
 import causal_openlock as ol
+from causal_openlock.contract.expected_cost import Cost
+from causal_openlock.experiment import experiment as experiment_module
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.file import read_experiment
+from causal_openlock.running.expected_cost import cost_warnings
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.storage.store import Store
 from support.command import Done, at_once, modules_of
@@ -67,6 +70,26 @@ def played(tmp_path_factory: pytest.TempPathFactory) -> Played:
     """The file, the results folder, and what was said when it was played first."""
     file = written(tmp_path_factory.mktemp("wide"))
     return file, (out := file.parent / "out"), compared(file, out)
+
+
+def test_each_learner_is_asked_once_for_its_cost_in_a_schema(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def cost(learner: str, parameters: object, schema: Schema, limit: int) -> Cost:
+        asked.append((learner, schema.name))
+        return Cost(float("inf") if schema.name == "CC3" else 3600.0, "a table of 7")
+
+    monkeypatch.setattr(experiment_module, "expected_cost", cost)
+    made = ol.make_experiment(["CC3", "CC4", "CE3-CC4"], ["random", "bayes"])
+    assert {*made.not_applicable["bayes"]} == {"CC3"}
+    said = list(cost_warnings(made))
+    assert [one.partition(" takes")[0] for one in said] == [
+        f"in {schema}, {name}" for name in ("random", "bayes") for schema in ("CC4", "CE3")
+    ]
+    assert len(made.cells()) == 4
+    assert len(asked) == len(set(asked)) == 6
 
 
 def test_it_is_left_out_said_once_and_the_folder_is_complete(played: Played) -> None:

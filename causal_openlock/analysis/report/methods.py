@@ -17,7 +17,7 @@ from causal_openlock.analysis.report.about_people import about_people
 from causal_openlock.analysis.report.what_was_run import edges, pairs, trials_played
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.statistics import LEVEL, RESAMPLES
-from causal_openlock.contract.registry import parameter_table, registry
+from causal_openlock.contract.registry import changed_parameters, registry
 from causal_openlock.experiment.experiment import PERSON, LearnerSpec
 from causal_openlock.experiment.protocol import Condition, Protocol
 from causal_openlock.files.validation import plain
@@ -97,18 +97,17 @@ def _described(spec: LearnerSpec) -> dict[str, Any]:
     entry, origin = registry().get(spec.learner), spec.origin
     dist = entry.dist if entry else None
     here = dist is not None and origin.package.startswith(f"{dist.name} {dist.version}")
-    defaults = None
-    if here and entry and entry.value == origin.class_name:
-        defaults = {row.name: plain(row.default) for row in parameter_table(spec.learner)}
-    values = plain(spec.parameters)
-    given = {k: v for k, v in values.items() if defaults is None or defaults.get(k) != v}
+    known = here and entry is not None and entry.value == origin.class_name
+    given = plain(spec.parameters)
+    if known:
+        given = changed_parameters(spec.learner, given)
     return {
         "name": spec.name,
         "learner": spec.learner,
         "package": origin.package,
         "parameters": pairs(given),
-        "knows_defaults": defaults is not None,
-        "is_plain": defaults is not None and not given and spec.name == spec.learner,
+        "knows_defaults": known,
+        "is_plain": known and not given and spec.name == spec.learner,
     }
 
 
