@@ -26,6 +26,7 @@ from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.files.atomic import write_text
+from causal_openlock.files.json_text import parse_json
 from causal_openlock.schemas.finding import bundled
 from causal_openlock.storage.versions import other_versions, versions
 
@@ -59,18 +60,27 @@ def check_installation(**options: Any) -> tuple[list[Check], str]:
         that the stored results are from, in words.
 
     Raises:
-        OpenLockError: If the experiment is another one than what is stored is from, or all of it
-            failed.
+        OpenLockError: If the experiment is another one than what is stored is from, that file is
+            damaged, or all of it failed.
     """
-    stored, experiment = json.loads(STORED.read_text(encoding="utf-8")), check_experiment()
-    if stored["experiment"] != experiment.declaration:
+    experiment = check_experiment()
+    try:
+        stored = parse_json(STORED.read_bytes())
+        known, learners, before = (stored[key] for key in ("experiment", "learners", "versions"))
+        for one in (before, learners, *learners.values()):
+            one.items()
+    except (OSError, ValueError, RecursionError, LookupError, TypeError, AttributeError) as error:
+        raise OpenLockError(
+            f"{STORED} is damaged ({type(error).__name__}: {error}); install the package again"
+        ) from None
+    if known != experiment.declaration:
         raise OpenLockError(
             f"{STORED.name} is from another experiment than {bundled('experiments')}/check.yaml; "
             "install the package again or, after a change, store the results of this one: "
             "python -m causal_openlock.comparison.checking"
         )
     results = played(experiment, **options)
-    return compared(results, stored["learners"]), other_versions(stored["versions"], versions())
+    return compared(results, learners), other_versions(before, versions())
 
 
 def check_experiment() -> Experiment:

@@ -98,6 +98,21 @@ def test_what_is_stored_is_of_the_experiment_and_compares_all_its_learners() -> 
     assert all(stored["learners"].values())
 
 
+@pytest.mark.parametrize(
+    "text", ["", "{", "[]", "{}", '{"experiment": "a", "learners": {"a": 3}, "versions": {}}', None]
+)
+def test_a_spoiled_file_of_what_is_expected_is_one_sentence(
+    text: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(checking, "STORED", tmp_path / "expected.json")
+    if text is not None:
+        (tmp_path / "expected.json").write_text(text)
+    done = at_once("check")
+    assert done.status == 2
+    assert "expected.json is damaged" in done.stderr.replace("\n", "")
+    assert "install the package again" in " ".join(done.stderr.split())
+
+
 def test_another_experiment_than_the_stored_one_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
