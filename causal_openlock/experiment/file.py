@@ -35,8 +35,9 @@ from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.building import Changes, as_learner, build
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.file_format import ExperimentFile
+from causal_openlock.experiment.protocol import SHOWN
 from causal_openlock.files.yaml_file import read_document
-from causal_openlock.schemas.finding import bundled
+from causal_openlock.schemas.finding import bundled, bundled_schemas
 from causal_openlock.wording import nearest
 
 
@@ -97,7 +98,9 @@ def find_experiment(name: str | Path) -> Path:
         if path.is_file():
             return path
     known = [path.stem for path in folder.glob("*.yaml")]
+    remedy = "or give the path of a .yaml file"
+    if {*str(name).split("-")} <= {*bundled_schemas(), SHOWN}:
+        remedy += f"; the condition {name} is played by: compare --condition {name}"
     raise OpenLockError(
-        f"there is no experiment {str(name)!r}; {nearest(str(name), known)}, or give the path of "
-        "a .yaml file"
+        f"there is no experiment {str(name)!r}; {nearest(str(name), known)}, {remedy}"
     )

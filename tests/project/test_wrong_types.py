@@ -111,3 +111,11 @@ def test_what_knowledge_is_worth_takes_what_it_can(call: Callable[[], object], s
 
 def test_a_condition_that_is_named_twice_is_counted_once() -> None:
     assert len(steps(["CC3", "CC3"])) == len(steps(["CC3"]))
+
+
+@pytest.mark.parametrize("name", ["CC4", "CC3-CC4", "shown-CC3-CC4"])
+def test_a_condition_in_place_of_an_experiment_is_told_how_it_is_played(name: str) -> None:
+    with pytest.raises(OpenLockError, match=f"is played by: compare --condition {name}$"):
+        ol.find_experiment(name)
+    with pytest.raises(OpenLockError, match=r"or give the path of a .yaml file$"):
+        ol.find_experiment(f"{name}-CC9")
