@@ -133,7 +133,7 @@ class Evidence:
 
     @cached_property
     def _differences(self) -> Mapping[tuple[str, str], Callable[[float], Estimate] | EvidenceError]:
-        """What each contrast compares, or why it cannot be compared."""
+        """The difference of each contrast, or why there is none."""
         found: dict[tuple[str, str], Callable[[float], Estimate] | EvidenceError] = {}
         for name, claim in self.study.file.claims.items():
             for part, contrast in claim.contrasts.items():

@@ -94,7 +94,7 @@ EVERYONE = "everyone"
 """Name of all theories of a recovery or a design together."""
 
 ATTRIBUTED = ("recovery", "design")
-"""What is measured where subjects are attributed to the learners that made them."""
+"""Kinds of studies in which subjects are attributed to the learners that made them."""
 
 MEASURED: Mapping[str, Sequence[str]] = {
     "trials": (*TRIALS, *SOLUTIONS, AFTER, SAVED),

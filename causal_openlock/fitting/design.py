@@ -60,7 +60,7 @@ DOUBT = 0.02
 CERTAIN = 0.95
 """Probability of a theory from which on a subject seems to follow it for certain."""
 FEWEST_DRAWS, FEWEST_THEORIES = 2, 2
-"""Draws that every theory gets; theories that get all of them."""
+"""Number of draws for every theory, and of theories that get all draws."""
 
 
 @dataclass(frozen=True)
@@ -211,7 +211,7 @@ def told_apart(
         effort: How they are predicted.
         outside: Labels of learners that make subjects and predict none: as if people followed no
             theory of the set.
-        folder: Where each subject is kept, so that the work goes on after an interruption.
+        folder: Where each subject is kept, so that the work continues after an interruption.
         workers: Number of processes.
         report: Called with how many subjects are done, of how many.
 
@@ -309,7 +309,7 @@ def information_ends(theories: int) -> tuple[float, float]:
 
 
 def informed(subjects: pd.DataFrame) -> pd.DataFrame:
-    """What each subject's actions tell about the theory that made it.
+    """Add to subjects how much their actions tell about the theory that made them.
 
     Args:
         subjects: From :func:`told_apart`.

@@ -51,7 +51,7 @@ def design(
         Path | None, typer.Option("--out", "-o", help="Folder; by default results/design-NAME.")
     ] = None,
 ) -> None:
-    """Rank conditions by what a person's minute in them tells about theories.
+    """Rank conditions by how well a minute tells theories apart.
 
     Theories are the learners, with unknown parameters: those whose value lies in a range of the
     learner's search space. Subjects of each are simulated, and all theories predict them. What was
@@ -112,6 +112,7 @@ def _print(table: pd.DataFrame, console: Terminal) -> None:
     console.print_whole(shown)
     first = table.iloc[0]
     console.print_line(
-        f"{first['condition']} tells most a minute. Bits: at least so many about the theory that "
-        "made a subject, ± their standard error; minutes at the pace of the paper's people."
+        f"{first['condition']} tells most a minute. Bits are a lower bound of the information about "
+        "the theory that made a subject, ± its standard error; minutes, at the pace of the paper's "
+        "people."
     )
