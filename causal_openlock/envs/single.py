@@ -21,7 +21,7 @@ from causal_openlock.envs.settings import (
     check_render_size,
 )
 from causal_openlock.errors import OpenLockError
-from causal_openlock.world.reward_table import RewardTable
+from causal_openlock.world.reward_table import ALWAYS, IF_FOUND, IF_REPEATED, RewardTable
 from causal_openlock.world.rewards import BASIC_REWARD, RewardForm
 from causal_openlock.world.room import RANDOM_LAYOUT, Layout
 from causal_openlock.world.tables import ACTIONS_LEFT, RoomTables
@@ -171,10 +171,14 @@ class OpenLockEnv(Recreatable, gymnasium.Env[NDArray[np.int8], int]):
         self._columns, self._failed = self._listed.tables.columns, self._listed.tables.failed
         self._whole_trial = self.settings.whole_trial
         self._stochastic = not self.settings.schema.deterministic
-        # Whether the reward of every action has to be evaluated again.
-        self._surprising = physics or self.settings.reward.depends_on_everything
-        self._depends_on_repeats = self.settings.reward.depends_on_repeats
-        self._depends_on_found = self.settings.reward.depends_on_found
+        # When the reward of an action has to be evaluated again. One number, since Python looks up
+        # the attributes of an object that has more than 30 of them more slowly.
+        function = self.settings.reward
+        self._history = (
+            function.depends_on_found * IF_FOUND
+            | function.depends_on_repeats * IF_REPEATED
+            | (physics or function.depends_on_everything) * ALWAYS
+        )
         # Row of the room; after the end of an episode its complement, which is negative.
         self._row = -1
         self._new_trial_due = True
@@ -237,22 +241,21 @@ class OpenLockEnv(Recreatable, gymnasium.Env[NDArray[np.int8], int]):
             raise InvalidAction(f"an action is an integer from 0 to {self._actions - 1}")
         asked, action = action, self._same_action[action]
         listed = self._listed
-        first = row * self._columns
-        flat = first + action
+        flat = row * self._columns + action
         fails = self._stochastic and self.np_random.random() >= listed.chance[flat] > 0.0
         if fails:
-            flat = first + self._failed
-        after = listed.effect[flat]
+            flat = row * self._columns + self._failed
+        after, reward = listed.effect[flat], listed.paid[flat]
         if self._bodies is not None:
             after = self._bodies.move(row, asked, not fails)
-        reward = listed.paid[flat]
-        if (
-            (self._found and self._depends_on_found and listed.unlocked[after])
-            or (self._depends_on_repeats and action == self._previous)
-            or self._surprising
-        ):
-            reward = self._judge(row, action, after)
-        self._previous = action
+        if self._history:
+            if (
+                (self._history & IF_FOUND and self._found and listed.unlocked[after])
+                or (self._history & IF_REPEATED and action == self._previous)
+                or self._history & ALWAYS
+            ):
+                reward = self._judge(row, action, after)
+            self._previous = action
         if listed.actions_left[after]:
             self._row = after
             return self._observations[after].copy(), reward, False, False, self._info(after)
@@ -299,7 +302,8 @@ class OpenLockEnv(Recreatable, gymnasium.Env[NDArray[np.int8], int]):
         return self._observations[0].copy(), reward, solved, spent, info
 
     def _spend_attempt(self) -> None:
-        self._attempts_left = max(0, self._attempts_left - 1)
+        if self._attempts_left:
+            self._attempts_left -= 1
         self._new_trial_due = not self._attempts_left
 
     def _info(self, row: int) -> dict[str, Any]:

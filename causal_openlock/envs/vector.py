@@ -116,8 +116,6 @@ class OpenLockVectorEnv(Recreatable, VectorEnv[NDArray[np.int8], NDArray[np.int6
             put_back=settings.whole_trial,
         )
         self._whole_trial = settings.whole_trial
-        self._shape = (num_envs,)
-        self._solutions = len(settings.schema.solutions)
         # Returned in info, so replaced instead of changed.
         self._left = np.zeros(num_envs, dtype=np.int16)
         self._found_count = np.zeros(num_envs, dtype=np.int16)
@@ -144,7 +142,7 @@ class OpenLockVectorEnv(Recreatable, VectorEnv[NDArray[np.int8], NDArray[np.int6
         mask = (options or {}).get("reset_mask")
         if mask is not None:
             mask = np.asarray(mask)
-            if mask.shape != self._shape or mask.dtype != np.bool_:
+            if mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
                 raise OpenLockError(
                     f"reset_mask is a boolean array of {self.num_envs}, one for each room, and "
                     f"this is {mask.dtype} of shape {mask.shape}"
@@ -192,7 +190,7 @@ class OpenLockVectorEnv(Recreatable, VectorEnv[NDArray[np.int8], NDArray[np.int6
         left, found_count, attempts_left = (
             array.copy() for array in (self._left, self._found_count, self._attempts_left)
         )
-        left[which] = self._solutions
+        left[which] = len(self.settings.schema.solutions)
         found_count[which] = 0
         attempts_left[which] = self.settings.attempt_limit
         self._left, self._found_count = _read_only(left), _read_only(found_count)
@@ -300,7 +298,7 @@ class OpenLockVectorEnv(Recreatable, VectorEnv[NDArray[np.int8], NDArray[np.int6
 
     def _checked(self, actions: Any) -> NDArray[Any]:
         actions = np.asarray(actions)
-        if actions.shape != self._shape or actions.dtype.kind not in "iu":
+        if actions.shape != (self.num_envs,) or actions.dtype.kind not in "iu":
             raise InvalidAction(
                 f"step takes {self.num_envs} integers, one for each room, not "
                 f"{actions.dtype} of shape {actions.shape}"
