@@ -218,6 +218,7 @@ def step(
     looking, looks = len(seen) > 0, seen.view(np.complex128)[:, 0]
     first_paid, word_after, row_after = paid[0], move[0], move[1]
     choice_in_block = np.empty(min(BLOCK, many), np.uint32)
+    odds_in_block = np.empty(len(choice_in_block) if noisy else 0)
     ended = finished = found_new = False
     judgements = 0
     for first in range(0, many, BLOCK):
@@ -234,15 +235,13 @@ def step(
                 own = column[np.uint64(rooms[i]) * np.uint64(width) + np.uint64(actions[i])]
                 choices[i] = (words[i] & LISTED) * np.uint32(width) + np.uint32(own)
         if noisy:
-            lucks = luck[first:last]
+            lucks, odds = luck[first:last], odds_in_block[: last - first]
             for i in range(last - first):
-                odds = chance[np.uint64(choices[i])]
-                fails = (lucks[i] >= odds) & (odds > 0.0)
-                choices[i] = (
-                    (words[i] & LISTED) * np.uint32(width) + np.uint32(failed)
-                    if fails
-                    else choices[i]
-                )
+                odds[i] = chance[np.uint64(choices[i])]
+            for i in range(last - first):
+                fails = (lucks[i] >= odds[i]) & (odds[i] > 0.0)
+                instead = (words[i] & LISTED) * np.uint32(width) + np.uint32(failed)
+                choices[i] = instead if fails else choices[i]
         sights = looks[first:last]
         if looking and one_room:
             for i in range(last - first):
