@@ -4,11 +4,11 @@ Only :class:`causal_openlock.world.batch.RoomBatch` calls :func:`step`. Modules 
 import it at the first step or reset, since numba takes a while to load. The argument types never
 change, so there is only one compiled version, cached on disk.
 
-Rooms are stepped in blocks that stay in the processor's cache, and within a block one result after
-the other: writing to a single array at a time is twice as fast as to all of them. What takes time
-is to look up and store one value for each room. So the row after a move and its status are packed
-into one word (:func:`packed`), and the compiler turns the loop that takes these words apart, like
-all loops without look-ups or branches, into vector instructions.
+Rooms are stepped in blocks that stay in the processor's cache. What takes time is to look up and
+store one value for each room. So where an action leads and the status there are one word
+(:meth:`causal_openlock.world.tables.RoomTables.words`), which is also how a room is held; word,
+reward and observation are looked up in one loop. The compiler turns the loops that take words
+apart, like all loops without look-ups or branches, into vector instructions.
 """
 
 from __future__ import annotations
