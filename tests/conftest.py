@@ -21,6 +21,14 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers() -> int:
+    """One worker more than there are cores: browsers, servers and processes are waited for."""
+    from causal_openlock.running.workers import available_cores
+
+    return available_cores() + 1
+
+
 def pytest_configure() -> None:
     """Look for cycles less often."""
     # A twentieth of the time of all tests went into looking for cycles every 700 objects.
