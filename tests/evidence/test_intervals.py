@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,8 +15,6 @@ from causal_openlock.evidence.study import (
     PUBLISHED,
     Contrast,
     Selection,
-    Study,
-    read_studies,
 )
 from causal_openlock.evidence.units import Selected, selected
 from causal_openlock.evidence.verdicts import (
@@ -31,8 +28,8 @@ from causal_openlock.evidence.verdicts import (
     paired,
     verdict,
 )
+from support.shipped_studies import NAMES, shipped
 
-EVIDENCE = Path(__file__).parents[2] / "evidence"
 SHARES = np.r_[np.linspace(0.001, 0.05, 20), np.linspace(0.06, 0.5, 23)]
 
 
@@ -59,7 +56,7 @@ def test_of_two_values_each_end_is_wrong_as_seldom_as_promised(n: int, level: fl
 @pytest.mark.parametrize("n", [5, 10, 20, 40, 200])
 def test_of_what_learners_do_intervals_cover_the_mean(n: int) -> None:
     rng = np.random.default_rng(n)
-    units = Evidence(read_studies(EVIDENCE, ("human_protocol",))[0]).own_units
+    units = Evidence(shipped("human_protocol")).own_units
     for learner, trial in (("random", 1), ("ddqn", 5), ("bayes", 1), ("win_stay", 1)):
         chosen = Selection(learner=learner, condition="CE4", trial=trial)
         whole = selected(units, chosen, "attempts")
@@ -118,12 +115,13 @@ def jumps(of: Verdict, to: Verdict, expected: str, smallest: float) -> bool:
     return {of, to} in apart
 
 
-@pytest.mark.parametrize("study", read_studies(EVIDENCE), ids=lambda study: study.name)
-def test_no_verdict_jumps_where_one_unit_changes_by_one_attempt_or_trial(study: Study) -> None:
+@pytest.mark.parametrize("name", NAMES)
+def test_no_verdict_jumps_where_one_unit_changes_by_one_attempt_or_trial(name: str) -> None:
+    study = shipped(name)
     found = Evidence(study)
     same = found._same_networks
-    for (name, part), before in found.estimates.items():
-        contrast = study.file.claims[name].contrasts[part]
+    for (claim, part), before in found.estimates.items():
+        contrast = study.file.claims[claim].contrasts[part]
         if isinstance(before, str) or contrast.measure == CORRELATION:
             continue
         of, known = selected(found.units, contrast.of, contrast.measure), contrast.minus
@@ -174,7 +172,7 @@ def test_without_a_spread_no_number_decides() -> None:
 
 
 def test_before_a_run_the_number_follows_from_a_stated_spread() -> None:
-    (study,) = read_studies(EVIDENCE, ("bayes",))
+    study = shipped("bayes")
     assert as_stated(asked(), study) is None
     found = as_stated(asked(spread=0.4), study)
     assert found

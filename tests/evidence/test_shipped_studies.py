@@ -2,41 +2,32 @@
 
 from __future__ import annotations
 
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from causal_openlock.evidence.checking import check
-from causal_openlock.evidence.study import FILE, Selection, Study, read_studies
+from causal_openlock.evidence.study import Selection, Study
 from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.fitting.kept import kept_fit, seeds_of
+from support.shipped_studies import EVIDENCE, NAMES, shipped
 
 pytestmark = pytest.mark.slow
 
-ROOT = Path(__file__).parents[2] / "evidence"
-FOLDERS = sorted(path.parent for path in ROOT.glob(f"*/{FILE}"))
-
-
-@cache
-def studies() -> dict[str, Study]:
-    """Studies by name, read once for all tests."""
-    return {study.name: study for study in read_studies(ROOT)}
-
 
 def test_all_that_is_written_follows_from_what_is_stored() -> None:
-    assert check(ROOT) == []
+    assert check(EVIDENCE) == []
 
 
-@pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
-def test_its_claims_are_about_what_it_plays(folder: Path) -> None:
-    assert not studies()[folder.name].faults()
+@pytest.mark.parametrize("name", NAMES)
+def test_its_claims_are_about_what_it_plays(name: str) -> None:
+    assert not shipped(name).faults()
 
 
 def fits() -> list[Path]:
     """Folders of all fits that are stored with a study."""
-    return [study.folder / name for study in studies().values() for name in study.file.fits]
+    return [EVIDENCE / name / fit for name in NAMES for fit in shipped(name).file.fits]
 
 
 MEANS = {"people", "published_model"}
@@ -75,11 +66,9 @@ def compared_with_means(study: Study) -> list[LearnerSpec]:
     return [one for one in study.asked.learners if every or one.name in names]
 
 
-@pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
-def test_what_was_fitted_is_not_compared_with_people_in_the_rooms_of_its_fit(
-    folder: Path,
-) -> None:
-    study = studies()[folder.name]
+@pytest.mark.parametrize("name", NAMES)
+def test_what_was_fitted_is_not_compared_with_people_in_the_rooms_of_its_fit(name: str) -> None:
+    study = shipped(name)
     for spec in compared_with_means(study):
         for fit in fits():
             assert not (is_result(spec, fit) and study.asked.seed in seeds_of(fit)), spec.name
@@ -89,7 +78,7 @@ def test_stored_fits_found_what_is_played() -> None:
     found = {
         (fit.parent.name, spec.name)
         for fit in fits()
-        for spec in studies()[fit.parent.name].asked.learners
+        for spec in shipped(fit.parent.name).asked.learners
         if is_result(spec, fit)
     }
     assert found >= {("rivals", "theory_based"), ("likeness", "fitted_to_baselines")}
@@ -97,6 +86,6 @@ def test_stored_fits_found_what_is_played() -> None:
 
 
 def test_pages_of_results_are_bound_to_studies() -> None:
-    text = (ROOT / "pages.yaml").read_text(encoding="utf-8")
+    text = (EVIDENCE / "pages.yaml").read_text(encoding="utf-8")
     for name in ("reproduction", "deep_learners", "structure_learner", "fit"):
         assert f"../docs/{name}.md" in text
