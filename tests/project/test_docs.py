@@ -55,7 +55,7 @@ def test_the_site_builds_without_a_warning_and_is_whole(tmp_path: Path) -> None:
     """
     site = tmp_path / "site"
     played = tmp_path / "small.yaml"  # instead of what takes two minutes
-    played.write_text("name: small\nsubjects: 2\nconditions: [CC4]\nlearners: [oracle, random]\n")
+    played.write_text("name: small\nsubjects: 1\nconditions: [CC4]\nlearners: [oracle]\n")
     build(site, "-Dsmartquotes=0", f"-Dexample_report={played}")
     played.unlink()
     every_page_is_there(site)
