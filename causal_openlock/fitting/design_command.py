@@ -112,7 +112,7 @@ def _print(table: pd.DataFrame, console: Terminal) -> None:
     console.print_whole(shown)
     first = table.iloc[0]
     console.print_line(
-        f"{first['condition']} tells most a minute. Bits are a lower bound of the information about "
-        "the theory that made a subject, ± its standard error; minutes, at the pace of the paper's "
-        "people."
+        f"{first['condition']} tells most a minute. Bits are a lower bound of the information "
+        "about the theory that made a subject, ± its standard error; minutes, at the pace of the "
+        "paper's people."
     )
