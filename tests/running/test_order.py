@@ -9,7 +9,6 @@ from typing import Any
 
 import pytest
 
-from causal_openlock.experiment.experiment import Cell
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.running.runner import run
 from causal_openlock.running.workers import ExternalExecutor
@@ -21,8 +20,8 @@ class Noting(Executor):
     def __init__(self) -> None:
         self.given: list[str] = []
 
-    def submit(self, job: Callable[..., Any], cell: Cell, /, *_: Any, **__: Any) -> Future[Any]:
-        self.given.append(cell.spec.name)
+    def submit(self, job: Callable[..., Any], /, *arguments: Any, **_: Any) -> Future[Any]:
+        self.given.append(arguments[0].spec.name)
         future: Future[Any] = Future()
         future.set_result([])
         return future
