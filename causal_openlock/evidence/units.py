@@ -172,6 +172,8 @@ def selected(units: pd.DataFrame, selection: Selection, measure: str) -> Selecte
     if measure not in rows or rows[measure].isna().all():
         raise EvidenceError(f"{measure} was not measured of {selection.learner}")
     if measure in (*RECOVERED, *TOLD):  # every row is a unit
+        if everyone and measure in TOLD:  # of theories alone
+            rows = rows[units.loc[rows.index, "information"].notna()]
         rows = rows.dropna(subset=measure)
         least, most = _ends(units.loc[rows.index], measure)
         values = rows[measure].to_numpy(float)

@@ -221,11 +221,12 @@ def told_apart(
         theory.
 
     Raises:
-        LearnerError: If a theory cannot predict others, or there are fewer than two.
+        LearnerError: If a theory cannot predict others, or cannot play a condition, or there are
+            fewer than two.
     """
     known_learners(outside, experiment.learners)
     theories = tuple(one for one in experiment.learners if one.name not in outside)
-    _check(theories)
+    _check(theories, experiment)
     jobs = [
         Simulated(experiment, condition, maker, number, theories, effort)
         for condition in experiment.conditions
@@ -253,15 +254,17 @@ def _keep(job: Simulated, path: Path) -> None:
     write_text(path, json.dumps(job.told()))
 
 
-def _check(theories: Sequence[LearnerSpec]) -> None:
+def _check(theories: Sequence[LearnerSpec], experiment: Experiment) -> None:
     if len(theories) < 2:
         raise LearnerError("one theory cannot be told from another; name at least two learners")
     for one in theories:
         if not getattr(learner_class(one.learner), "learns_from_others", True):
             raise LearnerError(
                 f"{one.name} learns from its own actions alone, so that it cannot predict others; "
-                "leave it out, or give --outside"
+                f"leave it out, or give --outside {one.name}"
             )
+        for condition, why in experiment.not_applicable.get(one.name, {}).items():
+            raise LearnerError(f"{why}; leave out {condition}, or the theory")
         for corner in ("low", "high"):
             ends = {name: getattr(each, corner) for name, each in unknown(one).items()}
             parse_parameters(one.learner, {**one.parameters, **ends})
@@ -354,15 +357,19 @@ def ranked(subjects: pd.DataFrame) -> pd.DataFrame:
 
     Returns:
         A row for each ``condition``: number of ``subjects``; the mean ``information``, in bits, and
-        its standard error ``se``; the share ``single`` of subjects that are attributed right; the
-        mean ``minutes``; and information ``per_minute``.
+        its standard error ``se`` (NaN if a theory made one subject); the share ``single`` of
+        subjects that are attributed right; the mean ``minutes``; and information ``per_minute``.
+        Theories count alike, however many subjects they made.
     """
     made = informed(subjects).dropna(subset="information")
-    table = made.groupby("condition", sort=False).agg(
-        subjects=("information", "size"), information=("information", "mean"),
-        se=("information", "sem"), single=("single", "mean"), minutes=("minutes", "mean"),
-        per_minute=("per_minute", "mean"),
-    )  # fmt: skip
+    theories = made.groupby(["condition", "learner"], sort=False)
+    means = theories[["information", "single", "minutes"]].mean()
+    by_condition = means.groupby("condition", sort=False)
+    table = by_condition.mean()
+    squares = (theories["information"].sem() ** 2).groupby("condition", sort=False).mean()
+    table.insert(0, "subjects", made.groupby("condition", sort=False).size())
+    table.insert(2, "se", np.sqrt(squares / by_condition.size()))
+    table["per_minute"] = table["information"] / table["minutes"]
     return table.sort_values("per_minute", ascending=False, kind="stable").reset_index()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -105,9 +106,10 @@ def _print(table: pd.DataFrame, console: Terminal) -> None:
 
     shown = plain_table("condition", "subjects", "right", "bits", "minutes", "bits a minute")
     for row in table.itertuples():
+        error = "" if math.isnan(row.se) else f" ± {row.se:.2f}"
         shown.add_row(
             row.condition, str(row.subjects), f"{row.single:.0%}",
-            f"{row.information:.2f} ± {row.se:.2f}", f"{row.minutes:.0f}", f"{row.per_minute:.3f}",
+            f"{row.information:.2f}{error}", f"{row.minutes:.0f}", f"{row.per_minute:.3f}",
         )  # fmt: skip
     console.print_whole(shown)
     first = table.iloc[0]

@@ -46,6 +46,7 @@ conditions: [CC3]
 protocols: {brief: {attempt_limit: 5, stop_when_solved: true, baseline_trials: 1}}
 learners: [random, win_stay, associative]
 """
+LONG = "A -> B -> C -> D -> E -> F -> G -> H -> door"
 THOMPSON = {"policy": "thompson", "forgets": "failures"}
 
 
@@ -241,6 +242,7 @@ def test_on_the_command_line(tmp_path: Path) -> None:
     [
         ("[random]", (), "one theory cannot be told from another"),
         ("[random, sb3]", (), "sb3 learns from its own actions alone"),
+        ("[random, theory_based]", ("-c", LONG), "too many; leave out"),
         ("[random, win_stay]", ("--outside", "win"), "there is no learner 'win'"),
         ("[random, win_stay]", ("--outside", "win_stay"), "one theory cannot be told"),
     ],
@@ -260,3 +262,11 @@ def test_the_number_of_subjects_can_be_changed(asked: Experiment, tmp_path: Path
     one = read_experiment(tmp_path / "three.yaml", Changes(subjects=1, conditions=["CC3"]))
     found = told_apart(one, Effort(draws=1), folder=tmp_path / "kept")
     assert found["learner"].tolist() == ["random", "win_stay", "associative"]
+
+
+def test_theories_count_alike_however_many_subjects_they_made() -> None:
+    far, near = ("a", 0.0, -900.0), ("b", 0.0, 0.0)
+    found = ranked(told([far, far, far, far, near, near]))
+    assert found["information"][0] == pytest.approx(information_ends(2)[1] / 2)
+    assert found["se"][0] == 0
+    assert np.isnan(ranked(told([far, near]))["se"][0])
