@@ -29,7 +29,7 @@ from support.html_page import Page
 from support.packages import register
 
 CONDITIONS = ["CC4", "CC3-CC4", "CE3-CC4"]
-EXPERIMENT = read_experiment(find_experiment("default"))
+EXPERIMENT = read_experiment(find_experiment("deep_quick"))
 
 
 @pytest.fixture(scope="module")
