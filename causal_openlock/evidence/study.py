@@ -275,7 +275,7 @@ class DesignSettings(StrictModel):
     """Settings of a design; see :mod:`~causal_openlock.fitting.design`."""
 
     draws: Count = 8
-    lapse: Annotated[float, Field(ge=0, le=1)] = LAPSE
+    lapse: Annotated[float, Field(gt=0, le=1)] = LAPSE
     outside: Annotated[
         list[Name], Field(description="Learners that make subjects and are none of the theories.")
     ] = Field(default_factory=list)

@@ -203,8 +203,9 @@ def _ends(rows: pd.DataFrame, measure: str) -> tuple[float, float]:
     if measure not in IN_BITS:
         return 0.0, 1.0
     least, most = information_ends(sum(str(name).startswith(NATS) for name in rows))
-    ratio = (rows[measure] / rows["information"]).max()  # one over the fewest minutes
-    return least * ratio, most * ratio
+    told = rows[rows["information"] != 0]
+    ratio = 1.0 if told.empty else (told[measure] / told["information"]).max()
+    return least * ratio, most * ratio  # the ratio is one over the fewest minutes
 
 
 def _limit(rows: pd.DataFrame, units: pd.DataFrame) -> float:

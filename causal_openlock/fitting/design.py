@@ -33,7 +33,7 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.contract.registry import learner_class, parse_parameters
-from causal_openlock.errors import LearnerError
+from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
 from causal_openlock.experiment.protocol import Condition
 from causal_openlock.files.atomic import write_text
@@ -50,6 +50,7 @@ from causal_openlock.scoring.teacher_forcing import (
     score_part,
 )
 from causal_openlock.version import RESULTS_VERSION
+from causal_openlock.wording import joined
 from causal_openlock.world import facts
 from causal_openlock.world.randomness import generators
 
@@ -59,6 +60,8 @@ DOUBT = 0.02
 """Probability that no estimate is right; it is shared among the theories."""
 CERTAIN = 0.95
 """Probability of a theory from which on a subject seems to follow it for certain."""
+FEWEST_OWN = 20
+"""Fewer subjects of a theory do not show how badly it predicts its own."""
 FEWEST_DRAWS, FEWEST_THEORIES = 2, 2
 """Number of draws for every theory, and of theories that get all draws."""
 
@@ -101,8 +104,8 @@ class Simulated:
     @cached_property
     def key(self) -> str:
         """A digest of everything that determines what is found."""
-        played = self.experiment.seed, self.condition.as_dict(), self.number
-        about: list[Any] = [RESULTS_VERSION, *played]
+        experiment = self.experiment.name, self.experiment.seed
+        about: list[Any] = [RESULTS_VERSION, *experiment, self.condition.as_dict(), self.number]
         for theory in (self.maker, *self.theories):
             ranges = {name: vars(one) for name, one in unknown(theory).items()}
             about += [{**theory.as_dict(), "subjects": 1}, ranges]
@@ -221,12 +224,15 @@ def told_apart(
         theory.
 
     Raises:
-        LearnerError: If a theory cannot predict others, or cannot play a condition, or there are
-            fewer than two.
+        LearnerError: If a theory cannot predict others or play a condition, or there are fewer than
+            two different ones.
+        OpenLockError: If no action is taken to be random: one that no theory does would be
+            impossible under all of them.
     """
-    known_learners(outside, experiment.learners)
-    theories = tuple(one for one in experiment.learners if one.name not in outside)
+    theories = theories_of(experiment, outside)
     _check(theories, experiment)
+    if effort.lapse <= 0:
+        raise OpenLockError("lapse must be above 0, or nothing can be said of unexpected actions")
     jobs = [
         Simulated(experiment, condition, maker, number, theories, effort)
         for condition in experiment.conditions
@@ -235,7 +241,7 @@ def told_apart(
         for number in range(maker.subjects)
     ]
     paths = [folder / f"{job.key}.json" for job in jobs]
-    missing = [(job, path) for job, path in zip(jobs, paths, strict=True) if not path.exists()]
+    missing = [each for each in zip(jobs, paths, strict=True) if _kept(each[1]) is None]
     done = len(jobs) - len(missing)
     report(done, len(jobs))
     if workers == 1:
@@ -247,7 +253,26 @@ def told_apart(
             for one in as_completed([pool.submit(_keep, *each) for each in missing]):
                 one.result()
                 report(done := done + 1, len(jobs))
-    return pd.DataFrame([json.loads(path.read_text(encoding="utf-8")) for path in paths])
+    return pd.DataFrame(map(_kept, paths))
+
+
+def theories_of(experiment: Experiment, outside: Sequence[str]) -> tuple[LearnerSpec, ...]:
+    """The learners of an experiment that are theories.
+
+    Raises:
+        LearnerError: If there is no learner of a label in ``outside``.
+    """
+    known_learners(outside, experiment.learners)
+    return tuple(one for one in experiment.learners if one.name not in outside)
+
+
+def _kept(path: Path) -> dict[str, Any] | None:
+    """What is known of a subject; None if it is not there, or its file is damaged."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (FileNotFoundError, ValueError):
+        return None
+    return found if isinstance(found, dict) and "actions" in found else None
 
 
 def _keep(job: Simulated, path: Path) -> None:
@@ -256,8 +281,26 @@ def _keep(job: Simulated, path: Path) -> None:
 
 def _check(theories: Sequence[LearnerSpec], experiment: Experiment) -> None:
     if len(theories) < 2:
-        raise LearnerError("one theory cannot be told from another; name at least two learners")
+        raise LearnerError(
+            "theories are told from each other, so there must be two at least, apart from those "
+            "outside; add a learner to the experiment"
+        )
+    if len({one.subjects for one in theories}) > 1:
+        raise LearnerError(
+            "theories make different numbers of subjects, so that some would count more; give all "
+            "the same, with --subjects or subjects: in the file"
+        )
+    same: dict[str, str] = {}
     for one in theories:
+        known = {name: one.parameters[name] for name in one.parameters if name not in unknown(one)}
+        what = json.dumps([one.learner, known, [*unknown(one)]], sort_keys=True, default=str)
+        if (other := same.setdefault(what, one.name)) != one.name:
+            names = joined([*unknown(one)])
+            raise LearnerError(
+                f"{other} and {one.name} are the same theory"
+                + (f", as {names} can be anything in its range" if names else "")
+                + "; leave one of them out"
+            )
         if not getattr(learner_class(one.learner), "learns_from_others", True):
             raise LearnerError(
                 f"{one.name} learns from its own actions alone, so that it cannot predict others; "
@@ -323,8 +366,9 @@ def informed(subjects: pd.DataFrame) -> pd.DataFrame:
         (or its share of several that are); ``minutes``, as long as people would take;
         ``per_minute``, information divided by the mean minutes of all subjects of its condition;
         ``certain``, 1 if a theory's probability is at least :data:`CERTAIN`; and ``unlike``, 1 if
-        the likeliest theory predicts this subject worse, per action, than 95% of its own. Of a
-        subject that no theory made there is no ``information``, ``per_minute`` and ``single``.
+        the likeliest theory predicts this subject worse, per action, than 95% of its own. Subjects
+        that no theory made have no ``information``, ``per_minute`` and ``single``, and they alone
+        have ``unlike``, if that theory made :data:`FEWEST_OWN` subjects.
     """
     shares, minutes = posterior(subjects), subjects["attempts"] * minutes_an_attempt()
     names, makers = list(shares.columns), subjects["learner"].to_numpy()
@@ -341,11 +385,15 @@ def informed(subjects: pd.DataFrame) -> pd.DataFrame:
         certain=(likely.max(axis=1) >= CERTAIN).astype(float),
     )
     surprise = -subjects[[NATS + name for name in names]].div(subjects["actions"], axis=0)
-    usual = {name: surprise.loc[makers == name, NATS + name].quantile(0.95) for name in names}
+    usual = {}
+    for name in names:
+        made = surprise.loc[makers == name, NATS + name]
+        usual[name] = made.quantile(0.95) if len(made) >= FEWEST_OWN else np.nan
     taken = likely.argmax(axis=1)
     most = np.array([usual[names[place]] for place in taken])
+    far = surprise.to_numpy(float)[rows, taken] > most
     found["per_minute"] = found["information"] / mean
-    found["unlike"] = (surprise.to_numpy(float)[rows, taken] > most).astype(float)
+    found["unlike"] = np.where(of_theory | np.isnan(most), np.nan, far)
     return found
 
 
@@ -358,19 +406,58 @@ def ranked(subjects: pd.DataFrame) -> pd.DataFrame:
     Returns:
         A row for each ``condition``: number of ``subjects``; the mean ``information``, in bits, and
         its standard error ``se`` (NaN if a theory made one subject); the share ``single`` of
-        subjects that are attributed right; the mean ``minutes``; and information ``per_minute``.
-        Theories count alike, however many subjects they made.
+        subjects that are attributed right; the mean ``minutes``; and information ``per_minute``,
+        with its standard error ``per_minute_se``. Theories count alike.
     """
     made = informed(subjects).dropna(subset="information")
     theories = made.groupby(["condition", "learner"], sort=False)
     means = theories[["information", "single", "minutes"]].mean()
     by_condition = means.groupby("condition", sort=False)
     table = by_condition.mean()
-    squares = (theories["information"].sem() ** 2).groupby("condition", sort=False).mean()
-    table.insert(0, "subjects", made.groupby("condition", sort=False).size())
-    table.insert(2, "se", np.sqrt(squares / by_condition.size()))
     table["per_minute"] = table["information"] / table["minutes"]
+    # That of a ratio of means: of what each subject tells beyond the ratio for its minutes.
+    ratio = made["condition"].map(table["per_minute"])
+    beyond = (made["information"] - ratio * made["minutes"]).groupby(
+        [made["condition"], made["learner"]], sort=False
+    )
+    table["per_minute_se"] = _standard_error(beyond.sem()) / table["minutes"]
+    table.insert(0, "subjects", made.groupby("condition", sort=False).size())
+    table.insert(2, "se", _standard_error(theories["information"].sem()))
     return table.sort_values("per_minute", ascending=False, kind="stable").reset_index()
+
+
+def _standard_error(errors: pd.Series) -> pd.Series:
+    """That of the mean over theories, by condition, from those of each theory's mean."""
+    squares = (errors**2).groupby("condition", sort=False)
+    return np.sqrt(squares.mean() / squares.size())
+
+
+def in_words(table: pd.DataFrame, theories: int) -> str:
+    """Which condition tells most a minute, as far as standard errors show it.
+
+    Args:
+        table: From :func:`ranked`.
+        theories: How many there are.
+    """
+    most, said = information_ends(theories)[1], []
+    if len(table) > 1:
+        first, second = table.iloc[0], table.iloc[1]
+        ahead = first["per_minute"] - second["per_minute"]
+        error = math.hypot(first["per_minute_se"], second["per_minute_se"])
+        gap = f"{first['condition']} is {ahead:.3f} ahead of {second['condition']}"
+        if math.isnan(error):
+            said.append(f"{gap}, from one subject of each theory; give more for a standard error")
+        elif ahead > 1.96 * error:
+            said.append(f"{first['condition']} tells most a minute: {gap} (± {error:.3f})")
+        else:
+            said.append(
+                f"Which condition tells most a minute is undecided: {gap} (± {error:.3f}); make "
+                "more subjects"
+            )
+    told = [row.condition for row in table.itertuples() if row.information > 0.98 * most]
+    if told:
+        said.append(f"In {joined(told)} all is told that can be; fewer rooms may do as well")
+    return ". ".join([*said, f"At most {most:.2f} bits can be told of {theories} theories."])
 
 
 def halved(

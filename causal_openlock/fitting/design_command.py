@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,6 +12,7 @@ import typer
 
 from causal_openlock.cli.options import Workers
 from causal_openlock.cli.stopping import resumable
+from causal_openlock.errors import OpenLockError
 from causal_openlock.scoring import LAPSE
 
 if TYPE_CHECKING:
@@ -30,7 +33,7 @@ def design(
     ] = None,
     outside: Annotated[
         list[str] | None,
-        typer.Option(help="A learner that makes subjects and is none of the theories."),
+        typer.Option(help="A learner of the experiment that makes subjects and is no theory."),
     ] = None,
     halving: Annotated[
         bool,
@@ -57,7 +60,7 @@ def design(
     Theories are the learners, with unknown parameters: those whose value lies in a range of the
     learner's search space. Subjects of each are simulated, and all theories predict them. What was
     stopped is continued by the same command. Written are conditions.csv, a row for each round and
-    condition, and subjects.csv, of the last round.
+    condition; subjects.csv, of the last round; and design.json, with all settings.
     """
     import pandas as pd
 
@@ -68,13 +71,29 @@ def design(
     from causal_openlock.experiment.file import find_experiment, read_experiment
     from causal_openlock.files.atomic import write_text
     from causal_openlock.files.escaping import csv_of
-    from causal_openlock.fitting.design import Effort, halved, informed, ranked, told_apart
+    from causal_openlock.fitting.design import (
+        Effort,
+        halved,
+        in_words,
+        informed,
+        ranked,
+        theories_of,
+        told_apart,
+        unknown,
+    )
     from causal_openlock.running.workers import available_cores
 
     console = Terminal()
     changes = Changes(conditions=condition or None, subjects=subjects, seed=seed)
     chosen = read_experiment(find_experiment(experiment), changes, console.print_line)
+    effort, theories = Effort(draws, lapse), theories_of(chosen, outside or ())
     folder = out or Path("results") / f"design-{chosen.name}"
+    if folder.exists() and not folder.is_dir():
+        raise OpenLockError(f"{folder} is a file; give --out a folder")
+    ranges = {one.name: unknown(one) for one in theories}
+    for name, own in ranges.items():
+        drawn = [f"{key} {each.low:g} to {each.high:g}" for key, each in own.items()]
+        console.print_line(f"unknown of {name}: {', '.join(drawn) or 'nothing'}")
     last: list[pd.DataFrame] = []
     with resumable(), shown_steps("design") as begin:
 
@@ -82,7 +101,7 @@ def design(
             last[:] = [
                 told_apart(
                     asked,
-                    Effort(draws, lapse),
+                    effort,
                     outside=outside or (),
                     folder=folder / "subjects",
                     workers=workers or available_cores(),
@@ -94,11 +113,36 @@ def design(
         tables = halved(chosen, simulate) if halving else iter([ranked(simulate(chosen))])
         rounds = []
         for number, table in enumerate(tables, 1):
+            if halving:
+                console.print_line(f"round {number}")
             _print(table, console)
             rounds.append(table.assign(round=number))
-    for name, found in {"conditions": pd.concat(rounds), "subjects": informed(last[0])}.items():
+    every = informed(last[0])
+    for name, found in {"conditions": pd.concat(rounds), "subjects": every}.items():
         write_text(folder / f"{name}.csv", csv_of(found.round(6)))
-    console.print_line(f"{folder}: conditions.csv, subjects.csv written")
+    settings = {
+        "experiment": chosen.as_dict(),
+        "unknown": {name: {key: asdict(one) for key, one in own.items()}
+                    for name, own in ranges.items()},
+        "outside": outside or [],
+        "halving": halving,
+        **asdict(effort),
+    }  # fmt: skip
+    write_text(folder / "design.json", json.dumps(settings, indent=2, default=str) + "\n")
+    console.print_line(
+        f"{in_words(table, len(theories))} Bits are a lower bound of the information about the "
+        "theory that made a subject; minutes are those of the paper's people for as many attempts; "
+        "± standard errors."
+    )
+    for name in outside or ():
+        own = every[every["learner"] == name]
+        far = own["unlike"].mean()
+        beyond = "" if math.isnan(far) else f"; {far:.0%} are predicted worse than 95% of its own"
+        console.print_line(
+            f"{name}, of no theory: of {own['certain'].mean():.0%} of subjects a theory seems "
+            f"certain{beyond}"
+        )
+    console.print_line(f"{folder}: conditions.csv, subjects.csv, design.json written")
 
 
 def _print(table: pd.DataFrame, console: Terminal) -> None:
@@ -106,15 +150,14 @@ def _print(table: pd.DataFrame, console: Terminal) -> None:
 
     shown = plain_table("condition", "subjects", "right", "bits", "minutes", "bits a minute")
     for row in table.itertuples():
-        error = "" if math.isnan(row.se) else f" ± {row.se:.2f}"
         shown.add_row(
             row.condition, str(row.subjects), f"{row.single:.0%}",
-            f"{row.information:.2f}{error}", f"{row.minutes:.0f}", f"{row.per_minute:.3f}",
+            _with_error(row.information, row.se, 2), f"{row.minutes:.0f}",
+            _with_error(row.per_minute, row.per_minute_se, 3),
         )  # fmt: skip
     console.print_whole(shown)
-    first = table.iloc[0]
-    console.print_line(
-        f"{first['condition']} tells most a minute. Bits are a lower bound of the information "
-        "about the theory that made a subject, ± its standard error; minutes, at the pace of the "
-        "paper's people."
-    )
+
+
+def _with_error(value: float, error: float, digits: int) -> str:
+    text = f"{value:.{digits}f}"
+    return text if math.isnan(error) else f"{text} ± {error:.{digits}f}"

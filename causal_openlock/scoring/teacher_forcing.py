@@ -127,7 +127,11 @@ class Recorded:
         conditions = {one.name: one for one in self.experiment.conditions}
         protocols = {one.protocol.name: one.protocol for one in self.experiment.learners}
         numbers = self.numbers if places is None else [self.numbers[place] for place in places]
-        given: dict[str, Any] = {"reward": scored.reward, "learner": scored.name} if scored else {}
+        given: dict[str, Any] = {}
+        if scored:
+            # Another label has other random numbers: a learner that predicts subjects of its own
+            # knows neither how their networks began nor what they drew.
+            given = {"reward": scored.reward, "learner": f"{scored.name}, predicting"}
         return Session(
             conditions[self.group["condition"]],
             protocols[self.group["protocol"]],
@@ -311,7 +315,15 @@ def _kept(
     """The scores of a part, from a file if they are there already."""
     if folder is None:
         return score_part(part, scored, lapse, draws)
-    about = [RESULTS_VERSION, scored.as_dict(), part.group, part.numbers, lapse, asdict(draws)]
+    about = [
+        RESULTS_VERSION,
+        "predicting",
+        scored.as_dict(),
+        part.group,
+        part.numbers,
+        lapse,
+        asdict(draws),
+    ]
     about += [part.played, COLUMNS]
     name = hashlib.sha256(json.dumps(about, sort_keys=True, default=str).encode()).hexdigest()[:24]
     path = folder / f"{name}.parquet"

@@ -58,7 +58,12 @@ class Written:
         Raises:
             OpenLockError: If a file cannot be written or removed.
         """
-        left = files_of(self.path) - {*self.files}
+        # A folder that is a link may be anybody's.
+        left = {
+            name
+            for name in files_of(self.path) - {*self.files}
+            if (file := self.path.parent / name).is_file() and not file.parent.is_symlink()
+        }
         write_text(self.path, render(template, files=self.files, **values))
         try:
             for name in left:

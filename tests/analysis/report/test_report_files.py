@@ -111,6 +111,17 @@ def test_figures_of_an_earlier_report_are_removed_and_nothing_else(tmp_path: Pat
     }
 
 
+def test_nothing_is_removed_behind_a_link(tmp_path: Path) -> None:
+    folder, elsewhere = tmp_path / "report", tmp_path / "elsewhere"
+    folder.mkdir()
+    elsewhere.mkdir()
+    (elsewhere / "photo.png").write_text("")
+    (folder / "figures").symlink_to("../elsewhere")
+    (folder / "report.html").write_text('<meta name="files" content="figures/photo.png">')
+    written(table(trial_rows([1, 2, 3])), folder)
+    assert (elsewhere / "photo.png").exists()
+
+
 def test_a_report_says_what_it_removed(tmp_path: Path) -> None:
     done = [
         at_once("compare", "-c", "CC3", "-l", "oracle", "--subjects", 2, "-o", "a", cwd=tmp_path),
