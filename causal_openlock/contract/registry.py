@@ -57,18 +57,24 @@ def registry() -> Mapping[str, EntryPoint]:
 
 
 class _Package(NamedTuple):
-    """An installed package; whether it is another than the toolkit, and edited where it lies."""
+    """An installed package."""
 
     name: str
     version: str
-    edited: bool
+    files: Distribution
+
+    @property
+    def edited(self) -> bool:
+        """Whether a package other than the toolkit is edited where it lies."""
+        if self.name == TOOLKIT:
+            return False
+        told = json.loads(self.files.read_text("direct_url.json") or "{}")
+        return bool(told.get("dir_info", {}).get("editable"))
 
 
 @lru_cache(maxsize=100)  # its metadata would be parsed at each access
 def _described(package: Distribution) -> _Package:
-    name = package.name
-    told = {} if name == TOOLKIT else json.loads(package.read_text("direct_url.json") or "{}")
-    return _Package(name, package.version, bool(told.get("dir_info", {}).get("editable")))
+    return _Package(package.name, package.version, package)
 
 
 def _package(name: str) -> _Package | None:

@@ -267,7 +267,7 @@ def theories_of(experiment: Experiment, outside: Sequence[str]) -> tuple[Learner
 
 
 def _kept(path: Path) -> dict[str, Any] | None:
-    """What is known of a subject; None if it is not there, or its file is damaged."""
+    """The row of a subject; None if it is not there, or its file is damaged."""
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except (FileNotFoundError, ValueError):
@@ -427,13 +427,13 @@ def ranked(subjects: pd.DataFrame) -> pd.DataFrame:
 
 
 def _standard_error(errors: pd.Series) -> pd.Series:
-    """That of the mean over theories, by condition, from those of each theory's mean."""
+    """Standard errors of means over theories, by condition, from each theory's own."""
     squares = (errors**2).groupby("condition", sort=False)
     return np.sqrt(squares.mean() / squares.size())
 
 
 def in_words(table: pd.DataFrame, theories: int) -> str:
-    """Which condition tells most a minute, as far as standard errors show it.
+    """Say which condition tells most a minute, as far as standard errors show it.
 
     Args:
         table: From :func:`ranked`.

@@ -33,7 +33,9 @@ def design(
     ] = None,
     outside: Annotated[
         list[str] | None,
-        typer.Option(help="A learner of the experiment that makes subjects and is no theory."),
+        typer.Option(
+            help="A learner of the experiment that makes subjects without being a theory."
+        ),
     ] = None,
     halving: Annotated[
         bool,

@@ -185,7 +185,7 @@ def test_whatever_things_are_called_a_bundle_unpacks_into_its_own_folder(
         held["name"] = held["conditions"][0]["name"] = held["learners"][0]["name"] = name
         held["learners"][1].update(name=name, material=known, parameters={name: str(network)})
 
-    record = Store(folder).record(["learner", "condition", "subject"])
+    record = Store(folder).record(["learner", "condition", "subject", "phase"])
     forge(folder, change)
     with pytest.raises(OpenLockError, match="does not list"):
         write_bundle(Store(folder), "out.zip")
