@@ -26,7 +26,7 @@ import pandas as pd
 
 from causal_openlock.evidence.study import Study
 from causal_openlock.fitting.design import NATS, informed
-from causal_openlock.fitting.recovery import Recovery, attributed, recovery
+from causal_openlock.fitting.recovery import Recovery, attributed, attributed_rows, recovery
 from causal_openlock.fitting.search import SearchSpace
 from causal_openlock.scoring.scores import LN2, SUBJECT
 
@@ -46,10 +46,8 @@ def units_of_recovery(actions: pd.DataFrame) -> pd.DataFrame:
     wide = sums.unstack("scored")[list(dict.fromkeys(actions["scored"]))]
     taken = actions[actions["scored"] == wide.columns[0]].groupby(SUBJECT, observed=True).size()
     makers = wide.index.get_level_values("learner")
-    single = [
-        float(attributed(row[None])[wide.columns.get_loc(maker)])
-        for maker, row in zip(makers, wide.to_numpy(float), strict=True)
-    ]
+    own = wide.columns.get_indexer(makers)
+    single = attributed_rows(wide.to_numpy(float))[np.arange(len(wide)), own]
     subjects = wide.add_prefix(NATS).assign(actions=taken, single=single).reset_index()
     subjects = subjects.rename(columns={"subject": "unit"}).assign(subjects=1)
     return _with_groups(subjects.drop(columns=["experiment", "seed"]))

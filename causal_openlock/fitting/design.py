@@ -38,7 +38,7 @@ from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
 from causal_openlock.experiment.protocol import Condition
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.digest import digest
-from causal_openlock.fitting.actions import of_share
+from causal_openlock.fitting.recovery import attributed_rows, drawn_from
 from causal_openlock.fitting.search import Range, bundled_search
 from causal_openlock.running.worker import made
 from causal_openlock.running.workers import worker_pool
@@ -117,10 +117,7 @@ class Simulated:
         experiment, seed = self.experiment, self.experiment.seed
         (maker,) = drawn(self.maker, seed, "subject", [self.number])
         session, learner = made(Cell(experiment.name, seed, maker, self.condition, self.number, 1))
-        session.begin(learner)
-        for _ in session.steps(learner):
-            pass
-        (part,) = recorded_subjects(session.record(), experiment)
+        (part,) = recorded_subjects(session.play(learner), experiment)
         draws = Draws(most=self.effort.asked)
 
         def predict(theory: LearnerSpec, which: Sequence[int]) -> list[float]:
@@ -165,8 +162,7 @@ def drawn(theory: LearnerSpec, seed: int, what: str, numbers: Iterable[int]) -> 
         chosen = dict(theory.parameters)
         for name, one in unknown(theory).items():
             (generator,) = generators(seed, f"{what}/{name}", [number])
-            value = of_share(one, generator.random())
-            chosen[name] = round(value) if one.whole else value
+            chosen[name] = drawn_from(one, generator)
         found.append(replace(theory, parameters=chosen))
     return found
 
@@ -376,11 +372,11 @@ def informed(subjects: pd.DataFrame) -> pd.DataFrame:
     own = np.where(of_theory, [names.index(one) if one in names else 0 for one in makers], 0)
     rows = np.arange(len(subjects))
     likely = shares.to_numpy(float)
-    best = likely >= likely.max(axis=1, keepdims=True) - 1e-9
+    right = attributed_rows(subjects[[NATS + name for name in names]].to_numpy(float))
     mean = minutes[of_theory].groupby(subjects["condition"]).transform("mean")
     found = subjects.assign(
         information=np.where(of_theory, np.log2(len(names) * likely[rows, own]), np.nan),
-        single=np.where(of_theory, (best / best.sum(axis=1, keepdims=True))[rows, own], np.nan),
+        single=np.where(of_theory, right[rows, own], np.nan),
         minutes=minutes,
         certain=(likely.max(axis=1) >= CERTAIN).astype(float),
     )

@@ -26,7 +26,7 @@ from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.escaping import csv_of
 from causal_openlock.fitting.actions import Fitted, at_bound, of_share
-from causal_openlock.fitting.search import SearchSpace, bundled_search
+from causal_openlock.fitting.search import Range, SearchSpace, bundled_search
 from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.scoring.scores import LN2, SUBJECT
 from causal_openlock.world.randomness import generators
@@ -149,8 +149,18 @@ def attributed(likelihoods: FloatArray) -> FloatArray:
     >>> attributed(np.array([[1.0, 2.0], [3.0, 3.0]])).tolist()
     [0.25, 0.75]
     """
+    shares: FloatArray = attributed_rows(likelihoods).mean(axis=0)
+    return shares
+
+
+def attributed_rows(likelihoods: FloatArray) -> FloatArray:
+    """``[N, M]`` what of each row is attributed to each column: to the greatest; ties are shared.
+
+    >>> attributed_rows(np.array([[1.0, 2.0], [3.0, 3.0]])).tolist()
+    [[0.0, 1.0], [0.5, 0.5]]
+    """
     best = likelihoods >= likelihoods.max(axis=1, keepdims=True) - 1e-9
-    shares: FloatArray = (best / best.sum(axis=1, keepdims=True)).mean(axis=0)
+    shares: FloatArray = best / best.sum(axis=1, keepdims=True)
     return shares
 
 
@@ -174,12 +184,14 @@ def drawn_sets(space: SearchSpace, many: int, seed: int) -> list[dict[str, int |
     """Parameters drawn evenly from their ranges, the logarithm where that is searched."""
     drawn = []
     for generator in generators(seed, f"parameters/{space.learner}", range(many)):
-        chosen: dict[str, int | float] = {}
-        for name, one in space.ranges.items():
-            value = of_share(one, generator.random())
-            chosen[name] = round(value) if one.whole else value
-        drawn.append(chosen)
+        drawn.append({name: drawn_from(one, generator) for name, one in space.ranges.items()})
     return drawn
+
+
+def drawn_from(one: Range, generator: np.random.Generator) -> int | float:
+    """A value drawn evenly from a range, or its logarithm where that is searched."""
+    value = of_share(one, generator.random())
+    return round(value) if one.whole else value
 
 
 def made_with(
