@@ -20,7 +20,7 @@ from __future__ import annotations
 import io
 import re
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -209,9 +209,10 @@ def parse_document(text: str, path: Path | str = "<text>") -> Document:
         message = f"the file has more than {MAX_LINES:,} lines; is this the right file?"
         raise FileError(path, [Fault(MAX_LINES + 1, 1, message)])
     try:
-        for mark, message in _refusals(text):
-            raise FileError(path, [Fault(mark.line + 1, mark.column + 1, message)])
-        return Document(path, text, yaml_parser().load(text))
+        return Document(path, text, _reader().load(text))
+    except _Refused as refused:
+        mark, message = refused.args
+        raise FileError(path, [Fault(mark.line + 1, mark.column + 1, message)]) from None
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
@@ -238,10 +239,36 @@ _HUGE = re.compile(r"[-+]?(0[xob])?[0-9a-f_]{400,}", re.IGNORECASE)
 """A whole number with so many digits that Python does not write it out."""
 
 
-def _refusals(text: str) -> Iterator[tuple[Any, str]]:
-    """The places of what is refused, and what to do about it.
+class _Refused(Exception):
+    """What is not allowed was read: its mark, and what to do about it."""
 
-    This walks the parser's events, in time proportional to the length of the text.
+
+def _reader() -> YAML:
+    """A parser that stops at what is refused, as soon as it is read, and drops comments."""
+    from ruamel.yaml.parser import RoundTripParser
+    from ruamel.yaml.scanner import Scanner
+
+    class Parser(RoundTripParser):
+        def __init__(self, loader: Any) -> None:
+            super().__init__(loader)
+            self.refusals = _refusals()
+            next(self.refusals)
+
+        def get_event(self) -> Any:
+            event = super().get_event()
+            self.refusals.send(event)
+            return event
+
+    yaml = yaml_parser()
+    yaml.Parser, yaml.Scanner = Parser, Scanner
+    return yaml
+
+
+def _refusals() -> Generator[None, Any, None]:
+    """Take the parser's events one by one, in time proportional to the length of the text.
+
+    Raises:
+        _Refused: At what is not allowed.
     """
     from ruamel.yaml.events import (
         AliasEvent,
@@ -257,49 +284,64 @@ def _refusals(text: str) -> Iterator[tuple[Any, str]]:
     # the next value is a key.
     open_: list[tuple[set[str] | None, bool]] = []
     documents = values = 0
-    for event in yaml_parser().parse(text):
+    while True:
+        event = yield
         mark = event.start_mark
         if isinstance(event, CollectionEndEvent):
             open_.pop()
         elif isinstance(event, DocumentStartEvent):
             documents += 1
             if documents > 1:
-                yield mark, "the file holds a second document; keep one of them"
+                raise _Refused(mark, "the file holds a second document; keep one of them")
             if event.version and event.version != (1, 2):
-                yield mark, "this is read as YAML 1.2; take the line %YAML out"
+                raise _Refused(mark, "this is read as YAML 1.2; take the line %YAML out")
         if not isinstance(event, NodeEvent):
             continue
         values += 1
         if values > MAX_VALUES:
-            yield mark, f"the file has more than {MAX_VALUES:,} values; is this the right file?"
+            raise _Refused(
+                mark, f"the file has more than {MAX_VALUES:,} values; is this the right file?"
+            )
         if isinstance(event, AliasEvent):
-            yield mark, f"the alias *{event.anchor:.40} is not allowed here; write the value out"
+            raise _Refused(
+                mark, f"the alias *{event.anchor:.40} is not allowed here; write the value out"
+            )
         elif event.anchor:
-            yield mark, f"the anchor &{event.anchor:.40} is not allowed here; take it out"
+            raise _Refused(mark, f"the anchor &{event.anchor:.40} is not allowed here; take it out")
         elif tag := getattr(event, "tag", None):
             tag = str(tag).replace("tag:yaml.org,2002:", "!!")
-            yield mark, f"the tag {tag:.60} is not allowed here; take it out"
+            raise _Refused(mark, f"the tag {tag:.60} is not allowed here; take it out")
         keys, is_key = open_[-1] if open_ else (None, False)
         if keys is not None:
             open_[-1] = keys, not is_key
         if is_key and keys is not None:
             if not isinstance(event, ScalarEvent):
-                yield mark, "a key must be a name, and this is several values; write one name"
+                raise _Refused(
+                    mark, "a key must be a name, and this is several values; write one name"
+                )
             elif event.value == "<<" and not event.style:
-                yield mark, "the merge key << is not allowed here; write its values out"
+                raise _Refused(mark, "the merge key << is not allowed here; write its values out")
             elif event.value in keys:
-                yield mark, f"the key {event.value[:64]!r} is written twice; remove one of them"
+                raise _Refused(
+                    mark, f"the key {event.value[:64]!r} is written twice; remove one of them"
+                )
             else:
                 keys.add(event.value)
         if isinstance(event, CollectionStartEvent):
             a_mapping = isinstance(event, MappingStartEvent)
             open_.append((set() if a_mapping else None, a_mapping))
             if len(open_) > MAX_DEPTH:
-                yield mark, f"nested deeper than {MAX_DEPTH} levels; is this the right file?"
+                raise _Refused(
+                    mark, f"nested deeper than {MAX_DEPTH} levels; is this the right file?"
+                )
         elif isinstance(event, ScalarEvent) and not _is_text(event.value):
-            yield mark, "half a character is written here as \\u; write the character itself"
+            raise _Refused(
+                mark, "half a character is written here as \\u; write the character itself"
+            )
         elif isinstance(event, ScalarEvent) and not event.style and _HUGE.fullmatch(event.value):
-            yield mark, f"this number has {len(event.value):,} digits; is this the right file?"
+            raise _Refused(
+                mark, f"this number has {len(event.value):,} digits; is this the right file?"
+            )
 
 
 def _is_text(value: str) -> bool:
