@@ -210,7 +210,7 @@ def parse_document(text: str, path: Path | str = "<text>") -> Document:
         raise FileError(path, [Fault(MAX_LINES + 1, 1, message)])
     try:
         return Document(path, text, _reader().load(text))
-    except _Refused as refused:
+    except _RefusedError as refused:
         mark, message = refused.args
         raise FileError(path, [Fault(mark.line + 1, mark.column + 1, message)]) from None
     except MarkedYAMLError as error:
@@ -239,7 +239,7 @@ _HUGE = re.compile(r"[-+]?(0[xob])?[0-9a-f_]{400,}", re.IGNORECASE)
 """A whole number with so many digits that Python does not write it out."""
 
 
-class _Refused(Exception):
+class _RefusedError(Exception):
     """What is not allowed was read: its mark, and what to do about it."""
 
 
@@ -268,7 +268,7 @@ def _refusals() -> Generator[None, Any, None]:
     """Take the parser's events one by one, in time proportional to the length of the text.
 
     Raises:
-        _Refused: At what is not allowed.
+        _RefusedError: At what is not allowed.
     """
     from ruamel.yaml.events import (
         AliasEvent,
@@ -292,37 +292,41 @@ def _refusals() -> Generator[None, Any, None]:
         elif isinstance(event, DocumentStartEvent):
             documents += 1
             if documents > 1:
-                raise _Refused(mark, "the file holds a second document; keep one of them")
+                raise _RefusedError(mark, "the file holds a second document; keep one of them")
             if event.version and event.version != (1, 2):
-                raise _Refused(mark, "this is read as YAML 1.2; take the line %YAML out")
+                raise _RefusedError(mark, "this is read as YAML 1.2; take the line %YAML out")
         if not isinstance(event, NodeEvent):
             continue
         values += 1
         if values > MAX_VALUES:
-            raise _Refused(
+            raise _RefusedError(
                 mark, f"the file has more than {MAX_VALUES:,} values; is this the right file?"
             )
         if isinstance(event, AliasEvent):
-            raise _Refused(
+            raise _RefusedError(
                 mark, f"the alias *{event.anchor:.40} is not allowed here; write the value out"
             )
         elif event.anchor:
-            raise _Refused(mark, f"the anchor &{event.anchor:.40} is not allowed here; take it out")
+            raise _RefusedError(
+                mark, f"the anchor &{event.anchor:.40} is not allowed here; take it out"
+            )
         elif tag := getattr(event, "tag", None):
             tag = str(tag).replace("tag:yaml.org,2002:", "!!")
-            raise _Refused(mark, f"the tag {tag:.60} is not allowed here; take it out")
+            raise _RefusedError(mark, f"the tag {tag:.60} is not allowed here; take it out")
         keys, is_key = open_[-1] if open_ else (None, False)
         if keys is not None:
             open_[-1] = keys, not is_key
         if is_key and keys is not None:
             if not isinstance(event, ScalarEvent):
-                raise _Refused(
+                raise _RefusedError(
                     mark, "a key must be a name, and this is several values; write one name"
                 )
             elif event.value == "<<" and not event.style:
-                raise _Refused(mark, "the merge key << is not allowed here; write its values out")
+                raise _RefusedError(
+                    mark, "the merge key << is not allowed here; write its values out"
+                )
             elif event.value in keys:
-                raise _Refused(
+                raise _RefusedError(
                     mark, f"the key {event.value[:64]!r} is written twice; remove one of them"
                 )
             else:
@@ -331,15 +335,15 @@ def _refusals() -> Generator[None, Any, None]:
             a_mapping = isinstance(event, MappingStartEvent)
             open_.append((set() if a_mapping else None, a_mapping))
             if len(open_) > MAX_DEPTH:
-                raise _Refused(
+                raise _RefusedError(
                     mark, f"nested deeper than {MAX_DEPTH} levels; is this the right file?"
                 )
         elif isinstance(event, ScalarEvent) and not _is_text(event.value):
-            raise _Refused(
+            raise _RefusedError(
                 mark, "half a character is written here as \\u; write the character itself"
             )
         elif isinstance(event, ScalarEvent) and not event.style and _HUGE.fullmatch(event.value):
-            raise _Refused(
+            raise _RefusedError(
                 mark, f"this number has {len(event.value):,} digits; is this the right file?"
             )
 

@@ -31,7 +31,12 @@ from causal_openlock.world.room import Layout, positions_for
 MOST = 32
 """Most that a whole number or a number without an upper bound is above its lower one."""
 
+CERTAIN = st.just(1.0)
+UNCERTAIN = CERTAIN | st.floats(0.05, 1.0, allow_subnormal=False)
+"""Strengths of edges."""
 
+
+@cache  # Hypothesis validates a strategy when it is first drawn from
 def gates(causes: int) -> st.SearchStrategy[Gate]:
     """A gate that can hold with this number of causes."""
     counts = st.integers(1, causes).map(lambda k: Gate("at_least", k))
@@ -71,9 +76,7 @@ def schemas(
         ends = [lever for lever in levers if graph.out_degree(lever) == 0]
         graph.add_edges_from((lever, DOOR) for lever in ends)
     useful = nx.ancestors(graph, DOOR)
-    strengths = (
-        st.just(1.0) | st.floats(0.05, 1.0, allow_subnormal=False) if stochastic else st.just(1.0)
-    )
+    strengths = UNCERTAIN if stochastic else CERTAIN
     return Schema(
         name,
         levers,

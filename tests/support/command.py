@@ -12,12 +12,10 @@ import sys
 from collections.abc import Iterator
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
 import pytest
-import typer.main
 
 from causal_openlock.analysis.decisions import Decisions
 from causal_openlock.analysis.report import writing
@@ -26,8 +24,6 @@ from causal_openlock.comparison import progress_bar
 from causal_openlock.contract.registry import _learner_class
 from causal_openlock.running import runner, workers
 from causal_openlock.running.workers import ExternalExecutor
-
-_command = cache(typer.main.get_command)
 
 
 class AtOnce(Executor):
@@ -111,7 +107,6 @@ def at_once(
     out, err = io.StringIO(), io.StringIO()
     with pytest.MonkeyPatch.context() as patches:
         patches.setattr(sys, "argv", ["causal-openlock", *map(str, words)])
-        patches.setattr(typer.main, "get_command", _command)  # made anew by every call else
         if cwd is not None:
             patches.chdir(cwd)
         if not workers:
