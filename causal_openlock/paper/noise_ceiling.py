@@ -111,7 +111,7 @@ def misfit(points: pd.DataFrame, fitted: int = 0) -> Misfit:
         points: As for :func:`noise_ceiling`.
         fitted: Numbers that were fitted to these means.
     """
-    from scipy.stats import chi2
+    from scipy.special import chdtrc
 
     off = (points["mean"] - points["people_mean"]).to_numpy(float)
     theirs, own = _error(points, "people_") ** 2, _error(points) ** 2
@@ -119,7 +119,7 @@ def misfit(points: pd.DataFrame, fitted: int = 0) -> Misfit:
         return Misfit(float("nan"), 0.0, float("nan"))
     size = float((off**2 / (theirs + own)).sum())
     freedom = len(points) - fitted * float((theirs / (theirs + own)).mean())
-    return Misfit(size, freedom, float(chi2.sf(size, freedom)))
+    return Misfit(size, freedom, float(chdtrc(freedom, size)))
 
 
 def noise_ceiling(points: pd.DataFrame, fitted: int = 0) -> Ceiling:

@@ -248,16 +248,16 @@ def _printed() -> dict[str, str]:
 
 def _parsed(text: str) -> SignificanceTest:
     """``F(4,75)=40.16,p<.001`` as the outcome of a test of groups of equal size."""
-    from scipy.stats import f, t
+    from scipy.special import fdtrc, stdtr
 
     found = re.match(r"([tF])\(([\d,]+)\)=([\d.]+)", text.replace(" ", ""))
     assert found is not None
     df = tuple(int(one) for one in found[2].split(","))
     value = float(found[3])
     if found[1] == "F":
-        p, effect = float(f.sf(value, *df)), partial_eta_squared(value, df[0], df[1])
+        p, effect = float(fdtrc(*df, value)), partial_eta_squared(value, df[0], df[1])
     else:  # n + n − 2 = df
-        p, effect = 2 * float(t.sf(value, *df)), value * float(np.sqrt(4 / (df[0] + 2)))
+        p, effect = 2 * float(stdtr(*df, -value)), value * float(np.sqrt(4 / (df[0] + 2)))
     return SignificanceTest(found[1], df, np.nan, value, p, effect)
 
 

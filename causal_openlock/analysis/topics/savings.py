@@ -109,9 +109,9 @@ def _of_learner(untrained: pd.DataFrame, trained: pd.DataFrame) -> tuple[float, 
 
 def _published(reference: Reference, protocol: str) -> list[tuple[Any, ...]]:
     """The rows of a reference; the error of a ratio is taken to first order."""
-    from scipy.stats import norm
+    from scipy.special import ndtri
 
-    z = float(norm.isf((1 - LEVEL) / 2))
+    z = float(ndtri((1 + LEVEL) / 2))
     points = reference.points
     baseline = ~points["condition"].isin(TRANSFERS)
     first = points[(points["trial"] == 1) & (baseline | (points["phase"] == "test"))]
