@@ -124,23 +124,27 @@ def plot_course(
     families = _families(ordered(means["condition"], results.conditions))
     looks = _looks(families)
     cells = [(name, family) for name in names for family in families]
+    visits = {
+        family: course.trials[course.trials["condition"].isin(family)] for family in families
+    }
+    ideal = {family: _spans(own, course.ideal) for family, own in visits.items()}
+    points = dict(iter(means.groupby(["learner", "condition"], observed=True)))
     keys = [Line2D([], [], **_LIMIT, label="limit of attempts")] if limit is not None else []
     keys += [style.ideal_key()] if course.ideal else []
     with panels(ax, len(cells), _rows(cells, len(families), looks, bool(keys))) as at:
         for axes, (name, family) in zip(at.axes, cells, strict=True):
-            rows = means[(means["learner"] == name) & means["condition"].isin(family)]
-            visits = course.trials[course.trials["condition"].isin(family)]
-            for index, condition in enumerate(family):
-                aside = 0.16 * (index - (len(family) - 1) / 2)
-                one = rows[rows["condition"] == condition]
-                _course(axes, one, looks[condition], marked, aside)
-            if rows.empty:
+            played = {one: points[name, one] for one in family if (name, one) in points}
+            for condition, rows in played.items():
+                aside = 0.16 * (family.index(condition) - (len(family) - 1) / 2)
+                _course(axes, rows, looks[condition], marked, aside)
+            if not played:
                 axes.text(
                     0.5, 0.5, "not played", transform=axes.transAxes, ha="center", color=_GREY
                 )
-            _scale(axes, int(visits["visit"].max()), top, limit)
-            _mark_test(axes, visits)
-            _mark_ideal(axes, visits, course.ideal)
+            _scale(axes, int(visits[family]["visit"].max()), top, limit)
+            _mark_test(axes, visits[family])
+            for span in ideal[family]:
+                style.ideal_line(axes, *span)
             if len(families) == 1 or family is families[0]:
                 style.panel_title(axes, name, style.sizes(means[means["learner"] == name]))
             if at.figure is None:
@@ -218,9 +222,10 @@ def _rows(
             row, column = divmod(place, columns)
             axes.append(figure.add_subplot(grid[row + 1, column]))
             lowest = place + columns >= len(cells)
-            axes[-1].tick_params(axis="x", length=0, labelbottom=lowest)
+            axes[-1].tick_params(axis="x", length=0)
+            axes[-1].xaxis.set_visible(lowest)  # nothing of the others is seen
             axes[-1].tick_params(axis="y", labelleft=column == 0)
-            axes[-1].set_xlabel("Trial, in order" if lowest else "")
+            axes[-1].set_xlabel("Trial, in order")
             axes[-1].set_ylabel("Attempts" if column == 0 else "")
         return axes
 
@@ -265,16 +270,20 @@ def _mark_test(axes: Axes, visits: pd.DataFrame) -> None:
         )  # fmt: skip
 
 
-def _mark_ideal(axes: Axes, visits: pd.DataFrame, ideal: dict[tuple[str, str], Bound]) -> None:
-    """Mark what the ideal observer needs in each phase; once where it is the same."""
+def _spans(
+    visits: pd.DataFrame, ideal: dict[tuple[str, str], Bound]
+) -> list[tuple[float, float, float]]:
+    """What the ideal observer needs in each phase, from where to where; once where it is the same."""
     spans: dict[float, list[tuple[float, float]]] = {}
     for key, own in visits.groupby(["condition", "phase"], observed=True)["visit"]:
         if key in ideal:
             span = float(own.min()) - 0.5, float(own.max()) + 0.5
             spans.setdefault(ideal[key].attempts, []).append(span)
+    found = []
     for attempts, stretches in spans.items():
         end = -math.inf
         for start, until in sorted(stretches):
             if until > end:
-                style.ideal_line(axes, attempts, max(start, end), until)
+                found.append((attempts, max(start, end), until))
                 end = until
+    return found
