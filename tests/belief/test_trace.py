@@ -14,13 +14,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from causal_openlock.analysis.plots.belief import Part, plot_trace, save_trace_figure
-from causal_openlock.belief.belief_learner import BeliefLearner
+from causal_openlock.belief.belief_learner import BeliefLearner, Onlooker
 from causal_openlock.belief.structure_schemas import (
     behave_alike,
     by_position,
@@ -29,14 +30,14 @@ from causal_openlock.belief.structure_schemas import (
 )
 from causal_openlock.belief.trace import Trace, percent, shown_name, trace_text, trace_trial
 from causal_openlock.cli import main
-from causal_openlock.contract.learner import View
+from causal_openlock.contract.learner import Learner, View
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError, OpenLockError, ProtocolError
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.finding import bundled_schemas, find_schema
 from causal_openlock.schemas.schema import DOOR, Gate, Schema
-from causal_openlock.world.room import Layout, Room
+from causal_openlock.world.room import Layout, Room, action_names
 from openlock_learners.bayes import Bayes
 from support.waiting import HANGS
 
@@ -190,6 +191,22 @@ def test_the_table_has_a_column_for_each_arrow_that_was_ever_possible(cc4: Trace
     for cause, effect in cc4.truth.graph.edges:
         at = cc4.nodes.index(cause), cc4.nodes.index(effect)
         np.testing.assert_array_equal(table[f"{cause} -> {effect}"], cc4.edges[1:, *at])
+
+
+@pytest.mark.parametrize("name", ["bayes", "bayes_net_ddqn"])
+def test_beliefs_follow_from_what_was_done_alone(name: str) -> None:
+    condition = Condition.named("noisy_CC3" if name == "bayes" else "CC3", find_schema)
+
+    def trace_of(learner: Learner) -> Trace:
+        return trace_trial(learner, condition, HUMAN, seed=SEED, label=name)
+
+    played = trace_of(create(name))
+    learner = create(name)
+    assert isinstance(learner, BeliefLearner)
+    names = action_names(len(played.nodes) - 1)
+    seen = trace_of(Onlooker(learner, [names.index(action.name) for action in played.actions]))
+    assert not hasattr(learner, "q")  # no network was made
+    pd.testing.assert_frame_equal(seen.table(), played.table(), check_exact=True)
 
 
 def test_what_cannot_be_traced() -> None:

@@ -76,7 +76,8 @@ def plot_beliefs(
         true one.
 
     Raises:
-        NothingToDrawError: If no learner holds beliefs, or it does not do again what is on record.
+        NothingToDrawError: If no learner holds beliefs, or the results are of another version or
+            other rooms.
         OpenLockError: If there is no such subject, learner, condition or trial, or ``ax`` does not
             fit.
     """

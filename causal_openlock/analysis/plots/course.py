@@ -124,9 +124,7 @@ def plot_course(
     families = _families(ordered(means["condition"], results.conditions))
     looks = _looks(families)
     cells = [(name, family) for name in names for family in families]
-    visits = {
-        family: course.trials[course.trials["condition"].isin(family)] for family in families
-    }
+    visits = {family: course.trials[course.trials["condition"].isin(family)] for family in families}
     ideal = {family: _spans(own, course.ideal) for family, own in visits.items()}
     points = dict(iter(means.groupby(["learner", "condition"], observed=True)))
     keys = [Line2D([], [], **_LIMIT, label="limit of attempts")] if limit is not None else []
@@ -273,7 +271,7 @@ def _mark_test(axes: Axes, visits: pd.DataFrame) -> None:
 def _spans(
     visits: pd.DataFrame, ideal: dict[tuple[str, str], Bound]
 ) -> list[tuple[float, float, float]]:
-    """What the ideal observer needs in each phase, from where to where; once where it is the same."""
+    """Attempts of the ideal observer in each phase, from where to where; once where they agree."""
     spans: dict[float, list[tuple[float, float]]] = {}
     for key, own in visits.groupby(["condition", "phase"], observed=True)["visit"]:
         if key in ideal:

@@ -1,13 +1,15 @@
-"""Beliefs of a subject that is on record, in a trial that it plays again.
+"""Beliefs of a subject that is on record, in one of its trials.
 
-A record says what a subject did and not what it believed. But a subject does the same whenever it
-plays with the same seed, so it plays up to the trial once more and its belief is watched. Where it
-then does anything else than what is on record, because the learner is no longer the one that was
-run, there is no trace.
+A record says what a subject did and not what it believed. But beliefs follow from the prior and
+from what was observed, so all that the subject did up to the end of the trial is done once more, in
+the same rooms, and its belief is watched. Where the results are those of another version, or the
+rooms are not those on record, there is no trace.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import pandas as pd
@@ -18,8 +20,11 @@ from causal_openlock.errors import NothingToDrawError, OpenLockError
 from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.experiment.protocol import shown_trials
 from causal_openlock.files.validation import whole_number
+from causal_openlock.storage.stored import recorded_layout
+from causal_openlock.storage.versions import other_versions
+from causal_openlock.version import RESULTS_VERSION
 from causal_openlock.wording import nearest
-from causal_openlock.world.room import action_names
+from causal_openlock.world.room import Room, action_names
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -65,10 +70,12 @@ def replayed(
         trial: Number of the trial among those that it played, from 1.
 
     Raises:
-        NothingToDrawError: If no learner holds beliefs, or it does something else than what is on
-            record.
+        NothingToDrawError: If no learner holds beliefs, or the results are of another version or
+            other rooms.
         OpenLockError: If there is no such learner, condition, subject or trial.
     """
+    from causal_openlock.belief.belief_learner import BeliefLearner, Onlooker
+    from causal_openlock.belief.structure_schemas import by_position, same_structure
     from causal_openlock.belief.trace import trace_trial
     from causal_openlock.contract.registry import create
     from causal_openlock.world.rewards import PAPER_REWARD
@@ -99,8 +106,11 @@ def replayed(
             f"{len(visits) or int(own.groupby('subject').size().max())}"
         )
     row = visits.iloc[trial - 1]
+    believer = create(spec.learner, spec.parameters)
+    assert isinstance(believer, BeliefLearner)
+    recorded = [*_recorded(results.record, visits.iloc[:trial])]
     trace = trace_trial(
-        create(spec.learner, spec.parameters),
+        Onlooker(believer, chain(*chain(*recorded))),
         rooms[condition],
         spec.protocol,
         trial=trial + shown_trials(rooms[condition], spec.protocol),
@@ -110,27 +120,31 @@ def replayed(
         reward=PAPER_REWARD if spec.reward.depends_on_everything else spec.reward,
         label=spec.name,
     )
-    if _done(trace) != _recorded(results.record, row):
+    schema = next(one for one in rooms[condition].schemas if one.name == row["schema"])
+    room = Room.of(schema, recorded_layout(schema, row["layout"], len(trace.nodes) - 1))
+    other = other_versions(results.experiment.versions, {"causal-openlock": RESULTS_VERSION})
+    if other or _done(trace) != recorded[-1] or not same_structure(by_position(room), trace.truth):
         raise NothingToDrawError(
-            f"{learner} does not do again what is on record, so its beliefs are not known: it is "
-            "not the learner that was run"
+            f"beliefs of {learner} are not known: its trials are of {other or 'other rooms'}; run "
+            "the comparison again to see them"
         )
     return trace
 
 
 def _done(trace: Trace) -> list[list[int]]:
-    """The actions of each attempt that was played again."""
+    """The actions of each attempt of the traced trial."""
     names = action_names(len(trace.nodes) - 1)
     return [[names.index(action.name) for action in attempt] for attempt in trace.attempts]
 
 
-def _recorded(record: pa.Table, trial: pd.Series) -> list[list[int]]:
-    """The actions of each attempt of a trial that is on record."""
+def _recorded(record: pa.Table, visits: pd.DataFrame) -> Iterator[list[list[int]]]:
+    """The actions of each attempt, of each of a subject's trials."""
     import pyarrow.compute as pc
 
-    # Numbers first: they leave few rows, in which names are cheap to compare.
-    here = pc.and_(*(pc.equal(record[name], int(trial[name])) for name in ("subject", "trial")))
-    others = (*CELL, "phase", "loop")
-    few = record.filter(here).select([*others, "attempt", "actions"]).to_pylist()
-    mine = [row for row in few if all(row[name] == trial[name] for name in others)]
-    return [row["actions"] for row in sorted(mine, key=lambda row: row["attempt"])]
+    # A number first: it leaves few rows, in which names are cheap to compare.
+    own = record.filter(pc.equal(record["subject"], int(visits["subject"].iloc[0])))
+    names = [*CELL, *VISIT]
+    rows = own.select([*names, "attempt", "actions"]).to_pandas().sort_values("attempt")
+    known = dict(iter(rows.groupby(names, observed=True)["actions"]))
+    for visit in visits[names].itertuples(index=False, name=None):
+        yield [actions.tolist() for actions in known.get(visit, ())]

@@ -1,4 +1,4 @@
-"""Beliefs of learners that hold beliefs, in one trial, which they play again.
+"""Beliefs of learners that hold beliefs, in one of their trials.
 
 It is the first trial of the first subject in the first condition; see
 :mod:`~causal_openlock.analysis.results.traces`.
@@ -25,7 +25,7 @@ MOST = 3
 """Learners whose belief is shown: those that are listed first."""
 
 LONGEST = 60
-"""Trials of more attempts than this are not played again: it takes long, and few are shown."""
+"""Trials of more attempts than this are not traced: it takes long, and few are shown."""
 
 
 _PROSE = Prose(__name__)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from causal_openlock.analysis.report.writing import make_report, write_report
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.table import Table, printed
 from causal_openlock.analysis.topic import all_topics, columns_of, sections_of
+from causal_openlock.version import RESULTS_VERSION
 from support.fabricated_records import random_cells, table, trial_rows
 from support.html_page import Page
 from support.made_up_experiments import NOBODY, experiment_of, material_of, stored
@@ -182,7 +184,7 @@ def test_long_tables_are_closed_on_the_page() -> None:
     assert "<details" not in pages[1]
 
 
-def test_beliefs_are_shown_where_the_learner_does_again_what_is_on_record() -> None:
+def test_beliefs_are_shown_of_rooms_and_results_of_this_version() -> None:
     import pyarrow.compute as pc
 
     from causal_openlock.analysis.topics.belief_traces import TOPIC
@@ -198,10 +200,12 @@ def test_beliefs_are_shown_where_the_learner_does_again_what_is_on_record() -> N
     session = Session(condition, entry.protocol, [3, 4], seed=6, learner="bayes")
     record = session.play(create("bayes"))
 
-    def made(seed: int) -> object:
+    def made(seed: int, **versions: str) -> object:
         trials = attempts_to_solve(record).assign(seed=seed)
-        told = Material(record, stored(experiment), trials, ("bayes",), frozenset(), {})
-        return section_on(TOPIC, told)
+        kept = replace(
+            stored(experiment), versions={"causal-openlock": RESULTS_VERSION, **versions}
+        )
+        return section_on(TOPIC, Material(record, kept, trials, ("bayes",), frozenset(), {}))
 
     shown = made(6)
     assert shown is not None
@@ -213,4 +217,5 @@ def test_beliefs_are_shown_where_the_learner_does_again_what_is_on_record() -> N
     assert (told.frame["learner"] == "bayes").all()
     assert (told.frame["obtained"] * told.frame["actions"]).sum() > 1
     assert told.frame["obtained"].notna().all()
-    assert made(7) is None  # as if it were another learner: it does something else
+    assert made(8) is None  # with this seed it is in another room
+    assert made(6, **{"causal-openlock": "1"}) is None
