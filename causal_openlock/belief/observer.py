@@ -18,6 +18,7 @@ play comes after it, Q. All of it is exact.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache, lru_cache
 from typing import NamedTuple
 
@@ -83,10 +84,10 @@ class Observer:
         self._optimum = Optimum(own, np.ones(len(own)), action_limit)
         self._optimum.attempts()
         self._choice, self._entropy = cache(self._judged), cache(self._optimum.entropy)
-        self._attempt = cache(self._followed)
+        self._attempt, self._most = cache(self._followed), cache(self._most_bits)
         self._truth = cache(self._hypothesis)
 
-    def trial(self, layout: Layout, attempts: list[list[int]]) -> list[Worth]:
+    def trial(self, layout: Layout, attempts: Sequence[Sequence[int]]) -> list[Worth]:
         """Worth of each attempt of a trial, until everything is found.
 
         Args:
@@ -134,15 +135,20 @@ class Observer:
 
     def _judged(self, point: Point, action: int) -> tuple[float, float, float, bool, list[Point]]:
         """An action's regret, its information and the most there is, whether it is useless."""
-        optimum, levers = self._optimum, len(self._schema.levers)
+        optimum = self._optimum
         value, outcomes = optimum.value(point), optimum.after(point, action)
         regret = sum(share * optimum.value(one) for share, one in outcomes) - value
-        gains = [_bits(optimum.after(point, one)) for one in range(2 * levers + 1)]
         same = [(one.possible, one.found) == point[:2] for _, one in outcomes]
         idle = all(same) and all(one.pushed == point.pushed or not one.left for _, one in outcomes)
         lost = optimum.value(point._replace(left=0)) - value < NO_DIFFERENCE
         regret = regret if regret > NO_DIFFERENCE else 0.0
-        return regret, _bits(outcomes), max(gains), idle or lost, [one for _, one in outcomes]
+        most, then = self._most(point), [one for _, one in outcomes]
+        return regret, _bits(outcomes), most, idle or lost, then
+
+    def _most_bits(self, point: Point) -> float:
+        """The most information that an action gives."""
+        actions = range(2 * len(self._schema.levers) + 1)
+        return max(_bits(self._optimum.after(point, one)) for one in actions)
 
 
 def _bits(outcomes: list[tuple[float, Point]]) -> float:

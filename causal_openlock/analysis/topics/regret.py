@@ -74,11 +74,15 @@ def regret(results: Material) -> pd.DataFrame:
     """
     from causal_openlock.belief.placements import TooLargeError
 
-    columns = [*_TRIAL, *_ROOM, "attempt", "actions"]
-    table = played(results.record).select(columns).to_pandas().sort_values([*_TRIAL, "attempt"])
+    record = played(results.record)
+    table = record.select([*_TRIAL, *_ROOM, "attempt"]).to_pandas()
+    table = table.sort_values([*_TRIAL, "attempt"])
+    done = record["actions"].combine_chunks()
+    ends = [0, *done.value_lengths().to_numpy().cumsum().tolist()]
+    every = done.flatten().to_numpy().tobytes()  # an action is a byte, an attempt a few of them
+    actions = [every[ends[row] : ends[row + 1]] for row in table.index]
     table = table.reset_index(drop=True)
     observers = _observers(results)
-    actions = [own.tolist() for own in table.pop("actions")]
     worth: dict[Observer, dict[int, Worth]] = {one: {} for one, _ in observers.values()}
     sizes = table.groupby([*_TRIAL, *_ROOM], observed=True, sort=False, dropna=False).size()
     for key, end, size in zip(sizes.index, sizes.cumsum(), sizes, strict=True):
