@@ -10,6 +10,7 @@ needs it.
 
 from __future__ import annotations
 
+import gc
 import sys
 from typing import Annotated
 
@@ -106,6 +107,8 @@ def main() -> None:
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         _fail(f"{where}{error.strerror or error}; check the path, its permissions and the disk", 2)
+    finally:
+        gc.freeze()  # the process ends: looking for cycles in what it holds takes up to a second
 
 
 def _fail(message: str, status: int) -> None:

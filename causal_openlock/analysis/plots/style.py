@@ -48,6 +48,7 @@ _RC: Any = {
     "font.size": 8.5,
     "axes.titlesize": 9,
     "axes.titleweight": "bold",
+    "axes.titley": 1.0,  # where it is, and need not be searched for
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.linewidth": 0.8,
