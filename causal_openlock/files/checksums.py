@@ -97,7 +97,9 @@ def read_table(content: bytes, columns: Sequence[str] | None = None) -> pa.Table
         if values > MOST_VALUES:  # a small file can hold very many equal ones
             raise ChecksumError(f"it holds {values:,} values, more than {MOST_VALUES:,}")
         kept = {k: v for k, v in (file.schema_arrow.metadata or {}).items() if k != KEY}
-        return file.read(columns).replace_schema_metadata(kept)
+        # A thread of pyarrow may release the bytes after the table is returned, and aborts a Python
+        # that is ending by then (https://github.com/apache/arrow/issues/34314).
+        return file.read(columns, use_threads=False).replace_schema_metadata(kept)
     except ChecksumError:
         raise
     # It is complete, but from an unknown source: reading it can raise anything.

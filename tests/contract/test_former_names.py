@@ -66,16 +66,12 @@ def test_a_bundle_of_the_last_release_runs(tmp_path: Path) -> None:
     unpacked = tmp_path / "last_release"
     held = json.loads((unpacked / "results" / "experiment.json").read_text())
     code = (
-        "import os\n"
         "from pathlib import Path\n"
         "from causal_openlock.experiment.file import read_experiment\n"
         "from causal_openlock.running.runner import run\n"
         "made = read_experiment(Path('experiment.yaml'))\n"
         "run(made, Path('results'), workers=1)\n"
-        "print({spec.name: spec.origin.class_name for spec in made.learners}, flush=True)\n"
-        # Now and then a thread of a library aborts the end of a process that has loaded torch
-        # ("terminate called without an active exception"); all is written by then.
-        "os._exit(0)\n"
+        "print({spec.name: spec.origin.class_name for spec in made.learners})\n"
     )
     subprocess.run([sys.executable, "-c", code], cwd=unpacked, check=True, timeout=300)
     now = {path.name for path in (unpacked / "results" / "cells").glob("*.parquet")}

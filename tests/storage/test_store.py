@@ -6,6 +6,7 @@ import dataclasses
 import json
 import os
 import runpy
+import sys
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ from causal_openlock.experiment.experiment import Cell, Experiment
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.record import compact
 from causal_openlock.files import atomic
-from causal_openlock.files.checksums import json_bytes, read_json, table_bytes
+from causal_openlock.files.checksums import json_bytes, read_json, read_table, table_bytes
 from causal_openlock.running import runner
 from causal_openlock.storage import cell_file
 from causal_openlock.storage import store as store_module
@@ -363,6 +364,15 @@ def test_files_of_earlier_versions_are_made_anew_and_other_tables_refused(
     # Names coded by fewer bytes are the same names.
     path.write_bytes(table_bytes(compact(table), table.schema.metadata))
     assert contents(kept, experiment).equals(before)
+
+
+def test_a_file_is_released_before_its_table_is_returned() -> None:
+    content = table_bytes(pa.table({"x": [1, 2], "y": [3, 4]}))
+    before = sys.getrefcount(content)
+    # A thread that releases it afterwards, in one of four reads, may abort a Python that is ending.
+    for _ in range(100):
+        read_table(content)
+        assert sys.getrefcount(content) == before
 
 
 def test_a_folder_that_holds_something_else_is_refused(
