@@ -178,19 +178,20 @@ def selected(units: pd.DataFrame, selection: Selection, measure: str) -> Selecte
         least, most = _ends(units.loc[rows.index], measure)
         values = rows[measure].to_numpy(float)
         return Selected(values, np.arange(len(rows)), least=least, most=most)
-    by_unit, played = rows.groupby("unit"), rows["condition"].unique()
-    if len(played) == 1:  # most often; it takes half of the time
-        each = by_unit[measure].mean().dropna().to_frame(played[0])
+    played = rows["condition"].unique()
+    if len(played) == 1 and rows["unit"].is_unique:  # most often; groups take most of the time
+        own = rows.set_index("unit").sort_index()
+        each, trials = own[[measure]].dropna(), own["trials"]
     else:
-        each = rows.groupby(["unit", "condition"])[measure].mean().unstack().dropna()
+        each = rows.groupby(["unit", "condition"], observed=True)[measure].mean().unstack().dropna()
+        trials = rows.groupby("unit")["trials"].sum()
     if each.empty:
-        raise EvidenceError(f"no unit has been run with {joined(each.columns)} together")
-    trials = by_unit["trials"].sum().reindex(each.index).sum()
+        raise EvidenceError(f"no unit has been run with {joined([*map(str, played)])} together")
     most = _limit(rows, units) if measure in (*ATTEMPTS, "error") else 1.0
     return Selected(
         values=each.mean(axis=1).to_numpy(float),
         units=each.index.to_numpy(np.int64),
-        trials=int(trials),
+        trials=int(trials[each.index].sum()),
         least=-most if measure == SAVED else float(measure in ATTEMPTS and measure != AFTER),
         most=most,
     )
@@ -210,7 +211,7 @@ def _ends(rows: pd.DataFrame, measure: str) -> tuple[float, float]:
 
 def _limit(rows: pd.DataFrame, units: pd.DataFrame) -> float:
     """The most attempts that a trial can have; of an unknown protocol, that a unit needed."""
-    names = set(rows["protocol"].astype(str))
+    names = set(rows["protocol"].unique())
     known = [PROTOCOLS[name].attempt_limit for name in names if name in PROTOCOLS]
     if len(known) == len(names):
         return float(max(known))
