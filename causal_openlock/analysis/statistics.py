@@ -125,6 +125,15 @@ def _quantiles(ordered: FloatArray, p: FloatArray) -> FloatArray:
     return np.moveaxis(ends, -1, 0)
 
 
+def error_of_bar(bar: pd.Series[float], subjects: pd.Series[int]) -> pd.Series[float]:
+    """Standard errors with n − 1 in the denominator, ``[N]``, from error bars, which have n.
+
+    >>> error_of_bar(pd.Series([1.2]), pd.Series([10])).round(3).tolist()
+    [1.265]
+    """
+    return bar * np.sqrt(subjects / (subjects - 1).clip(lower=1))
+
+
 def mean_interval(
     samples: FloatArray,
     rng: np.random.Generator,

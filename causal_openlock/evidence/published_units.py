@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from functools import cache
 
-import numpy as np
 import pandas as pd
 
+from causal_openlock.analysis.statistics import error_of_bar
 from causal_openlock.evidence.study import BLOCK, PUBLISHED, RL_2020
 from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.paper.published import (
@@ -34,11 +34,12 @@ def published_units() -> pd.DataFrame:
     parts = []
     for name, means in zip(PUBLISHED, (people(), model()), strict=False):
         last = means.groupby("condition")["trial"].transform("max")
-        # Their error bars have n in the denominator.
-        error = means["se"] * np.sqrt(means["subjects"] / (means["subjects"] - 1))
         parts.append(
             means.rename(columns={"mean": "attempts"}).assign(
-                learner=name, protocol="human", judged=means["trial"] == last, error=error
+                learner=name,
+                protocol="human",
+                judged=means["trial"] == last,
+                error=error_of_bar(means["se"], means["subjects"]),
             )
         )
     counts = paper_ddqn().pivot_table(

@@ -28,7 +28,7 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import at_places, by_subject
-from causal_openlock.analysis.statistics import LEVEL, RESAMPLES, SEED
+from causal_openlock.analysis.statistics import LEVEL, RESAMPLES, SEED, error_of_bar
 from causal_openlock.contract.registry import changed_parameters, is_ours
 from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.paper.likeness import (
@@ -155,12 +155,9 @@ _TAILS = [(1 - LEVEL) / 2, (1 + LEVEL) / 2]
 
 
 def _error(points: pd.DataFrame, whose: str = "") -> FloatArray:
-    """``[N]`` standard errors with n − 1 in the denominator; error bars have n. Curves have 0."""
-    number = points[f"{whose}subjects"].to_numpy(float)
-    found: FloatArray = points[f"{whose}se"].fillna(0.0).to_numpy(float) * np.sqrt(
-        number / np.maximum(number - 1, 1)
-    )
-    return found
+    """``[N]`` standard errors; those of curves are 0."""
+    errors = error_of_bar(points[f"{whose}se"].fillna(0.0), points[f"{whose}subjects"])
+    return errors.to_numpy(float)
 
 
 class Curve(NamedTuple):

@@ -25,7 +25,7 @@ from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import Reference
 from causal_openlock.analysis.section import Section
-from causal_openlock.analysis.statistics import LEVEL, SEED, bootstrap_interval
+from causal_openlock.analysis.statistics import LEVEL, SEED, bootstrap_interval, error_of_bar
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.errors import NothingToDrawError
 from causal_openlock.experiment.protocol import HUMAN_PROTOCOL
@@ -117,7 +117,7 @@ def _published(reference: Reference, protocol: str) -> list[tuple[Any, ...]]:
     first = points[(points["trial"] == 1) & (baseline | (points["phase"] == "test"))]
     first = first.set_index("condition")
     shares = first.get("share_solved", pd.Series(1.0, first.index))
-    se = first["se"] * np.sqrt(first["subjects"] / (first["subjects"] - 1).clip(lower=1))
+    se = error_of_bar(first["se"], first["subjects"])
     rows = []
     for condition in TRANSFERS:
         untrained = condition.split("-")[1]
