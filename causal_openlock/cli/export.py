@@ -53,8 +53,8 @@ def export(
         from causal_openlock.export.as_csv import write_csv
 
         path = out or folder / "record.csv"
-        written = write_csv(store, path)
-        say(f"{path} written, {counted(written, 'attempt')}")
+        count = write_csv(store, path)
+        say(f"{path} written, {counted(count, 'attempt')} played")
         return
     if form != "minari":
         raise OpenLockError(f"there is no format {form!r}; {nearest(form, ['csv', 'minari'])}")

@@ -13,7 +13,7 @@ import gzip
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from causal_openlock.experiment.record import record_schema
+from causal_openlock.experiment.record import played, record_schema
 from causal_openlock.files.atomic import replacing
 from causal_openlock.files.escaping import cell
 
@@ -31,7 +31,8 @@ def write_csv(store: Store, path: Path | str) -> int:
         path: The file to write; one that ends in ``.gz`` is compressed.
 
     Returns:
-        How many attempts were written.
+        Number of attempts that subjects played; those that they were shown are written too, and
+        not counted.
 
     Raises:
         StoreError: If there is no cell, or one is damaged.
@@ -40,16 +41,16 @@ def write_csv(store: Store, path: Path | str) -> int:
     from pyarrow import csv
 
     cells, _ = store.files()
-    written = 0
+    count = 0
     with replacing(path) as file:
         sink: Any = gzip.GzipFile("", "wb", 6, file, 0) if Path(path).suffix == ".gz" else file
         for number, cell in enumerate(cells):
-            table = flat(store.read(cell))
-            csv.write_csv(table, sink, csv.WriteOptions(include_header=number == 0))
-            written += table.num_rows
+            record = store.read(cell)
+            csv.write_csv(flat(record), sink, csv.WriteOptions(include_header=number == 0))
+            count += played(record).num_rows
         if sink is not file:
             sink.close()
-    return written
+    return count
 
 
 def flat(record: pa.Table) -> pa.Table:

@@ -293,7 +293,7 @@ def test_what_was_shown_is_not_counted_among_what_was_played(folder: Path, tmp_p
         {},
     )
     assert f"| bayes | {SHOWN} | 3 | {len(own)} |" in card
-    write_csv(Store(folder), tmp_path / "out.csv")
+    assert write_csv(Store(folder), tmp_path / "out.csv") == len(record)
     made = import_files([tmp_path / "out.csv"], tmp_path / "in")
     assert made.attempts == len(record)
 
