@@ -270,10 +270,10 @@ class _Builder:
                             "learners": "learner(..., label=...)",
                             "conditions": "schema(..., name=...)",
                         }
+                        way = f", as in {how[key]}" if self.document is None else " with name:"
+                        rename = "" if chosen is not None else f", or give it another name{way}"
                         raise ExperimentError(
-                            f"the {key[:-1]} {one.name} is listed twice; give one of them another "
-                            "name"
-                            + (f", as in {how[key]}" if self.document is None else " with name:")
+                            f"the {key[:-1]} {one.name} is listed twice; remove one of them{rename}"
                         )
                     found[one.name] = one
         return found

@@ -393,6 +393,8 @@ def test_mistakes_are_answered_with_one_sentence(tmp_path: Path) -> None:
     assert "did you mean random?" in fails("compare", "-l", "rndom", **at)
     assert "no protocol 'robot'" in fails("compare", "--protocol", "robot", **at)
     assert "not a condition" in fails("compare", "-c", "CC3-CC4-CC3", **at)
+    twice = fails("compare", "-c", "CC4", "-c", "CC4", "-l", "random", **at)
+    assert twice.endswith("the condition CC4 is listed twice; remove one of them\n")
     assert "holds no results" in fails("report", "nowhere", **at)
     assert "no learner 'nobody'" in fails("learners", "nobody", **at)
     for words in (["compare", "--subjects", "0"], ["compare", "--nonsense"], ["nonsense"]):

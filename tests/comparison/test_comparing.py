@@ -335,7 +335,7 @@ def test_messages_of_a_notebook_say_what_to_do_there() -> None:
         ol.learner("ddqn", label="slow ddqn")
     with pytest.raises(ExperimentError, match="CC4 is a condition; also name the learners"):
         ol.compare("CC4", subjects=1)
-    with pytest.raises(ExperimentError, match=r"listed twice.*as in learner\(\.\.\., label="):
+    with pytest.raises(ExperimentError, match=r"remove one .* name, as in learner\(\.\.\., label="):
         ol.make_experiment(["CC3"], ["oracle", "oracle"])
     with pytest.raises(LearnerError, match="Unfinished has no method act"):
         ol.learner(Unfinished)

@@ -151,7 +151,7 @@ FAULTS = [
         "conditions: [CC3]\nlearners: [random, random]",
         3,
         20,
-        "give one of them another name with name:",
+        "remove one of them, or give it another name with name:",
     ),
     ("conditions: []\nlearners: [random]", 2, 1, "at least 1"),
     ("learners: [random]", 1, 1, "conditions: is missing"),
