@@ -31,6 +31,7 @@ from causal_openlock.experiment.building import (
 from causal_openlock.experiment.experiment import Cell, Experiment
 from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.protocol import Condition
+from causal_openlock.files.atomic import folder_at
 from causal_openlock.running.expected_cost import cost_warnings
 from causal_openlock.running.runner import run
 from causal_openlock.running.worker import Watching
@@ -232,7 +233,7 @@ def _experiment(
         if not learners:
             return read
         # With other learners it is one comparison all the same: cells are shared.
-        return replace(read, name=(out and Store(out).name) or path.stem)
+        return replace(read, name=(out and Store(folder_at(out)).name) or path.stem)
     if not learners:
         raise ExperimentError("name the learners to compare, such as learners=['bayes', 'ddqn']")
     return make_experiment(what, learners, **given)

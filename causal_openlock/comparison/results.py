@@ -33,6 +33,7 @@ from causal_openlock.analysis.results.references import (
 )
 from causal_openlock.analysis.topic import all_topics, columns_of
 from causal_openlock.errors import StoreError, in_short, renamed
+from causal_openlock.files.atomic import folder_at
 from causal_openlock.files.plugins import RESULT_METHODS, attribute_of, registered
 from causal_openlock.storage.containment import check_inside
 from causal_openlock.storage.folder_lock import LOCK
@@ -312,10 +313,10 @@ class Results(Material):
         """Copy the results into a folder of their own, where they stay.
 
         Raises:
-            StoreError: If there is something in the folder already, it cannot be written to, or
+            StoreError: If the folder is a file, holds something already or cannot be written to, or
                 the results are from several folders.
         """
-        folder = Path(folder).resolve()
+        folder = folder_at(folder).resolve()
         if len(self.folders) != 1:
             raise StoreError(
                 "these results are from several folders; save each by itself, then read them "
@@ -323,7 +324,7 @@ class Results(Material):
             )
         if self.folders[0] in folder.parents:
             raise StoreError(f"{folder} is inside the results; choose a folder next to them")
-        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        if folder.exists() and any(folder.iterdir()):
             raise StoreError(f"{folder} is there already; choose another name")
         check_inside(self.folders[0])
         try:
@@ -391,9 +392,6 @@ def open_results(
         StoreError: If a folder holds no results, one is damaged, nobody is left, or they cannot be
             compared.
     """
-    for one in (folder, *others):
-        if not isinstance(one, str | Path):
-            raise StoreError(f"a results folder is given by its path, not by {type(one).__name__}")
     places = map(downloaded, (folder, *others))
     references = find_references(reference, exclude)
     return Results.read(*places, references=references, exclude=exclude)

@@ -14,9 +14,23 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from causal_openlock.errors import OpenLockError
+from causal_openlock.errors import OpenLockError, StoreError
 
 PARTIAL = ".*.partial"
+
+
+def folder_at(place: Path | str) -> Path:
+    """A folder to write to, which need not exist.
+
+    Raises:
+        StoreError: If no path is given, or a file is there.
+    """
+    if not isinstance(place, str | Path):
+        raise StoreError(f"a folder is given by its path, not by {type(place).__name__}")
+    for path in (Path(place), *Path(place).parents):
+        if path.exists() and not path.is_dir():
+            raise StoreError(f"{path} is a file; choose a folder")
+    return Path(place)
 
 
 @contextmanager

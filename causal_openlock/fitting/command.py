@@ -11,7 +11,7 @@ import typer
 from causal_openlock.cli.options import Workers
 from causal_openlock.cli.stopping import resumable
 from causal_openlock.errors import LearnerError, OpenLockError, StoreError
-from causal_openlock.files.atomic import PARTIAL
+from causal_openlock.files.atomic import PARTIAL, folder_at
 
 if TYPE_CHECKING:
     from causal_openlock.comparison.console import Terminal
@@ -177,10 +177,7 @@ def _check_folder(folder: Path) -> None:
     from causal_openlock.fitting.group_progress import PROGRESS
     from causal_openlock.storage.folder_lock import LOCK
 
-    for place in (folder, *folder.parents):
-        if place.exists() and not place.is_dir():
-            raise StoreError(f"{place} is a file; choose a folder for the fit with --out")
-    if not folder.exists() or any(
+    if not folder_at(folder).exists() or any(
         (folder / name).exists() for name in (FILE, OF_ACTIONS, PROGRESS)
     ):
         return

@@ -12,7 +12,6 @@ import typer
 
 from causal_openlock.cli.options import Workers
 from causal_openlock.cli.stopping import resumable
-from causal_openlock.errors import OpenLockError
 from causal_openlock.scoring import LAPSE
 
 if TYPE_CHECKING:
@@ -71,7 +70,7 @@ def design(
     from causal_openlock.experiment.building import Changes
     from causal_openlock.experiment.experiment import Experiment
     from causal_openlock.experiment.file import find_experiment, read_experiment
-    from causal_openlock.files.atomic import write_text
+    from causal_openlock.files.atomic import folder_at, write_text
     from causal_openlock.files.escaping import csv_of
     from causal_openlock.fitting.design import (
         Effort,
@@ -89,9 +88,7 @@ def design(
     changes = Changes(conditions=condition or None, subjects=subjects, seed=seed)
     chosen = read_experiment(find_experiment(experiment), changes, console.print_line)
     effort, theories = Effort(draws, lapse), theories_of(chosen, outside or ())
-    folder = out or Path("results") / f"design-{chosen.name}"
-    if folder.exists() and not folder.is_dir():
-        raise OpenLockError(f"{folder} is a file; give --out a folder")
+    folder = folder_at(out or Path("results") / f"design-{chosen.name}")
     ranges = {one.name: unknown(one) for one in theories}
     for name, own in ranges.items():
         drawn = [f"{key} {each.low:g} to {each.high:g}" for key, each in own.items()]

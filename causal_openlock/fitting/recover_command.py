@@ -75,6 +75,7 @@ def recover(
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.experiment.building import Changes
     from causal_openlock.experiment.file import find_experiment, read_experiment
+    from causal_openlock.files.atomic import folder_at
     from causal_openlock.fitting.recovering import (
         Running,
         ToRecover,
@@ -95,7 +96,7 @@ def recover(
     if search and len(wanted) != 1:
         raise OpenLockError("--search is for one learner; name it with --parameters")
     spaces = [searched(spec, search or ()) for spec in wanted]  # before hours of work
-    folder = out or Path("results") / f"recover-{chosen.name}"
+    folder = folder_at(out or Path("results") / f"recover-{chosen.name}")
     size = ToRecover(draws=draws, lapse=lapse, sets=sets, each=each, candidates=candidates)
     with resumable(), console.status("") as status:
 

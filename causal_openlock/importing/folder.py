@@ -21,6 +21,7 @@ from causal_openlock.experiment.protocol import Condition, find_protocol
 from causal_openlock.experiment.reactions import FOLDER, reactions_table, write_reactions
 from causal_openlock.experiment.record import played, with_times
 from causal_openlock.experiment.session import AT_ONCE
+from causal_openlock.files.atomic import folder_at
 from causal_openlock.files.digest import digest
 from causal_openlock.importing.csv_tables import Table, experiment_of, table_actions
 from causal_openlock.importing.imported_actions import ActionEntry
@@ -91,10 +92,10 @@ def import_files(
         OpenLockError: If a file cannot be read, a row could not have happened, or the folder cannot
             be written; nothing has been written then.
     """
-    paths, folder = [*map(Path, files)], Path(out).resolve()
+    paths, folder = [*map(Path, files)], folder_at(out).resolve()
     if folder == Path.cwd():
         raise StoreError(f"{out} is the folder that you work in; name a new folder in it")
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+    if folder.exists() and any(folder.iterdir()):
         raise StoreError(f"{out} is there already; choose another folder")
     _check_each_once(paths)
     known = read_experiment(find_experiment(experiment), tell=tell) if experiment else None

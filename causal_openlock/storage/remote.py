@@ -21,7 +21,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from causal_openlock.errors import StoreError, in_short
-from causal_openlock.files.atomic import PARTIAL, write_bytes
+from causal_openlock.files.atomic import PARTIAL, folder_at, write_bytes
 from causal_openlock.storage.store import Store
 
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://.+", re.DOTALL)
@@ -83,10 +83,10 @@ def kept(place: str | Path) -> Iterator[tuple[Path, Callable[[], None]]]:
     """Yield the folder to play in, and a function that uploads new files to the store.
 
     Raises:
-        StoreError: If a store cannot be reached.
+        StoreError: If the folder is a file, or a store cannot be reached.
     """
     if not is_remote(place):
-        yield Path(place), lambda: None
+        yield folder_at(place), lambda: None
         return
     remote = Remote(str(place))
     remote.download()

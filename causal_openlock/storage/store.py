@@ -33,7 +33,7 @@ from typing import TYPE_CHECKING, Any
 from causal_openlock.errors import OpenLockError, StoreError, in_short
 from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
 from causal_openlock.experiment.protocol import Condition
-from causal_openlock.files.atomic import PARTIAL, sweep, write_bytes
+from causal_openlock.files.atomic import PARTIAL, folder_at, sweep, write_bytes
 from causal_openlock.files.checksums import ChecksumError, json_bytes, read_json
 from causal_openlock.files.escaping import require_utf8
 from causal_openlock.storage.cell_file import read_cell_file, versions_of, write_cell_file
@@ -105,9 +105,7 @@ class Store:
 
     def _prepare(self, experiment: Experiment, changed: bool, shard: Shard | None) -> None:
         require_utf8(str(self.folder))
-        if self.folder.exists() and not self.folder.is_dir():
-            raise StoreError(f"{self.folder} is a file; choose a folder for the results")
-        check_inside(self.folder)
+        check_inside(folder_at(self.folder))
         there = self.folder.iterdir() if self.folder.exists() else ()
         # An interrupted start leaves a lock and temporary files.
         foreign = any(not path.match(f"{LOCK}*") and not path.match(PARTIAL) for path in there)

@@ -111,6 +111,12 @@ def test_saved_results_are_the_same_and_stay(tmp_path: Path, folder: Path) -> No
     assert len(results.attempts) == len(ol.open_results(folder).attempts)
     with pytest.raises(StoreError, match="is there already"):
         results.save(copied)
+    (tmp_path / "notes.txt").write_text("mine")
+    for write in (results.save, results.report):
+        with pytest.raises(StoreError, match="a folder is given by its path, not by int"):
+            write(3)  # type: ignore[operator]
+        with pytest.raises(StoreError, match=r"notes\.txt is a file; choose a folder$"):
+            write(tmp_path / "notes.txt")  # type: ignore[operator]
     (tmp_path / "empty").mkdir()
     ol.open_results(folder).save(tmp_path / "empty")
     assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]

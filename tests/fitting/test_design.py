@@ -261,6 +261,7 @@ def test_on_the_command_line(tmp_path: Path) -> None:
         ("[random, theory_based]", ("-c", LONG), "too many; leave out"),
         ("[random, win_stay]", ("--outside", "win"), "there is no learner 'win'"),
         ("[random, win_stay]", ("--outside", "win_stay"), "two at least, apart from"),
+        ("[random, win_stay]", ("-o", __file__), "test_design.py is a file; choose a folder"),
     ],
 )
 def test_what_cannot_be_told_apart_is_said_before_anything_is_simulated(

@@ -548,9 +548,9 @@ def test_what_a_user_gets_wrong_is_one_sentence(words, said, tmp_path, monkeypat
 @pytest.mark.parametrize(
     ("held", "out", "said"),
     [
-        ("experiment.json", "f", "holds results of compare"),
-        ("notes.txt", "f", "holds no fit"),
-        ("notes.txt", "f/notes.txt", "notes.txt is a file"),
+        ("experiment.json", "f", "holds results of compare; choose another folder with --out"),
+        ("notes.txt", "f", "holds no fit; choose another folder with --out"),
+        ("notes.txt", "f/notes.txt", "notes.txt is a file; choose a folder\n"),
     ],
 )
 def test_a_place_that_holds_something_else_is_refused_at_once(
@@ -562,7 +562,6 @@ def test_a_place_that_holds_something_else_is_refused_at_once(
     assert at_once("fit", "bayes", "--out", str(tmp_path / out), monkeypatch=monkeypatch) == 2
     error = capsys.readouterr().err
     assert said in error
-    assert "--out" in error
     assert [path.name for path in (tmp_path / "f").iterdir()] == [held]
 
 

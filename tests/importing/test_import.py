@@ -290,6 +290,8 @@ def test_spoiled_bytes_are_refused_and_a_folder_is_not_overwritten(
     (tmp_path / "mine" / "notes.txt").write_text("kept")
     with pytest.raises(OpenLockError, match="is there already; choose another folder"):
         import_files([own], tmp_path / "mine")
+    with pytest.raises(OpenLockError, match="is a file; choose a folder"):
+        import_files([own], tmp_path / "mine" / "notes.txt")
     assert (tmp_path / "mine" / "notes.txt").read_text() == "kept"
 
 

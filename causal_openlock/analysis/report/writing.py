@@ -39,6 +39,7 @@ from causal_openlock.analysis.topics.leaderboard import (
     leaderboard_tables,
     legend,
 )
+from causal_openlock.files.atomic import folder_at
 from causal_openlock.storage.stored import StoredExperiment
 
 if TYPE_CHECKING:
@@ -128,7 +129,7 @@ def make_report(
 
     ``begin`` is called before each step with its name, such as ``drawing survival``.
     """
-    folder = Path(out_dir)
+    folder = folder_at(out_dir)
     experiment = material.experiment
     trials, learners, summary = material.counts.trials, material.learners, material.summary
     missing = missing_cells(experiment)
