@@ -129,9 +129,10 @@ def design(
     }  # fmt: skip
     write_text(folder / "design.json", json.dumps(settings, indent=2, default=str) + "\n")
     console.print_line(
-        f"{in_words(table, len(theories))} Bits are a lower bound of the information about the "
-        "theory that made a subject; minutes are those of the paper's people for as many attempts; "
-        "± standard errors."
+        f"{in_words(table, len(theories))} The columns are those of conditions.csv: single "
+        "is the share of subjects attributed right; information a lower bound, in bits, of what a "
+        "subject tells about the theory that made it; minutes those of the paper's people for as "
+        "many attempts; ± standard errors."
     )
     for name in outside or ():
         own = every[every["learner"] == name]
@@ -147,7 +148,7 @@ def design(
 def _print(table: pd.DataFrame, console: Terminal) -> None:
     from causal_openlock.comparison.console import plain_table
 
-    shown = plain_table("condition", "subjects", "right", "bits", "minutes", "bits a minute")
+    shown = plain_table("condition", "subjects", "single", "information", "minutes", "per_minute")
     for row in table.itertuples():
         shown.add_row(
             row.condition, str(row.subjects), f"{row.single:.0%}",

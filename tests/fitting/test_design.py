@@ -241,6 +241,8 @@ def test_on_the_command_line(tmp_path: Path) -> None:
     done = at_once(*words, "--outside", "associative")
     assert done.status == 0, done.stderr
     table = pd.read_csv(out / "conditions.csv")
+    shown = next(line.split() for line in done.stdout.splitlines() if line[:9] == "condition")
+    assert {*shown} <= {*table.columns}
     assert table["condition"].tolist() == ["CC3"]
     assert "At most 0.99 bits can be told of 2 theories" in done.stdout
     assert "unknown of random: nothing" in done.stdout
