@@ -29,7 +29,7 @@ import pandas as pd
 from matplotlib.patches import Patch
 
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import in_rows, panels
+from causal_openlock.analysis.plots.panels import draws, in_rows, panels
 from causal_openlock.belief.worth import Expected, schema_worth
 from causal_openlock.errors import NothingToDrawError, OpenLockError
 from causal_openlock.paper.published import people, people_in_training
@@ -131,6 +131,7 @@ def peoples_rooms() -> pd.DataFrame:
     return table.assign(last_room=table["last_room"].mask(tests))
 
 
+@draws(pd.DataFrame | None, "steps, which knowledge_steps returns")
 def plot_knowledge_steps(steps: pd.DataFrame | None = None, *, ax: Any = None) -> Any:
     """Draw what each piece of knowledge saves, next to people's first and last rooms.
 
@@ -143,7 +144,7 @@ def plot_knowledge_steps(steps: pd.DataFrame | None = None, *, ax: Any = None) -
         rooms of CC3 and CE3. A bar is as long as the attempts that its knowledge saves.
     """
     steps = knowledge_steps([*_DRAWN]) if steps is None else steps
-    held = {*steps["condition"]} if isinstance(steps, pd.DataFrame) and "condition" in steps else {}
+    held = {*steps["condition"]} if "condition" in steps else {}
     if lacking := [one for one in _DRAWN if one not in held]:
         raise NothingToDrawError(
             f"steps are what knowledge_steps returns of {joined([*_DRAWN])}; {joined(lacking)} "

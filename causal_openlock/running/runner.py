@@ -20,6 +20,7 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
+from numbers import Real
 from pathlib import Path
 from uuid import uuid4
 
@@ -124,7 +125,7 @@ def run(
         ("checkpoint_every", watching.checkpoint_every),
         ("time_limit", time_limit),
     ):
-        if value is not None and not (isinstance(value, int | float) and value >= 0):
+        if value is not None and not (isinstance(value, Real) and float(value) >= 0):
             raise OpenLockError(f"{name} is a number of seconds, not {value!r}")
     if time_limit is not None:  # a cell that is ended has to have made progress
         often = min(watching.checkpoint_every, time_limit / 5)

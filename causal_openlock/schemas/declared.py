@@ -81,8 +81,12 @@ def schema(
             raise SchemaError(f"inert levers are a list of names, not {inert!r}")
         if inert := [*inert]:
             graph.graph["inert"] = inert
-        found = schema_of_graph(graph, "networkx", "schema")
+        form = "networkx" if isinstance(source, nx.Graph) else "declared"
+        found = schema_of_graph(graph, form, "schema")
     return found if name is None else schema_from_dict({**found.as_dict(), "name": name})
+
+
+_AS_TEXT = 'declare the schema with a text such as "A -> B, C; B | C -> door"'
 
 
 def _graph(source: Any) -> nx.DiGraph:
@@ -97,10 +101,7 @@ def _graph(source: Any) -> nx.DiGraph:
     for edge in source if several(source) else [source]:
         ends = [*edge][:2] if several(edge) else []
         if len(ends) < 2 or len([*edge]) > 3 or not all(isinstance(one, str) for one in ends):
-            raise SchemaError(
-                f"{edge!r} is not an edge; write (cause, effect), or declare the schema with a "
-                'text such as "A -> B, C; B | C -> door"'
-            )
+            raise SchemaError(f"{edge!r} is not an edge; write (cause, effect), or {_AS_TEXT}")
         if graph.has_edge(*edge[:2]):
             raise SchemaError(
                 f"the edge {edge[0]} -> {edge[1]} is listed twice; remove one of them"
@@ -109,6 +110,8 @@ def _graph(source: Any) -> nx.DiGraph:
         graph.add_edge(cause, effect)
         if len(edge) == 3:
             graph[cause][effect]["strength"] = edge[2]
+    if not graph:
+        raise SchemaError(f"a schema has at least one edge; {_AS_TEXT}")
     return graph
 
 

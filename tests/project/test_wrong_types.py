@@ -19,6 +19,8 @@ sample_size: Any = ol.sample_size
 worth: Any = ol.schema_worth
 steps: Any = ol.knowledge_steps
 plot: Any = ol.plot_knowledge_steps
+plot_style: Any = ol.plot_style
+compare: Any = ol.compare
 
 
 @pytest.mark.parametrize(
@@ -33,6 +35,11 @@ plot: Any = ol.plot_knowledge_steps
         (lambda: sample_size(sd=5, subjects=40, alpha=0.9), "alpha has to be"),
         (lambda: sample_size(2, sd=5, alpha=1e-300), "alpha has to be"),
         (lambda: sample_size(2, sd=5, alpha=None), "alpha has to be"),
+        (lambda: plot(x=3), "plot_knowledge_steps has no argument x; did you mean ax?"),
+        (lambda: plot_style(3), "plot_style takes a PlotStyle, and not int"),
+        (lambda: plot_style(rc=3), "rc is settings of matplotlib, {name: value}, not 3"),
+        (lambda: compare("CC3", "oracle", out=3), "a folder is given by its path, not by int"),
+        (lambda: compare("default", subjects=1, out=3), "given by its path, not by int"),
     ],
 )
 def test_a_wrong_type_is_one_sentence(call: Callable[[], object], said: str) -> None:
@@ -100,7 +107,7 @@ def test_many_settings_of_a_protocol_still_have_a_name() -> None:
         (lambda: steps([3]), "nothing is known of people in 3"),
         (lambda: steps(["chain3"]), "nothing is known of people in chain3"),
         (lambda: plot(steps(["CC3"])), "CC4, CE4 and CE3 are missing"),
-        (lambda: plot(3), "are missing"),
+        (lambda: plot(3), "draws steps, which knowledge_steps returns, and not int"),
     ],
 )
 def test_what_knowledge_is_worth_takes_what_it_can(call: Callable[[], object], said: str) -> None:

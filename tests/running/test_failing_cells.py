@@ -9,6 +9,7 @@ from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from causal_openlock.analysis.report.writing import write_report
@@ -189,7 +190,9 @@ def test_a_given_executor_that_breaks_is_one_sentence(folder: Path) -> None:
 def test_a_cell_that_hangs_is_named_and_ended_at_its_time_limit(folder: Path) -> None:
     experiment = declared(folder, "Hangs", "Fine")
     seen: list[RunProgress] = []
-    error = fails(experiment, folder / "out", workers=2, time_limit=1, progress=seen.append)
+    error = fails(
+        experiment, folder / "out", workers=2, time_limit=np.int64(1), progress=seen.append
+    )
     # On a machine that has much else to do, the others may take too long as well.
     assert [one.partition("; see")[0] for one in error.reasons if " Hangs " in one] == [
         f"the learner Hangs in CC3, subjects {numbers}, was ended after 1 s"

@@ -18,6 +18,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import wraps
 from inspect import signature
+from types import UnionType
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -42,11 +43,11 @@ Layout = Callable[[FigureBase], Sequence[Axes]]
 Plot = TypeVar("Plot", bound=Callable[..., Any])
 
 
-def draws(kind: type, what: str) -> Callable[[Plot], Plot]:
+def draws(kind: type | UnionType, what: str) -> Callable[[Plot], Plot]:
     """Have a plot function refuse in a sentence what it cannot draw, and arguments that it lacks.
 
     Args:
-        kind: The type of its first argument.
+        kind: The type of its first argument, which may be left out if None is of that type.
         what: What that is, and what returns it.
     """
 

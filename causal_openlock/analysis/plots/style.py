@@ -97,6 +97,8 @@ class PlotStyle:
             raise OpenLockError(
                 f"a style has at least one colour in others and {len(CATEGORIES)} in categories"
             )
+        if not isinstance(self.rc, Mapping):
+            raise OpenLockError(f"rc is settings of matplotlib, {{name: value}}, not {self.rc!r}")
         for name in self.rc:
             if name not in mpl.rcParams:
                 known = [each for each in mpl.rcParams if each[:4] == name[:4]]
@@ -151,11 +153,13 @@ class plot_style:  # noqa: N801 - it is called as a function is
     def __init__(self, style: PlotStyle | None = None, **changes: Any) -> None:
         self._before = current()
         style = style or self._before
+        if not isinstance(style, PlotStyle):
+            raise OpenLockError(f"plot_style takes a PlotStyle, and not {type(style).__name__}")
         names = [each.name for each in fields(PlotStyle)]
         for name in changes:
             if name not in names:
                 raise OpenLockError(f"a style has no {name}; {nearest(name, names)}")
-        if "rc" in changes:
+        if isinstance(changes.get("rc"), Mapping):
             changes["rc"] = {**style.rc, **changes["rc"]}
         _style[-1] = replace(style, **changes)
 
