@@ -121,11 +121,11 @@ def run(
     watching, warn = watching or Watching(), warn or _ignore
     if workers is not None:
         workers = whole_number(workers, "workers")  # 0: this process
-    for name, value in (
-        ("checkpoint_every", watching.checkpoint_every),
-        ("time_limit", time_limit),
-    ):
-        if value is not None and not (isinstance(value, Real) and float(value) >= 0):
+    waits: dict[str, object] = {"checkpoint_every": watching.checkpoint_every}
+    if time_limit is not None:
+        waits["time_limit"] = time_limit
+    for name, value in waits.items():
+        if isinstance(value, bool) or not (isinstance(value, Real) and float(value) >= 0):
             raise OpenLockError(f"{name} is a number of seconds, not {value!r}")
     if time_limit is not None:  # a cell that is ended has to have made progress
         often = min(watching.checkpoint_every, time_limit / 5)

@@ -267,6 +267,8 @@ def test_every_form_of_what_is_listed(tmp_path: Path) -> None:
         ({"workers": -1, "subjects": 1}, "workers must be a whole number of at least 0"),
         ({"workers": "2", "subjects": 1}, "workers must be a whole number of at least 0"),
         ({"checkpoint_every": "x", "subjects": 1}, "checkpoint_every is a number of seconds"),
+        ({"checkpoint_every": None, "subjects": 1}, "checkpoint_every is a number of seconds"),
+        ({"time_limit": True, "subjects": 1}, "time_limit is a number of seconds, not True"),
         ({"time_limit": -1, "subjects": 1}, "time_limit is a number of seconds, not -1"),
         ({"cell_size": 3}, "decides the cell_size"),
     ],
