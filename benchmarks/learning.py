@@ -125,11 +125,14 @@ def _trained(compiled: bool, updates: int = UPDATES) -> float:
     from openlock_learners.meta.training import MetaTraining
     from openlock_learners.meta.training_file import read_training
     from openlock_learners.networks.denormals import denormals_flushed
+    from openlock_learners.networks.ppo import PPO
     from openlock_learners.networks.recurrent_policy import LeverPolicy
 
     torch.set_num_threads(1)
     file = bundled("experiments") / "meta_training" / "rl2.yaml"
-    plain = patch("openlock_learners.meta.training.CompiledLeverPolicy", LeverPolicy)
+    plain = patch.multiple(
+        "openlock_learners.meta.training", CompiledLeverPolicy=LeverPolicy, CompiledPPO=PPO
+    )
     with nullcontext() if compiled else plain:
         training = MetaTraining(read_training(file), file.parent)
     began = time.process_time()  # whatever else the machine does meanwhile

@@ -37,7 +37,7 @@ from causal_openlock.schemas.fsm import BoolArray
 from openlock_learners.checkpointed import Checkpointed
 from openlock_learners.meta.rooms import MetaRooms
 from openlock_learners.meta.training_file import TrainingFile
-from openlock_learners.networks.lever_policy_compiled import CompiledLeverPolicy
+from openlock_learners.networks.lever_policy_compiled import CompiledLeverPolicy, CompiledPPO
 from openlock_learners.networks.network_file import write_network
 from openlock_learners.networks.perception import Perception
 from openlock_learners.networks.ppo import (
@@ -80,7 +80,7 @@ class MetaTraining(Checkpointed):
             if sizes.kind == "levers"
             else make_policy(sizes, positions, [weights])
         )
-        self.trainer = PPO(
+        self.trainer = (CompiledPPO if sizes.kind == "levers" else PPO)(
             self.network,
             PPOSettings(
                 learning_rate=file.learning_rate,

@@ -1,11 +1,11 @@
 """A single lever policy on a CPU, by compiled loops, for meta-training.
 
 :class:`CompiledLeverPolicy` has the parameters of a
-:class:`~openlock_learners.networks.recurrent_policy.LeverPolicy` and computes the same gradients;
-only how it runs over steps, forward and back, is its own
-(:mod:`openlock_learners.networks.lever_policy_kernels`). Sums have another order than torch's, so
-the last digits of a result differ. The first call compiles for half a minute; the machine code is
-stored for all later processes of the installation.
+:class:`~openlock_learners.networks.recurrent_policy.LeverPolicy`, and :class:`CompiledPPO` finds
+the same gradients for it as :class:`~openlock_learners.networks.ppo.PPO`; only how they are
+computed differs (:mod:`openlock_learners.networks.lever_policy_kernels`). Sums have another order
+than torch's, so the last digits of a result differ. The first call compiles for half a minute; the
+machine code is stored for all later processes of the installation.
 """
 
 from __future__ import annotations
@@ -14,62 +14,86 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from openlock_learners.networks import lever_policy_kernels as kernels
+from openlock_learners.networks.ppo import PPO, Rollout
 from openlock_learners.networks.recurrent_policy import OWN, SHARED, LeverPolicy
 
-Spare = dict[tuple[int, ...], kernels.Trace]
-
-
-class _Course(torch.autograd.Function):
-    """The compiled loops as a function of the weights; no gradients go to what is perceived."""
-
-    @staticmethod
-    def forward(
-        ctx: Any, spare: Spare, inputs: Tensor, state: Tensor, fresh: Tensor, *parameters: Tensor
-    ) -> tuple[Tensor, Tensor, Tensor]:
-        weights = kernels.Weights(*(part.detach()[0].numpy() for part in parameters))
-        seen, before, resets = (np.ascontiguousarray(p[0].numpy()) for p in (inputs, state, fresh))
-        # Memory that the system has just handed out is slow: a trace is used again.
-        kept = any(ctx.needs_input_grad)
-        trace = spare.pop((kept, *seen.shape), None)
-        if trace is None:
-            steps, rooms, width = seen.shape
-            trace = kernels.new_trace(weights, steps, rooms, (width - SHARED) // OWN, kept)
-        found = kernels.forward(weights, seen, before, resets, trace)
-        if kept:
-            ctx.kept = spare, seen.shape, weights, resets, trace
-        else:
-            spare[kept, *seen.shape] = trace
-        logits, values, last = (torch.from_numpy(part)[None] for part in found)
-        ctx.mark_non_differentiable(last)
-        return logits, values, last
-
-    @staticmethod
-    def backward(ctx: Any, *slopes: Tensor) -> tuple[Tensor | None, ...]:
-        spare, shape, weights, resets, trace = ctx.kept
-        ctx.kept = None  # what it holds is used up
-        by_logits, by_values = (np.ascontiguousarray(slope[0].numpy()) for slope in slopes[:2])
-        gradients = kernels.Weights(*(np.zeros_like(part) for part in weights))
-        kernels.backward(weights, resets, trace, by_logits, by_values, gradients)
-        spare[True, *shape] = trace
-        return None, None, None, None, *(torch.from_numpy(part)[None] for part in gradients)
+LEVER_INPUT = 4
+"""Index of the parameter that is in two parts among the kernels' weights."""
 
 
 class CompiledLeverPolicy(LeverPolicy):
     """A :class:`LeverPolicy` in compiled code for a CPU; N is 1."""
 
+    @torch.no_grad()
     def forward(
         self, inputs: Tensor, state: Tensor, fresh: Tensor | None = None
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """Run over T steps; see :class:`~.recurrent_policy.RecurrentPolicy`."""
+        """Run over T steps, without gradients; see :class:`~.recurrent_policy.RecurrentPolicy`."""
         if fresh is None:
             fresh = torch.zeros(inputs.shape[:3], dtype=torch.bool)
-        self._spare: Spare = getattr(self, "_spare", {})
-        parameters = [
-            part if torch.is_grad_enabled() else part.detach() for part in self.parameters()
-        ]
-        given = self._spare, inputs, state, fresh, *parameters
-        logits, values, last = _Course.apply(*given)  # type: ignore[no-untyped-call]
+        seen = kernels.Perceived(*(_of_one(part) for part in (inputs, state, fresh)))
+        found = kernels.run(self.weights(), seen, self.trace(inputs))
+        logits, values, last = (torch.from_numpy(part)[None] for part in found)
         return logits, values, last
+
+    def weights(self) -> kernels.Weights:
+        """Views of the parameters, by their names in the kernels."""
+        parts = [part.detach().numpy()[0] for part in self.parameters()]
+        parts[LEVER_INPUT : LEVER_INPUT + 1] = np.split(parts[LEVER_INPUT], [OWN])
+        return kernels.Weights(*parts)
+
+    def trace(self, inputs: Tensor) -> kernels.Trace:
+        """A trace for inputs of this shape, used again from call to call."""
+        self._traces: dict[tuple[int, int], kernels.Trace] = getattr(self, "_traces", {})
+        shape = inputs.shape[1], (inputs.shape[3] - SHARED) // OWN
+        if shape not in self._traces:
+            self._traces[shape] = kernels.new_trace(self.weights(), *shape)
+        return self._traces[shape]
+
+
+class CompiledPPO(PPO):
+    """Improves a :class:`CompiledLeverPolicy` from its rollouts."""
+
+    network: CompiledLeverPolicy
+
+    def find_gradients(
+        self,
+        rollout: Rollout,
+        advantage: Tensor,
+        returns: Tensor,
+        which: Tensor,
+        entropy_weight: float,
+    ) -> dict[str, float]:
+        """See :meth:`PPO.find_gradients`."""
+        weights = self.network.weights()
+        gradients = kernels.Weights(*(np.zeros(part.shape[::-1], np.float32) for part in weights))
+        learned = rollout.action, rollout.log_prob, advantage, returns, rollout.mask
+        sums = kernels.learn(
+            weights,
+            kernels.Perceived(*map(_of_one, (rollout.inputs, rollout.state, rollout.fresh))),
+            kernels.Taken(*map(_of_one, learned)),
+            which.numpy(),
+            np.float32(self.settings.clip),
+            np.float32(self.settings.value_weight),
+            np.float32(entropy_weight),
+            self.network.trace(rollout.inputs),
+            gradients,
+        )
+        steps = max(int(rollout.mask[:, :, which].sum()), 1)
+        parts = [part.T / np.float32(steps) for part in gradients]
+        parts[LEVER_INPUT : LEVER_INPUT + 2] = [
+            np.concatenate(parts[LEVER_INPUT : LEVER_INPUT + 2])
+        ]
+        for parameter, part in zip(self.network.parameters(), parts, strict=True):
+            parameter.grad = torch.from_numpy(part)[None].contiguous()
+        means = (sums / steps).tolist()
+        return dict(zip(("entropy", "value_error", "clipped"), means, strict=True))
+
+
+def _of_one(part: Tensor) -> NDArray[Any]:
+    """The part of the only network."""
+    return np.ascontiguousarray(part.numpy()[0])

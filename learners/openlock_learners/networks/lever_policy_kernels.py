@@ -1,19 +1,21 @@
 """A lever policy's course over many steps, and its gradients through time, as compiled loops.
 
 What is computed is :meth:`~openlock_learners.networks.recurrent_policy.LeverPolicy.forward`, of one
-network: torch goes through memory for every gate of every lever, and that takes longer than the
-products. Here some rooms at a time go through all steps, so that what one step leaves for the
-next stays in the processor's cache. Products are those of the BLAS library. Rooms are the last axis
-of every array, so that loops between two products run over rooms and become vector instructions;
-each loop names few arrays, or the compiler would not see that they are apart.
+network, and the loss of :class:`~openlock_learners.networks.ppo.PPO`: torch goes through memory for
+every gate of every lever, and that takes longer than the products. Here a group of rooms at a time
+goes through all steps, forward and back, so that what it leaves is still in the processor's cache
+when it is needed. Products are those of the BLAS library. Rooms are the last axis of every array,
+so that loops between two products run over rooms and become vector instructions; each loop names
+few arrays, or the compiler would not see that they are apart.
 
 :func:`forward` keeps in a :class:`Trace` what :func:`backward` needs. A trace is most of what goes
 through memory, so it holds nothing twice: the state before a step is that after the step before.
+A group is always computed whole; where it has fewer rooms, the columns left are of rooms
+that were there before, and nothing is read from them or learned by them.
 """
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,6 +25,8 @@ from openlock_learners.networks.double_q_kernels import inlined, loops, reassoci
 from openlock_learners.networks.recurrent_policy import OWN, SHARED
 
 Floats = NDArray[np.float32]
+Flags = NDArray[np.bool_]
+Rooms = NDArray[np.int64]
 
 ROOMS = 32
 """Rooms that go through all steps together."""
@@ -49,13 +53,17 @@ EVEN = tuple(
 
 
 class Weights(NamedTuple):
-    """The weights of one network, in the order of a ``LeverPolicy``'s parameters, or gradients."""
+    """The weights of one network, in the order of a ``LeverPolicy``'s parameters, or gradients.
+
+    Gradients are transposed.
+    """
 
     room_input: Floats  # [9 + 3H, 3G]
     room_hidden: Floats  # [G, 3G]
     room_input_bias: Floats  # biases are [1, out]
     room_hidden_bias: Floats
-    lever_input: Floats  # [4 + 9 + G, 3H]
+    lever_own: Floats  # [4, 3H] of a lever's inputs, from what is perceived of it
+    lever_shared: Floats  # [9 + G, 3H] and from what all levers share
     lever_hidden: Floats  # [H, 3H]
     lever_input_bias: Floats
     lever_hidden_bias: Floats
@@ -69,80 +77,60 @@ class Weights(NamedTuple):
     door_and_value_bias: Floats
 
 
+class Perceived(NamedTuple):
+    """Numbers that M rooms are perceived by, in T steps."""
+
+    inputs: Floats  # [T, M, in]
+    state: Floats  # [M, S] hidden state before the first step
+    fresh: Flags  # [T, M] steps before which the hidden state is reset
+
+
+class Taken(NamedTuple):
+    """Actions in M rooms, in T steps, and what :class:`~.ppo.PPO` learns from them; ``[T, M]``."""
+
+    action: NDArray[np.int64]
+    log_prob: Floats  # of the action, under the policy that took it
+    advantage: Floats
+    returns: Floats
+    mask: Flags  # the step happened
+
+
 class Trace(NamedTuple):
-    """Intermediate results, one row for each group of n rooms; L stands for its P * n levers.
+    """Intermediate results of a group of R rooms in T steps; L stands for its P * R levers."""
 
-    A piece begins at the row's first number; smaller groups leave the rest of the row unused.
-    """
-
-    own: Floats  # [T, 4, L] what is perceived of each lever
-    levers: Floats  # [1, H, L] hidden states before the first step
+    own: Floats  # [T, 4, P, R] what is perceived of each lever
+    kept: Floats  # [T, R] 0 where the hidden state is reset before the step, otherwise 1
+    levers: Floats  # [T + 1, H, L] hidden states, the first before the first step
     gates: Floats  # [T, 3H, L] reset and update gates, and the last state's part in new content
     new: Floats  # [T, H, L] new content
-    after: Floats  # [T, H, L] hidden states after each step
     read: Floats  # [T, K, L] units that read a lever
-    room: Floats  # [1, G, n] the room's state before the first step, and so on
-    room_gates: Floats  # [T, 3G, n]
-    room_new: Floats  # [T, G, n]
-    room_inputs: Floats  # [T, 9 + 3H, n] what is perceived, levers' mean and maximum, the last one
-    lever_inputs: Floats  # [T, 9 + G, n] what is perceived, and the room's state
-    whole: Floats  # [T, G + 2H, n] the room's state, levers' mean and maximum
-    whole_read: Floats  # [T, 2K, n] units that read it
+    whole: Floats  # [T + 1, 9 + G + 2H, R] perceived; room's state, levers' mean and maximum after
+    room_inputs: Floats  # [T, 9 + 3H, R] what is perceived, levers' mean and maximum, the last one
+    room_gates: Floats  # [T, 3G, R]
+    room_new: Floats  # [T, G, R]
+    whole_read: Floats  # [T, 2K, R] units that read the room's state, and levers' mean and maximum
+    outputs: Floats  # [T, A + 1, R] logits and value; then a loss's gradients by them
 
 
-@loops
-def shapes(weights: Weights, steps: int, n: int, positions: int) -> Any:
-    """Shapes of the pieces of a trace."""
+def new_trace(weights: Weights, steps: int, positions: int) -> Trace:
+    """Make room for a trace; one that is used again is quicker than memory just handed out."""
     h, g, k = len(weights.lever_hidden), len(weights.room_hidden), len(weights.moves)
-    many = positions * n
-    return (
-        (steps, OWN, many),
-        (1, h, many),
+    many = positions * ROOMS
+    shapes = (
+        (steps, OWN, positions, ROOMS),
+        (steps, ROOMS),
+        (steps + 1, h, many),
         (steps, 3 * h, many),
         (steps, h, many),
-        (steps, h, many),
         (steps, k, many),
-        (1, g, n),
-        (steps, 3 * g, n),
-        (steps, g, n),
-        (steps, SHARED + 3 * h, n),
-        (steps, SHARED + g, n),
-        (steps, g + 2 * h, n),
-        (steps, 2 * k, n),
+        (steps + 1, SHARED + g + 2 * h, ROOMS),
+        (steps, SHARED + 3 * h, ROOMS),
+        (steps, 3 * g, ROOMS),
+        (steps, g, ROOMS),
+        (steps, 2 * k, ROOMS),
+        (steps, 2 * positions + 2, ROOMS),
     )
-
-
-def new_trace(weights: Weights, steps: int, rooms: int, positions: int, kept: bool) -> Trace:
-    """Make room for a trace; one that is not kept has room for one group, used again for all."""
-    groups = -(-rooms // ROOMS) if kept else 1
-    every = shapes(weights, steps, min(ROOMS, rooms), positions)
-    return Trace(*(np.empty((groups, math.prod(shape)), np.float32) for shape in every))
-
-
-@inlined
-def piece(store: Floats, group: int, shape: Any) -> Floats:
-    """One group's piece of a trace, in its shape."""
-    return store[group, : shape[0] * shape[1] * shape[2]].reshape(shape)
-
-
-@loops
-def of_group(trace: Trace, group: int, shape: Any) -> Trace:
-    """One group's trace, with every piece in its shape."""
-    return Trace(
-        piece(trace.own, group, shape[0]),
-        piece(trace.levers, group, shape[1]),
-        piece(trace.gates, group, shape[2]),
-        piece(trace.new, group, shape[3]),
-        piece(trace.after, group, shape[4]),
-        piece(trace.read, group, shape[5]),
-        piece(trace.room, group, shape[6]),
-        piece(trace.room_gates, group, shape[7]),
-        piece(trace.room_new, group, shape[8]),
-        piece(trace.room_inputs, group, shape[9]),
-        piece(trace.lever_inputs, group, shape[10]),
-        piece(trace.whole, group, shape[11]),
-        piece(trace.whole_read, group, shape[12]),
-    )
+    return Trace(*(np.zeros(shape, np.float32) for shape in shapes))
 
 
 @inlined
@@ -165,8 +153,8 @@ def sigmoid(number: Any) -> Any:
 @loops
 def add(values: Floats, output: Floats) -> None:
     """Add one matrix to another."""
-    for row in range(len(output)):
-        for column in range(output.shape[1]):
+    for row in range(len(values)):
+        for column in range(values.shape[1]):
             output[row, column] += values[row, column]
 
 
@@ -188,20 +176,39 @@ def add_to_rows(values: Floats, output: Floats) -> None:
 
 @reassociated
 def add_sums(values: Floats, output: Floats) -> None:
-    """Add the sum of each row of a matrix to a vector."""
+    """Add the sum of each row of a matrix to ``[rows, 1]``."""
     for row in range(len(values)):
         total = ZERO
         for column in range(values.shape[1]):
             total += values[row, column]
-        output[row] += total
+        output[row, 0] += total
 
 
 @loops
-def reset(states: Floats, kept: Floats) -> None:
-    """Set states, ``[rows, columns]``, to zero in columns where ``kept`` is 0, and not 1."""
-    for row in range(len(states)):
-        for column in range(states.shape[1]):
-            states[row, column] *= kept[column]
+def turn(matrix: Floats, turned: Floats) -> None:
+    """Transpose a matrix; BLAS takes half as long again for a product whose right side it turns."""
+    for column in range(matrix.shape[1]):
+        for row in range(len(matrix)):
+            turned[column, row] = matrix[row, column]
+
+
+@loops
+def add_product(slopes: Floats, inputs: Floats, spare: Floats, output: Floats) -> None:
+    """Add ``slopes @ inputs.T`` to a matrix."""
+    turned = spare[: inputs.size].reshape((inputs.shape[1], len(inputs)))
+    turn(inputs, turned)
+    add(np.dot(slopes, turned), output)
+
+
+@loops
+def times_kept(states: Floats, kept: Floats, output: Floats) -> None:
+    """Copy states, one or more for each of R rooms, as zeros where a room's are not kept."""
+    shape = len(states), states.shape[1] // ROOMS, ROOMS
+    each, copied = states.reshape(shape), output.reshape(shape)
+    for row in range(shape[0]):
+        for column in range(shape[1]):
+            for room in range(ROOMS):
+                copied[row, column, room] = each[row, column, room] * kept[room]
 
 
 @loops
@@ -209,27 +216,26 @@ def states_before(states: Floats, kept: Floats, spare: Floats) -> Floats:
     """The states, or, if some of them are reset before the step, a copy where they are."""
     if kept.min() == ONE:
         return states
-    copy(states, spare)
-    reset(spare, kept)
+    times_kept(states, kept, spare)
     return spare
 
 
 @loops
 def pool(levers: Floats, mean: Floats, most: Floats) -> None:
-    """Mean and maximum, ``[H, n]``, over the levers, ``[H, P, n]``."""
-    units, positions, rooms = levers.shape
+    """Mean and maximum, ``[H, R]``, over the levers, ``[H, P, R]``."""
+    units, positions, _ = levers.shape
     share = ONE / np.float32(positions)
     for unit in range(units):
-        for room in range(rooms):
+        for room in range(ROOMS):
             mean[unit, room] = levers[unit, 0, room]
             most[unit, room] = levers[unit, 0, room]
         for position in range(1, positions):
-            for room in range(rooms):
+            for room in range(ROOMS):
                 lever = levers[unit, position, room]
                 highest = most[unit, room]
                 mean[unit, room] += lever
                 most[unit, room] = lever if lever > highest else highest
-        for room in range(rooms):
+        for room in range(ROOMS):
             mean[unit, room] *= share
 
 
@@ -258,13 +264,13 @@ def pool_back(
 
 @loops
 def acted_on(own: Floats, levers: Floats, last: Floats) -> None:
-    """The state of the lever acted on, ``[H, n]``; zeros if it was none."""
-    units, positions, rooms = levers.shape
+    """The state of the lever acted on, ``[H, R]``; zeros if it was none."""
+    units, positions, _ = levers.shape
     for unit in range(units):
-        for room in range(rooms):
+        for room in range(ROOMS):
             last[unit, room] = ZERO
         for position in range(positions):
-            for room in range(rooms):
+            for room in range(ROOMS):
                 acted = own[2, position, room] + own[3, position, room]
                 last[unit, room] += acted * levers[unit, position, room]
 
@@ -272,18 +278,18 @@ def acted_on(own: Floats, levers: Floats, last: Floats) -> None:
 @loops
 def acted_on_back(own: Floats, by_last: Floats, by_levers: Floats) -> None:
     """Add gradients through :func:`acted_on`."""
-    units, positions, rooms = by_levers.shape
+    units, positions, _ = by_levers.shape
     for unit in range(units):
         for position in range(positions):
-            for room in range(rooms):
+            for room in range(ROOMS):
                 acted = own[2, position, room] + own[3, position, room]
                 by_levers[unit, position, room] += acted * by_last[unit, room]
 
 
 @loops
 def project(own: Floats, weights: Floats, shared: Floats, projected: Floats) -> None:
-    """Contributions of inputs to gates of levers, ``[3H, P, n]``; the room's is ``shared``."""
-    rows, positions, rooms = projected.shape
+    """Contributions of inputs to gates of levers, ``[3H, P, R]``; the room's is ``shared``."""
+    rows, positions, _ = projected.shape
     for row in range(rows):
         push, grey, pushed, pulled = (
             weights[0, row],
@@ -292,7 +298,7 @@ def project(own: Floats, weights: Floats, shared: Floats, projected: Floats) -> 
             weights[3, row],
         )
         for position in range(positions):
-            for room in range(rooms):
+            for room in range(ROOMS):
                 projected[row, position, room] = (
                     shared[row, room]
                     + push * own[0, position, room]
@@ -356,42 +362,28 @@ def gru_back(
 
 
 @loops
-def read(units: Floats, bias: Floats, shared: Floats, weights: Floats, found: Floats) -> None:
-    """Add two outputs, ``[2, P, n]``, of units ``[K, P, n]``, which are made positive."""
-    many, positions, rooms = units.shape
+def open_units(units: Floats, bias: Floats, shared: Floats) -> None:
+    """Add biases and what is ``shared`` by all levers to units, ``[K, P, R]``; none is negative."""
+    many, positions, _ = units.shape
     for unit in range(many):
-        first, second = weights[unit, 0], weights[unit, 1]
         for position in range(positions):
-            for room in range(rooms):
+            for room in range(ROOMS):
                 total = units[unit, position, room] + (bias[unit] + shared[unit, room])
                 units[unit, position, room] = ZERO if total < ZERO else total
-            for room in range(rooms):
-                found[0, position, room] += first * units[unit, position, room]
-                found[1, position, room] += second * units[unit, position, room]
 
 
-@reassociated
-def read_back(
-    slopes: Floats, units: Floats, weights: Floats, gradients: Floats, by_units: Floats
-) -> None:
-    """Gradients of :func:`read`: by its weights, added to ``gradients``, and by its units."""
-    many, columns = units.shape
-    for unit in range(many):
-        first, second = weights[unit, 0], weights[unit, 1]
-        by_first, by_second = ZERO, ZERO
-        for i in range(columns):
-            by_first += slopes[0, i] * units[unit, i]
-            by_second += slopes[1, i] * units[unit, i]
-        gradients[unit, 0] += by_first
-        gradients[unit, 1] += by_second
-        for i in range(columns):
-            slope = first * slopes[0, i] + second * slopes[1, i]
-            by_units[unit, i] = slope if units[unit, i] > ZERO else ZERO
+@loops
+def close_units(units: Floats, by_units: Floats) -> None:
+    """Set gradients by units to zero where the units are."""
+    for row in range(len(units)):
+        for column in range(units.shape[1]):
+            slope = by_units[row, column]
+            by_units[row, column] = slope if units[row, column] > ZERO else ZERO
 
 
 @loops
 def sum_over_levers(values: Floats, sums: Floats) -> None:
-    """The sum over the levers of ``[rows, P, n]``, ``[rows, n]``."""
+    """The sum over the levers of ``[rows, P, R]``, ``[rows, R]``."""
     rows, positions, rooms = values.shape
     for row in range(rows):
         for room in range(rooms):
@@ -402,215 +394,280 @@ def sum_over_levers(values: Floats, sums: Floats) -> None:
 
 
 @loops
-def forward(
-    weights: Weights, inputs: Floats, state: Floats, fresh: NDArray[np.bool_], trace: Trace
-) -> tuple[Floats, Floats, Floats]:
-    """Run over T steps.
+def perceive(seen: Perceived, rooms: Rooms, trace: Trace) -> None:
+    """Sort what is perceived of a group's rooms, which are ``rooms`` among M, into its trace."""
+    steps, _, p, _ = trace.own.shape
+    h, g = trace.new.shape[1], trace.room_new.shape[1]
+    for r in range(len(rooms)):
+        for lever in range(p):
+            for unit in range(h):
+                trace.levers[0, unit, lever * ROOMS + r] = seen.state[rooms[r], lever * h + unit]
+        for unit in range(g):
+            trace.whole[0, SHARED + unit, r] = seen.state[rooms[r], p * h + unit]
+    for step in range(steps):
+        own, inputs, whole = trace.own[step], trace.room_inputs[step], trace.whole[step + 1]
+        for r in range(len(rooms)):
+            numbers = seen.inputs[step, rooms[r]]
+            for lever in range(p):
+                own[0, lever, r], own[1, lever, r] = numbers[lever], numbers[p + lever]
+                own[2, lever, r] = numbers[2 * p + 2 + lever]
+                own[3, lever, r] = numbers[3 * p + 2 + lever]
+            for number in range(SHARED):
+                value = numbers[number + (2 if number < 2 else 4) * p]
+                inputs[number, r] = whole[number, r] = value
+            trace.kept[step, r] = ZERO if seen.fresh[step, rooms[r]] else ONE
 
-    Args:
-        weights: The network.
-        inputs: ``[T, M, in]`` what is perceived.
-        state: ``[M, S]`` hidden state before the first step.
-        fresh: ``[T, M]`` steps before which the hidden state is reset.
-        trace: Filled.
+
+@loops
+def forward(weights: Weights, trace: Trace) -> None:
+    """Run over the T steps that a trace has perceived, and fill it."""
+    steps, _, p, _ = trace.own.shape
+    h, g, k = len(weights.lever_hidden), len(weights.room_hidden), len(weights.moves)
+    many, pooled = p * ROOMS, SHARED + g
+    spare, room_spare = np.empty((h, many), np.float32), np.empty((g, ROOMS), np.float32)
+    room_projected = np.empty((3 * g, ROOMS), np.float32)
+    shared = np.empty((3 * h, ROOMS), np.float32)
+    projected = np.empty((3 * h, p, ROOMS), np.float32)
+    no_bias, nothing = np.zeros(k, np.float32), np.zeros((k, ROOMS), np.float32)
+    whole = trace.whole[0]
+    pool(trace.levers[0].reshape((h, p, ROOMS)), whole[pooled : pooled + h], whole[pooled + h :])
+    for step in range(steps):
+        own, kept, inputs = trace.own[step], trace.kept[step], trace.room_inputs[step]
+        before, whole = trace.whole[step], trace.whole[step + 1]
+        levers = states_before(trace.levers[step], kept, spare)
+        room = states_before(before[SHARED:pooled], kept, room_spare)
+        summary = inputs[SHARED:]
+        times_kept(before[pooled:], kept, summary[: 2 * h])
+        acted_on(own, levers.reshape((h, p, ROOMS)), summary[2 * h :])
+        np.dot(weights.room_input.T, inputs, room_projected)
+        add_to_rows(weights.room_input_bias[0], room_projected)
+        gates, bias = trace.room_gates[step], weights.room_hidden_bias[0]
+        np.dot(weights.room_hidden.T, room, gates)
+        gru(room_projected, bias, gates, room, trace.room_new[step], whole[SHARED:pooled])
+
+        np.dot(weights.lever_shared.T, whole[:pooled], shared)
+        add_to_rows(weights.lever_input_bias[0], shared)
+        project(own, weights.lever_own, shared, projected)
+        gates, bias = trace.gates[step], weights.lever_hidden_bias[0]
+        np.dot(weights.lever_hidden.T, levers, gates)
+        after = trace.levers[step + 1]
+        gru(projected.reshape((3 * h, many)), bias, gates, levers, trace.new[step], after)
+        pool(after.reshape((h, p, ROOMS)), whole[pooled : pooled + h], whole[pooled + h :])
+
+        units, whole_units, outputs = trace.read[step], trace.whole_read[step], trace.outputs[step]
+        np.dot(weights.reads_lever.T, after, units)
+        np.dot(weights.reads_room.T, whole[SHARED:], whole_units)
+        add_to_rows(weights.reads_room_bias[0], whole_units)
+        bias = weights.reads_lever_bias[0]
+        open_units(units.reshape((k, p, ROOMS)), bias, whole_units[:k])
+        open_units(whole_units[k:].reshape((k, 1, ROOMS)), no_bias, nothing)
+        moves, last = outputs[: 2 * p].reshape((2, many)), outputs[2 * p :]
+        np.dot(weights.moves.T, units, moves)
+        np.dot(weights.door_and_value.T, whole_units[k:], last)
+        add_to_rows(weights.moves_bias[0], moves)
+        add_to_rows(weights.door_and_value_bias[0], last)
+
+
+@loops
+def backward(weights: Weights, trace: Trace, gradients: Weights) -> None:
+    """Add gradients by the weights, each transposed, to ``gradients``.
+
+    ``trace.outputs`` holds those by the outputs, and the rest of the trace is as :func:`forward`
+    left it.
+    """
+    steps, _, p, _ = trace.own.shape
+    h, g, k = len(weights.lever_hidden), len(weights.room_hidden), len(weights.moves)
+    many, pooled = p * ROOMS, SHARED + g
+    spare, room_spare = np.empty((h, many), np.float32), np.empty((g, ROOMS), np.float32)
+    turned = np.empty(max(OWN * many, (pooled + 3 * h) * ROOMS), np.float32)
+    turned_levers, turned_after = np.empty((many, h), np.float32), np.empty((many, h), np.float32)
+    turn(trace.levers[steps], turned_levers)
+    by_read, by_whole_read = np.empty((k, many), np.float32), np.empty((2 * k, ROOMS), np.float32)
+    by_levers, later_levers = np.empty((h, many), np.float32), np.zeros((h, many), np.float32)
+    by_room, later_room = np.empty((g, ROOMS), np.float32), np.zeros((g, ROOMS), np.float32)
+    by_whole = np.empty((g + 2 * h, ROOMS), np.float32)
+    by_summary = np.zeros((3 * h, ROOMS), np.float32)
+    by_inputs, by_gates = np.empty((3 * h, many), np.float32), np.empty((3 * h, many), np.float32)
+    by_shared = np.empty((3 * h, ROOMS), np.float32)
+    room_by_inputs = np.empty((3 * g, ROOMS), np.float32)
+    room_by_gates = np.empty((3 * g, ROOMS), np.float32)
+    for step in range(steps - 1, -1, -1):
+        own, kept, slopes = trace.own[step], trace.kept[step], trace.outputs[step]
+        by_moves, by_last = slopes[: 2 * p].reshape((2, many)), slopes[2 * p :]
+        after, whole = trace.levers[step + 1], trace.whole[step + 1]
+        levers = states_before(trace.levers[step], kept, spare)
+        room = states_before(trace.whole[step, SHARED:pooled], kept, room_spare)
+
+        add_sums(by_moves, gradients.moves_bias)
+        add_sums(by_last, gradients.door_and_value_bias)
+        units, last_units = trace.read[step], trace.whole_read[step, k:]
+        add(np.dot(by_moves, units.T), gradients.moves)
+        add(np.dot(by_last, last_units.T), gradients.door_and_value)
+        np.dot(weights.moves, by_moves, by_read)
+        np.dot(weights.door_and_value, by_last, by_whole_read[k:])
+        close_units(units, by_read)
+        close_units(last_units, by_whole_read[k:])
+        sum_over_levers(by_read.reshape((k, p, ROOMS)), by_whole_read[:k])
+        add_sums(by_whole_read, gradients.reads_room_bias)
+        add_sums(by_whole_read[:k], gradients.reads_lever_bias)
+        turned_levers, turned_after = turned_after, turned_levers
+        turn(trace.levers[step], turned_levers)
+        add(np.dot(by_read, turned_after), gradients.reads_lever)
+        add_product(by_whole_read, whole[SHARED:], turned, gradients.reads_room)
+        np.dot(weights.reads_lever, by_read, by_levers)
+        np.dot(weights.reads_room, by_whole_read, by_whole)
+
+        add(later_levers, by_levers)
+        add(by_summary[: 2 * h], by_whole[g:])
+        each, by_each = after.reshape((h, p, ROOMS)), by_levers.reshape((h, p, ROOMS))
+        pool_back(each, whole[pooled + h :], by_whole[g:], by_whole[g + h :], by_each)
+        gru_back(by_levers, trace.gates[step], trace.new[step], levers, by_inputs, by_gates)
+        sum_over_levers(by_inputs.reshape((3 * h, p, ROOMS)), by_shared)
+        add_sums(by_shared, gradients.lever_input_bias)
+        add_sums(by_gates, gradients.lever_hidden_bias)
+        add_product(by_inputs, own.reshape((OWN, many)), turned, gradients.lever_own)
+        add_product(by_shared, whole[:pooled], turned, gradients.lever_shared)
+        if kept.min() < ONE:  # the state before is zero there
+            times_kept(by_gates, kept, by_gates)
+        add(np.dot(by_gates, turned_levers), gradients.lever_hidden)
+        np.dot(weights.lever_hidden, by_gates, later_levers)
+        add(by_levers, later_levers)
+
+        np.dot(weights.lever_shared[SHARED:], by_shared, by_room)
+        add(by_whole[:g], by_room)
+        add(later_room, by_room)
+        gates, new = trace.room_gates[step], trace.room_new[step]
+        gru_back(by_room, gates, new, room, room_by_inputs, room_by_gates)
+        add_sums(room_by_inputs, gradients.room_input_bias)
+        add_sums(room_by_gates, gradients.room_hidden_bias)
+        add_product(room_by_inputs, trace.room_inputs[step], turned, gradients.room_input)
+        add_product(room_by_gates, room, turned, gradients.room_hidden)
+        np.dot(weights.room_hidden, room_by_gates, later_room)
+        add(by_room, later_room)
+        np.dot(weights.room_input[SHARED:], room_by_inputs, by_summary)
+        acted_on_back(own, by_summary[2 * h :], later_levers.reshape((h, p, ROOMS)))
+        if kept.min() < ONE:
+            for later in (later_levers, later_room, by_summary):
+                times_kept(later, kept, later)
+
+
+@loops
+def run(weights: Weights, seen: Perceived, trace: Trace) -> tuple[Floats, Floats, Floats]:
+    """Run over T steps.
 
     Returns:
         ``[T, M, A]`` logits, ``[T, M]`` values, and ``[M, S]`` the last hidden state.
     """
-    steps, rooms, width = inputs.shape
-    p = (width - SHARED) // OWN
-    h, g, k = len(weights.lever_hidden), len(weights.room_hidden), len(weights.moves)
-    logits = np.empty((steps, rooms, 2 * p + 1), np.float32)
-    values, states = np.empty((steps, rooms), np.float32), np.empty_like(state)
-    for group in range((rooms + ROOMS - 1) // ROOMS):
-        begin = group * ROOMS
-        n = min(ROOMS, rooms - begin)
-        many = p * n
-        kept = np.empty(many, np.float32)
-        spare, room_spare = np.empty((h, many), np.float32), np.empty((g, n), np.float32)
-        room_projected, shared = np.empty((3 * g, n), np.float32), np.empty((3 * h, n), np.float32)
-        projected = np.empty((3 * h, p, n), np.float32)
-        moves, last = np.empty((2, p, n), np.float32), np.empty((2, 1, n), np.float32)
-        no_bias, nothing = np.zeros(k, np.float32), np.zeros((k, n), np.float32)
-        of = of_group(trace, group % len(trace.own), shapes(weights, steps, n, p))
-        for r in range(n):
+    steps, many = seen.fresh.shape
+    p, h, g = trace.own.shape[2], trace.new.shape[1], trace.room_new.shape[1]
+    logits = np.empty((steps, many, 2 * p + 1), np.float32)
+    values, states = np.empty((steps, many), np.float32), np.empty_like(seen.state)
+    every = np.arange(many)
+    for begin in range(0, many, ROOMS):
+        rooms = every[begin : begin + ROOMS]
+        perceive(seen, rooms, trace)
+        forward(weights, trace)
+        for r in range(len(rooms)):
+            for step in range(steps):
+                for action in range(2 * p + 1):
+                    logits[step, rooms[r], action] = trace.outputs[step, action, r]
+                values[step, rooms[r]] = trace.outputs[step, 2 * p + 1, r]
             for lever in range(p):
                 for unit in range(h):
-                    of.levers[0, unit, lever * n + r] = state[begin + r, lever * h + unit]
+                    after = trace.levers[steps, unit, lever * ROOMS + r]
+                    states[rooms[r], lever * h + unit] = after
             for unit in range(g):
-                of.room[0, unit, r] = state[begin + r, p * h + unit]
-        levers, room = of.levers[0], of.room[0]
-        for step in range(steps):
-            own, room_inputs, lever_inputs = (
-                of.own[step],
-                of.room_inputs[step],
-                of.lever_inputs[step],
-            )
-            for r in range(n):
-                seen = inputs[step, begin + r]
-                for lever in range(p):
-                    column = lever * n + r
-                    own[0, column], own[1, column] = seen[lever], seen[p + lever]
-                    own[2, column], own[3, column] = (
-                        seen[2 * p + 2 + lever],
-                        seen[3 * p + 2 + lever],
-                    )
-                    kept[column] = ZERO if fresh[step, begin + r] else ONE
-                for number in range(SHARED):
-                    value = seen[number + (2 if number < 2 else 4) * p]
-                    room_inputs[number, r] = lever_inputs[number, r] = value
-            levers = states_before(levers, kept, spare)
-            room = states_before(room, kept[:n], room_spare)
-            each_own, each_lever = own.reshape((OWN, p, n)), levers.reshape((h, p, n))
-            summary, whole = room_inputs[SHARED:], of.whole[step]
-            pool(each_lever, summary[:h], summary[h : 2 * h])
-            acted_on(each_own, each_lever, summary[2 * h :])
-            np.dot(weights.room_input.T, room_inputs, room_projected)
-            add_to_rows(weights.room_input_bias[0], room_projected)
-            gates, bias = of.room_gates[step], weights.room_hidden_bias[0]
-            np.dot(weights.room_hidden.T, room, gates)
-            gru(room_projected, bias, gates, room, of.room_new[step], whole[:g])
-            room = whole[:g]
-
-            copy(room, lever_inputs[SHARED:])
-            np.dot(weights.lever_input[OWN:].T, lever_inputs, shared)
-            add_to_rows(weights.lever_input_bias[0], shared)
-            project(each_own, weights.lever_input, shared, projected)
-            gates, bias = of.gates[step], weights.lever_hidden_bias[0]
-            np.dot(weights.lever_hidden.T, levers, gates)
-            after = of.after[step]
-            gru(projected.reshape((3 * h, many)), bias, gates, levers, of.new[step], after)
-            levers = after
-            pool(levers.reshape((h, p, n)), whole[g : g + h], whole[g + h :])
-
-            units, whole_units = of.read[step], of.whole_read[step]
-            np.dot(weights.reads_lever.T, levers, units)
-            np.dot(weights.reads_room.T, whole, whole_units)
-            add_to_rows(weights.reads_room_bias[0], whole_units)
-            moves[:], last[:] = ZERO, ZERO
-            add_to_rows(weights.moves_bias[0], moves.reshape((2, many)))
-            add_to_rows(weights.door_and_value_bias[0], last.reshape((2, n)))
-            bias, each = weights.reads_lever_bias[0], units.reshape((k, p, n))
-            read(each, bias, whole_units[:k], weights.moves, moves)
-            each = whole_units[k:].reshape((k, 1, n))
-            read(each, no_bias, nothing, weights.door_and_value, last)
-            for r in range(n):
-                found = logits[step, begin + r]
-                for lever in range(p):
-                    found[lever], found[p + lever] = moves[0, lever, r], moves[1, lever, r]
-                found[2 * p], values[step, begin + r] = last[0, 0, r], last[1, 0, r]
-        for r in range(n):
-            for lever in range(p):
-                for unit in range(h):
-                    states[begin + r, lever * h + unit] = levers[unit, lever * n + r]
-            for unit in range(g):
-                states[begin + r, p * h + unit] = room[unit, r]
+                states[rooms[r], p * h + unit] = trace.whole[steps, SHARED + unit, r]
     return logits, values, states
 
 
 @loops
-def backward(
-    weights: Weights,
-    fresh: NDArray[np.bool_],
-    trace: Trace,
-    by_logits: Floats,
-    by_values: Floats,
-    gradients: Weights,
+def loss_slopes(
+    taken: Taken,
+    rooms: Rooms,
+    clip: np.float32,
+    value_weight: np.float32,
+    entropy_weight: np.float32,
+    outputs: Floats,
+    sums: NDArray[np.float64],
 ) -> None:
-    """Add gradients by the weights.
+    """Replace outputs, ``[T, A + 1, R]``, by gradients of the loss, summed over steps.
+
+    Added to ``sums``: the entropy, the values' squared error, and the ratios that were clipped.
+    """
+    steps, width, _ = outputs.shape
+    actions = width - 1
+    log_probs, probs = np.empty(actions, np.float32), np.empty(actions, np.float32)
+    for step in range(steps):
+        found = outputs[step]
+        for r in range(ROOMS):
+            if r >= len(rooms) or not taken.mask[step, rooms[r]]:
+                for number in range(width):
+                    found[number, r] = ZERO
+                continue
+            room = rooms[r]
+            most, total = found[0, r], ZERO
+            for action in range(1, actions):
+                most = max(most, found[action, r])
+            for action in range(actions):
+                log_probs[action] = found[action, r] - most
+                probs[action] = np.exp(log_probs[action])
+                total += probs[action]
+            log_total, entropy = np.log(total), ZERO
+            for action in range(actions):
+                log_probs[action] -= log_total
+                probs[action] /= total
+                entropy -= probs[action] * log_probs[action]
+            done, advantage = taken.action[step, room], taken.advantage[step, room]
+            ratio = np.exp(log_probs[done] - taken.log_prob[step, room])
+            clipped = min(max(ratio, ONE - clip), ONE + clip)
+            # Beyond the bound, the ratio's gradient is 0.
+            by_log_prob = -ratio * advantage if ratio * advantage <= clipped * advantage else ZERO
+            for action in range(actions):
+                of_action = ONE if action == done else ZERO
+                by_entropy = -probs[action] * (log_probs[action] + entropy)
+                found[action, r] = by_log_prob * (of_action - probs[action])
+                found[action, r] -= entropy_weight * by_entropy
+            error = found[actions, r] - taken.returns[step, room]
+            found[actions, r] = value_weight * (error + error)
+            sums[0] += entropy
+            sums[1] += error * error
+            sums[2] += ratio != clipped
+
+
+@loops
+def learn(
+    weights: Weights,
+    seen: Perceived,
+    taken: Taken,
+    rooms: Rooms,
+    clip: np.float32,
+    value_weight: np.float32,
+    entropy_weight: np.float32,
+    trace: Trace,
+    gradients: Weights,
+) -> NDArray[np.float64]:
+    """Add gradients of PPO's loss, summed over the steps of some of M rooms.
 
     Args:
-        weights: As for :func:`forward`.
-        fresh: See there.
-        trace: As :func:`forward` left it.
-        by_logits: ``[T, M, A]`` gradients of a loss by the logits.
-        by_values: ``[T, M]`` and by the values.
-        gradients: Added to.
+        weights: The network.
+        seen: All rooms.
+        taken: See :class:`Taken`.
+        rooms: ``[n]`` the rooms to learn from.
+        clip: See :class:`~.ppo.PPOSettings`.
+        value_weight: See there.
+        entropy_weight: See :meth:`~.ppo.PPO.update`.
+        trace: Overwritten.
+        gradients: Added to; each is transposed.
+
+    Returns:
+        ``[3]`` sums of the entropy, the values' squared error, and the ratios that were clipped.
     """
-    steps, rooms, actions = by_logits.shape
-    p = (actions - 1) // 2
-    h, g, k = len(weights.lever_hidden), len(weights.room_hidden), len(weights.moves)
-    for group in range(len(trace.own)):
-        begin = group * ROOMS
-        n = min(ROOMS, rooms - begin)
-        many = p * n
-        kept = np.empty(many, np.float32)
-        spare, room_spare = np.empty((h, many), np.float32), np.empty((g, n), np.float32)
-        by_moves, by_last = np.empty((2, many), np.float32), np.empty((2, n), np.float32)
-        by_read, by_whole_read = np.empty((k, many), np.float32), np.empty((2 * k, n), np.float32)
-        by_levers, later_levers = np.empty((h, many), np.float32), np.zeros((h, many), np.float32)
-        by_room, later_room = np.empty((g, n), np.float32), np.zeros((g, n), np.float32)
-        by_whole, by_summary = (
-            np.empty((g + 2 * h, n), np.float32),
-            np.zeros((3 * h, n), np.float32),
-        )
-        by_inputs, by_gates = (
-            np.empty((3 * h, many), np.float32),
-            np.empty((3 * h, many), np.float32),
-        )
-        by_shared = np.empty((3 * h, n), np.float32)
-        room_by_inputs = np.empty((3 * g, n), np.float32)
-        room_by_gates = np.empty((3 * g, n), np.float32)
-        of = of_group(trace, group, shapes(weights, steps, n, p))
-        for step in range(steps - 1, -1, -1):
-            for r in range(n):
-                slopes = by_logits[step, begin + r]
-                for lever in range(p):
-                    column = lever * n + r
-                    by_moves[0, column], by_moves[1, column] = slopes[lever], slopes[p + lever]
-                    kept[column] = ZERO if fresh[step, begin + r] else ONE
-                by_last[0, r], by_last[1, r] = slopes[2 * p], by_values[step, begin + r]
-            own, after, whole = of.own[step], of.after[step], of.whole[step]
-            levers = states_before(of.after[step - 1] if step else of.levers[0], kept, spare)
-            room = of.whole[step - 1, :g] if step else of.room[0]
-            room = states_before(room, kept[:n], room_spare)
-
-            add_sums(by_moves, gradients.moves_bias[0])
-            add_sums(by_last, gradients.door_and_value_bias[0])
-            read_back(by_moves, of.read[step], weights.moves, gradients.moves, by_read)
-            units, heads = of.whole_read[step, k:], weights.door_and_value
-            read_back(by_last, units, heads, gradients.door_and_value, by_whole_read[k:])
-            sum_over_levers(by_read.reshape((k, p, n)), by_whole_read[:k])
-            add_sums(by_whole_read, gradients.reads_room_bias[0])
-            add(np.dot(after, by_read.T), gradients.reads_lever)
-            add(np.dot(whole, by_whole_read.T), gradients.reads_room)
-            np.dot(weights.reads_lever, by_read, by_levers)
-            np.dot(weights.reads_room, by_whole_read, by_whole)
-
-            add(later_levers, by_levers)
-            add(by_summary[: 2 * h], by_whole[g:])
-            by_each, by_mean, by_most = (
-                by_levers.reshape((h, p, n)),
-                by_whole[g:],
-                by_whole[g + h :],
-            )
-            pool_back(after.reshape((h, p, n)), whole[g + h :], by_mean, by_most, by_each)
-            gru_back(by_levers, of.gates[step], of.new[step], levers, by_inputs, by_gates)
-            sum_over_levers(by_inputs.reshape((3 * h, p, n)), by_shared)
-            add_sums(by_shared, gradients.lever_input_bias[0])
-            add_sums(by_gates, gradients.lever_hidden_bias[0])
-            add(np.dot(own, by_inputs.T), gradients.lever_input[:OWN])
-            add(np.dot(of.lever_inputs[step], by_shared.T), gradients.lever_input[OWN:])
-            add(np.dot(levers, by_gates.T), gradients.lever_hidden)
-            np.dot(weights.lever_hidden, by_gates, later_levers)
-            add(by_levers, later_levers)
-
-            np.dot(weights.lever_input[OWN + SHARED :], by_shared, by_room)
-            add(by_whole[:g], by_room)
-            add(later_room, by_room)
-            gates, new = of.room_gates[step], of.room_new[step]
-            gru_back(by_room, gates, new, room, room_by_inputs, room_by_gates)
-            add_sums(room_by_inputs, gradients.room_input_bias[0])
-            add_sums(room_by_gates, gradients.room_hidden_bias[0])
-            add(np.dot(of.room_inputs[step], room_by_inputs.T), gradients.room_input)
-            add(np.dot(room, room_by_gates.T), gradients.room_hidden)
-            np.dot(weights.room_hidden, room_by_gates, later_room)
-            add(by_room, later_room)
-            np.dot(weights.room_input[SHARED:], room_by_inputs, by_summary)
-            by_each = later_levers.reshape((h, p, n))
-            acted_on_back(own.reshape((OWN, p, n)), by_summary[2 * h :], by_each)
-            if kept.min() < ONE:
-                reset(later_levers, kept)
-                reset(later_room, kept[:n])
-                reset(by_summary, kept[:n])
-    add(gradients.reads_room_bias[:, :k], gradients.reads_lever_bias)
+    sums = np.zeros(3)
+    for begin in range(0, len(rooms), ROOMS):
+        group = rooms[begin : begin + ROOMS]
+        perceive(seen, group, trace)
+        forward(weights, trace)
+        loss_slopes(taken, group, clip, value_weight, entropy_weight, trace.outputs, sums)
+        backward(weights, trace, gradients)
+    return sums

@@ -148,19 +148,24 @@ class PPO(Checkpointed):
             order = np.arange(rooms) if generator is None else generator.permutation(rooms)
             for part in np.array_split(order, parts):
                 which = torch.from_numpy(part)
-                metrics = self._optimizer_step(
-                    rollout.of_rooms(which),
-                    advantage[:, :, which],
-                    returns[:, :, which],
-                    entropy_weight,
-                )
+                metrics = self.find_gradients(rollout, advantage, returns, which, entropy_weight)
+                self._clip_gradients()
+                self.optimizer.step()
                 for name, value in metrics.items():
                     means[name] += value
         return {name: value / (settings.epochs * parts) for name, value in means.items()}
 
-    def _optimizer_step(
-        self, part: Rollout, advantage: Tensor, returns: Tensor, entropy_weight: float
+    def find_gradients(
+        self,
+        rollout: Rollout,
+        advantage: Tensor,
+        returns: Tensor,
+        which: Tensor,
+        entropy_weight: float,
     ) -> dict[str, float]:
+        """Set the loss's gradients in the rooms ``which``; returns means as :meth:`update` does."""
+        part = rollout.of_rooms(which)
+        advantage, returns = advantage[:, :, which], returns[:, :, which]
         settings = self.settings
         logits, values, _ = self.network(part.inputs, part.state, part.fresh)
         log_probs = torch.log_softmax(logits, dim=-1)
@@ -175,8 +180,6 @@ class PPO(Checkpointed):
         mean = (loss * mask).sum(dim=(1, 2)) / mask.sum(dim=(1, 2)).clamp(min=1)
         self.optimizer.zero_grad()
         mean.sum().backward()
-        self._clip_gradients()
-        self.optimizer.step()
         metrics = {"entropy": entropy, "value_error": value_error, "clipped": ratio != clipped}
         with torch.no_grad():
             steps = mask.sum().clamp(min=1)

@@ -7,8 +7,9 @@ from typing import NamedTuple
 import pytest
 import torch
 
-from openlock_learners.networks.lever_policy_compiled import CompiledLeverPolicy
+from openlock_learners.networks.lever_policy_compiled import CompiledLeverPolicy, CompiledPPO
 from openlock_learners.networks.lever_policy_kernels import ROOMS
+from openlock_learners.networks.ppo import PPO, PPOSettings, Rollout, advantages
 from openlock_learners.networks.recurrent_policy import LeverPolicy, Sizes
 from support.small_policies import TINY, rng
 
@@ -63,25 +64,29 @@ def pair(sizes: Sizes = TINY) -> tuple[LeverPolicy, CompiledLeverPolicy]:
     return networks
 
 
-def loss(network: LeverPolicy, at: Given, seed: int = 2) -> torch.Tensor:
-    logits, values, _ = network(*at)
-    weights = torch.from_numpy(rng(seed).normal(size=(*logits.shape[:3], logits.shape[3] + 1)))
-    return (torch.cat([logits, values[..., None]], dim=-1) * weights.float()).sum()
+def learned(at: Given, network: LeverPolicy, seed: int = 2) -> Rollout:
+    """Actions after which some ratios are beyond what they are clipped to, some of them masked."""
+    generator, shape = rng(seed), at.fresh.shape
+    with torch.no_grad():
+        logits, values, _ = network(*at)
+    action = torch.from_numpy(generator.integers(0, logits.shape[-1], shape))
+    now = torch.log_softmax(logits, dim=-1).gather(-1, action[..., None]).squeeze(-1)
+    drawn = [torch.from_numpy(generator.normal(size=shape)).float() for _ in range(3)]
+    return Rollout(
+        *at,
+        action=action,
+        log_prob=now + drawn[0] / 4,
+        value=values + drawn[1],
+        reward=drawn[2],
+        done=torch.from_numpy(generator.random(shape) < 0.1),
+        mask=torch.from_numpy(generator.random(shape) < 0.8),
+        bootstrap=values[:, -1],
+    )
 
 
-def gradients(network: LeverPolicy) -> dict[str, torch.Tensor]:
-    return {
-        name: part.grad.clone()
-        for name, part in network.named_parameters()
-        if part.grad is not None
-    }
-
-
-def agree(found: dict[str, torch.Tensor], expected: dict[str, torch.Tensor]) -> None:
-    assert found.keys() == expected.keys()
-    for name, gradient in expected.items():
-        assert gradient.norm() > 0, name
-        assert (found[name] - gradient).norm() <= TOLERANCE * gradient.norm(), name
+def gradients_of(network: LeverPolicy) -> dict[str, torch.Tensor]:
+    parameters = network.named_parameters()
+    return {name: part.grad for name, part in parameters if part.grad is not None}
 
 
 @pytest.mark.parametrize(
@@ -100,12 +105,24 @@ def test_it_runs_as_the_plain_network_and_has_its_gradients(
     for found, part in zip(compiled(*at), expected, strict=True):
         assert found.shape == part.shape
         assert (found - part).abs().max() <= TOLERANCE * part.abs().max()
-    for network in (plain, compiled):
-        loss(network, at).backward()
-    agree(gradients(compiled), gradients(plain))
+
+    rollout, which = learned(at, plain), torch.from_numpy(rng(3).permutation(rooms)[1:])
+    better = advantages(rollout, 0.9, 0.9)
+    told = [
+        trainer(network, PPOSettings()).find_gradients(
+            rollout, better, better + rollout.value, which, 0.1
+        )
+        for trainer, network in ((PPO, plain), (CompiledPPO, compiled))
+    ]
+    assert 0 < told[0]["clipped"] < 1
+    assert told[1] == pytest.approx(told[0], rel=TOLERANCE)
+    gradients = gradients_of(compiled)
+    for name, gradient in gradients_of(plain).items():
+        assert gradient.norm() > 0, name
+        assert (gradients[name] - gradient).norm() <= TOLERANCE * gradient.norm(), name
 
 
-def test_without_gradients_it_does_the_same() -> None:
+def test_step_by_step_it_does_the_same() -> None:
     _, compiled = pair()
     at = given(7, 3, 2 * ROOMS + 1, compiled.state_size(7))
     whole = compiled(*at)
@@ -117,20 +134,3 @@ def test_without_gradients_it_does_the_same() -> None:
     for found, part in zip((logits, values, state), whole, strict=True):
         assert not found.requires_grad
         assert torch.equal(found, part)
-
-
-def test_two_runs_before_their_gradients_do_not_disturb_each_other() -> None:
-    plain, compiled = pair()
-    for network in (plain, compiled):
-        both = [loss(network, given(7, 4, 3, plain.state_size(7), seed), seed) for seed in (3, 4)]
-        for each in both:
-            each.backward()
-    agree(gradients(compiled), gradients(plain))
-
-
-def test_gradients_are_given_once() -> None:
-    _, compiled = pair()
-    found = loss(compiled, given(7, 2, 2, compiled.state_size(7)))
-    found.backward(retain_graph=True)
-    with pytest.raises(TypeError):
-        found.backward()
