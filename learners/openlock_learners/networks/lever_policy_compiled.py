@@ -71,23 +71,16 @@ class CompiledPPO(PPO):
         """See :meth:`PPO.find_gradients`."""
         weights = self.network.weights()
         gradients = kernels.Weights(*(np.zeros(part.shape[::-1], np.float32) for part in weights))
+        seen = kernels.Perceived(*map(_of_one, (rollout.inputs, rollout.state, rollout.fresh)))
         learned = rollout.action, rollout.log_prob, advantage, returns, rollout.mask
-        sums = kernels.learn(
-            weights,
-            kernels.Perceived(*map(_of_one, (rollout.inputs, rollout.state, rollout.fresh))),
-            kernels.Taken(*map(_of_one, learned)),
-            which.numpy(),
-            np.float32(self.settings.clip),
-            np.float32(self.settings.value_weight),
-            np.float32(entropy_weight),
-            self.network.trace(rollout.inputs),
-            gradients,
-        )
+        factors = self.settings.clip, self.settings.value_weight, entropy_weight
+        taken = kernels.Taken(np.array(factors, np.float32), *map(_of_one, learned))
+        trace = self.network.trace(rollout.inputs)
+        sums = kernels.learn(weights, seen, taken, which.numpy(), trace, gradients)
         steps = max(int(rollout.mask[:, :, which].sum()), 1)
         parts = [part.T / np.float32(steps) for part in gradients]
-        parts[LEVER_INPUT : LEVER_INPUT + 2] = [
-            np.concatenate(parts[LEVER_INPUT : LEVER_INPUT + 2])
-        ]
+        two = slice(LEVER_INPUT, LEVER_INPUT + 2)
+        parts[two] = [np.concatenate(parts[two])]
         for parameter, part in zip(self.network.parameters(), parts, strict=True):
             parameter.grad = torch.from_numpy(part)[None].contiguous()
         means = (sums / steps).tolist()

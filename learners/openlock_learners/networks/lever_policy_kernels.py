@@ -86,8 +86,9 @@ class Perceived(NamedTuple):
 
 
 class Taken(NamedTuple):
-    """Actions in M rooms, in T steps, and what :class:`~.ppo.PPO` learns from them; ``[T, M]``."""
+    """Actions in M rooms, in T steps, and what :class:`~.ppo.PPO` learns from them, ``[T, M]``."""
 
+    factors: Floats  # [3] the clip, and the weights of values' errors and of entropy in the loss
     action: NDArray[np.int64]
     log_prob: Floats  # of the action, under the policy that took it
     advantage: Floats
@@ -582,19 +583,12 @@ def run(weights: Weights, seen: Perceived, trace: Trace) -> tuple[Floats, Floats
 
 
 @loops
-def loss_slopes(
-    taken: Taken,
-    rooms: Rooms,
-    clip: np.float32,
-    value_weight: np.float32,
-    entropy_weight: np.float32,
-    outputs: Floats,
-    sums: NDArray[np.float64],
-) -> None:
+def loss_slopes(taken: Taken, rooms: Rooms, outputs: Floats, sums: NDArray[np.float64]) -> None:
     """Replace outputs, ``[T, A + 1, R]``, by gradients of the loss, summed over steps.
 
     Added to ``sums``: the entropy, the values' squared error, and the ratios that were clipped.
     """
+    clip, value_weight, entropy_weight = taken.factors[0], taken.factors[1], taken.factors[2]
     steps, width, _ = outputs.shape
     actions = width - 1
     log_probs, probs = np.empty(actions, np.float32), np.empty(actions, np.float32)
@@ -637,15 +631,7 @@ def loss_slopes(
 
 @loops
 def learn(
-    weights: Weights,
-    seen: Perceived,
-    taken: Taken,
-    rooms: Rooms,
-    clip: np.float32,
-    value_weight: np.float32,
-    entropy_weight: np.float32,
-    trace: Trace,
-    gradients: Weights,
+    weights: Weights, seen: Perceived, taken: Taken, rooms: Rooms, trace: Trace, gradients: Weights
 ) -> NDArray[np.float64]:
     """Add gradients of PPO's loss, summed over the steps of some of M rooms.
 
@@ -654,9 +640,6 @@ def learn(
         seen: All rooms.
         taken: See :class:`Taken`.
         rooms: ``[n]`` the rooms to learn from.
-        clip: See :class:`~.ppo.PPOSettings`.
-        value_weight: See there.
-        entropy_weight: See :meth:`~.ppo.PPO.update`.
         trace: Overwritten.
         gradients: Added to; each is transposed.
 
@@ -668,6 +651,6 @@ def learn(
         group = rooms[begin : begin + ROOMS]
         perceive(seen, group, trace)
         forward(weights, trace)
-        loss_slopes(taken, group, clip, value_weight, entropy_weight, trace.outputs, sums)
+        loss_slopes(taken, group, trace.outputs, sums)
         backward(weights, trace, gradients)
     return sums
