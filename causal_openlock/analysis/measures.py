@@ -268,7 +268,7 @@ def at_places(
     places, place = numbered(each, by)
     found = np.full((len(subjects), len(places)), np.nan)
     found[subject, place] = each[value].to_numpy(float)
-    return found, list(each[[*by]].iloc[places].itertuples(index=False, name=None))
+    return found, [*zip(*(each[name].iloc[places] for name in by), strict=True)]
 
 
 def numbered(frame: pd.DataFrame, names: Sequence[str]) -> tuple[IntArray, IntArray]:

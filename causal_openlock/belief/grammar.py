@@ -117,7 +117,7 @@ def schema_classes(roles: int = MAX_ROLES, length: int = MAX_LENGTH) -> tuple[Sc
                 if role.length < left and _chooses(role, chosen):
                     yield from extend((*chosen, role), left - role.length)
 
-    found = {_canonical(kind) for kind in extend((), length)}
+    found = filter(_is_canonical, extend((), length))
     return tuple(sorted(found, key=lambda kind: (kind.length, kind)))
 
 
@@ -139,29 +139,22 @@ def _chooses(role: Role, roles: tuple[Role, ...]) -> bool:
     return role.gate == "any" or most > (1 if role.gate == "all" else ENOUGH[role.gate])
 
 
-def _canonical(kind: SchemaClass) -> SchemaClass:
-    """The same class with its roles in a canonical order."""
-    best: list[tuple[bool, int, str]] = []
+def _is_canonical(kind: SchemaClass) -> bool:
+    """Whether no other order of the roles describes the same class by something smaller."""
     given = [(role.many, role.causes, role.gate) for role in kind.roles]
     for order, moved in _renamings(len(given)):
-        described: list[tuple[bool, int, str]] = []
-        alike = bool(best)  # so far; once something is greater, the rest need not be described
+        smaller = False  # so far; once something is greater, the rest need not be described
         for index, old in enumerate(order):
             many, causes, gate = given[old]
-            if moved[causes] >> index:
-                break  # an effect would come before its cause
-            described.append((many, moved[causes], gate))
-            if alike and described[-1] != best[index]:
-                if described[-1] > best[index]:
-                    break
-                alike = False
+            described = many, moved[causes], gate
+            # Where a cause would come after its effect, this is no description.
+            if moved[causes] >> index or not (smaller or described <= given[index]):
+                break
+            smaller = smaller or described < given[index]
         else:
-            described.append((False, moved[kind.door.causes], kind.door.gate))
-            if not best or described < best:
-                best = described
-    assert best, "the order in which it was given is possible"
-    *roles, door = (Role(*role) for role in best)
-    return SchemaClass(tuple(roles), door)
+            if smaller or moved[kind.door.causes] < kind.door.causes:
+                return False
+    return True
 
 
 @cache
