@@ -10,6 +10,9 @@ script, this file is that process.
 The report of the bundled comparison, ``default``, with as many subjects and made-up attempts, is
 compared with figures alone: as many as it has, of four panels each, drawn by matplotlib in a fresh
 process. Both in seconds of the processor, as both are processes on a machine that may be busy.
+
+``python benchmarks/reporting.py --parts FILE`` runs that comparison itself and writes which part
+takes how long: its cells, one after another, with nothing compiled and once more, and all of it.
 """
 
 from __future__ import annotations
@@ -42,6 +45,7 @@ RECORDS = {
 }
 
 
+COMMAND = [sys.executable, "-m", "causal_openlock"]
 PEER = "24 figures in bare matplotlib"
 FIGURES = """\
 import io
@@ -62,7 +66,7 @@ def reporting(repeats: int) -> Iterator[Row]:
     with tempfile.TemporaryDirectory() as folder:
         default = read_experiment(find_experiment("default"))
         attempts = fabricate(Path(folder), default, RECORDS["human"][-1])
-        report = [sys.executable, __file__, folder]
+        report = [*COMMAND, "report", folder]
         figures = [sys.executable, "-c", FIGURES]
         mine, others = in_turns(
             lambda: _processor(report), lambda: _processor(figures), max(1, repeats // 2)
@@ -217,5 +221,46 @@ def _report(folder: Path) -> dict[str, float]:
     return {"peak": peak if sys.platform == "darwin" else peak * 1024}
 
 
+def parts() -> dict[str, Any]:
+    """Seconds of each part of the comparison ``default``; all but ``wall`` are of the processor."""
+    with tempfile.TemporaryDirectory() as compiled, tempfile.TemporaryDirectory() as folder:
+        os.environ["NUMBA_CACHE_DIR"] = compiled
+        play = [sys.executable, __file__, "--play"]
+        first, later = (json.loads(subprocess.check_output(play)) for _ in range(2))
+        began = time.perf_counter()
+        whole = _processor([*COMMAND, "compare", "default", "--out", folder])
+        wall = time.perf_counter() - began
+        report = _processor([*COMMAND, "report", folder])
+    return {
+        "wall": round(wall, 1),
+        "compare": round(whole, 1),
+        "report": round(report, 1),
+        "play": {one: round(later[one], 1) for one in sorted(later, key=later.get, reverse=True)},
+        "compile": round(sum(first.values()) - sum(later.values()), 1),
+    }
+
+
+def _play() -> dict[str, float]:
+    """Seconds of the processor that the cells of each learner take, in this process."""
+    from causal_openlock import find_experiment, read_experiment
+    from causal_openlock.running.runner import run
+
+    seconds: dict[str, float] = {}
+    last = [time.process_time()]
+
+    def note(cell: Cell, _: bool) -> None:
+        last.append(time.process_time())
+        seconds[cell.spec.name] = seconds.get(cell.spec.name, 0.0) + last[-1] - last[-2]
+
+    with tempfile.TemporaryDirectory() as folder:
+        run(read_experiment(find_experiment("default")), folder, workers=0, done=note)
+    return seconds
+
+
 if __name__ == "__main__":
-    print(json.dumps(_report(Path(sys.argv[1]))))
+    if sys.argv[1] == "--parts":
+        Path(sys.argv[2]).write_text(json.dumps(parts(), indent=1) + "\n", encoding="utf-8")
+    elif sys.argv[1] == "--play":
+        print(json.dumps(_play()))
+    else:
+        print(json.dumps(_report(Path(sys.argv[1]))))

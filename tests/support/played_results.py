@@ -15,7 +15,7 @@ from causal_openlock.experiment.file import Changes, find_experiment, read_exper
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS, PROTOCOLS, Protocol
 from causal_openlock.experiment.session import Session
 from support.fabricated_records import record_of_every_figure, table
-from support.made_up_experiments import NOBODY, experiment_of
+from support.made_up_experiments import NOBODY, experiment_of, stored
 
 SHORT = replace(
     PROTOCOLS["rl"],
@@ -45,7 +45,7 @@ def played(
         for spec in experiment.learners
         for condition in experiment.conditions
     )
-    return Material.of(record, experiment)
+    return Material.of(record, stored(experiment))
 
 
 @cache

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -202,9 +201,7 @@ def test_beliefs_are_shown_of_rooms_and_results_of_this_version() -> None:
 
     def made(seed: int, **versions: str) -> object:
         trials = attempts_to_solve(record).assign(seed=seed)
-        kept = replace(
-            stored(experiment), versions={"causal-openlock": RESULTS_VERSION, **versions}
-        )
+        kept = stored(experiment, versions={"causal-openlock": RESULTS_VERSION, **versions})
         return section_on(TOPIC, Material(record, kept, trials, ("bayes",), frozenset(), {}))
 
     shown = made(6)
