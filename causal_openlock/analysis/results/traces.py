@@ -77,7 +77,7 @@ def replayed(
     from causal_openlock.belief.belief_learner import BeliefLearner, Onlooker
     from causal_openlock.belief.structure_schemas import by_position, same_structure
     from causal_openlock.belief.trace import trace_trial
-    from causal_openlock.contract.registry import create
+    from causal_openlock.contract.registry import create, is_ours, origin
     from causal_openlock.world.rewards import PAPER_REWARD
 
     known = believers(results)
@@ -123,6 +123,8 @@ def replayed(
     schema = next(one for one in rooms[condition].schemas if one.name == row["schema"])
     room = Room.of(schema, recorded_layout(schema, row["layout"], len(trace.nodes) - 1))
     other = other_versions(results.experiment.versions, {"causal-openlock": RESULTS_VERSION})
+    if not is_ours(spec.learner) and spec.origin.package != origin(spec.learner):
+        other = f"other code of the learner, {spec.origin.package}"
     if other or _done(trace) != recorded[-1] or not same_structure(by_position(room), trace.truth):
         raise NothingToDrawError(
             f"beliefs of {learner} are not known: its trials are of {other or 'other rooms'}; run "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -183,23 +184,26 @@ def test_long_tables_are_closed_on_the_page() -> None:
     assert "<details" not in pages[1]
 
 
-def test_beliefs_are_shown_of_rooms_and_results_of_this_version() -> None:
+def test_beliefs_are_shown_of_rooms_and_results_of_this_version(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     import pyarrow.compute as pc
 
     from causal_openlock.analysis.topics.belief_traces import TOPIC
     from causal_openlock.contract.registry import create
     from causal_openlock.experiment.building import Changes
+    from causal_openlock.experiment.experiment import Experiment
     from causal_openlock.experiment.file import find_experiment, read_experiment
     from causal_openlock.experiment.session import Session
 
     experiment = read_experiment(
         find_experiment("default"), Changes(["CC3"], ["bayes", "random"], None, 2, 6)
     )
-    (entry, _), (condition,) = experiment.learners, experiment.conditions
+    (entry, other), (condition,) = experiment.learners, experiment.conditions
     session = Session(condition, entry.protocol, [3, 4], seed=6, learner="bayes")
     record = session.play(create("bayes"))
 
-    def made(seed: int, **versions: str) -> object:
+    def made(seed: int, experiment: Experiment = experiment, **versions: str) -> object:
         trials = attempts_to_solve(record).assign(seed=seed)
         kept = stored(experiment, versions={"causal-openlock": RESULTS_VERSION, **versions})
         return section_on(TOPIC, Material(record, kept, trials, ("bayes",), frozenset(), {}))
@@ -216,3 +220,8 @@ def test_beliefs_are_shown_of_rooms_and_results_of_this_version() -> None:
     assert told.frame["obtained"].notna().all()
     assert made(8) is None  # with this seed it is in another room
     assert made(6, **{"causal-openlock": "1"}) is None
+    # A package of somebody else may change its learner, and the version of results stays.
+    monkeypatch.setattr("causal_openlock.contract.registry.is_ours", lambda _: False)
+    assert made(6) is not None
+    changed = replace(entry, recorded=replace(entry.origin, package="theirs 2"))
+    assert made(6, replace(experiment, learners=(changed, other))) is None
