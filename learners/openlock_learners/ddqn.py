@@ -27,6 +27,11 @@ from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.world.randomness import Streams, certain
 from openlock_learners.checkpointed import Checkpointed
 from openlock_learners.networks.denormals import denormals_flushed
+from openlock_learners.networks.replay_buffer import (
+    ObservationTable,
+    PrioritisedReplayBuffer,
+    ReplayBuffer,
+)
 
 if TYPE_CHECKING:
     import torch
@@ -126,11 +131,6 @@ class DDQN(Checkpointed, Learner):
         import torch
 
         from openlock_learners.networks.double_q import find_device
-        from openlock_learners.networks.replay_buffer import (
-            ObservationTable,
-            PrioritisedReplayBuffer,
-            ReplayBuffer,
-        )
 
         settings = self.parameters
         torch.set_num_threads(settings.threads)
@@ -157,9 +157,9 @@ class DDQN(Checkpointed, Learner):
         self._table = ObservationTable(self._inputs)
         size = (brief.subjects, settings.replay_size)
         self._replay = (
-            PrioritisedReplayBuffer(*size, settings.priority_exponent, self._device)
+            PrioritisedReplayBuffer(*size, settings.priority_exponent)
             if settings.prioritised
-            else ReplayBuffer(*size, self._device)
+            else ReplayBuffer(*size)
         )
         self.epsilon = np.full(brief.subjects, settings.epsilon_start)
         self._actions = np.zeros(brief.subjects, dtype=np.int64)
@@ -231,11 +231,14 @@ class DDQN(Checkpointed, Learner):
             self.q.observe(self._torch.from_numpy(self._table.rows))
 
     def _train(self, trains: BoolArray) -> None:
-        batch = self._replay.sample(self._batches.uniform(), self.importance)
+        replay = self._replay
+        prioritised = isinstance(replay, PrioritisedReplayBuffer)
+        batch = replay.sample(self._batches.uniform(), self.importance if prioritised else 1.0)
         mask = None if trains.all() else self._torch.from_numpy(trains).to(self._device)
         with denormals_flushed():
             self._errors = self.q.update(batch, mask)
-        self._replay.update_priorities(batch.slot, self._errors, trains)
+        if isinstance(replay, PrioritisedReplayBuffer):
+            replay.update_priorities(batch.slot, self._errors.cpu().numpy(), trains)
 
     @property
     def importance(self) -> FloatArray:
@@ -249,8 +252,8 @@ class DDQN(Checkpointed, Learner):
         settings, playing = self.parameters, step.view.playing
         decays_at = {"action": playing, "attempt": step.attempt_over, "trial": step.trial_over}
         decays = decays_at[settings.epsilon_decays_with] & playing
-        decayed = np.maximum(self.epsilon * settings.epsilon_decay, settings.epsilon_min)
-        self.epsilon = np.where(decays, decayed, self.epsilon)
+        decayed = self.epsilon * settings.epsilon_decay
+        np.maximum(decayed, settings.epsilon_min, out=self.epsilon, where=decays)
         if settings.epsilon_after_trial is not None:
             self.epsilon[step.trial_over & playing] = settings.epsilon_after_trial
 

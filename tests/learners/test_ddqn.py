@@ -155,7 +155,7 @@ def test_a_value_ends_with_the_attempt_or_reaches_over_it() -> None:
         learner.begin(session.brief)
         lever = session.truth.rooms[0].action_of(["L0"])[0]
         play(learner, session, [lever, 14, 14, 14, 14, 14])
-        before, _, after, _, not_done = learner._replay.rings[:, 0, :6].int().tolist()
+        before, _, after, _, not_done = learner._replay.rings[:, 0, :6].astype(int).tolist()
         # Two attempts of three actions, and the trial is over with the second.
         assert not_done == ([1, 1, 1, 1, 1, 0] if over_attempts else [1, 1, 0, 1, 1, 0])
         third = learner._table.rows[after[2]]

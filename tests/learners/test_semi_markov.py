@@ -43,7 +43,7 @@ def test_each_solution_found_sets_one_more_bit_until_all_are_set(bits: int) -> N
     learner = begun(replace(SMALL, solution_bits=bits), session)
     assert learner.q.online.sizes[0] == 16 + bits
     solve(learner, session, [0, 0, 2, 1, 1])  # those found again do not count
-    rows = learner._table.rows[learner._replay.rings[0, 1, :15].long().numpy()]
+    rows = learner._table.rows[learner._replay.rings[0, 1, :15].astype(int)]
     counts = np.repeat([0, 1, 1, 2, 3], 3)
     assert rows[:, 16:].tolist() == [
         [float(bit < count) for bit in range(bits)] for count in counts
@@ -55,7 +55,7 @@ def test_the_bits_are_cleared_in_the_next_trial() -> None:
     session = Session(ROOM, replace(HUMAN, attempt_limit=3, baseline_loops=2), 1)
     learner = begun(SMALL, session)
     solve(learner, session, [0, 1, 2, 0])
-    rows = learner._table.rows[learner._replay.rings[0, 0, :12].long().numpy()]
+    rows = learner._table.rows[learner._replay.rings[0, 0, :12].astype(int)]
     assert rows[:, 16:].sum(axis=1).tolist() == [0, 0, 0, 1, 1, 1, 2, 2, 2, 0, 0, 0]
 
 
@@ -64,7 +64,7 @@ def test_what_follows_a_solution_knows_of_it(over_attempts: bool) -> None:
     session = Session(ROOM, HUMAN, 1)
     learner = begun(replace(SMALL, bootstrap_over_attempts=over_attempts), session)
     solve(learner, session, [0, 1])
-    rows = learner._table.rows[learner._replay.rings[2, 0, :6].long().numpy()]
+    rows = learner._table.rows[learner._replay.rings[2, 0, :6].astype(int)]
     assert rows[:, 16:].sum(axis=1).tolist() == [0, 0, 1, 1, 1, 2]
 
 

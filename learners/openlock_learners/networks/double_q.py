@@ -246,8 +246,8 @@ class StackedDoubleQ:
         """One gradient step for every agent on its own minibatch.
 
         Args:
-            batch: The minibatches. An agent's loss is the mean over its transitions, each times
-                its weight.
+            batch: The minibatches, of arrays or tensors. An agent's loss is the mean over its
+                transitions, each times its weight.
             trains: ``[N]`` which agents take the step; the networks of the others, and the state
                 of the optimizer, stay as they are, whatever their minibatches hold. By default all
                 do.
@@ -255,6 +255,7 @@ class StackedDoubleQ:
         Returns:
             ``[N, M]`` the TD errors before the step.
         """
+        batch = Batch(*map(self._here, batch))
         errors, activations, output = self._evaluate(batch)
         # The slope of half the square is the error; Huber's never exceeds 1.
         slope = errors.clamp(-1.0, 1.0) if self.loss == "huber" else errors
@@ -268,6 +269,11 @@ class StackedDoubleQ:
             self._put_back(before, trains)
         self._after_step()
         return errors
+
+    def _here(self, part: Any) -> Tensor:
+        """Part of a minibatch where and as the networks are."""
+        tensor = torch.as_tensor(part, device=self._table.device)
+        return tensor.to(self._table.dtype) if tensor.is_floating_point() else tensor
 
     def _of_agents(self) -> list[Tensor]:
         """The networks and the state of the optimizer, all laid out alike."""

@@ -30,6 +30,8 @@ RULES: dict[OptimizerName, int] = {
     "rmsprop": kernels.RMSPROP,
     "sgd": kernels.SGD,
 }
+VIEWS = {"_networks", "_optimizer"}
+"""Attributes of a :class:`CompiledDoubleQ` that share the memory of its tensors."""
 LOSSES = {"huber": kernels.HUBER, "squared": kernels.SQUARED}
 
 
@@ -55,16 +57,20 @@ class CompiledDoubleQ(StackedDoubleQ):
     compiler, which takes a second.
     """
 
-    @property
+    @cached_property
     def _networks(self) -> tuple[kernels.Networks, kernels.Networks]:
         """The networks and the target networks, as views of the tensors."""
         online, target = self.online.parameters.numpy(), self.target.parameters.numpy()
         shape = *layout(self.online.sizes, self.online.agents), self.online.agents
         return kernels.Networks(online, *shape), kernels.Networks(target, *shape)
 
-    @property
+    @cached_property
     def _type(self) -> np.dtype[Any]:
         return self.online.parameters.numpy().dtype
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but the views: those of a copy are of its own tensors."""
+        return {name: part for name, part in vars(self).items() if name not in VIEWS}
 
     def observe(self, table: Tensor) -> None:
         """See :class:`~openlock_learners.networks.double_q.StackedDoubleQ`."""
@@ -82,7 +88,7 @@ class CompiledDoubleQ(StackedDoubleQ):
             given=np.zeros(observations * sum(sizes), self._type),
             slope=np.zeros(2 * (observations + 1) * widest, self._type),
             rest=np.zeros(widest, self._type),
-            listed=np.zeros(terms, dtype=np.int64),
+            listed=np.zeros(terms, dtype=np.uint64),
             factors=np.zeros(terms, self._type),
             rows=np.zeros(observations, dtype=np.int64),
             inputs=np.zeros((observations, sizes[0]), self._type),
@@ -105,8 +111,8 @@ class CompiledDoubleQ(StackedDoubleQ):
             self._scratch = self._scratch_for(most)
         errors = kernels.update(
             *self._networks,
-            Batch(*(np.ascontiguousarray(part.numpy()) for part in batch)),
-            np.ones(self.online.agents, dtype=bool) if trains is None else trains.numpy(),
+            Batch(*map(self._here, batch)),
+            np.ones(self.online.agents, dtype=bool) if trains is None else np.asarray(trains),
             self._target_table,
             self._optimizer_step(),
             self.gamma,
@@ -116,6 +122,10 @@ class CompiledDoubleQ(StackedDoubleQ):
         )
         self._after_step()
         return torch.from_numpy(errors)
+
+    def _here(self, part: Any) -> Any:
+        array = np.asarray(part)
+        return np.ascontiguousarray(array, self._type if array.dtype.kind == "f" else None)
 
     def _target_changed(self) -> None:
         self._target_table.is_known[:] = False
@@ -130,34 +140,38 @@ class CompiledDoubleQ(StackedDoubleQ):
         """See :class:`~openlock_learners.networks.double_q.StackedDoubleQ`."""
         super().load_state_dict(state)
         self._state = self.optimizer.state.get(self.online.parameters, {})
+        vars(self).pop("_optimizer", None)
 
     @cached_property
     def _state(self) -> dict[str, Tensor]:
         """The optimizer's step and moments, as torch names them; empty before the first step."""
         return {}
 
-    def _optimizer_step(self) -> kernels.Optimizer:
-        """Count one more step of torch's optimizer, and describe it at that step."""
+    @cached_property
+    def _optimizer(self) -> tuple[NDArray[Any], float, float, kernels.Optimizer]:
+        """The steps taken, what two moments keep, and torch's optimizer: views of the tensors."""
         rule, parameters = RULES[self.optimizer_name], self.online.parameters
         settings = defaults_of(self.optimizer_name)
         first = second = parameters.numpy()  # unused where the rule keeps no moments
-        kept, kept_square, count = 0.0, 0.0, 1.0
+        kept, kept_square, count = 0.0, 0.0, np.ones(())
         if rule != kernels.SGD:
             moments = ("exp_avg", "exp_avg_sq") if rule == kernels.ADAM else ("square_avg",)
             state = self._state
             if not state:  # created at the first step, as torch does
                 state["step"] = torch.zeros((), dtype=torch.float32)
                 state |= {name: torch.zeros_like(parameters) for name in moments}
-            state["step"] += 1
-            count = float(state["step"])
-            first, second = (state[name].numpy() for name in (moments[0], moments[-1]))
+            count, first, second = (
+                state[name].numpy() for name in ("step", moments[0], moments[-1])
+            )
             kept, kept_square = settings.get("betas", (0.0, settings.get("alpha")))
-        numbers = (
-            self.learning_rate / (1 - kept**count),
-            1 - kept,
-            kept_square,
-            1 - kept_square,
-            settings.get("eps", 0.0),
-            (1 - kept_square**count) ** -0.5,
-        )
-        return kernels.Optimizer(rule, np.array(numbers, self._type), first, second)
+        numbers = (0.0, 1 - kept, kept_square, 1 - kept_square, settings.get("eps", 0.0), 0.0)
+        optimizer = kernels.Optimizer(rule, np.array(numbers, self._type), first, second)
+        return count, kept, kept_square, optimizer
+
+    def _optimizer_step(self) -> kernels.Optimizer:
+        """Count one more step of torch's optimizer, and describe it at that step."""
+        steps, kept, kept_square, optimizer = self._optimizer
+        steps += 1
+        optimizer.settings[0] = self.learning_rate / (1 - kept ** float(steps))
+        optimizer.settings[5] = (1 - kept_square ** float(steps)) ** -0.5
+        return optimizer

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.floating[Any]]
 Integers = NDArray[np.int64]
+Places = NDArray[np.uint64]  # of a signed one, each use asks whether it counts from the end
 
 ADAM, RMSPROP, SGD = range(3)
 HUBER, SQUARED = range(2)
@@ -51,8 +52,8 @@ def inlined(function: Compiled) -> Compiled:
 
 
 def reassociated(function: Compiled) -> Compiled:
-    """Compile sums in several parts at once, in an order that their length decides."""
-    return loops(function, fastmath={"contract", "reassoc"})
+    """Inline sums in several parts at once, in an order that their length decides."""
+    return loops(function, fastmath={"contract", "reassoc"}, forceinline=True)
 
 
 class Networks(NamedTuple):
@@ -119,7 +120,7 @@ class Scratch(NamedTuple):
     given: Floats
     slope: Floats
     rest: Floats
-    listed: Integers
+    listed: Places
     factors: Floats
     rows: Integers
     inputs: Floats
@@ -168,7 +169,7 @@ def copy(values: Floats, output: Floats) -> None:
 
 
 @inlined
-def list_terms(values: Floats, filler: int, listed: Integers, factors: Floats) -> int:
+def list_terms(values: Floats, filler: int, listed: Places, factors: Floats) -> int:
     """List and count what is not zero of some values.
 
     Four terms of factor zero follow, all of the vector ``filler``, so that sums can go by fours.
@@ -198,7 +199,7 @@ def four_terms(rest: Any, vectors: Floats, which: Any, factors: Any, element: in
 
 @inlined
 def add_terms(
-    first: int, many: int, listed: Integers, factors: Floats, vectors: Floats, output: Floats
+    first: int, many: int, listed: Places, factors: Floats, vectors: Floats, output: Floats
 ) -> None:
     """Add the terms listed, from the first on, to a vector: in their order, whatever else there is.
 

@@ -10,9 +10,7 @@ from __future__ import annotations
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from causal_openlock.contract.learner import Observations
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
@@ -47,7 +45,7 @@ class ObservationTable(Checkpointed):
 class Batch(NamedTuple):
     """A minibatch of M transitions for each of N agents.
 
-    Every part is ``[N, M]``: a tensor, or an array for compiled code.
+    Every part is ``[N, M]``: an array, or a tensor on the device that needs one.
 
     Attributes:
         before: Number of the observation that the action was taken in.
@@ -74,23 +72,20 @@ class ReplayBuffer(Checkpointed):
     Args:
         subjects: B.
         capacity: Transitions that each ring holds; a new one then overwrites the oldest.
-        device: Where the rings are kept.
 
     Attributes:
         length: ``[B]`` transitions that each ring holds now.
         rings: ``[5, B, capacity]`` number of the observation before, action, number of the
-            observation after, reward, and ``not_done``. One tensor takes one call to write or to
+            observation after, reward, and ``not_done``. One array takes one call to write or to
             read; double precision holds all integers here.
     """
 
-    def __init__(
-        self, subjects: int, capacity: int, device: torch.device | str | None = None
-    ) -> None:
+    def __init__(self, subjects: int, capacity: int) -> None:
         self.capacity = capacity
         self.length: IntArray = np.zeros(subjects, dtype=np.int64)
         self._next: IntArray = np.zeros(subjects, dtype=np.int64)
         self._begins: IntArray = np.arange(subjects)[:, None] * capacity
-        self.rings = torch.zeros(5, subjects, capacity, dtype=torch.float64, device=device)
+        self.rings: FloatArray = np.zeros((5, subjects, capacity))
 
     def add(
         self,
@@ -100,15 +95,13 @@ class ReplayBuffer(Checkpointed):
         reward: FloatArray,
         after: IntArray,
         not_done: BoolArray,
-    ) -> Tensor:
-        """Add a transition for each of the subjects ``who``; return its place in the flat rings."""
+    ) -> IntArray:
+        """Add a transition for each of the subjects ``who``; return its slot in each one's ring."""
         slot = self._next[who]
-        new = np.array([before, action, after, reward, not_done], dtype=np.float64)
+        self.rings[:, who, slot] = before, action, after, reward, not_done
         self._next[who] = (slot + 1) % self.capacity
         self.length[who] = np.minimum(self.length[who] + 1, self.capacity)
-        places = torch.from_numpy(who * self.capacity + slot).to(self.rings.device)
-        self.rings.view(5, -1).index_copy_(1, places, torch.from_numpy(new).to(self.rings))
-        return places
+        return slot
 
     def sample(self, uniform: FloatArray, beta: FloatArray | float = 1.0) -> Batch:
         """Transitions drawn with replacement, for each subject from its own ring.
@@ -118,8 +111,8 @@ class ReplayBuffer(Checkpointed):
             beta: By subject, ``[B]``, or for all: how much of the bias of priorities is undone,
                 from 0 to 1.
         """
-        slots = torch.from_numpy((uniform * self.length[:, None]).astype(np.int64))
-        return self._at(slots.to(self.rings.device), torch.ones(slots.shape))
+        slots = (uniform * self.length[:, None]).astype(np.int64)
+        return self._at(slots, np.ones(slots.shape))
 
     def differing(self) -> FloatArray:
         """``[2, B]`` shares of what each ring holds with more than one reward.
@@ -130,7 +123,7 @@ class ReplayBuffer(Checkpointed):
         """
         shares = np.zeros((2, len(self.length)))
         for subject, length in enumerate(self.length):
-            before, action, _, reward, _ = self.rings[:, subject, :length].cpu().numpy()
+            before, action, _, reward, _ = self.rings[:, subject, :length]
             _, pair, count = np.unique(
                 np.stack([before, action]), axis=1, return_inverse=True, return_counts=True
             )
@@ -140,16 +133,10 @@ class ReplayBuffer(Checkpointed):
                 shares[:, subject] = differ.mean(), count[differ].sum() / length
         return shares
 
-    def update_priorities(self, slots: Tensor, errors: Tensor, who: BoolArray) -> None:
-        """Set the priorities of transitions, ``[B, M]``, of the subjects ``who``, ``[B]``."""
-
-    def _at(self, slots: Tensor, weight: Tensor) -> Batch:
-        places = slots + torch.from_numpy(self._begins).to(slots.device)
-        held = self.rings.view(5, -1).index_select(1, places.flatten()).view(5, *slots.shape)
-        before, action, after = held[:3].long()
-        reward, not_done = held[3:].to(torch.get_default_dtype())
-        weight = weight.to(reward)
-        return Batch(before, action, reward, after, not_done, weight, slots)
+    def _at(self, slots: IntArray, weight: FloatArray) -> Batch:
+        held = self.rings.reshape(5, -1).take(slots + self._begins, axis=1)
+        before, action, after = held[:3].astype(np.int64)
+        return Batch(before, action, held[3], after, held[4], weight, slots)
 
 
 class PrioritisedReplayBuffer(ReplayBuffer):
@@ -165,54 +152,35 @@ class PrioritisedReplayBuffer(ReplayBuffer):
         alpha: 0 draws uniformly, 1 in proportion to the error; the others as before.
     """
 
-    def __init__(
-        self,
-        subjects: int,
-        capacity: int,
-        alpha: float,
-        device: torch.device | str | None = None,
-    ) -> None:
-        super().__init__(subjects, capacity, device)
+    def __init__(self, subjects: int, capacity: int, alpha: float) -> None:
+        super().__init__(subjects, capacity)
         self.alpha = alpha
-        # Sums of thousands of them are compared with each other: single precision will not do.
-        self.priority = torch.zeros(subjects, capacity, dtype=torch.float64, device=device)
-        self._highest = torch.ones(subjects, dtype=torch.float64, device=device)
+        self.priority: FloatArray = np.zeros((subjects, capacity))
+        self._highest: FloatArray = np.ones(subjects)
 
-    def add(self, who: IntArray, *transition: Any) -> Tensor:
+    def add(self, who: IntArray, *transition: Any) -> IntArray:
         """See :class:`ReplayBuffer`."""
-        where = super().add(who, *transition)
-        self.priority.view(-1)[where] = self._highest[where // self.capacity]
-        return where
+        slot = super().add(who, *transition)
+        self.priority[who, slot] = self._highest[who]
+        return slot
 
     def sample(self, uniform: FloatArray, beta: FloatArray | float = 1.0) -> Batch:
         """Transitions drawn by priority, for each subject from its own ring."""
-        device = self.rings.device
         stratum = (np.arange(uniform.shape[1]) + uniform) / uniform.shape[1]
-        upto = self.priority.cumsum(dim=1)
+        upto = self.priority.cumsum(axis=1)
         total = upto[:, -1:]
-        slots = torch.searchsorted(upto, torch.from_numpy(stratum).to(device) * total, right=True)
-        length = torch.from_numpy(self.length).to(device)[:, None]
-        slots = torch.minimum(slots, length - 1).clamp_(min=0)
-        probability = self.priority.gather(1, slots) / total
+        drawn = zip(upto, stratum * total, strict=True)
+        slots = np.array([np.searchsorted(own, share, side="right") for own, share in drawn])
+        slots = np.maximum(np.minimum(slots, self.length[:, None] - 1), 0)
         exponent = np.broadcast_to(beta, self.length.shape)[:, None]
-        weight = _power(length * probability, -exponent)
-        weight /= weight.amax(dim=1, keepdim=True)
-        return self._at(slots, weight)
+        with np.errstate(invalid="ignore"):  # an empty ring has no total
+            probability = np.take_along_axis(self.priority, slots, axis=1) / total
+            weight = (self.length[:, None] * probability) ** -exponent
+        return self._at(slots, weight / weight.max(axis=1, keepdims=True))
 
-    def update_priorities(self, slots: Tensor, errors: Tensor, who: BoolArray) -> None:
-        """Set them by the new TD errors."""
-        mine = torch.from_numpy(np.flatnonzero(who)).to(slots.device)
-        priority = _power(errors[mine].abs().double() + LEAST_PRIORITY, self.alpha)
+    def update_priorities(self, slots: IntArray, errors: FloatArray, who: BoolArray) -> None:
+        """Set those of transitions, ``[B, M]``, by their errors, for the subjects ``who``."""
+        mine = np.flatnonzero(who)
+        priority = (np.abs(errors[mine], dtype=np.float64) + LEAST_PRIORITY) ** self.alpha
         self.priority[mine[:, None], slots[mine]] = priority
-        self._highest[mine] = torch.maximum(self._highest[mine], priority.amax(dim=1))
-
-
-def _power(base: Tensor, exponent: FloatArray | float) -> Tensor:
-    """``base ** exponent``, each number by itself.
-
-    On a CPU, torch takes another formula for the last few numbers of a tensor, and which these are
-    depends on how many subjects there are. NumPy does not.
-    """
-    if base.device.type == "cpu":
-        return torch.from_numpy(base.numpy() ** exponent)
-    return base ** torch.as_tensor(exponent, dtype=base.dtype, device=base.device)
+        self._highest[mine] = np.maximum(self._highest[mine], priority.max(axis=1))

@@ -6,7 +6,6 @@ import copy
 
 import numpy as np
 import pytest
-import torch
 
 from openlock_learners.networks.replay_buffer import (
     ObservationTable,
@@ -56,7 +55,7 @@ def test_samples_are_uniform_and_from_the_subject_s_own_ring() -> None:
     luck = np.random.default_rng(0).random((3, 20_000))
     before, action, reward, after, not_done, weight, slot = replay.sample(luck)
     assert (weight == 1).all()
-    assert torch.equal(replay.rings[0].long().gather(1, slot), before)
+    assert (np.take_along_axis(replay.rings[0], slot, axis=1) == before).all()
     for subject in range(3):
         marks, counts = np.unique(before[subject], return_counts=True)
         assert marks.tolist() == [100 * subject + t for t in range(5)]
@@ -73,11 +72,11 @@ def test_samples_are_uniform_and_from_the_subject_s_own_ring() -> None:
 
 def prioritised(priorities: list[list[float]], alpha: float = 1.0) -> PrioritisedReplayBuffer:
     """A ring for each list, as if its errors had been these."""
-    errors = torch.tensor(priorities, dtype=torch.float64)
+    errors = np.array(priorities)
     subjects, many = errors.shape
     replay = PrioritisedReplayBuffer(subjects, many + 3, alpha)
     filled(subjects, many + 3, many, replay)
-    slots = torch.arange(many).expand(subjects, -1)
+    slots = np.tile(np.arange(many), (subjects, 1))
     replay.update_priorities(slots, errors, np.ones(subjects, dtype=bool))
     return replay
 
@@ -90,7 +89,7 @@ def test_transitions_are_drawn_in_proportion_to_their_priorities(alpha: float) -
     before = replay.sample(luck).before
     for subject in range(2):
         expected = np.abs(errors[subject]) ** alpha
-        counts = torch.bincount(before[subject] - 100 * subject, minlength=4).numpy()
+        counts = np.bincount(before[subject] - 100 * subject, minlength=4)
         assert len(counts) == 4  # nothing from the places that are still empty
         # Drawn by strata, they differ from what is expected by less than one draw in a border.
         assert counts == pytest.approx(40_000 * expected / expected.sum(), abs=12)
@@ -110,12 +109,12 @@ def test_importance_weights_undo_the_bias() -> None:
     for beta in (0.0, 0.4, 1.0):
         batch = replay.sample(luck, beta)
         weights = (4 * chance) ** -beta
-        expected = (weights / weights.max())[batch.slot[0].numpy()]
-        assert batch.weight[0].numpy() == pytest.approx(expected, rel=1e-5)
+        expected = (weights / weights.max())[batch.slot[0]]
+        assert batch.weight[0] == pytest.approx(expected, rel=1e-5)
     # With beta 1, what is drawn more often counts by so much less: sums are those of all alike.
     weight = replay.sample(np.full((1, 1600), 0.5), 1.0)
-    sums = torch.bincount(weight.slot[0], weight.weight[0].double(), minlength=4)
-    assert sums.numpy() == pytest.approx([100.0] * 4, rel=1e-4)
+    sums = np.bincount(weight.slot[0], weight.weight[0], minlength=4)
+    assert sums == pytest.approx([100.0] * 4, rel=1e-4)
 
 
 def test_beta_may_differ_between_subjects() -> None:
@@ -128,7 +127,7 @@ def test_beta_may_differ_between_subjects() -> None:
 def test_a_new_transition_has_the_highest_priority_so_far() -> None:
     replay = prioritised([[1.0, 6.0], [1.0, 0.5]])
     who = np.array([0, 1])
-    replay.update_priorities(torch.tensor([[1], [1]]), torch.ones(2, 1), np.array([True, False]))
+    replay.update_priorities(np.array([[1], [1]]), np.ones((2, 1)), np.array([True, False]))
     replay.add(who, who, who, who.astype(float), who, who > 0)
     assert replay.priority[:, 2].tolist() == pytest.approx([6.0, 1.0], rel=1e-5)
     assert replay.priority[:, 1].tolist() == pytest.approx([1.0, 0.5], rel=1e-5)
@@ -142,7 +141,7 @@ def test_a_loaded_memory_draws_the_same() -> None:
     luck = np.random.default_rng(1).random((1, 64))
     assert same(tuple(replay.sample(luck)), tuple(other.sample(luck)))
     filled(1, 6, 2, other)
-    other.update_priorities(torch.tensor([[0]]), torch.ones(1, 1) * 50, np.array([True]))
+    other.update_priorities(np.array([[0]]), np.ones((1, 1)) * 50, np.array([True]))
     assert same(kept, replay.state_dict())
 
 
