@@ -10,7 +10,8 @@ processes of the peer's with one agent each. A cell of few subjects is measured 
 what a step costs whatever the number of agents weighs more in it. Where there is a GPU, it trains
 160 subjects at once.
 
-Meta-training of ``rl2`` is measured against the same training whose network is plain torch.
+Meta-training of ``rl2`` is measured against the same training whose network is plain torch. Except
+on a GPU, seconds are the processor's: other work on the machine counts less.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ def ddqn(repeats: int) -> Iterator[Row]:
         mine,
         peer_name,
         others,
-        Target("at least", 20.0) if theirs else None,
+        Target("at least", 25.0) if theirs else None,
         note=note,
     )
     mine, others = in_turns(partial(_ours, ATTEMPTS, FEW), _ours, turns, warm_up=False)
@@ -63,7 +64,7 @@ def ddqn(repeats: int) -> Iterator[Row]:
         mine,
         f"{SUBJECTS} subjects at once",
         others,
-        Target("at least", 0.8),
+        Target("at least", 0.95),
         note=f"median of {turns} turns; what small cells cost",
     )
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
@@ -135,11 +136,10 @@ def _trained(compiled: bool, updates: int = UPDATES) -> float:
     )
     with nullcontext() if compiled else plain:
         training = MetaTraining(read_training(file), file.parent)
-    began = time.process_time()  # whatever else the machine does meanwhile
-    with denormals_flushed():
+    with stopwatch(time.process_time) as seconds, denormals_flushed():
         for _ in range(updates):
             training.update()
-    return training.actions / (time.process_time() - began)
+        return training.actions / seconds()
 
 
 def _everywhere(
@@ -165,7 +165,7 @@ def _ours(attempts: int = ATTEMPTS, subjects: int = SUBJECTS, device: Any = "cpu
     condition = Condition.named("CC4", find_schema)
     protocol = Protocol("benchmark", attempt_limit=attempts, stop_when_solved=False)
     session = Session(condition, protocol, subjects)
-    with stopwatch() as seconds:
+    with stopwatch(time.process_time if device == "cpu" else time.perf_counter) as seconds:
         record = session.play(DDQN(DDQNParameters(device=device)))
         took = seconds()
     return len(record["actions"].combine_chunks().flatten()) / took
@@ -198,6 +198,6 @@ def _peer() -> float:
         device="cpu",
         seed=0,
     )
-    with stopwatch() as seconds:
+    with stopwatch(time.process_time) as seconds:
         model.learn(PEER_STEPS)
         return PEER_STEPS / seconds()
