@@ -240,7 +240,7 @@ _HUGE = re.compile(r"[-+]?(0[xob])?[0-9a-f_]{400,}", re.IGNORECASE)
 
 
 class _RefusedError(Exception):
-    """What is not allowed was read: its mark, and what to do about it."""
+    """Something that is not allowed here: its mark, and what to do about it."""
 
 
 def _reader() -> YAML:
