@@ -48,7 +48,7 @@ SCALES = {
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--only", metavar="NAME", nargs="+", choices=HOMES, default=list(HOMES))
-    parser.add_argument("--repeats", metavar="N", type=int, default=7, help="turns (default 7)")
+    parser.add_argument("--repeats", metavar="N", type=int, default=5, help="turns (default 5)")
     parser.add_argument("--json", metavar="FILE", type=Path, help="write every measurement here")
     chosen = parser.parse_args(arguments)
     if chosen.repeats < 1:

@@ -56,9 +56,9 @@ def unsolved_after(trials: pd.DataFrame) -> pd.DataFrame:
         _, subject = numbered(own, SUBJECT)
         ended, solved = own["attempts"].to_numpy(), own["solved"].to_numpy()
         size, length = subject.max() + 1, ended.max() + 1
-        events = np.zeros((size, length), np.int64)
+        events = np.zeros((size, length))  # whole numbers, whose products BLAS adds exactly
         np.add.at(events, (subject[solved], ended[solved]), 1)
-        left = np.zeros((size, length), np.int64)
+        left = np.zeros((size, length))
         np.add.at(left, (subject, ended), 1)
         risk = left[:, ::-1].cumsum(axis=1)[:, ::-1]  # those that end at an attempt, or later
         low, high = bootstrap_interval(
@@ -69,13 +69,15 @@ def unsolved_after(trials: pd.DataFrame) -> pd.DataFrame:
         )
         share = kaplan_meier(events.sum(axis=0), risk.sum(axis=0))
         rows = pd.DataFrame({"attempts": np.arange(length), "unsolved": share})
-        rows = rows.assign(ci_low=low, ci_high=high, subjects=size, at_risk=risk.sum(axis=0))
+        rows = rows.assign(
+            ci_low=low, ci_high=high, subjects=size, at_risk=risk.sum(axis=0).astype(int)
+        )
         parts.append(rows.assign(**dict(zip(CELL, map(str, key), strict=True))))
     columns = [*CELL, "attempts", "unsolved", "ci_low", "ci_high", "subjects", "at_risk"]
     return pd.concat(parts, ignore_index=True)[columns] if parts else pd.DataFrame(columns=columns)
 
 
-def kaplan_meier(events: IntArray, at_risk: IntArray) -> FloatArray:
+def kaplan_meier(events: IntArray | FloatArray, at_risk: IntArray | FloatArray) -> FloatArray:
     """The share that survives.
 
     >>> kaplan_meier(np.array([0, 1, 0, 1]), np.array([4, 4, 3, 2])).tolist()
