@@ -388,7 +388,7 @@ def trace_text(trace: Trace, most: int = 30) -> Iterator[str]:
         yield from _wrapped(f"Now {belief_in_words(attempt[-1].after)}", "  ")
     if rest := trace.attempts[most:]:
         more = sum(action.outcome == "new solution" for attempt in rest for action in attempt)
-        news = counted(more, "new solution") if more else "nothing new"
+        news = counted(more, "new solution") if more else "no new solution"
         yield ""
         yield f"and {counted(len(rest), 'more attempt')}, with {news}"
         yield from _wrapped(f"In the end {belief_in_words(trace.snapshots[-1])}", "  ")

@@ -40,8 +40,8 @@ def design(
         bool,
         typer.Option(
             "--halving",
-            help="Give up the half of the conditions that tells least a minute, double the "
-            "subjects, and so on, until two are left.",
+            help="Give up the half of the conditions that tells least in a subject's minute, "
+            "double the subjects, and so on, until two are left.",
         ),
     ] = False,
     draws: Annotated[
@@ -58,10 +58,11 @@ def design(
 ) -> None:
     """Rank conditions by how well a minute tells theories apart.
 
-    Theories are the learners, with unknown parameters: those whose value lies in a range of the
-    learner's search space. Subjects of each are simulated, and all theories predict them. What was
-    stopped is continued by the same command. Written are conditions.csv, a row for each round and
-    condition; subjects.csv, of the last round; and design.json, with all settings.
+    A minute is one of a person's time. Theories are the learners, with unknown parameters: those
+    whose value lies in a range of the learner's search space. Subjects of each are simulated, and
+    all theories predict them. What was stopped is continued by the same command. Written are
+    conditions.csv, a row for each round and condition; subjects.csv, of the last round; and
+    design.json, with all settings.
     """
     import pandas as pd
 

@@ -112,7 +112,7 @@ def test_only_marks_that_occur_are_explained(played: Material) -> None:
     assert "*" not in every
     assert "1 ideal; solved" in every
     lucky = leaderboard(played).replace({"score": {1.0: 1.01}})
-    assert "1 ideal (above 1 by luck, with few subjects);" in legend(
+    assert "1 ideal (above 1: by luck, or who knows the room);" in legend(
         [*leaderboard_tables(lucky)], True
     )
     rows = [row for name in "ab" for row in play(name, same(5), 2)]
