@@ -23,13 +23,17 @@ def folder_at(place: Path | str) -> Path:
     """A folder to write to, which need not exist.
 
     Raises:
-        StoreError: If no path is given, or a file is there.
+        StoreError: If no path is given, or there can be no folder.
     """
     if not isinstance(place, str | Path):
         raise StoreError(f"a folder is given by its path, not by {type(place).__name__}")
-    for path in (Path(place), *Path(place).parents):
-        if path.exists() and not path.is_dir():
-            raise StoreError(f"{path} is a file; choose a folder")
+    try:
+        Path(place).resolve()  # fails at links in a circle, which exists() takes for nothing
+        for path in (Path(place), *Path(place).parents):
+            if path.exists() and not path.is_dir():
+                raise StoreError(f"{path} is a file; choose a folder")
+    except (OSError, RuntimeError, ValueError):
+        raise StoreError(f"{str(place)[:80]!r} cannot be a folder; choose another") from None
     return Path(place)
 
 

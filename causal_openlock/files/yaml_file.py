@@ -227,6 +227,9 @@ def parse_document(text: str, path: Path | str = "<text>") -> Document:
         raise FileError(
             path, [Fault(1, 1, f"this is not YAML: {problem}; is this the right file?")]
         ) from None
+    except (AssertionError, ValueError):  # of ruamel.yaml, which knows 1.1 and 1.2
+        message = "this version of YAML is not known; take the line %YAML out"
+        raise FileError(path, [Fault(1, 1, message)]) from None
 
 
 def _fault_after(before: str, message: str) -> Fault:
@@ -235,7 +238,7 @@ def _fault_after(before: str, message: str) -> Fault:
     return Fault(len(lines), len(lines[-1]) + 1, message)
 
 
-_HUGE = re.compile(r"[-+]?(0[xob])?[0-9a-f_]{400,}", re.IGNORECASE)
+_HUGE = re.compile(r"[-+]?((0[ob])?[0-9_]{400,}|0x[0-9a-f_]{400,})", re.IGNORECASE)
 """A whole number with so many digits that Python does not write it out."""
 
 
@@ -246,7 +249,15 @@ class _RefusedError(Exception):
 def _reader() -> YAML:
     """A parser that stops at what is refused, as soon as it is read, and drops comments."""
     from ruamel.yaml.parser import RoundTripParser
-    from ruamel.yaml.scanner import Scanner
+    from ruamel.yaml.scanner import Scanner as Plain
+
+    class Scanner(Plain):
+        def fetch_more_tokens(self) -> Any:
+            try:
+                return super().fetch_more_tokens()
+            except (ValueError, OverflowError):  # \U00110000 is beyond all characters
+                message = "a number here is larger than any that YAML knows; correct this line"
+                raise _RefusedError(self.reader.get_mark(), message) from None
 
     class Parser(RoundTripParser):
         def __init__(self, loader: Any) -> None:

@@ -117,6 +117,11 @@ def test_saved_results_are_the_same_and_stay(tmp_path: Path, folder: Path) -> No
             write(3)  # type: ignore[operator]
         with pytest.raises(StoreError, match=r"notes\.txt is a file; choose a folder$"):
             write(tmp_path / "notes.txt")  # type: ignore[operator]
+        (tmp_path / "loop").symlink_to("loop")
+        for place in (tmp_path / "loop" / "x", tmp_path / ("a" * 300), "a\0b"):
+            with pytest.raises(StoreError, match="cannot be a folder; choose another"):
+                write(place)  # type: ignore[operator]
+        (tmp_path / "loop").unlink()
     (tmp_path / "empty").mkdir()
     ol.open_results(folder).save(tmp_path / "empty")
     assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]

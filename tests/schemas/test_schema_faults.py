@@ -241,6 +241,11 @@ YAML_ITSELF: dict[str, tuple[str | bytes, list[Place]]] = {
     "no date": (good(name="2018-02-31"), [(1, 7, "looks like a number or a date and is none")]),
     "no number": (edge("0x_"), [(3, 29, "looks like a number or a date and is none")]),
     "5,000 digits": (edge("9" * 5000), [(3, 29, "this number has 5,000 digits")]),
+    "a long word": (edge("a" * 5000), [(3, 19, "this is a text of 5000 characters")]),
+    "beyond all characters": (good(title='"\\U00110000"'), [(4, 11, "a number here is larger")]),
+    "far beyond": (good(title='"\\UFFFFFFFF"'), [(4, 11, "a number here is larger")]),
+    "YAML 1.3": ("%YAML 1.3\n---\n" + good(), [(1, 1, "take the line %YAML out")]),
+    "YAML of many digits": (f"%YAML {'9' * 5000}.1\n---\n", [(1, 7, "a number here is larger")]),
     "YAML 1.1": ("%YAML 1.1\n---\n" + good(), [(2, 1, "take the line %YAML out")]),
     "nested lists": (good(title="[" * 20 + "]" * 20), [(4, 23, "nested deeper than 16 levels")]),
     "nested keys": (

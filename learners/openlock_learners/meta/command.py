@@ -28,11 +28,16 @@ def train(
 
     from causal_openlock.cli.stopping import resumable
     from causal_openlock.cli.terminal import say
+    from causal_openlock.errors import OpenLockError
+    from causal_openlock.files.atomic import folder_at
     from causal_openlock.schemas.finding import bundled
     from openlock_learners.meta.training import MetaTraining, run_training
     from openlock_learners.meta.training_file import read_training
     from openlock_learners.networks.denormals import denormals_flushed
 
+    if not out.name or out.is_dir():
+        raise OpenLockError(f"{out} is a folder; give --out the name of a file, such as rl2.npz")
+    folder_at(out.parent)
     torch.set_num_threads(threads)
     file = file or bundled("experiments") / "meta_training" / "rl2.yaml"
     declared = read_training(file)

@@ -322,6 +322,25 @@ def test_a_fault_in_the_file_has_its_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("out", "says"),
+    [
+        ("", "is a folder; give --out the name"),
+        ("net", "net is a folder"),
+        ("f/net.npz", "f is a file"),
+    ],
+)
+def test_where_no_network_can_be_written_none_is_trained(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, out: str, says: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "net").mkdir()
+    (tmp_path / "f").touch()
+    with pytest.raises(OpenLockError, match=says):
+        train(small(tmp_path), Path(out))
+    assert not list(tmp_path.glob("*.training"))
+
+
+@pytest.mark.parametrize(
     ("was", "now", "says"),
     [
         ("attempt_limit: 4", "excluded_layouts: [trial77]", "no layout 'trial77'; did you mean"),
