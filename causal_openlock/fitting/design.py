@@ -256,7 +256,7 @@ def theories_of(experiment: Experiment, outside: Sequence[str]) -> tuple[Learner
     """The learners of an experiment that are theories.
 
     Raises:
-        LearnerError: If there is no learner of a label in ``outside``.
+        LearnerError: If ``outside`` names a learner that is not in the experiment.
     """
     known_learners(outside, experiment.learners)
     return tuple(one for one in experiment.learners if one.name not in outside)

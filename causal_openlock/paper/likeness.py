@@ -29,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.effects import Group
+from causal_openlock.analysis.effects import Group, weighted_difference
 from causal_openlock.analysis.measures import (
     BASELINES,
     CELL,
@@ -304,8 +304,6 @@ def effects_of(points: pd.DataFrame, trials: pd.DataFrame | None = None) -> pd.D
 
 def _within(effect: Effect, each: pd.DataFrame) -> tuple[float, float, int, float]:
     """An effect within subjects: the mean of each one's weighted sum, tested against zero."""
-    from scipy.special import stdtr
-
     condition = next(iter(effect.weights))[0]
     attempts, places = at_places(each[each["condition"] == condition])
     sums = sum(
@@ -315,8 +313,9 @@ def _within(effect: Effect, each: pd.DataFrame) -> tuple[float, float, int, floa
     value, freedom = float(np.mean(sums)), len(attempts) - 1
     if np.ptp(sums) == 0:  # as of a single subject
         return value, float("nan"), freedom, float("nan")
-    t = value / float(np.std(sums, ddof=1) / np.sqrt(len(attempts)))
-    return value, t, freedom, float(2 * stdtr(freedom, -abs(t)))
+    group = Group.of(np.asarray(sums))
+    t = value / float(np.sqrt(group.variance / group.size))
+    return value, t, freedom, weighted_difference([group]).p
 
 
 def likeness_table(points: Sequence[pd.DataFrame], effects: Sequence[pd.DataFrame]) -> pd.DataFrame:

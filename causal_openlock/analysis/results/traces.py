@@ -105,6 +105,11 @@ def replayed(
             f"subjects from {own['subject'].min()} to {own['subject'].max()}, and trials from 1 to "
             f"{len(visits) or int(own.groupby('subject').size().max())}"
         )
+    other = other_versions(results.experiment.versions, {"causal-openlock": RESULTS_VERSION})
+    if not is_ours(spec.learner) and spec.origin.package != origin(spec.learner):
+        other = f"other code of the learner, {spec.origin.package}"
+    if other:
+        raise _unknown(learner, other)
     row = visits.iloc[trial - 1]
     believer = create(spec.learner, spec.parameters)
     assert isinstance(believer, BeliefLearner)
@@ -122,15 +127,16 @@ def replayed(
     )
     schema = next(one for one in rooms[condition].schemas if one.name == row["schema"])
     room = Room.of(schema, recorded_layout(schema, row["layout"], len(trace.nodes) - 1))
-    other = other_versions(results.experiment.versions, {"causal-openlock": RESULTS_VERSION})
-    if not is_ours(spec.learner) and spec.origin.package != origin(spec.learner):
-        other = f"other code of the learner, {spec.origin.package}"
-    if other or _done(trace) != recorded[-1] or not same_structure(by_position(room), trace.truth):
-        raise NothingToDrawError(
-            f"beliefs of {learner} are not known: its trials are of {other or 'other rooms'}; run "
-            "the comparison again to see them"
-        )
+    if _done(trace) != recorded[-1] or not same_structure(by_position(room), trace.truth):
+        raise _unknown(learner, "other rooms")
     return trace
+
+
+def _unknown(learner: str, trials: str) -> NothingToDrawError:
+    return NothingToDrawError(
+        f"beliefs of {learner} are not known: its trials are of {trials}; run the comparison again "
+        "to see them"
+    )
 
 
 def _done(trace: Trace) -> list[list[int]]:
