@@ -1,0 +1,1 @@
+"""What is refused: tables of calls and commands, and what their answers must name."""

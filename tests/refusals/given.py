@@ -1,0 +1,55 @@
+"""The names that rows of the tables may use.
+
+A helper stands here only if several rows need it; what only one table needs is imported from the
+package within the row's expression, as in ``of("causal_openlock.world.room", "Layout")([1, 1])``.
+"""
+
+from __future__ import annotations
+
+import importlib
+import shlex
+from pathlib import Path
+from typing import Any
+
+import numpy as np  # noqa: F401
+
+import causal_openlock as ol  # noqa: F401
+
+
+def of(module: str, name: str) -> Any:
+    """A public name of a module."""
+    return getattr(importlib.import_module(module), name)
+
+
+def file(name: str, text: str | bytes) -> Path:
+    """Write a file into the folder of the test, and return its path."""
+    path = Path(name)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    return path
+
+
+def words(command: str) -> list[str]:
+    """The words of a command line."""
+    return shlex.split(command)
+
+
+def schema_file(text: str | bytes = "", name: str = "schema.yaml", **changes: str) -> Any:
+    """Read a schema file: this text, or a good one with some values changed or added.
+
+    Its lines are ``name: X``, ``levers: [L0, L1]``, ``edges: {L0: [L1], L1: [door]}``, then what is
+    added, so that a row can name a line and a column.
+    """
+    good = {"name": "X", "levers": "[L0, L1]", "edges": "{L0: [L1], L1: [door]}", **changes}
+    written = text or "".join(f"{key}: {value}\n" for key, value in good.items())
+    return of("causal_openlock.schemas.schema_file", "read_schema_file")(file(name, written))
+
+
+def experiment_file(text: str = "", **changes: str) -> Any:
+    """Read an experiment file: this text, or a good one with some values changed or added.
+
+    Its lines are ``name: x``, ``conditions: [CC3]``, ``learners: [random]``, then what is added.
+    """
+    good = {"name": "x", "conditions": "[CC3]", "learners": "[random]", **changes}
+    written = text or "".join(f"{key}: {value}\n" for key, value in good.items())
+    return ol.read_experiment(file("experiment.yaml", written))
