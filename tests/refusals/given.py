@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np  # noqa: F401
 
-import causal_openlock as ol  # noqa: F401
+import causal_openlock as ol
 
 
 def of(module: str, name: str) -> Any:

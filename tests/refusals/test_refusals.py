@@ -26,11 +26,15 @@ def rows() -> Iterator[pytest.param]:
     """All rows of all tables, each with the files that stand before it in its table."""
     for table in sorted(HERE.glob("*.txt")):
         files: dict[str, str] = {}
-        lines = enumerate(table.read_text(encoding="utf-8").splitlines(), 1)
-        for number, line in lines:
-            if line.startswith("[file "):
-                content = iter(lambda: next(lines)[1], "[end]")
-                files[line.removeprefix("[file ").removesuffix("]")] = "\n".join([*content, ""])
+        written = ""  # name of the file that lines go into
+        for number, line in enumerate(table.read_text(encoding="utf-8").splitlines(), 1):
+            if line == "[end]":
+                written = ""
+            elif written:
+                files[written] += f"{line}\n"
+            elif line.startswith("[file "):
+                written = line.removeprefix("[file ").removesuffix("]")
+                files[written] = ""
             elif line and not line.startswith("#"):
                 asked, _, named = line.partition(" ⇒ ")
                 yield pytest.param(
