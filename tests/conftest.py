@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import difflib
 import fcntl
 import gc
 import os
+import platform
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -39,6 +42,62 @@ def pytest_configure() -> None:
 def pytest_collection_finish() -> None:
     """What is imported and collected stays, and need not be looked through again and again."""
     gc.freeze()
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Take ``--golden``, which writes what the fixture `golden` compares with."""
+    parser.addoption("--golden", action="store_true", help="write the files of tests/golden anew")
+
+
+GOLDEN = Path(__file__).parent / "golden"
+WRITE_THEM = """\
+no digests are stored for processors like this one ({kind}); to write them from the last tag:
+  git worktree add ../last v0.2.0
+  PYTHONPATH=../last:../last/learners .venv/bin/pytest --golden tests/golden"""
+
+
+@pytest.fixture
+def golden(request: pytest.FixtureRequest) -> Callable[..., None]:
+    """Compare a text with a stored one: ``golden("report.txt", text)``.
+
+    The file is ``tests/golden/report.txt``; ``pytest --golden`` writes it anew, and the commit that
+    does so says why. A text in which digits depend on the processor is stored for each kind:
+    ``golden("cells/networks.txt", text, processor=True)``; on another kind the test is skipped.
+    What differs at each run (times, paths, versions) has to be masked before;
+    :func:`support.masks.masked` does most of it.
+    """
+
+    def compare(name: str, text: str, processor: bool = False) -> None:
+        path = GOLDEN / name
+        if processor:
+            path = path.with_name(f"{path.stem}.{processor_kind()}{path.suffix}")
+        text = text.rstrip("\n") + "\n"
+        if request.config.getoption("golden"):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+            return
+        if processor and not path.exists():
+            pytest.skip(WRITE_THEM.format(kind=processor_kind()))
+        stored = path.read_text(encoding="utf-8") if path.exists() else ""
+        if stored != text:
+            lines = [*difflib.unified_diff(stored.splitlines(), text.splitlines(), n=1)][2:]
+            more = f"\n... and {len(lines) - 60} lines more" if len(lines) > 60 else ""
+            pytest.fail(
+                f"{path.relative_to(GOLDEN.parent)} differs (- stored, + now); if it is meant to, "
+                "write it anew with pytest --golden, and say why in the commit:\n"
+                + "\n".join(lines[:60])
+                + more,
+                pytrace=False,
+            )
+
+    return compare
+
+
+def processor_kind() -> str:
+    """What last digits of networks depend on: the instructions that NumPy, torch and numba use."""
+    import torch
+
+    return f"{platform.machine()}-{torch.backends.cpu.get_cpu_capability()}".lower()
 
 
 @pytest.hookimpl(trylast=True)

@@ -1,0 +1,29 @@
+"""The fixture ``golden``: what is stored is compared, and written only where one asks for it."""
+
+import pytest
+
+pytest_plugins = ["pytester"]
+
+
+@pytest.fixture
+def project(pytester: pytest.Pytester, request: pytest.FixtureRequest) -> pytest.Pytester:
+    pytester.makeconftest((request.config.rootpath / "tests" / "conftest.py").read_text())
+    pytester.makepyfile("def test_a(golden):\n    golden('a.txt', 'one\\ntwo')\n")
+    return pytester
+
+
+def test_a_stored_text_that_differs_fails_with_the_lines_that_differ(project):
+    project.runpytest("-p", "no:xdist", "--golden").assert_outcomes(passed=1)
+    stored = project.path / "golden" / "a.txt"
+    assert stored.read_text() == "one\ntwo\n"
+    project.runpytest().assert_outcomes(passed=1)
+    stored.write_text("one\n2\n")
+    result = project.runpytest()
+    result.assert_outcomes(failed=1)
+    result.stdout.fnmatch_lines(["golden/a.txt differs*", "-2", "+two"], consecutive=False)
+    assert stored.read_text() == "one\n2\n"
+
+
+def test_a_text_that_is_not_stored_fails(project):
+    project.runpytest().assert_outcomes(failed=1)
+    assert not (project.path / "golden").exists()
