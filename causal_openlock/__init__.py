@@ -1,10 +1,10 @@
 """Which learners discover a causal schema by acting, and carry it to a new situation?
 
-Everything that users need is a name of this package, such as ``causal_openlock.Schema`` or
-``causal_openlock.run``; ``__init__.pyi`` lists them all. A name is loaded when it is first used, so
-that importing the package costs little more than importing Gymnasium. Importing it registers the
-environments ``causal_openlock/OpenLock-v0``, ``OpenLockText-v0`` and ``MixedRooms-v0`` and, where
-IPython runs, what notebooks show.
+What notebooks and scripts use is a name of this package, such as ``causal_openlock.compare``;
+``__init__.pyi`` lists these names, and all others stand in their modules. A name is loaded when it
+is first used, so that importing the package costs little more than importing Gymnasium. Importing
+it registers the environments ``causal_openlock/OpenLock-v0``, ``OpenLockText-v0`` and
+``MixedRooms-v0`` and, where IPython runs, what notebooks show.
 
 >>> from causal_openlock import find_schema
 >>> find_schema("CC3").solutions
@@ -14,17 +14,32 @@ IPython runs, what notebooks show.
 from __future__ import annotations
 
 import sys
+import warnings
+from importlib import import_module
+from pathlib import Path
+from typing import Any
 
 import lazy_loader
 from gymnasium.envs.registration import register, registry
 
 from causal_openlock.version import __version__ as __version__
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_public, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name; one that stood here until 0.2 comes with a warning that says where."""
+    if name not in __all__ and not name.startswith("_"):
+        for line in Path(__file__).with_name("moved.txt").read_text(encoding="utf-8").splitlines():
+            moved, module = line.split()
+            if moved == name:
+                said = f"causal_openlock.{name} will go; write: from {module} import {name}"
+                warnings.warn(said, DeprecationWarning, stacklevel=2)
+                return getattr(import_module(module), name)
+    return _public(name)
+
 
 ENV_ID = "causal_openlock/OpenLock-v0"
-MIXED_ID = "causal_openlock/MixedRooms-v0"
-TEXT_ID = "causal_openlock/OpenLockText-v0"
 
 if ENV_ID not in registry:
     register(
@@ -32,8 +47,10 @@ if ENV_ID not in registry:
         entry_point="causal_openlock.envs:OpenLockEnv",
         vector_entry_point="causal_openlock.envs:OpenLockVectorEnv",
     )
-    register(id=MIXED_ID, entry_point="causal_openlock.envs:MixedRoomsEnv")
-    register(id=TEXT_ID, entry_point="causal_openlock.envs:OpenLockTextEnv")
+    register(id="causal_openlock/MixedRooms-v0", entry_point="causal_openlock.envs:MixedRoomsEnv")
+    register(
+        id="causal_openlock/OpenLockText-v0", entry_point="causal_openlock.envs:OpenLockTextEnv"
+    )
 
 if "IPython" in sys.modules:
     from causal_openlock.notebook import register_formatters

@@ -53,8 +53,7 @@ def plot_likeness(
     (:func:`~causal_openlock.paper.noise_ceiling.misfit`), and how many differences between
     conditions or trials go the same way as people's.
 
-    >>> import causal_openlock as ol
-    >>> [axes.get_title(loc="left") for axes in ol.plot_likeness(results, learners=["random"])]
+    >>> [axes.get_title(loc="left") for axes in plot_likeness(results, learners=["random"])]
     ['random', 'published model']
 
     With ``together`` there are two panels: people with the published model, and the learners that

@@ -110,7 +110,8 @@ def run(
     Example:
         >>> from concurrent.futures import ThreadPoolExecutor
         >>> from tempfile import TemporaryDirectory
-        >>> from causal_openlock import Changes, find_experiment, read_experiment
+        >>> from causal_openlock import find_experiment, read_experiment
+        >>> from causal_openlock.experiment.building import Changes
         >>> changes = Changes(learners=["oracle"], conditions=["CC3"], subjects=2)
         >>> experiment = read_experiment(find_experiment("default"), changes)
         >>> with TemporaryDirectory() as folder, ThreadPoolExecutor(1) as executor:

@@ -32,19 +32,16 @@ def main() -> None:
     trained = ol.compare(["CC4", "CE4"], "random", protocol=SHORT, subjects=4, seed=1)
     grid = ol.sweep("bayes", lapse=[0.0, 0.1, 0.3, 0.6], policy=["solve_and_learn", "thompson"])
     swept = ol.compare(["CC4", "CC3-CC4"], grid, subjects=12, seed=1)
-    plots = {
-        name: (getattr(ol, f"plot_{name}"), results, {})
-        for name in ("attempts", "transfer", "course", "survival", "cost", "likeness",
-                     "pairs", "congruency", "savings")
-    }  # fmt: skip
-    plots["categories"] = (ol.plot_categories, trained, {})
-    plots["subjects"] = (ol.plot_subjects, results, {"learners": ["like_people"]})
-    plots["structure_recovery"] = (ol.plot_structure_recovery, results, {})
-    plots["sweep"] = (ol.plot_sweep, swept, {"parameter": "lapse"})
-    plots["beliefs"] = (ol.plot_beliefs, results, {"condition": "CC3-CC4", "trial": 7})
-    for name, (plot, drawn, options) in plots.items():
+    names = ("attempts", "transfer", "course", "survival", "cost", "likeness", "pairs")
+    plots = {name: (results, {}) for name in (*names, "congruency", "savings")}
+    plots["structure_recovery"] = (results, {})
+    plots["subjects"] = (results, {"learners": ["like_people"]})
+    plots["beliefs"] = (results, {"condition": "CC3-CC4", "trial": 7})
+    plots["categories"] = (trained, {})
+    plots["sweep"] = (swept, {"parameter": "lapse"})
+    for name, (drawn, options) in plots.items():
         figure = Figure()
-        plot(drawn, **options, ax=figure)
+        getattr(drawn.plot, name)(**options, ax=figure)
         write_bytes(HERE / f"{name}.png", style.image(figure, "png", dots=110))
 
 

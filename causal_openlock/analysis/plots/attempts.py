@@ -61,8 +61,7 @@ def plot_attempts(
     Of other conditions, or where nobody played these as people did, bars are of every trial, the
     test's last, and there are no references.
 
-    >>> import causal_openlock as ol
-    >>> panels = ol.plot_attempts(results)
+    >>> panels = plot_attempts(results)
     >>> [axes.get_title(loc="left") for axes in panels]
     ['People', 'Published model', 'random', 'oracle']
 
@@ -151,8 +150,7 @@ def plot_transfer(
 
     Tests that no learner played are left out, also those of people.
 
-    >>> import causal_openlock as ol
-    >>> axes = ol.plot_transfer(results, learners=["random"], published=False)
+    >>> axes = plot_transfer(results, learners=["random"], published=False)
     >>> axes.get_xlabel()
     'Transfer test'
 

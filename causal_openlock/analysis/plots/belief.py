@@ -58,8 +58,7 @@ def plot_beliefs(
 
     Beliefs are not on record: the subject plays up to the trial once more.
 
-    >>> import causal_openlock as ol
-    >>> len(ol.plot_beliefs(believed, learner="bayes", condition="CC3", trial=2))
+    >>> len(plot_beliefs(believed, learner="bayes", condition="CC3", trial=2))
     6
 
     Args:

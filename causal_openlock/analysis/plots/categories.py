@@ -70,8 +70,7 @@ def plot_categories(
 ) -> Any:
     """Draw the outcomes of attempts: the paper's Figure 6 (``baseline``) or 7 (``transfer``).
 
-    >>> import causal_openlock as ol
-    >>> axes = ol.plot_categories(trained, "transfer", published=False)
+    >>> axes = plot_categories(trained, "transfer", published=False)
     >>> axes.get_title(loc="left")
     'random'
 

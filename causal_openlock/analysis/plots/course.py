@@ -106,8 +106,7 @@ def plot_course(
 
     Learners are rows of panels, families of conditions columns.
 
-    >>> import causal_openlock as ol
-    >>> axes = ol.plot_course(results, learners=["oracle"], conditions=["CC4"])
+    >>> axes = plot_course(results, learners=["oracle"], conditions=["CC4"])
     >>> axes.get_title(loc="left"), axes.get_ylabel()
     ('oracle', 'Attempts')
 

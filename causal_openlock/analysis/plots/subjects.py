@@ -32,8 +32,7 @@ def plot_subjects(
     holds every subject of the results, so that figures of different learners can be laid side by
     side.
 
-    >>> import causal_openlock as ol
-    >>> axes = ol.plot_subjects(results, learners=["random"])
+    >>> axes = plot_subjects(results, learners=["random"])
     >>> [label.get_text() for label in axes.get_xticklabels()][:2]
     ['CC4', 'CE4']
 

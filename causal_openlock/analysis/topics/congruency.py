@@ -52,8 +52,7 @@ _PROSE = Prose(__name__)
 def congruency(results: Material) -> pd.DataFrame:
     """Return how many attempts congruent training saves in the test, by learner.
 
-    >>> import causal_openlock as ol
-    >>> table = ol.congruency(results)
+    >>> table = congruency(results)
     >>> table.loc[table["learner"] == "people", ["test", "saved"]].round(2).values.tolist()
     [['CC4', 2.65], ['CE4', 6.02]]
 
@@ -176,8 +175,7 @@ def plot_congruency(
     come first. The shaded band is the interval of the first reference. A learner that solved no
     trial has no dot, as the limit hides its effect, and by default no row.
 
-    >>> import causal_openlock as ol
-    >>> [axes.get_title(loc="left") for axes in ol.plot_congruency(results)]
+    >>> [axes.get_title(loc="left") for axes in plot_congruency(results)]
     ['Test of CC4', 'Test of CE4']
 
     The protocol is by default ``human``, or else the first by alphabet. The other arguments, what

@@ -72,8 +72,7 @@ def normalised_score(
 def leaderboard(results: Material) -> pd.DataFrame:
     """One row for each learner and protocol; references come first where any is comparable.
 
-    >>> import causal_openlock as ol
-    >>> table = ol.leaderboard(results)
+    >>> table = leaderboard(results)
     >>> table[["learner", "solved", "median"]].values.tolist()[-1]
     ['oracle', 1.0, 3.0]
 

@@ -45,8 +45,7 @@ def learning_costs(
 ) -> pd.DataFrame:
     """How many attempts each learner needs, all training counted, until it solves a new room well.
 
-    >>> import causal_openlock as ol
-    >>> table = ol.learning_costs(results)
+    >>> table = learning_costs(results)
     >>> table[["learner", "before", "attempts", "reached"]].values.tolist()
     [['random', 0, inf, 0.0], ['oracle', 0, 2.0, 1.0]]
 
@@ -161,8 +160,7 @@ def plot_cost(
     there are, and the most attempts that one of them made. What a learner was trained with before
     the experiment, such as the meta-training of ``rl2``, counts.
 
-    >>> import causal_openlock as ol
-    >>> axes = ol.plot_cost(results, conditions=["CC4"])
+    >>> axes = plot_cost(results, conditions=["CC4"])
     >>> [label.get_text() for label in axes.get_yticklabels()]
     ['random', 'oracle']
 

@@ -155,8 +155,7 @@ def plot_pairs(
     the conditions that both played; ties count half. The learners stand in the order of their mean
     attempts, the best first, and each pair is there once.
 
-    >>> import causal_openlock as ol
-    >>> [text.get_text() for text in ol.plot_pairs(results).get_yticklabels()]
+    >>> [text.get_text() for text in plot_pairs(results).get_yticklabels()]
     ['oracle', 'random']
 
     The protocol is by default ``human``, or else the first by alphabet. The other arguments, what

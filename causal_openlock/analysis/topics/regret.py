@@ -50,7 +50,7 @@ def regret(results: Material) -> pd.DataFrame:
     """Worth of each attempt, by the ideal observer in the subject's place.
 
     >>> import causal_openlock as ol
-    >>> table = ol.regret(ol.compare("CC3", ["ideal", "random"], subjects=2, workers=1))
+    >>> table = regret(ol.compare("CC3", ["ideal", "random"], subjects=2, workers=1))
     >>> table.groupby("learner", observed=True)["regret"].max().round(6).tolist()
     [0.0, 1.0]
 

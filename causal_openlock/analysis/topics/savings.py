@@ -142,8 +142,7 @@ def plot_savings(
 ) -> Any:
     """Draw the share of attempts that training saves in the first room with four levers.
 
-    >>> import causal_openlock as ol
-    >>> [axes.get_title(loc="left") for axes in ol.plot_savings(results)]
+    >>> [axes.get_title(loc="left") for axes in plot_savings(results)]
     ['Test of CC4', 'Test of CE4']
 
     Arguments, what is returned and errors are those of

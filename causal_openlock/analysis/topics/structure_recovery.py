@@ -247,7 +247,7 @@ def plot_structure_recovery(
 
     >>> import causal_openlock as ol
     >>> bayes = ol.compare("CC3", ["bayes", "ideal"], subjects=2, workers=1)
-    >>> [line.get_label() for line in ol.plot_structure_recovery(bayes).lines]
+    >>> [line.get_label() for line in plot_structure_recovery(bayes).lines]
     ['bayes', 'ideal']
 
     The other arguments, what is returned and errors are those of

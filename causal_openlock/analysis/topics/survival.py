@@ -108,8 +108,7 @@ def plot_survival(
     :data:`MOST_LINES` that are fastest; with at most four learners a band is the 95% bootstrap
     interval over subjects.
 
-    >>> import causal_openlock as ol
-    >>> axes = ol.plot_survival(results, conditions=["CC4"])
+    >>> axes = plot_survival(results, conditions=["CC4"])
     >>> [line.get_label() for line in axes.lines]
     ['random', 'oracle']
 
