@@ -1,15 +1,11 @@
 """Playing physical rooms, with an eye on every step of the simulation."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise, product
 
 import numpy as np
 
-from causal_openlock.physics.geometry import DOOR_SWING, RoomGeometry
-from causal_openlock.physics.room import PhysicalRoom
-from causal_openlock.physics.world import Pose
+from causal_openlock.physics.geometry import DOOR_SWING
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.world.room import Layout, Room
 
@@ -17,7 +13,7 @@ FASTEST, FASTEST_TURN = 25.0, 15.0
 """Links, and radians, per unit of time; without an accident nothing comes near them."""
 
 
-def room_of(name: str, layout: str = "", positions: int | None = None) -> Room:
+def room_of(name, layout="", positions=None):
     """A bundled schema in a published layout, or in the first positions."""
     schema = find_schema(name)
     if layout:
@@ -29,13 +25,13 @@ def room_of(name: str, layout: str = "", positions: int | None = None) -> Room:
 class Guard:
     """Looks at a physical room after every step: nothing leaves it, nothing explodes."""
 
-    def __init__(self, physical: PhysicalRoom) -> None:
+    def __init__(self, physical):
         self.physical = physical
         self.steps = 0
         physical.watch = self
         self.size = _size(physical.geometry)
 
-    def __call__(self, pose: Pose) -> None:
+    def __call__(self, pose):
         geometry, world = self.physical.geometry, self.physical.world
         self.steps += 1
         assert all(math.hypot(*joint) < self.size for joint in pose.joints)
@@ -49,14 +45,14 @@ class Guard:
             assert abs(body.angular_velocity) < FASTEST_TURN
 
 
-def _size(geometry: RoomGeometry) -> float:
+def _size(geometry):
     """No part of anything in the room is ever farther than this from the arm's base."""
     doors = (math.hypot(*geometry.door_end(angle)) for angle in (0.0, DOOR_SWING, math.pi / 2))
     levers = (math.hypot(*corner) for track in geometry.tracks for corner in track.bar(1.0))
     return max(5 * geometry.link, *doors, *levers) + geometry.half_width
 
 
-def effects(room: Room, each: int) -> list[tuple[int, ...]]:
+def effects(room, each):
     """Sequences of three actions that have every sequence of effects that three actions can have.
 
     Two sequences have the same effects if the same levers move at the same moments; they differ in
@@ -67,7 +63,7 @@ def effects(room: Room, each: int) -> list[tuple[int, ...]]:
         each: At most how many sequences there are for the same effects, drawn by a fixed seed.
     """
     generator = np.random.default_rng(0)
-    chosen: dict[tuple[int, ...], list[tuple[int, ...]]] = {}
+    chosen = {}
     sequences = list(product(range(2 * room.positions + 1), repeat=3))
     for index in generator.permutation(len(sequences)).tolist():
         state, told = 0, []
