@@ -47,8 +47,8 @@ _LOOPBACK = re.compile(r"localhost|127(\.\d{1,3}){3}|::1", re.ASCII)
 _EXTRA = (400, 422)
 """Status codes of a server that refuses fields which it does not know."""
 _COUNTED = ("prompt", "completion")
-
-
+TRANSPORT: httpx2.AsyncBaseTransport | None = None
+"""What carries requests; None for the network. Tests set an ``httpx2.MockTransport``."""
 LARGEST = 16 * 2**20
 """The most bytes of a reply; proper ones are far smaller."""
 
@@ -138,7 +138,8 @@ class Server:
         self._plainly = False  # whether it refuses what it gave
         try:
             # What runs on this machine is not asked through a proxy.
-            http = _Client(trust_env=not _LOOPBACK.fullmatch(_place(base_url)[1] or ""))
+            local = _LOOPBACK.fullmatch(_place(base_url)[1] or "")
+            http = _Client(trust_env=not local, transport=TRANSPORT)
         except (ImportError, ValueError) as error:
             raise NotAvailableError(
                 f"{base_url} cannot be asked through the proxy that the environment names "
