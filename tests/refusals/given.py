@@ -53,3 +53,18 @@ def experiment_file(text: str = "", **changes: str) -> Any:
     good = {"name": "x", "conditions": "[CC3]", "learners": "[random]", **changes}
     written = text or "".join(f"{key}: {value}\n" for key, value in good.items())
     return ol.read_experiment(file("experiment.yaml", written))
+
+
+def changed(name: str, old: str, new: str) -> str:
+    """The text of a file that stands before the row, with one change."""
+    text = Path(name).read_text(encoding="utf-8")
+    assert old in text, old
+    return text.replace(old, new, 1)
+
+
+def imported(text: str | bytes, name: str = "data.csv") -> Any:
+    """Import a data file of this text; where it is refused, nothing has been written."""
+    try:
+        return of("causal_openlock.importing.folder", "import_files")([file(name, text)], "in")
+    finally:
+        assert not Path("in").exists()
