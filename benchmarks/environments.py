@@ -2,31 +2,23 @@
 
 Actions are drawn before the clock starts; resets are inside the time. In a vector environment a
 room whose episode has ended is reset by the next step, and this step counts like any other, for
-CartPole as for ours: an attempt of three actions is four steps.
-
-What limits many rooms: for each, a step returns 35 bytes and looks up a word, a reward and an
-observation. One room through ``gymnasium.make`` cannot be faster than Gymnasium's two wrappers with
-a fresh observation and a console, which is measured next to it (:class:`Returning`). Seconds are
-those of the processor, since machines are shared.
+CartPole as for ours: an attempt of three actions is four steps. Seconds are the processor's.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from time import process_time
 from typing import Any
 
 import gymnasium
 import numpy as np
-from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker
-from measure import Measurement, Row, Target, in_turns
+from measure import Measurement, Row, in_turns, stopwatch
 
 import causal_openlock
 
 PEER = "CartPole-v1"
-ROOM = {"schema": "CC4", "layout": "trial7"}
+ROOM: dict[str, Any] = {"schema": "CC4", "layout": "trial7"}
 MANY = 16_384
-# The first is asked for more: it is what environments do if nothing else is said.
 CASES: tuple[tuple[int, dict[str, str]], ...] = (
     (MANY, {}),
     (MANY, {"reward": "paper"}),
@@ -38,62 +30,19 @@ CASES: tuple[tuple[int, dict[str, str]], ...] = (
 )
 
 
-def single(repeats: int) -> Iterator[Row]:
-    """One environment through ``gymnasium.make``."""
-    cartpole = _one(gymnasium.make(PEER), 20_000)
+def environments(turns: int) -> Iterator[Row]:
+    """One room through ``gymnasium.make``, and many through ``gymnasium.make_vec``."""
+    peer = _one(gymnasium.make(PEER), 20_000)
     for episode in ("attempt", "trial"):
-        options: dict[str, Any] = {**ROOM, "episode": episode}
-        ours = _one(gymnasium.make(causal_openlock.ENV_ID, **options), 60_000)
-        mine, others = in_turns(ours, cartpole, repeats)
-        target = Target("at least", 6)
-        said = f"one room, episode={episode}"
-        yield Row("single", said, "steps/s", mine, PEER, others, target)
-    nothing = _one(OrderEnforcing(PassiveEnvChecker(Returning())), 60_000)
-    mine, others = in_turns(nothing, cartpole, repeats)
-    yield Row("single", "only what attempts return", "steps/s", mine, PEER, others)
-
-
-def vector(repeats: int) -> Iterator[Row]:
-    """Many environments at once through ``gymnasium.make_vec``, observations included."""
-    for case, (many, options) in enumerate(CASES):
+        ours = _one(gymnasium.make(causal_openlock.ENV_ID, **ROOM, episode=episode), 60_000)
+        yield in_turns(f"one room, episode={episode}", "steps/s", ours, PEER, peer, turns)
+    for many, options in CASES:
         # Rooms in step begin a new trial every 120 steps: that often, or a multiple of it.
         steps = 120 * max(2, min(40, 4096 // many))
-        cartpole = _many(PEER, many, steps // 6)
+        peer = _many(PEER, many, steps // 6)
         ours = _many(causal_openlock.ENV_ID, many, steps, **{**ROOM, **options})
-        mine, others = in_turns(ours, cartpole, repeats)
-        target = Target("at least", 20 if case == 0 else 8)
-        said = ", ".join([f"{many:,} rooms", *(f"{k}={v}" for k, v in options.items())])
-        yield Row("vector", said, "steps/s", mine, PEER, others, target)
-
-
-class Returning(gymnasium.Env[Any, Any]):
-    """What a room returns, and nothing else: attempts of three actions in which nothing happens."""
-
-    observation_space = gymnasium.spaces.MultiBinary(16)
-    action_space = gymnasium.spaces.Discrete(15)
-
-    def __init__(self) -> None:
-        self._seen, self._used, self._left = np.zeros(16, np.int8), 0, 3
-
-    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
-        """Begin an attempt."""
-        self._used = 0
-        return self._seen.copy(), self._info()
-
-    def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Count an action."""
-        self._used += 1
-        return self._seen.copy(), 0.0, self._used == 3, False, self._info()
-
-    def _info(self) -> dict[str, Any]:
-        return {
-            "console": {
-                "solutions_left": self._left,
-                "solutions_found": self._left,
-                "attempts_left": self._left,
-                "actions_left": self._left,
-            }
-        }
+        case = ", ".join([f"{many:,} rooms", *(f"{key}={options[key]}" for key in options)])
+        yield in_turns(case, "steps/s", ours, PEER, peer, turns)
 
 
 def _one(environment: gymnasium.Env[Any, Any], steps: int) -> Measurement:
@@ -102,13 +51,14 @@ def _one(environment: gymnasium.Env[Any, Any], steps: int) -> Measurement:
 
     def measure() -> float:
         environment.reset(seed=0)
-        began = process_time()
-        for action in actions:
-            _, _, terminated, truncated, _ = environment.step(action)
-            if terminated or truncated:
-                environment.reset()
-        return steps / (process_time() - began)
+        with stopwatch() as seconds:
+            for action in actions:
+                _, _, terminated, truncated, _ = environment.step(action)
+                if terminated or truncated:
+                    environment.reset()
+            return steps / seconds()
 
+    measure()  # once to warm up
     return measure
 
 
@@ -122,9 +72,10 @@ def _many(name: str, many: int, steps: int, **options: Any) -> Measurement:
 
     def measure() -> float:
         environment.reset(seed=0)
-        began = process_time()
-        for step in range(steps):
-            environment.step(actions[step % len(actions)])
-        return many * steps / (process_time() - began)
+        with stopwatch() as seconds:
+            for step in range(steps):
+                environment.step(actions[step % len(actions)])
+            return many * steps / seconds()
 
+    measure()
     return measure
