@@ -1,282 +1,125 @@
-"""The page of a report: what it shows, and that it stands alone."""
+"""The report: its text compared whole, its page and its files, and sections of one's own."""
 
-from __future__ import annotations
-
+import csv
+import errno
 import re
 import warnings
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
+import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pytest
 
+import causal_openlock as ol
 from causal_openlock.analysis.report.what_was_run import edges
-from causal_openlock.analysis.report.writing import write_report
-from causal_openlock.contract.registry import create
-from causal_openlock.experiment.file import read_experiment
-from causal_openlock.experiment.session import Session
+from causal_openlock.analysis.report.writing import make_report, write_report
+from causal_openlock.analysis.table import Table, printed
+from causal_openlock.analysis.topic import all_topics, columns_of, sections_of
+from causal_openlock.analysis.topics.belief_traces import TOPIC as BELIEFS
+from causal_openlock.errors import OpenLockError
 from causal_openlock.schemas.schema_file import schema_from_dict
-from causal_openlock.world import facts
-from support.fabricated_records import record_of_every_figure, table, trial_rows
-from support.figures import drawn
+from causal_openlock.version import RESULTS_VERSION
+from support.command import at_once
+from support.fabricated_records import random_cells, table, trial_rows
 from support.html_page import Page
-from support.made_up_experiments import condition_called, experiment_of, spec, stored
+from support.made_up_experiments import NOBODY, experiment_of, material_of, stored
+from support.section_of_ours import TOPIC as OURS
+from support.topics import section_on, topics_called
+from support.whole_report import lines_of, whole_material
 
 pytestmark = pytest.mark.slow
 
+SOLVED = trial_rows([1, 2, 3])
+KINDS = ("pdf", "png", "svg")
 
-def written(record: pa.Table, folder: Path, **known: Any) -> Path:
-    return write_report(record, folder, experiment_of(record, **known))
+
+def written(record, folder, topics=(OURS,), figures=False, **known):
+    """The report on few topics, which is quick."""
+    record = table(record) if isinstance(record, list) else record
+    experiment = experiment_of(record, **known)
+    return write_report(record, folder, experiment, topics, figures=figures)
+
+
+# -- what is on the page --------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
-def record() -> pa.Table:
-    return record_of_every_figure()
+def whole():
+    return whole_material()
 
 
 @pytest.fixture(scope="module")
-def report(record: pa.Table, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    with warnings.catch_warnings(), drawn():  # as SVG alone, which is what the page shows
+def report(whole, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("whole")
+    with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = experiment_of(record)
-        b = spec("b", parameters={"learning_rate": 0.001, "hidden": [128, 64]})
-        others = [one for one in found.learners if one.name != "b"]
-        return written(
-            record,
-            tmp_path_factory.mktemp("report"),
-            title="Transfer <script>alert(1)</script> & more",
-            seed=17,
-            learners=(b, replace(b, protocol=others[1].protocol), *others),
-            conditions=(*found.conditions, condition_called("<b>own</b>")),
-            versions={"numpy": "2.0", "causal-openlock": ["0.1.0", "0.2.0"]},
-        )
+        return make_report(whole, folder)
 
 
 @pytest.fixture(scope="module")
-def page(report: Path) -> Page:
-    return Page(report.read_text(encoding="utf-8"))
+def html(report):
+    return report.path.read_text(encoding="utf-8")
 
 
-def test_page_fetches_nothing(report: Path, page: Page) -> None:
-    assert {tag for tag, _ in page.tags}.isdisjoint({"script", "link", "img", "iframe", "object"})
+def test_report_on_a_made_up_experiment_of_every_case(html, golden):
+    golden("report.txt", lines_of(html))
+
+
+def test_sentences_of_the_first_screen_are_those_of_the_report_object(report, html):
+    text = Page(html).text
+    assert set(report.answers) == {"human", "rl"}
+    for sentences in report.answers.values():
+        assert all(sentence in text for sentence in sentences)
+    assert report.leaderboard["protocol"].unique().tolist() == ["human", "rl"]
+
+
+def test_page_fetches_nothing_and_refers_only_to_what_it_has(html):
+    page = Page(html)
     assert page.open == []  # every tag is closed
-    for _, attributes in page.tags:
-        for name, value in attributes.items():
-            if name in ("href", "xlink:href", "src", "srcset", "data", "action"):
-                assert value is not None
-                assert value.startswith(("#", "data:image/png;base64,"))
-            assert not name.startswith("on")
-    text = report.read_text(encoding="utf-8")
-    assert all(address.startswith("#") for address in re.findall(r"url\(([^)]*)\)", text))
-    assert "@import" not in text
-    assert "http" not in re.sub(r'xmlns(:\w+)?="[^"]*"', "", text)
-
-
-def test_page_refers_to_what_it_has(page: Page) -> None:
-    names = [str(attributes["id"]) for _, attributes in page.tags if "id" in attributes]
+    assert {tag for tag, _ in page.tags}.isdisjoint(
+        {"script", "link", "img", "iframe", "object", "b", "u", "i", "purpose"}
+    )
+    names = [attributes["id"] for _, attributes in page.tags if "id" in attributes]
     assert len(names) == len(set(names))
     for _, attributes in page.tags:
-        for name in ("href", "xlink:href"):
-            if str(attributes.get(name)).startswith("#"):
-                assert str(attributes[name])[1:] in names
-    figures = 6  # of the record; a learner has one on its page
-    assert sum(tag == "svg" for tag, _ in page.tags) >= figures + len({"a", "b", "c", "five"})
+        assert not any(name.startswith("on") for name in attributes)
+        for name in {"href", "xlink:href", "src", "srcset", "data", "action"} & {*attributes}:
+            value = attributes[name]
+            assert value.startswith("data:image/png;base64,") or value[1:] in names
+    assert all(address.startswith("#") for address in re.findall(r"url\(([^)]*)\)", html))
+    assert "@import" not in html
+    assert "http" not in re.sub(r'xmlns(:\w+)?="[^"]*"', "", html)
+    assert "<script" not in html
 
 
-def test_what_users_wrote_is_escaped(report: Path, page: Page) -> None:
-    assert "Transfer <script>alert(1)</script> & more" in page.text
-    assert {"script", "b", "u", "i"}.isdisjoint(tag for tag, _ in page.tags)
-    assert "<script" not in report.read_text(encoding="utf-8")
-    for text in ("<b>own</b>", "c <u> & d", "own <i>$x$", "learning_rate", "128, 64", "seed 17"):
-        assert text in page.text
-
-
-def test_headline_puts_people_first_and_the_published_model_next(page: Page) -> None:
-    human, loops = page.tables[2], page.tables[3]
-    assert human[0] == [
-        "Learner",
-        "CC3-CC4 | test",  # in the experiment's order
-        "CC4 | trial 3 or trial 5",
-        "CE3-CE4 | test",
-        "CE4 | trial 3",
-        "own <i>$x$ | trial 3",
-    ]
-    assert human[1] == [
-        "People | published, n = 40",
-        "5.53 | ± 0.49",
-        "–",  # its learners ended with different trials
-        "7.72 | ± 0.77",
-        "12.18 | ± 1.31",
-        "–",
-    ]
-    assert human[2] == [
-        "Published model | theory-based, n = 40",
-        "7.06 | ± 0.33",
-        "–",
-        "9.16 | ± 0.48",
-        "11.38 | ± 0.61",
-        "–",
-    ]
-    # The experiment's order, then the alphabet.
-    names = ["b | n = 3", "a | n = 3", "c <u> & d | n = 3"]
-    assert human[3][:3] == ["Ideal observer | schema known", "3.75", "3.75"]
-    assert [row[0] for row in human[4:]] == [*names, "five | n = 1"]
-    assert human[7][2] == "3.00"  # one subject has no interval
-    assert [row[0] for row in loops] == ["Learner", human[3][0], *names]
-    assert not re.search("people|model", str(loops).lower())
-
-
-def test_headline_shows_intervals_and_shares_where_there_is_something_to_show(
-    tmp_path: Path,
-) -> None:
-    rows = [
-        *trial_rows([1, 2, 3], learner="alike"),
-        *trial_rows([1, 2, 3], learner="alike", subject=1),
-        *trial_rows([0, 0, 0, 0], learner="never"),
-        *trial_rows([0, 0, 0, 0], learner="never", subject=1),
-        *trial_rows([1, 2, 3], learner="mixed"),
-        *trial_rows([0, 0, 0, 0], learner="mixed", subject=1),
-    ]
-    shown = Page(written(table(rows), tmp_path).read_text("utf-8")).tables[1]
-    cells = {row[0].split(" | ")[0]: row[1] for row in shown[4:]}
-    assert cells == {
-        "alike": "3.00",
-        "never": "not within 4",
-        "mixed": "≥ 3.50 | 3.00–4.00",
-    }
-
-
-def test_full_tables_have_the_published_numbers_in_place(page: Page) -> None:
-    heads = re.findall(r"(\S.*), protocol (\w+), n = \d", page.text)
-    tables = [rows for rows in page.tables if rows[0][:2] == ["Condition", "Phase"]]
-    assert len(heads) == len(tables) == 7
-    by_trial = {}
-    for (learner, protocol), (header, *rows) in zip(heads, tables, strict=True):
-        for row in rows:
-            cells = dict(zip(header, row, strict=True))  # of two columns SE the last
-            key = (learner, cells["Condition"], protocol, cells["Trial"], cells["Phase"])
-            assert key not in by_trial
-            by_trial[key] = cells
-    results = facts.results()
-    sources = {
-        "People": results["cogsci2018"]["human"],
-        "Published model": results["aaai2020"]["model"],
-    }
-    for column, source in sources.items():
-        shown = [by_trial["five", "CC4", "human", str(t), "train"][column] for t in range(1, 6)]
-        assert shown == [f"{mean:.2f}" for mean in source["baseline"]["CC4"]["mean"]]
-    first = by_trial["five", "CC4", "human", "1", "train"]
-    assert (first["People"], first["Published model"], first["SE"]) == ("19.38", "11.44", "0.34")
-    assert by_trial["five", "CC4", "human", "1", "train"]["Difference"] == "−16.38"
-    for column, test in (("People", "5.53"), ("Published model", "7.06")):
-        assert column not in by_trial["a", "CC4", "loops", "1", "train"]
-        assert by_trial["a", "CC3-CC4", "human", "1", "train"][column] == "–"
-        assert by_trial["a", "CC3-CC4", "human", "1", "test"][column] == test
-
-
-def test_tables_of_details_are_closed_on_the_screen_and_not_printed(
-    report: Path, page: Page
-) -> None:
-    details = [attributes for tag, attributes in page.tags if tag == "details"]
+def test_details_are_closed_on_the_screen_and_not_printed(html):
+    details = [attributes for tag, attributes in Page(html).tags if tag == "details"]
     assert len(details) > 10
     assert not any("open" in attributes for attributes in details)
-    text = report.read_text(encoding="utf-8")
-    assert "details:not([open]), nav" in text[text.index("@media print") :]
+    assert "details:not([open]), nav" in html[html.index("@media print") :]
 
 
-def test_warnings_say_what_to_doubt(page: Page, tmp_path: Path) -> None:
-    text = page.text[page.text.rindex("Warnings") :]
-    assert "Fewer than 20 subjects" in text
-    assert "five (human): 1" in text
-    assert "Some trials were not solved" in text
-    assert "different versions of causal-openlock (0.1.0, 0.2.0)" in text
-    assert "versions of numpy" not in text
-    good = table([row for s in range(20) for row in trial_rows([1, 2, 3], subject=s)])
-    quiet = Page(written(good, tmp_path).read_text(encoding="utf-8"))
-    assert quiet.text.rstrip().endswith("None.")
-
-
-def test_uneven_subjects_are_warned_about(tmp_path: Path) -> None:
-    rows = [row for s in range(20) for row in trial_rows([1, 2, 3], subject=s)]
-    rows += trial_rows([1, 2, 3], trial=2)
-    text = Page(written(table(rows), tmp_path).read_text(encoding="utf-8")).text
+def test_report_on_nothing_and_report_without_warnings(tmp_path):
+    assert "The record holds no attempts." in written([], tmp_path / "a").read_text("utf-8")
+    enough = [row for s in range(20) for row in trial_rows([1, 2, 3], subject=s)]
+    text = lines_of(written(enough, tmp_path / "b").read_text("utf-8"))
+    assert text.endswith("h2: Warnings\nNone.")
+    uneven = [*enough, *trial_rows([1, 2, 3], trial=2)]
+    text = lines_of(written(uneven, tmp_path / "c").read_text("utf-8"))
     assert "Not every subject played every trial" in text
+    assert "This comparison is unfinished" not in text
 
 
-def test_versions_are_warned_about_where_there_are_several(tmp_path: Path) -> None:
-    rows = [row for s in range(20) for row in trial_rows([1, 2, 3], subject=s)]
-    versions = {"Python": "3.13.1", "numpy": ["2.1", "2.0"], "torch": ["2.13"]}
-    path = written(table(rows), tmp_path, versions=versions)
-    text = Page(path.read_text(encoding="utf-8")).text
-    assert text.count("different versions") == 1
-    assert "Cells were run with different versions of numpy (2.0, 2.1)." in text
-    assert "Python 3.13.1; numpy 2.1, 2.0; torch 2.13." in text
-
-
-def test_an_unfinished_comparison_opens_with_what_is_missing(tmp_path: Path) -> None:
-    record = table(trial_rows([1, 2, 3]))
-    caution = "This comparison is unfinished"
-    assert caution not in written(record, tmp_path).read_text(encoding="utf-8")
-    names = ("ddqn_CC4_0-39", "<b>_CE4_0-39")
-    half = written(record, tmp_path, title="half", missing=names)
-    text = Page(half.read_text(encoding="utf-8")).text
-    assert text.index("half") < text.index(caution) < text.index("Results", text.index(caution))
-    assert "unfinished: 2 of its cells are missing" in text
-    assert all(f"{name}: not played yet" in text for name in names)
-    assert "missing cells" not in text[text.rindex("What was run") :]
-    many = written(record, tmp_path, missing=tuple(f"cell{i}" for i in range(30)))
-    text = Page(many.read_text(encoding="utf-8")).text
+def test_many_missing_cells_are_counted_and_not_all_listed(tmp_path):
+    path = written(SOLVED, tmp_path, missing=tuple(f"cell{i}" for i in range(30)))
+    text = lines_of(path.read_text("utf-8"))
     assert "30 of its cells are missing" in text
-    assert "cell23: not played yet" in text
-    assert "and 6 more" in text
+    assert re.search(r"^cell23: .*\nand 6 more$", text, re.M)
 
 
-def test_trials_are_told_as_they_were_played(tmp_path: Path) -> None:
-    declared = tmp_path / "own.yaml"
-    declared.write_text(
-        "name: own\nsubjects: 2\nconditions: [CC4-CC3, CE4]\n"
-        "learners: [{learner: random, name: a}]\n"
-    )
-    experiment = read_experiment(declared)
-    (entry,), found = experiment.learners, []
-    for condition in experiment.conditions:
-        session = Session(condition, entry.protocol, 2, learner="a")
-        found.append(session.play(create("random")))
-    page = Page(
-        write_report(pa.concat_tables(found), tmp_path, stored(experiment)).read_text("utf-8")
-    )
-    cells = [row for rows in page.tables for row in rows]
-    assert ["CC4-CC3", "CC4", "CC3", "5 training trials, then 1 test trial"] in cells
-    assert ["CE4", "CE4", "–", "5 trials"] in cells
-    assert "Fewer where fewer layouts are published; a condition may say otherwise." in page.text
-
-
-def test_what_was_run_is_told_in_words(tmp_path: Path) -> None:
-    declared = tmp_path / "own.yaml"
-    declared.write_text(
-        "name: own\ntitle: One learner\nseed: 3\nsubjects: 2\n"
-        "conditions: [CC4, CC3-CE4]\nlearners: [{learner: random, name: me, protocol: quick}]\n"
-        "protocols: {quick: {based_on: rl, attempt_limit: 7, train_loops: 4}}\n"
-    )
-    versions = {"causal-openlock": "0.1.0", "numpy": ["2.0", "2.1"]}
-    experiment = stored(read_experiment(declared), versions=versions)
-    rows = trial_rows([0] * 7, learner="me", protocol="quick")
-    page = Page(write_report(table(rows), tmp_path, experiment).read_text("utf-8"))
-    text = page.text[page.text.rindex("What was run") :]
-    assert "7 attempts in every trial, also after it is solved." in text
-    assert "6 training trials, gone through 4 times, then 5 test trials" in text
-    assert "L0 → L1, L2, L3; L1, L2, L3 → door" in text
-    assert "causal-openlock 0.1.0; numpy 2.0, 2.1." in text
-    assert f"causal-openlock compare {declared}" in text
-    assert "negative_immovable" in text
-    assert not re.search(r"[{}\[\]]|None|True|False", text)
-    cells = [row for rows in page.tables for row in rows]
-    assert ["CC3-CE4", "CC3", "CE4", "–"] in cells
-    assert ["CC4", "CC4", "–", "1 trial"] in cells
-
-
-def test_edges_in_a_line_tell_what_is_out_of_the_ordinary() -> None:
+def test_schema_in_a_line_names_strengths_gates_and_levers_without_effect():
     noisy = {
         "name": "noisy",
         "levers": ["L0", "L1", "L2", "L3"],
@@ -290,6 +133,220 @@ def test_edges_in_a_line_tell_what_is_out_of_the_ordinary() -> None:
     )
 
 
-def test_empty_record_makes_a_report(tmp_path: Path) -> None:
-    page = Page(written(table([]), tmp_path).read_text("utf-8"))
-    assert "The record holds no attempts." in page.text
+@pytest.mark.parametrize(
+    ("value", "form", "text"),
+    [
+        (-0.0004, "+.2f", "0.00"),
+        (-1.5, "+.1f", "−1.5"),
+        (0.5, "+.1f", "+0.5"),
+        (1e-9, ".2g", "1e−09"),
+        (float("nan"), ".2f", "–"),
+        (None, None, "–"),
+        (np.True_, None, "yes"),
+        (np.int64(3), None, "3"),
+        ("x-y", None, "x-y"),
+        (-0.001, ".0%", "0%"),
+    ],
+)
+def test_values_of_tables_as_they_are_printed(value, form, text):
+    assert printed(value, form) == text
+
+
+@pytest.mark.parametrize(
+    ("name", "html"),
+    [
+        ("theory_based", "theory_based"),
+        ("semi_markov_ddqn", "semi_markov_<wbr>ddqn"),
+        ("participants_of_spring_2026", "participants_<wbr>of_spring_<wbr>2026"),
+        ("a <b_ccccccccccccccccc", "a &lt;b_<wbr>ccccccccccccccccc"),
+    ],
+)
+def test_long_names_break_after_an_underscore(name, html):
+    assert f">{html}</th>" in Table("a", "A", pd.DataFrame({"learner": [name]}), {}).html()
+
+
+# -- its files ------------------------------------------------------------------------------------
+
+
+def files_in(folder, *parts):
+    return {path.name for part in parts for path in (folder / part).iterdir()}
+
+
+def test_figures_and_tables_are_files_only_where_asked_and_the_page_is_the_same(tmp_path):
+    record = pa.concat_tables(random_cells(3, conditions=("CC4", "CC3-CC4"), subjects=2))
+    topics = [OURS, *topics_called("survival")]
+    alone = written(record, tmp_path / "alone", topics).read_text("utf-8")
+    assert files_in(tmp_path / "alone", ".") == {"report.html", "summary.csv"}
+    whole = written(record, tmp_path / "whole", topics, figures=True).read_text("utf-8")
+    listed = re.compile(r'<meta name="files" content="([^"]*)">')
+    names = {*listed.search(whole)[1].split()}
+    plots = {"paid", "survival_human", "baseline_categories", "transfer_categories"}
+    plots |= {"attempts_by_trial_human", "attempts_by_trial_loops", "learner_a", "learner_b"}
+    assert names >= {f"figures/{stem}.{kind}" for stem in plots for kind in KINDS}
+    assert names >= {f"tables/learner_{name}.{kind}" for name in "ab" for kind in ("csv", "tex")}
+    assert {Path(name).name for name in names} == files_in(tmp_path / "whole", "figures", "tables")
+    assert listed.sub("", alone) == listed.sub("", whole)
+    # Written again, of rows in another order, every file is the same.
+    rows = np.random.default_rng(0).permutation(record.num_rows)
+    written(record.take(rows), tmp_path / "again", topics, figures=True)
+    for path in (tmp_path / "whole").rglob("*.*"):
+        again = tmp_path / "again" / path.relative_to(tmp_path / "whole")
+        assert again.read_bytes() == path.read_bytes(), path
+
+
+def test_files_of_an_earlier_report_are_removed_and_nothing_else(tmp_path):
+    both = [*SOLVED, *trial_rows([1, 2, 3], protocol="rl")]
+    written(both, tmp_path, figures=True)
+    mine = {"mine.png", "baseline_attempts_mine.svg", "attempts_by_trial_rl.txt"}
+    for name in mine:
+        (tmp_path / "figures" / name).write_text("")
+    (tmp_path / "tables" / "mine.csv").write_text("")
+    first = files_in(tmp_path, "figures", "tables")
+    assert {"attempts_by_trial_rl.svg", "paid.svg", "paid.tex"} < first
+    written(SOLVED, tmp_path, [], figures=True)
+    stems = ("attempts_by_trial_human", "learner_a")
+    assert files_in(tmp_path, "figures") == mine | {f"{s}.{kind}" for s in stems for kind in KINDS}
+    assert files_in(tmp_path, "tables") == {
+        *("mine.csv", "leaderboard.csv", "learner_a.csv", "learner_a.tex")
+    }
+    written(SOLVED, tmp_path)
+    assert files_in(tmp_path, "figures", "tables") == mine | {"mine.csv"}
+
+
+def test_nothing_is_removed_behind_a_link_or_outside_the_folder(tmp_path):
+    folder, elsewhere = tmp_path / "report", tmp_path / "elsewhere"
+    folder.mkdir()
+    elsewhere.mkdir()
+    kept = [elsewhere / "photo.png", tmp_path / "outside.csv"]
+    for path in kept:
+        path.write_text("kept")
+    (folder / "figures").symlink_to("../elsewhere")
+    names = f"figures/photo.png tables/../../outside.csv {kept[1]} figures/../../outside.csv"
+    (folder / "report.html").write_text(f'<meta name="files" content="{names}">')
+    written(SOLVED, folder)
+    assert all(path.exists() for path in kept)
+
+
+def test_a_report_says_how_many_files_it_removed(tmp_path):
+    ran = ["compare", "-c", "CC3", "-l", "oracle", "--subjects", 2, "-o", "a"]
+    said = [at_once(*ran, cwd=tmp_path).stdout]
+    for more in (["--figures"], [], [], ["a", "--figures"], ["a"]):
+        said.append(at_once("report", "a", *more, cwd=tmp_path).stdout)
+    removed = [re.findall(r"\d+ files? of the earlier page .*--figures", one) for one in said]
+    assert [len(found) for found in removed] == [0, 0, 1, 0, 0, 1]
+    assert not [path for path in tmp_path.rglob("*") if path.suffix in (".svg", ".tex")]
+
+
+def test_a_path_that_cannot_be_written_is_named(tmp_path):
+    for name in ("figures", "report.html"):
+        folder = tmp_path / name
+        folder.mkdir()
+        if name == "figures":
+            (folder / name).write_text("in the way")
+        else:
+            (folder / name).mkdir()
+        with pytest.raises(OpenLockError, match=name):
+            written(SOLVED, folder, figures=True)
+
+
+def test_a_full_disk_leaves_the_earlier_report_whole(tmp_path, monkeypatch):
+    written(SOLVED, tmp_path, title="earlier")
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*.*")}
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", full)
+    with pytest.raises(OpenLockError, match="No space left on device"):
+        written(trial_rows([0, 1, 2, 3]), tmp_path, title="later")
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*.*")} == before
+
+
+# -- topics ---------------------------------------------------------------------------------------
+
+
+def test_a_topic_of_ones_own_is_on_the_page_and_in_files(tmp_path):
+    record = pa.concat_tables(random_cells(3, conditions=("CC4",), subjects=2))
+    html = written(record, tmp_path, figures=True).read_text("utf-8")
+    names = ("results", "paid", "figures", "learners", "run")
+    places = [html.index(f'<section id="{name}"') for name in names]
+    assert places == sorted(places)
+    assert '<a href="#paid">What was paid</a>' in html
+    page = Page(html)
+    assert "2 learners & one < two." in page.text
+    shown = next(rows for rows in page.tables if "reward" in rows[0])
+    assert shown[:2] == [
+        ["learner", "reward", "share", "better", "per 1000", "nothing"],
+        ["a", "+0.000", "12.5%", "yes", "1,234,567", "–"],
+    ]
+    with (tmp_path / "tables" / "paid.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["learner"] for row in rows] == ["a", "b"]
+    assert (rows[0]["share"], rows[0]["per_1000"]) == ("0.125", "1.23457e+06")
+    assert rows[0]["nothing"] == ""
+    latex = (tmp_path / "tables" / "paid.tex").read_text("utf-8")
+    for part in (
+        *(
+            r"\toprule",
+            r"\midrule",
+            r"\bottomrule",
+            r"\label{tab:paid}",
+            r"\begin{tabular}{lrrlrr}",
+        ),
+        r"Pay \& \textless{}reward\textgreater{}. Means over attempts $\pm$ nothing, 100\%",
+        r"a & +0.000 & 12.5\% & yes & 1,234,567 & -- \\",
+    ):
+        assert part in latex
+    assert not re.search(r"(?<!\\)[%#_]", latex.replace(r"\label{tab:paid}", ""))
+
+
+def test_each_step_of_a_report_is_named_when_it_begins(tmp_path):
+    record, steps = table(SOLVED), []
+    make_report(material_of(record, experiment_of(record)), tmp_path, [OURS], steps.append)
+    paid = ["computing paid", "describing paid", "drawing paid"]
+    assert [step for step in steps if step.endswith(" paid")] == paid
+    assert {step.partition(" ")[0] for step in steps} == {"computing", "describing", "drawing"}
+
+
+def test_topics_of_an_empty_record_and_two_of_one_name():
+    assert sections_of(material_of(table([]), NOBODY), all_topics()) == []
+    assert columns_of([OURS]) == ["reward"]
+    record = table(SOLVED)
+    with pytest.raises(ValueError, match="paid"):
+        sections_of(material_of(record, experiment_of(record)), [OURS, OURS])
+
+
+def test_beliefs_are_shown_only_of_the_same_rooms_and_the_same_version(whole, monkeypatch):
+    def names(held):
+        found = section_on(BELIEFS, held)
+        return found and [plot.name for plot in found.plots]
+
+    def changed(**values):
+        return replace(whole, experiment=replace(whole.experiment, **values))
+
+    assert names(whole) == ["belief_bayes"]
+    (shown,) = section_on(BELIEFS, whole).tables
+    first = whole.record.to_pandas().query("learner == 'bayes' and subject == 0 and trial == 1")
+    assert shown.frame["actions"].tolist() == [len(one) for one in first["actions"]]
+    # The room has a structure of log2(n) bits; in the end nearly all are obtained.
+    assert (shown.frame["obtained"] * shown.frame["actions"]).sum() > 1
+    assert names(replace(whole, trials=whole.trials.assign(seed=8))) is None  # another room
+    assert names(changed(versions={"causal-openlock": "1"})) is None
+    # Somebody else's package may change its learner, though the version of results stays.
+    monkeypatch.setattr("causal_openlock.contract.registry.is_ours", lambda _: False)
+    here = changed(versions={"causal-openlock": RESULTS_VERSION})
+    assert names(here) == ["belief_bayes"]
+    (bayes,) = (one for one in whole.experiment.learners if one.name == "bayes")
+    theirs = replace(bayes, recorded=replace(bayes.origin, package="theirs 2"))
+    assert names(changed(learners=(theirs,))) is None
+
+
+def test_trials_are_told_as_they_were_played(tmp_path):
+    protocol = ol.Protocol("quick", attempt_limit=7, stop_when_solved=False, train_loops=4)
+    experiment = ol.make_experiment(["CC4", "CC3-CE4"], ["random"], protocol=protocol)
+    record = table(trial_rows([0] * 7, learner="random", protocol="quick"))
+    text = lines_of(write_report(record, tmp_path, stored(experiment), [OURS]).read_text("utf-8"))
+    assert "7 attempts in every trial, also after it is solved." in text
+    assert "6 training trials, gone through 4 times, then 1 test trial" in text
+    assert "| CC3-CE4 | CC3 | CE4 | –" in text
+    assert "| CC4 | CC4 | – | 1 trial" in text
