@@ -68,3 +68,31 @@ def imported(text: str | bytes, name: str = "data.csv") -> Any:
         return of("causal_openlock.importing.folder", "import_files")([file(name, text)], "in")
     finally:
         assert not Path("in").exists()
+
+
+def learner(name: str, **parameters: Any) -> Any:
+    """Create a learner, with some parameters."""
+    return of("causal_openlock.contract.registry", "create")(name, parameters)
+
+
+def begun(name: str, condition: str = "CC3", layouts: str = "published", **parameters: Any) -> Any:
+    """Let a learner begin a session, at which it looks for all that it needs."""
+    conditions = of("causal_openlock.experiment.protocol", "Condition")
+    protocol = of("causal_openlock.experiment.protocol", "Protocol")("t", 2, True, layouts=layouts)
+    session = of("causal_openlock.experiment.session", "Session")(
+        conditions.named(condition, ol.find_schema), protocol, 1
+    )
+    return session.begin(learner(name, **parameters))
+
+
+def on_results(command: str) -> None:
+    """Run a command next to a results folder ``played``, and raise what it refuses.
+
+    Two subjects of ``random`` and of ``associative`` play two trials of CC3.
+    """
+    short = ol.Protocol("short", 3, stop_when_solved=True, baseline_trials=2)
+    learners = ["random", "associative"]
+    ol.compare("CC3", learners, protocol=short, subjects=2, out="played", workers=0)
+    done = of("support.command", "at_once")(*words(command))
+    if done.status == 2:
+        raise of("causal_openlock.errors", "OpenLockError")(done.stderr)
