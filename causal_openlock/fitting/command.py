@@ -274,7 +274,7 @@ def print_fit(fitted: Fit, found: FittedLearner, console: Terminal) -> None:
     if plan.space.learner == "bayes" and plan.hold_out != "none":
         console.print(
             "The default ranges of bayes were narrowed with the transfer tests in view "
-            "(docs/fit.md):\nwhat is held out is a check, not an untouched prediction.",
+            "(evidence/likeness):\nwhat is held out is a check, not an untouched prediction.",
             style="dim",
         )
 
