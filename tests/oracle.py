@@ -485,10 +485,11 @@ class Plans:
                 values[node] += self.rest(tuple(part), now, seen.pushed, then, still)
         return values
 
-    def regret(self, belief, found, pushed, left):
-        """``{node: attempts that it costs}`` against the best action."""
-        values, weight = self.after(belief, found, pushed, left), sum(w for _, w in belief)
-        return {node: (value - min(values.values())) / weight for node, value in values.items()}
+    def regret(self, belief, found, pushed, left, node):
+        """Attempts that an action costs against the best one; None is an action without effect."""
+        values = self.after(belief, found, pushed, left)
+        own = self.rest(belief, found, pushed, left - 1) if node is None else values[node]
+        return (own - min(values.values())) / sum(weight for _, weight in belief)
 
 
 def least_attempts(schemas, action_limit, positions=None, find=None, lock_seen=True):
@@ -498,9 +499,9 @@ def least_attempts(schemas, action_limit, positions=None, find=None, lock_seen=T
     return Plans(action_limit, find, lock_seen).attempts(belief)
 
 
-def schema_worth(schemas, action_limit, positions=None, lock_seen=True):
-    """Attempts until all solutions that it saves to know which of these schemas holds."""
-    options = action_limit, positions, None, lock_seen
-    known = {schema: least_attempts({schema: 1.0}, *options) for schema in schemas}
+def schema_worth(schemas, action_limit, positions=None, find=None, lock_seen=True):
+    """Least expected attempts of who knows which of the schemas holds, and of who does not."""
+    options = action_limit, positions, find, lock_seen
     shares = normalised(schemas)
-    return least_attempts(schemas, *options) - sum(shares[s] * known[s] for s in shares)
+    known = sum(share * least_attempts({one: 1.0}, *options) for one, share in shares.items())
+    return known, least_attempts(schemas, *options)

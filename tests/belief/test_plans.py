@@ -1,0 +1,469 @@
+"""Plans, optimal play, regret and the worth of a schema, against plain recursion."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import causal_openlock as ol
+from causal_openlock.belief.hypotheses import RoomSight, enumerate_space, strengths
+from causal_openlock.belief.observer import Observer
+from causal_openlock.belief.optimal import OneAttemptAhead, Optimum, Point, bits
+from causal_openlock.belief.placements import TooLargeError, mixture, placements
+from causal_openlock.belief.planning import Objective, Planner, Situation
+from causal_openlock.belief.possible_schemas import possible_schemas
+from causal_openlock.belief.structures import Hypotheses
+from causal_openlock.schemas.finding import find_schema
+from causal_openlock.schemas.schema import Gate, Schema
+from causal_openlock.testing import schemas
+from causal_openlock.world.room import Layout
+from oracle import (
+    DOOR,
+    NOTHING,
+    Plans,
+    Rules,
+    branches,
+    entropy,
+    least_attempts,
+    schema_worth,
+    worth_of,
+)
+from oracle import placements as placed
+from support.belief_arrays import hypothesis_of, key_of, mask, rules_in
+from support.command import at_once
+
+CERTAIN = strengths(0.0, 1.0, 1.0, 1)
+UNSURE = strengths(0.5, 4.0, 1.0, 2)
+MIXED = Schema(
+    "mixed", ["A", "B", "C", "D"], {"A": ["C", "D"], "B": ["C"], "C": [DOOR], "D": [DOOR]}
+)
+BRANCHES = "A -> B; B -> door; C -> door"
+
+
+def mixed(names, limit=3, positions=None):
+    """Hypotheses and weights of who holds these schemas equally probable."""
+    return mixture([(find_schema(name), 1 / len(names)) for name in names], limit, positions)
+
+
+# -- plans of the structure learner ----------------------------------------------------------------
+
+
+class Thinker:
+    """Some hypotheses as arrays and as the oracle's rules."""
+
+    def __init__(self, hypotheses, how):
+        self.hypotheses, self.how = hypotheses, how
+        strength = how.value[hypotheses.strength].tolist()
+        self.rules = [rules_in(hypotheses, i, s) for i, s in enumerate(strength)]
+        self.slots = [*range(hypotheses.causes.shape[1] - 1), DOOR]
+
+    def values(self, belief, pushed, unlocked, left, found, objective):
+        """The planner's values, by node; levers that are pushed and a locked door have none."""
+        planner = Planner(self.hypotheses[[*map(self.rules.index, belief)]], self.how, objective)
+        at = Situation(mask(pushed), unlocked, left, tuple(map(mask, found)))
+        values = planner.values(np.array([*belief.values()]), at)
+        return dict(zip(self.slots, values.tolist(), strict=True))
+
+    def moments(self, rng, attempts, limit=3):
+        """What a subject believes, and where it stands, in attempts of random actions."""
+        weights = rng.dirichlet(np.full(len(self.rules), 0.7)).tolist()
+        belief = dict(zip(self.rules, weights, strict=True))
+        truth, found = self.rules[rng.choice(len(weights), p=weights)], NOTHING
+        for _ in range(attempts):
+            pushed, unlocked, left = NOTHING, False, limit
+            while left:
+                yield belief, pushed, unlocked, left, found
+                nodes = [slot for slot in self.slots[:-1] if slot not in pushed]
+                node = nodes[rng.integers(len(nodes))] if nodes else DOOR
+                node = DOOR if unlocked and rng.random() < 0.6 else node
+                own = truth.outcomes(pushed, node, found)
+                seen = [*own][rng.choice(len(own), p=[*own.values()])]
+                belief = branches(belief, pushed, node, found)[seen]
+                found |= {pushed} if seen.new else NOTHING
+                pushed, unlocked = seen.pushed, seen.unlocked
+                left = 0 if seen.opened else left - 1
+
+
+def some_room(seed, unsure, many=8):
+    """Some hypotheses about a few levers of which not all need be active."""
+    rng, how = np.random.default_rng(seed), UNSURE if unsure else CERTAIN
+    sight = [RoomSight(3, 3, 2, 3), RoomSight(3, 2, 1, 3), RoomSight(4, 4, 3, 3)][seed % 3]
+    space = enumerate_space(sight, how, 0.7, 20_000)
+    chosen = np.sort(rng.choice(len(space), size=min(many, len(space)), replace=False))
+    return Thinker(space.hypotheses[chosen], how), rng
+
+
+@pytest.mark.parametrize("unsure", [False, True])
+@pytest.mark.parametrize("seed", range(6))
+def test_values_of_actions_are_those_of_plain_recursion(seed, unsure):
+    thinker, rng = some_room(seed, unsure)
+    for belief, pushed, unlocked, left, found in thinker.moments(rng, attempts=2):
+        may = [slot for slot in thinker.slots[:-1] if slot not in pushed] + [DOOR] * unlocked
+        for information, beta, horizon in ((1.0, 3.0, None), (1.0, 0.0, 9), (0.0, 1.0, 1)):
+            objective = Objective(information, beta, horizon)
+            values = thinker.values(belief, pushed, unlocked, left, found, objective)
+            ahead = min(left, horizon or left)
+            for slot, value in values.items():
+                expected = -math.inf
+                if slot in may:
+                    expected = worth_of(belief, pushed, slot, found, ahead, information, beta)
+                assert value == pytest.approx(expected, abs=1e-7)
+
+
+def test_the_door_is_worth_its_new_solution_and_what_it_tells():
+    # L0 alone opened the door. With L1 pushed too this is the same solution if L1 does nothing,
+    # and another one if both are needed.
+    alone = Schema("alone", ["L0", "L1"], {"L0": [DOOR]}, inert=["L1"])
+    two = Schema("two", ["L0", "L1"], {"L0": [DOOR], "L1": [DOOR]}, gates={DOOR: Gate("all")})
+    both = [hypothesis_of(key_of(schema), [0, 1], 2) for schema in (alone, two)]
+    thinker = Thinker(Hypotheses.joined(both), CERTAIN)
+    for share in (0.5, 0.2):
+        belief = dict(zip(thinker.rules, (1 - share, share), strict=True))
+        at = belief, {0, 1}, True, 1, [{0}]
+        value = thinker.values(*at, Objective(0.5, 3.0))[DOOR]
+        assert value == pytest.approx(0.5 * entropy(belief) + 3 * share)
+
+
+def test_a_push_that_moves_nothing_is_worth_nothing():
+    chain = Schema("chain", ["L0", "L1"], {"L0": ["L1"], "L1": [DOOR]})
+    thinker = Thinker(hypothesis_of(key_of(chain), [0, 1], 3), CERTAIN)
+    values = [
+        [*thinker.values({thinker.rules[0]: 1.0}, *at, [], Objective(1.0, 3.0)).values()]
+        for at in ((NOTHING, False, 3), ({0}, False, 2), (NOTHING, False, 2))  # the last: too late
+    ]
+    never = -math.inf
+    assert values == [[3, 0, 0, never], [never, 3, 0, never], [0, 0, 0, never]]
+
+
+def attempts_of_plan(names, positions, objective):
+    """Attempts that the plan needs on average until everything is found; exact, no sampling.
+
+    Every hypothesis is followed at once: an action splits those that are still possible by what
+    they predict.
+    """
+    hypotheses, prior = mixed(names, 3, positions)
+    thinker, total = Thinker(hypotheses, CERTAIN), 0.0
+    everyone = dict(zip(thinker.rules, prior.tolist(), strict=True))
+    todo = [(everyone, NOTHING, False, 3, NOTHING)]
+    while todo:
+        belief, pushed, _, left, found = moment = todo.pop()
+        if left == 3:
+            if len(found) == hypotheses.solutions.shape[1]:
+                continue
+            total += sum(belief.values())
+        values = thinker.values(*moment, objective)
+        node = next(n for n, value in values.items() if value >= max(values.values()) - 1e-9)
+        for seen, rest in branches(belief, pushed, node, found).items():
+            then = found | {pushed} if seen.new else found
+            over = seen.opened or left == 1
+            at = (NOTHING, False, 3) if over else (seen.pushed, seen.unlocked, left - 1)
+            todo.append((rest, *at, then))
+    return total
+
+
+@pytest.mark.parametrize(
+    ("names", "positions", "optimum", "beta"),
+    [
+        (("CC3",), None, 8 / 3, 3.0),
+        (("CE4",), None, 3.75, 3.0),
+        (("CC3", "CE3"), None, 2 + 5 / 6, 2.0),
+        (("CC4", "CE4"), None, 3.875, 5.0),
+        (("CC3", "CE3"), 7, 4.810, 3.0),
+    ],
+)
+def test_the_plan_needs_hardly_more_attempts_than_the_optimum(names, positions, optimum, beta):
+    attempts = attempts_of_plan(names, positions, Objective(1.0, beta))
+    assert optimum - 1e-3 < attempts < optimum + 0.05
+
+
+def test_information_alone_is_not_enough():
+    assert attempts_of_plan(("CC3", "CE3"), 7, Objective(1.0, 1e-6)) > 4.810 + 0.2
+
+
+# -- optimal play ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("names", "positions", "attempts"),
+    [
+        (("CC3",), None, 8 / 3),
+        (("CC4",), None, 3.75),
+        (("CE4",), None, 3.75),
+        (("CC4", "CE4"), None, 3.875),
+        (("CC3",), 7, 4.905),
+        (("CE3",), 7, 4.400),
+        (("CC4",), 7, 5.836),
+        (("CE4",), 7, 5.214),
+        (("CC3", "CE3"), 7, 4.810),
+        (("CC4", "CE4"), 7, 5.643),
+    ],
+)
+def test_the_least_expected_attempts_that_are_published(names, positions, attempts):
+    assert Optimum(*mixed(names, 3, positions), 3).attempts() == pytest.approx(attempts, abs=5e-4)
+
+
+@pytest.mark.parametrize(
+    ("names", "limit", "positions"),
+    [
+        (("CE3",), 4, None),
+        (("CC3", "CE3"), 3, None),
+        (("CC3", "CE3"), 5, None),
+        (("CC3", "CE3"), 3, 4),
+        (("two_keys",), 5, None),
+        (("chain3",), 6, None),
+        (("CC4", "CE4"), 3, None),
+        ((MIXED,), 3, None),
+    ],
+)
+def test_the_optimum_is_that_of_a_search_of_everything(names, limit, positions):
+    own = {name if isinstance(name, Schema) else find_schema(name): 1.0 for name in names}
+    expected = least_attempts(own, limit, positions)
+    whole = mixture([(schema, 1 / len(own)) for schema in own], limit, positions)
+    assert Optimum(*whole, limit).attempts() == pytest.approx(expected)
+    assert Optimum(*whole, limit, pulls=True).attempts() == pytest.approx(expected)
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    drawn=st.lists(schemas(max_levers=3), min_size=1, max_size=4),
+    weights=st.lists(st.sampled_from([0.2, 1.0, 3.0]), min_size=4, max_size=4),
+    more=st.integers(0, 1),
+    find=st.integers(1, 3),
+    lock_seen=st.booleans(),
+)
+def test_the_optimum_of_random_schemas_is_that_of_a_search_of_everything(
+    drawn, weights, more, find, lock_seen
+):
+    def shape(schema):
+        return len(schema.levers), len(schema.solutions)
+
+    own = {one: w for one, w in zip(drawn, weights, strict=False) if shape(one) == shape(drawn[0])}
+    limit = max(schema.least_action_limit for schema in own) + more
+    find = min(find, shape(drawn[0])[1])
+    shares = [(schema, weight / sum(own.values())) for schema, weight in own.items()]
+    options = {"find": find, "lock_seen": lock_seen}
+    optimum = Optimum(*mixture(shares, limit), limit, pulls=True, **options)
+    assert optimum.attempts() == pytest.approx(least_attempts(own, limit, **options))
+
+
+@pytest.mark.parametrize(
+    ("names", "limit"), [(("CC3", "CE3"), 3), (("CC4", "CE4"), 3), (("chain3",), 5)]
+)
+def test_values_and_best_actions_in_every_state_that_may_come(names, limit):
+    hypotheses, weight = mixed(names, limit)
+    optimum = Optimum(hypotheses, weight, limit, pulls=True)
+    belief = placed({find_schema(name): 1.0 for name in names})
+    keys = [rules_in(hypotheses, index).key for index in range(len(hypotheses))]
+    assert {rules.key for rules, _ in belief} == set(keys)
+    assert len(belief) == len(keys)
+    plans, rng = Plans(limit, hypotheses.solutions.shape[1]), np.random.default_rng(1)
+    levers, seen_states = hypotheses.causes.shape[1] - 1, set()
+    for _ in range(40):
+        possible, found = belief, NOTHING
+        for _ in range(3):
+            pushed, left = NOTHING, limit
+            while left and len(found) < plans.find:
+                seen_states.add((possible, found, pushed, left))
+                node = DOOR if rng.random() < 0.4 else int(rng.integers(levers))
+                parts = branches(dict(possible), pushed, node, found)
+                seen = [*parts][rng.integers(len(parts))]
+                possible = tuple(parts[seen].items())
+                found |= {pushed} if seen.new else NOTHING
+                pushed, left = seen.pushed, 0 if seen.opened else left - 1
+    assert len(seen_states) > 30
+    for possible, found, pushed, left in seen_states:
+        which = np.isin(np.arange(len(keys)), [keys.index(rules.key) for rules, _ in possible])
+        point = Point(bits(which), tuple(sorted(map(mask, found))), mask(pushed), left)
+        values = plans.after(possible, found, pushed, left)
+        total = sum(weight for _, weight in possible)
+        least = min(values.values())
+        assert optimum.value(point) == pytest.approx(least / total)
+        does = {
+            node
+            for node, value in values.items()
+            if value <= least + 1e-9
+            and any(seen.moved for seen in branches(dict(possible), pushed, node, found))
+        }
+        best = {
+            DOOR if action == 2 * levers else (action % levers, action >= levers)
+            for action in optimum.best(point)
+        }
+        assert best == {n if n == DOOR else (n, n in pushed) for n in does or {DOOR}}
+
+
+def test_regret_and_information_of_attempts_in_a_room():
+    for name, limit in (("CC4", 3), ("CE3", 3), ("chain3", 4)):
+        schema = find_schema(name)
+        belief = placed({schema: 1.0})
+        plans = Plans(limit, len(schema.solutions))
+        rng = np.random.default_rng(2)
+        for _ in range(4):
+            layout = Layout.random(schema, rng)
+            grey = sorted(layout.places)
+            attempts = rng.choice([*grey, *grey, *(7 + g for g in grey), 14, 14, 0], (4, limit))
+            place = dict(zip(schema.levers, map(grey.index, layout.places), strict=True))
+            truth = Rules.of(schema).at(place)
+            worths = Observer(schema, limit).trial(layout, attempts.tolist())
+            possible, found = belief, NOTHING
+            for attempt, worth in zip(attempts.tolist(), worths, strict=False):
+                pushed, left, told = NOTHING, limit, np.zeros(4)  # as in Worth, without useless
+                for action in attempt:
+                    whole = dict(possible)
+                    every = [*range(len(grey)), DOOR]
+                    parts = [branches(whole, pushed, node, found) for node in every]
+                    gains = [entropy({s: sum(p.values()) for s, p in one.items()}) for one in parts]
+                    pull, position = divmod(action, 7)
+                    node = DOOR if pull == 2 else grey.index(position) if position in grey else None
+                    does = node == DOOR or (node is not None and pull == (node in pushed))
+                    cost = plans.regret(possible, found, pushed, left, node if does else None)
+                    seen = None
+                    if does:
+                        (seen,) = truth.outcomes(pushed, node, found)
+                        possible = tuple(parts[every.index(node)][seen].items())
+                        found |= {pushed} if seen.new else NOTHING
+                        pushed = seen.pushed
+                    expected = gains[every.index(node)] if does else 0.0
+                    gained = entropy(whole) - entropy(dict(possible))
+                    told += [cost, expected, max(gains), gained]
+                    left -= 1
+                    if seen and seen.opened:
+                        break
+                got = [worth.regret, worth.expected, worth.best, worth.gained]
+                assert got == pytest.approx(told.tolist(), abs=1e-8)
+
+
+def test_the_most_attempts_that_it_may_come_to():
+    for name, most in (("CC4", 4), ("CE4", 4), ("CC3", 3), ("two_of_four", 6)):
+        assert Optimum(*mixed([name]), 3).most() == most
+
+
+def test_a_room_of_924_solutions_takes_924_attempts():
+    levers = [f"L{index}" for index in range(12)]
+    free = Schema("free", levers, {lever: [DOOR] for lever in levers},
+                  gates={DOOR: Gate("at_least", 6)})  # fmt: skip
+    assert Optimum(*mixture([(free, 1.0)], 7), 7).attempts() == 924
+
+
+def test_placements_that_act_alike_are_one():
+    many = [len(placements(find_schema(name), 3)) for name in ("CC3", "CE4", "two_of_four")]
+    assert many == [3, 4, 1]
+    twice, weight = mixture([(find_schema("CC3"), 0.25), (find_schema("CC3"), 0.75)], 3, 7)
+    assert len(twice) == 105
+    assert weight == pytest.approx(1 / 105)
+
+
+def test_what_takes_too_long_is_given_up():
+    with pytest.raises(TooLargeError):
+        Optimum(*mixed(["CC4", "CE4"], 3, 7), 3, node_limit=50).attempts()
+    wide = ol.schema("; ".join(f"L{i} -> L{i + 1}" for i in range(9)) + "; L9 -> door")
+    with pytest.raises(TooLargeError, match="3,628,800 ways"):
+        placements(wide, 11)
+
+
+# -- what a schema is worth ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("first", "among", "options"),
+    [
+        ("CC4", "CE4", {}),
+        ("CC3", "CE3", {"lock_seen": False}),
+        ("CC3", "A -> door; B -> C; C -> door", {"action_limit": 4, "lock_seen": False}),
+        (BRANCHES, {"CC3": 2.0, "A -> B; C -> B; B -> door; A -> door": 0.5}, {}),
+        ("A -> door; B -> C; C -> door", "A -> B; B -> door; C -> door", {"action_limit": 5}),
+        ("A -> B; B -> door", "A & B -> door", {"levers_known": False}),
+        ("CC3", "all", {}),
+    ],
+)
+def test_worth_is_that_of_a_plain_search_over_policies(first, among, options):
+    found = ol.schema_worth(first, among, **options)
+    own, limit = dict(found.among), found.action_limit
+    how = {"lock_seen": found.lock_seen, "positions": None if found.levers_known else 7}
+    expected = [
+        schema_worth(own, limit, find=n, **how) for n in range(1, len(found.unknown.until) + 1)
+    ]
+    assert found.known.until == pytest.approx([known for known, _ in expected], abs=1e-9)
+    assert found.unknown.until == pytest.approx([unknown for _, unknown in expected], abs=1e-9)
+    assert found.worth == pytest.approx(expected[-1][1] - expected[-1][0], abs=1e-9)
+
+
+def test_the_schema_of_the_paper_is_worth_an_eighth_of_an_attempt():
+    found = ol.schema_worth("CC4", "CE4")
+    assert (found.known.upper, found.unknown.upper, found.worth) == (3.75, 3.875, 0.125)
+    assert found.known.each == found.here_least == (1.75, 1, 1)
+    assert found.unknown.each == (1.75, 1.125, 1)  # nothing at the first solution
+    assert found.here_most == (1.75, 1.25, 1)
+    assert found.unknown.until == (1.75, 2.875, 3.875)
+    assert found.states == found.known.states + found.unknown.states > 50
+
+
+def test_means_over_schemas_are_the_whole():
+    found = ol.schema_worth("CC4", {"CE4": 3.0}, lock_seen=False)
+    assert [chance for _, chance in found.among] == [0.25, 0.75]
+    assert sum(found.unknown.each) == pytest.approx(found.unknown.upper)
+    other = ol.schema_worth("CE4", {"CC4": 1.0, "CE4": 3.0}, lock_seen=False)
+    assert other.worth == pytest.approx(found.worth)
+    whole = 0.25 * sum(found.here_least) + 0.75 * sum(other.here_most)
+    assert whole == pytest.approx(found.unknown.upper)
+
+
+@pytest.mark.parametrize(
+    ("name", "among", "positions", "lock_seen"),
+    [("CC3", "all", None, True), ("CC3", "CE3", 7, False), ("two_keys", "all", None, True)],
+)
+def test_bounds_hold_where_the_optimum_is_known(name, among, positions, lock_seen):
+    own = possible_schemas(ol.schema(name), among, 3)
+    hypotheses, weight = mixture(own, 3, positions)
+    options = {"lock_seen": lock_seen, "node_limit": 100_000}
+    exact = Optimum(hypotheses, weight, 3, **options).attempts()
+    ahead = OneAttemptAhead(hypotheses, weight, 3, **options)
+    assert ahead.attempts() <= exact + 1e-9
+    for bit in (0.0, 0.3):
+        policy = OneAttemptAhead(hypotheses, weight, 3, **options)
+        policy.worth_of_a_bit = bit
+        everyone = Optimum(hypotheses, weight, 3, **options)
+        mean = policy.split(lambda possible, _, all=everyone: (all._weight(possible),))
+        assert exact - 1e-9 <= mean[0] < exact + 1.0
+
+
+def test_too_large_a_search_gives_bounds():
+    exact = ol.schema_worth("CC4", "CE4", levers_known=False)
+    found = ol.schema_worth("CC4", "CE4", levers_known=False, most_states=400)
+    assert (exact.exact, found.exact) == (True, False)
+    low, high = found.bounds
+    assert low <= exact.worth <= high < low + 0.5
+    assert "0.000 to 0.118 attempts" in str(found)
+    assert len(found.table) == 2
+
+
+def test_possible_schemas_are_listed_once_and_known_rooms_sharpen_the_grammar():
+    names = [one for one, _ in possible_schemas(ol.schema("CC3"), "all", 3)]
+    assert len(names) == 12
+    assert names[0] == ol.schema("CC3")
+    chances = [chance for _, chance in possible_schemas(ol.schema("CE4"), "grammar", 3)]
+    assert len(chances) == 44
+    assert sum(chances) == pytest.approx(1)
+    own = [
+        possible_schemas(ol.schema("CC4"), "grammar", 3, weight, before)[0][1]
+        for weight, before in [(1, []), (100, ["CC3"]), (1, ["CC3"]), (1, ["CC3"] * 5)]
+    ]
+    assert own == sorted(own)
+    assert own[0] < own[1] < own[2] < own[3]
+    worth = [ol.schema_worth("CC3", "grammar", after=before).worth for before in ([], ["CC3"] * 5)]
+    assert worth[0] > worth[1]
+
+
+def test_the_command_prints_the_table(tmp_path):
+    done = at_once("schema", "worth", "CC4", "--among", "CE4=1", cwd=tmp_path)
+    assert done.status == 0
+    assert [line.split()[-3:] for line in done.stdout.splitlines()[1:5]] == [
+        ["3.750", "3.875", "0.125"],
+        ["1.750", "1.750", "0.000"],
+        ["1.000", "1.125", "0.125"],
+        ["1.000", "1.000", "0.000"],
+    ]
+    words = ("--lock-unseen", "--action-limit", "3", "--levers-unknown")
+    done = at_once("schema", "worth", "CC3", "-a", "CE3", *words, cwd=tmp_path)
+    assert "active levers unknown, lock unseen, 3 actions" in done.stdout.replace("\n", " ")

@@ -1,0 +1,94 @@
+"""Beliefs as arrays, and the same as rules and structures of the oracle."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from causal_openlock.belief.structures import NEVER, Hypotheses, Structures
+from causal_openlock.schemas.schema import Schema
+from oracle import DOOR, Rules, Seen, structure
+
+Key = tuple[tuple[frozenset, ...], tuple[int, ...]]
+"""A structure on levers 0, 1, ...: causes of each and of the door, and how many are needed."""
+
+
+def lever_set(mask: int) -> frozenset[int]:
+    return frozenset(lever for lever in range(16) if int(mask) >> lever & 1)
+
+
+def mask(levers) -> int:
+    return sum(1 << lever for lever in levers)
+
+
+def key_of(schema: Schema) -> Key:
+    """The structure of a schema, its levers by number."""
+    rules = Rules.of(schema)
+    nodes = (*schema.levers, DOOR)
+    causes = tuple(frozenset(map(schema.levers.index, rules.causes[node])) for node in nodes)
+    return causes, tuple(rules.needed[node] for node in nodes)
+
+
+def arrays_of(keys: Sequence[Key]) -> Structures:
+    """Structures as arrays."""
+    return Structures(
+        np.array([[mask(own) for own in causes] for causes, _ in keys], dtype=np.uint16),
+        np.array([needed for _, needed in keys], dtype=np.uint8),
+    )
+
+
+def keys_of(structures: Structures) -> list[Key]:
+    """Arrays as structures."""
+    causes, needed = structures.causes.tolist(), structures.threshold.tolist()
+    return [(tuple(map(lever_set, c)), tuple(n)) for c, n in zip(causes, needed, strict=True)]
+
+
+def rules_in(hypotheses: Hypotheses, index: int, strength: float = 1.0) -> Rules:
+    """The rules of one of many hypotheses, its levers by slot."""
+    *levers, door = range(hypotheses.causes.shape[1])
+    needed = hypotheses.threshold[index].tolist()
+    active = {slot: slot for slot in levers if needed[slot] != NEVER} | {door: DOOR}
+    causes = {
+        name: dict.fromkeys(sorted(lever_set(hypotheses.causes[index, node])), strength)
+        for node, name in active.items()
+    }
+    return Rules(causes, {name: needed[node] for node, name in active.items()})
+
+
+def hypothesis_of(
+    key: Key, slots: Sequence[int], positions: int, strength: int = 0
+) -> Hypotheses:
+    """One hypothesis as arrays: a structure whose levers stand in these slots.
+
+    Args:
+        key: The structure.
+        slots: The slot of each of its levers; all others never move.
+        positions: How many slots there are.
+        strength: Index of the strength.
+    """
+    rules = structure(*key)
+    causes = np.zeros((1, positions + 1), dtype=np.uint16)
+    needed = np.full((1, positions + 1), NEVER, dtype=np.uint8)
+    causes[0, [*slots, positions]] = [mask(slots[c] for c in own) for own in key[0]]
+    needed[0, [*slots, positions]] = key[1]
+    solutions = sorted(mask(slots[c] for c in levers) for levers in rules.solutions)
+    return Hypotheses(
+        causes,
+        needed,
+        np.array([mask(slots[c] for c in rules.inert)], dtype=np.uint16),
+        np.array([solutions], dtype=np.uint16),
+        np.array([strength], dtype=np.uint8),
+    )
+
+
+def partition(labels) -> list[int]:
+    """Equal labels get equal numbers, counted as they come."""
+    numbers: dict = {}
+    return [numbers.setdefault(label, len(numbers)) for label in labels]
+
+
+def seen_in(before, after, positions: int, new: bool, door: bool) -> tuple[frozenset, Seen]:
+    """Levers pushed before an action, and what was seen after it, from two observations."""
+    pushed, then = (frozenset(np.flatnonzero(one[:positions]).tolist()) for one in (before, after))
+    opened = bool(after[-1])
+    moved = opened if door else pushed != then
+    return pushed, Seen(moved, then, not after[-2], opened, bool(new))
