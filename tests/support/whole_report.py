@@ -96,6 +96,7 @@ def whole_material():
         conditions=tuple(map(condition_called, (*PAPER_CONDITIONS, OWN))),
         learners=learners,
         versions={"numpy": ["2.0", "2.1"], "causal-openlock": RESULTS_VERSION},
+        files=(*cells, "able_CC4_0-19_0123456789ab"),
         missing=cells,
         failures={cells[0]: "half in CC3-CE4, subjects 0-19: it failed on <purpose>"},
         not_applicable={"told": {"CE3-CE4": "rooms of CE4 are too large for told"}},

@@ -1,20 +1,14 @@
 """Numbers of the page, recomputed from the record by other means: pandas by hand, and SciPy."""
 
-from __future__ import annotations
-
 import csv
 import math
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 from scipy import stats
 
-from causal_openlock.analysis.effects import difference
 from causal_openlock.analysis.measures import count
 from causal_openlock.analysis.report.writing import write_report
 from causal_openlock.analysis.results.reading import read_results
@@ -41,7 +35,7 @@ protocols: {quick: {based_on: rl, attempt_limit: 40, baseline_loops: 2, train_lo
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("numbers")
     (folder / "numbers.yaml").write_text(DECLARED)
     with ThreadPoolExecutor(1) as pool:
@@ -52,7 +46,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 @pytest.fixture(scope="module")
-def attempts(folder: Path) -> pd.DataFrame:
+def attempts(folder):
     """The record as pandas reads its files, with nothing of ours in between."""
     cells = [pd.read_parquet(path) for path in sorted((folder / "cells").glob("*.parquet"))]
     frame = pd.concat(cells, ignore_index=True)
@@ -62,7 +56,7 @@ def attempts(folder: Path) -> pd.DataFrame:
 
 
 @pytest.fixture(scope="module")
-def solved(attempts: pd.DataFrame) -> pd.DataFrame:
+def solved(attempts):
     """One row for each trial, by hand: attempts until the last solution, or to the end."""
     rows = []
     by = ["learner", "condition", "subject", "phase", "loop", "trial"]
@@ -76,11 +70,11 @@ def solved(attempts: pd.DataFrame) -> pd.DataFrame:
 
 
 @pytest.fixture(scope="module")
-def page(folder: Path) -> Page:
+def page(folder):
     return Page((folder / "report.html").read_text("utf-8"))
 
 
-def judged(solved: pd.DataFrame, learner: str, condition: str) -> Any:
+def judged(solved, learner, condition):
     """``[n]`` of each subject: its test, or the last trial of its last loop."""
     mine = solved[(solved["learner"] == learner) & (solved["condition"] == condition)]
     if (mine["phase"] == "test").any():
@@ -91,7 +85,7 @@ def judged(solved: pd.DataFrame, learner: str, condition: str) -> Any:
     return mine.groupby("subject")["needed"].mean().to_numpy()
 
 
-def test_headline_means_intervals_and_shares(page: Page, solved: pd.DataFrame) -> None:
+def test_headline_means_intervals_and_shares(page, solved):
     human, quick = page.tables[2:4]
     rows = {row[0].split(" | ")[0]: row for row in [*human, *quick]}
     conditions = [head.split(" | ")[0] for head in human[0][1:]]
@@ -116,7 +110,7 @@ def test_headline_means_intervals_and_shares(page: Page, solved: pd.DataFrame) -
                 assert (low, high) == pytest.approx((told.low, told.high), abs=0.15 * wide)
 
 
-def test_every_trial_in_the_summary(folder: Path, solved: pd.DataFrame) -> None:
+def test_every_trial_in_the_summary(folder, solved):
     with (folder / "summary.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 3 * (5 + 5) + 2 * (6 + 1) + (6 + 5)
@@ -135,9 +129,7 @@ def test_every_trial_in_the_summary(folder: Path, solved: pd.DataFrame) -> None:
         assert int(row["loops"]) == mine["loop"].max()
 
 
-def test_pages_of_learners_have_the_headline_and_what_is_published(
-    folder: Path, page: Page, solved: pd.DataFrame
-) -> None:
+def test_pages_of_learners_have_the_headline_and_what_is_published(folder, page, solved):
     with (folder / "tables" / "learner_oracle.csv").open(newline="") as file:
         rows = {row["condition"]: row for row in csv.DictReader(file)}
     for condition, people in (("CC4", 6.45), ("CE4", 9.425), ("CC3-CC4", 5.525)):
@@ -150,7 +142,7 @@ def test_pages_of_learners_have_the_headline_and_what_is_published(
     assert [row[3] for row in shown[0][1:]] == ["3.00"] * 3
 
 
-def test_counts_of_figure_6_add_up_to_the_attempts(folder: Path, attempts: pd.DataFrame) -> None:
+def test_counts_of_figure_6_add_up_to_the_attempts(folder, attempts):
     record, _ = read_results(Store(folder))
     blocks = count(record).blocks
     mine = blocks[(blocks["learner"] == "chance") & (blocks["condition"] == "CE4")]
@@ -164,41 +156,6 @@ def test_counts_of_figure_6_add_up_to_the_attempts(folder: Path, attempts: pd.Da
     assert told["unlock"] == (first["category"] == "unlock").sum()
 
 
-def test_what_the_page_says_of_its_size(page: Page, attempts: pd.DataFrame) -> None:
+def test_what_the_page_says_of_its_size(page, attempts):
     trials = 12 * (2 * (5 + 5 + 7) + (10 + 10 + 6 + 10))
     assert f"{len(attempts):,} attempts in {trials:,} trials." in page.text
-
-
-def test_differences_are_welchs_test_and_a_bootstrap() -> None:
-    rng = np.random.default_rng(5)
-    first, second = rng.integers(3, 12, 30).astype(float), rng.integers(4, 25, 18).astype(float)
-    told = difference(first, second, ("a", "b"))
-    assert told.value == first.mean() - second.mean()
-    assert told.p == stats.ttest_ind(first, second, equal_var=False).pvalue
-    booted = stats.bootstrap(
-        (first, second),
-        lambda a, b, axis: a.mean(axis=axis) - b.mean(axis=axis),
-        vectorized=True,
-        method="percentile",
-        n_resamples=9000,
-        rng=2,
-    ).confidence_interval
-    assert (told.low, told.high) == pytest.approx((booted.low, booted.high), abs=0.15)
-
-
-def test_differences_of_groups_that_do_not_vary_are_counted_exactly() -> None:
-    three, four = np.full(3, 30.0), np.full(4, 12.0)
-    told = difference(three, four, ("a", "b"))
-    # Of the 35 ways to choose 3 of 7, two part the groups as sharply: one either way.
-    assert told == (18.0, 18.0, 18.0, pytest.approx(2 / 35))
-    assert difference(three, np.full(5, 30.0), ("a", "b")).p == 1.0
-    alone = difference(np.array([3.0]), four, ("a", "b"))
-    assert alone.value == -9.0
-    assert all(math.isnan(value) for value in alone[1:])
-
-
-def test_resamples_depend_on_the_group_and_on_nothing_else() -> None:
-    values, constant = np.array([1.0, 2.1, 2.3, 9.7, 4.4, 5.2]), np.full(4, 3.0)
-    told = difference(values, constant, ("key", "b"))
-    assert told[:3] == pytest.approx(difference(values[::-1], constant, ("key", "c"))[:3])
-    assert told[1:3] != difference(values, constant, ("other", "b"))[1:3]
