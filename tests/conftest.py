@@ -53,7 +53,7 @@ GOLDEN = Path(__file__).parent / "golden"
 WRITE_THEM = """\
 no digests are stored for processors like this one ({kind}); to write them from the last tag:
   git worktree add ../last v0.2.0
-  PYTHONPATH=../last:../last/learners .venv/bin/pytest --golden tests/golden"""
+  PYTHONPATH=../last:../last/learners .venv/bin/pytest --golden tests/golden/test_cells.py"""
 
 
 @pytest.fixture
@@ -94,10 +94,17 @@ def golden(request: pytest.FixtureRequest) -> Callable[..., None]:
 
 
 def processor_kind() -> str:
-    """What last digits of networks depend on: the instructions that NumPy, torch and numba use."""
-    import torch
+    """What last digits of networks depend on: the machine, the width of its vectors, its maker.
 
-    return f"{platform.machine()}-{torch.backends.cpu.get_cpu_capability()}".lower()
+    Numba adds up in as many parts as a vector holds, whatever the model of the processor; torch
+    multiplies matrices by MKL, which takes other ways on processors that are not Intel's.
+    """
+    import torch
+    from llvmlite.binding import get_host_cpu_name
+
+    maker = "amd" if get_host_cpu_name().startswith("znver") else "other"
+    capability = torch.backends.cpu.get_cpu_capability().lower()
+    return f"{platform.machine()}-{capability}-{maker}".lower()
 
 
 @pytest.hookimpl(trylast=True)
