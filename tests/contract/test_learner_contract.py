@@ -1,13 +1,10 @@
 """Every learner of this package keeps the contract of a learner."""
 
-from __future__ import annotations
-
 import random
 import sys
 import tomllib
 import unittest
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -23,7 +20,7 @@ from causal_openlock.schemas.finding import find_schema
 from causal_openlock.testing import LearnerContract
 from causal_openlock.world.randomness import Streams, generators
 from support.places import ROOT
-from support.scripted_server import scripted
+from support.scripted_model import URL, ScriptedModel
 
 pytestmark = pytest.mark.slow
 
@@ -131,13 +128,14 @@ class TestBayesNetDDQN(LearnerContract):
 
 
 class TestRecurrent(LearnerContract):
+    """It trains with every second action; pieces end and begin within a vector of the processor."""
+
     learner = "recurrent"
-    # It trains with every second action from the fifth on.
     parameters = {  # noqa: RUF012
-        "hidden_units": 8,
+        "hidden_units": 13,
         "burn_in": 2,
         "unroll": 4,
-        "batch_size": 2,
+        "batch_size": 3,
         "train_period": 2,
         "replay_size": 16,
         "target_period": 3,
@@ -147,26 +145,8 @@ class TestRecurrent(LearnerContract):
     attempts = 8
 
 
-class TestRecurrentOfOddSizes(LearnerContract):
-    """Pieces that end and begin within a vector of the processor's."""
-
-    learner = "recurrent"
-    parameters = TestRecurrent.parameters | {
-        "cell": "lstm",
-        "hidden_units": 13,
-        "batch_size": 3,
-    }
-    schemas = ("CC3", "CE4")
-    subjects = 3
-    attempts = 8
-
-
-class TestRecurrentOfFullSize(LearnerContract):
-    learner = "recurrent"
-    parameters = {"replay_size": 200}  # noqa: RUF012
-    schemas = ("CC3", "CE4")
-    subjects = 3
-    attempts = 8
+class TestRecurrentLSTM(TestRecurrent):
+    parameters = TestRecurrent.parameters | {"cell": "lstm"}
 
 
 class TestSemiMarkovDDQN(LearnerContract):
@@ -196,7 +176,7 @@ class TestStableBaselines(LearnerContract):
     subjects = 3
 
     @pytest.fixture(autouse=True)
-    def _installed(self) -> None:
+    def _installed(self):
         pytest.importorskip("stable_baselines3")
 
 
@@ -213,51 +193,40 @@ class TestLanguageModel(LearnerContract):
     """Its model answers by what it is asked, so everything that it is told shows."""
 
     learner = "llm"
+    parameters = {"model": "scripted", "base_url": URL}  # noqa: RUF012
     schemas = ("CC3",)
     subjects = 2
 
     @pytest.fixture(autouse=True)
-    def _served(
-        self, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
-    ) -> Iterator[None]:
+    def _answered(self, tmp_path_factory, monkeypatch):
         # One folder for all tests: what was asked in one of them is not asked in the next.
         folder = tmp_path_factory.getbasetemp() / "llm_contract"
         monkeypatch.setenv("OPENLOCK_LLM_REPLAY", str(folder))
-        with scripted() as (_, url):
-            kind = type(self)
-            monkeypatch.setattr(kind, "parameters", {"model": "scripted", "base_url": url})
-            yield
+        monkeypatch.setattr("openlock_learners.language.server.TRANSPORT", ScriptedModel())
 
 
-def test_every_learner_of_this_package_is_tested() -> None:
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
-    ours = set(project["project"]["entry-points"]["causal_openlock.learners"])
-    here = {
-        value.learner
-        for value in globals().values()
-        if isinstance(value, type) and issubclass(value, LearnerContract) and value.learner
-    }
-    assert ours <= here, f"write a contract test above for {', '.join(sorted(ours - here))}"
-
-
+OURS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"][
+    "causal_openlock.learners"
+]
 WITHOUT_PROBABILITIES = {"posterior_sampling", "sb3", "llm"}
-"""By choice: their modules say why, and the guide to scores names them."""
+"""By choice: the guide to scores names them."""
 
 
-def test_every_learner_gives_its_probabilities_or_says_why_not() -> None:
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+def test_every_learner_of_this_package_has_a_contract_test():
+    here = {
+        getattr(value, "learner", "") for value in globals().values() if isinstance(value, type)
+    }
+    assert set(OURS) <= here, f"write a contract test above for {set(OURS) - here}"
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_every_learner_gives_its_probabilities_or_the_guide_says_that_it_does_not(name):
     guide = (ROOT / "docs" / "howto" / "score.md").read_text()
-    for name in project["project"]["entry-points"]["causal_openlock.learners"]:
-        kind = learner_class(name)
-        gives = kind.probabilities is not Learner.probabilities
-        assert gives == (name not in WITHOUT_PROBABILITIES), name
-        if not gives:
-            assert "It gives no probabilities" in " ".join(
-                sys.modules[kind.__module__].__doc__.split()
-            )
-            assert f"`{name}`" in guide
-        if kind.sample_size is not Learner.sample_size:  # they are estimated
-            assert f"`{name}`" in guide
+    kind = learner_class(name)
+    gives = kind.probabilities is not Learner.probabilities
+    assert gives == (name not in WITHOUT_PROBABILITIES)
+    estimated = kind.sample_size is not Learner.sample_size
+    assert f"`{name}`" in guide or (gives and not estimated)
 
 
 # -- the contract tells good learners from bad ----------------------------------------------------
@@ -290,11 +259,6 @@ class KnowsOnlyTheSmallRoom(Dice):
 class AnswersFloats(Dice):
     def act(self, view):
         return super().act(view).astype(float)
-
-
-class AnswersForOne(Dice):
-    def act(self, view):
-        return 3
 
 
 class DrawsItsOwnSeed(Dice):
@@ -337,13 +301,6 @@ class SeedsGlobally(Dice):
         random.seed(0)
 
 
-class DrawsFromTorch(Dice):
-    def act(self, view):
-        import torch
-
-        return torch.randint(15, (self.brief.subjects,)).numpy()
-
-
 class LooksBehindTheScenes(Dice):
     def act(self, view):
         session = sys._getframe(1).f_locals["session"]
@@ -354,19 +311,14 @@ class LooksBehindTheScenes(Dice):
 
 
 class ReadsTheCallStack(Dice):
-    """Finds the session among the variables of its callers, and plays the solutions in order."""
+    """Finds the session among the variables of its callers, and pushes a lever of its schema."""
 
     def act(self, view):
         frame = sys._getframe(1)
         while not isinstance(session := frame.f_locals.get("self"), Session):
             frame = frame.f_back
-        truth, actions = session.truth, []
-        for subject, room in enumerate(truth.room):
-            found = min(view.console.solutions_found[subject], 2)
-            used = self.brief.action_limit - view.console.actions_left[subject]
-            solution = truth.rooms[room].schema.solutions[found]
-            actions.append(truth.rooms[room].action_of(solution)[used])
-        return np.array(actions)
+        rooms = [session.truth.rooms[room] for room in session.truth.room]
+        return np.array([room.action_of(room.schema.solutions[0])[1] for room in rooms])
 
 
 class TurnsBits(Dice):
@@ -452,46 +404,24 @@ class Inconsistent:
     rate: Annotated[float, Field(lt=0.1), "how fast"] = 0.5
 
 
-class WithThawed(Dice):
-    """Its parameters can be changed."""
-
-    Parameters = Thawed
-
-
-class WithSilent(Dice):
-    """Its parameters have no meaning."""
-
-    Parameters = Silent
+def with_parameters(declared):
+    """A learner whose parameters can be changed, have no meaning, no default, or a wrong one."""
+    body = {"Parameters": declared, "__module__": __name__, "__doc__": "Has parameters."}
+    return type(f"With{declared.__name__}", (Dice,), body)
 
 
-class WithDemanding(Dice):
-    """Its parameters have no defaults."""
-
-    Parameters = Demanding
-
-
-class WithInconsistent(Dice):
-    """Its default is none of its values."""
-
-    Parameters = Inconsistent
+WithThawed, WithSilent, WithDemanding, WithInconsistent = map(
+    with_parameters, (Thawed, Silent, Demanding, Inconsistent)
+)
 
 
-ANSWERS = "test_it_answers_with_one_action_for_each_subject"
-BATCH = "test_a_subject_does_not_depend_on_its_batch"
-SEED = "test_the_same_seed_gives_the_same_record"
-FINISHED = "test_it_ignores_subjects_that_have_finished"
-GLOBAL = "test_it_keeps_no_global_randomness"
-LATENT = "test_it_sees_nothing_latent"
-SEEN = "test_it_acts_only_on_what_it_sees"
-GIVEN = "test_it_never_changes_what_it_is_given"
-OTHERS = "test_it_learns_from_what_others_do"
-RESUMES = "test_it_goes_on_from_a_checkpoint"
-PARAMETERS = "test_its_parameters_are_a_frozen_dataclass_that_explains_itself"
-
-
-def contract_of(kind: type) -> LearnerContract:
-    name = f"{__name__}:{kind.__name__}"
-    return type("Contract", (LearnerContract,), {"learner": name})()
+ANSWERS = "answers_with_one_action_for_each_subject"
+FINISHED = "ignores_subjects_that_have_finished"
+GLOBAL = "keeps_no_global_randomness"
+GIVEN = "never_changes_what_it_is_given"
+OTHERS = "learns_from_what_others_do"
+RESUMES = "goes_on_from_a_checkpoint"
+PARAMETERS = "its_parameters_are_a_frozen_dataclass_that_explains_itself"
 
 
 class TestDice(LearnerContract):
@@ -499,87 +429,69 @@ class TestDice(LearnerContract):
 
 
 @pytest.mark.parametrize(
-    ("kind", "test", "says"),
+    ("kind", "test", "names"),
     [
-        (KnowsOnlyTheSmallRoom, ANSWERS, "7 positions, act answered .* integers from 0 to 14"),
-        (AnswersFloats, ANSWERS, "act answered float64"),
-        (AnswersForOne, ANSWERS, r"of shape \(\), 3, where 4 integers"),
-        (DrawsItsOwnSeed, SEED, r"twice with the same seed .* row 0: actions .* or "),
-        (SharesOneGenerator, BATCH, "subject 0, which played as one of 4 and then as one of 1"),
-        (RemembersInItsClass, BATCH, "row 0: actions .* or "),
-        (LearnsFromTheFinished, FINISHED, "1 steps after .* step.view.playing"),
-        (DrawsGlobally, GLOBAL, r"used or seeded numpy.random; draw from brief.generators"),
-        (SeedsGlobally, GLOBAL, "used or seeded random;"),
-        (DrawsFromTorch, GLOBAL, "used or seeded torch;"),
-        (DrawsItsOwnSeed, GLOBAL, "depends on the global generators"),
-        (LooksBehindTheScenes, LATENT, "names of their levers alone"),
-        (ReadsTheCallStack, SEEN, r"action 1 of the subjects is .* nothing but what it is given"),
-        (TurnsBits, GIVEN, "act changes an array .* copy"),
-        (ClearsRewards, GIVEN, "learn changes an array .* copy"),
-        (TurnsBitsThroughTorch, GIVEN, "act changes an array .* copy"),
-        (NeedsToAct, OTHERS, "given another's action, it fails with AttributeError"),
-        (Forgets, RESUMES, "as it would have uninterrupted: .* agree for"),
-        (HandsOutItsOwnState, RESUMES, "changed with the learner it came from"),
-        (TakesOverTheCheckpoint, RESUMES, "changed with the learner it went to"),
-        (WithThawed, PARAMETERS, r"dataclass\(frozen=True\)"),
-        (WithSilent, PARAMETERS, "no meaning: rate"),
-        (WithDemanding, PARAMETERS, "no default: rate"),
-        (WithInconsistent, PARAMETERS, "should be less than 0.1"),
-        (AnswersFloats, PARAMETERS, "no docstring"),
+        (KnowsOnlyTheSmallRoom, ANSWERS, "7 positions.* 0 to 14"),
+        (AnswersFloats, ANSWERS, "float64"),
+        (DrawsItsOwnSeed, "the_same_seed_gives_the_same_record", "row 0: actions"),
+        (SharesOneGenerator, "a_subject_does_not_depend_on_its_batch", "subject 0"),
+        (RemembersInItsClass, "a_subject_does_not_depend_on_its_batch", "row 0: actions"),
+        (LearnsFromTheFinished, FINISHED, "step.view.playing"),
+        (DrawsGlobally, GLOBAL, "numpy.random"),
+        (SeedsGlobally, GLOBAL, "random"),
+        (DrawsItsOwnSeed, GLOBAL, "global generators"),
+        (LooksBehindTheScenes, "it_sees_nothing_latent", "levers"),
+        (ReadsTheCallStack, "it_acts_only_on_what_it_sees", "action 1"),
+        (TurnsBits, GIVEN, "act"),
+        (ClearsRewards, GIVEN, "learn"),
+        (TurnsBitsThroughTorch, GIVEN, "act"),
+        (NeedsToAct, OTHERS, "AttributeError"),
+        (Forgets, RESUMES, "agree for"),
+        (HandsOutItsOwnState, RESUMES, "came from"),
+        (TakesOverTheCheckpoint, RESUMES, "went to"),
+        (WithThawed, PARAMETERS, "frozen=True"),
+        (WithSilent, PARAMETERS, "rate"),
+        (WithDemanding, PARAMETERS, "rate"),
+        (WithInconsistent, PARAMETERS, "0.1"),
+        (AnswersFloats, PARAMETERS, "docstring"),
     ],
 )
 @pytest.mark.filterwarnings("ignore:The given NumPy array is not writable")
-def test_a_broken_promise_is_found(kind: type, test: str, says: str) -> None:
-    contract = contract_of(kind)
-    with pytest.raises((AssertionError, LearnerError), match=f"(?s){kind.__name__}.*{says}"):
-        getattr(contract, test)()
+def test_a_broken_promise_is_found(kind, test, names):
+    contract = type("Contract", (LearnerContract,), {"learner": f"{__name__}:{kind.__name__}"})()
+    (method,) = [name for name in dir(contract) if name.startswith("test_") and test in name]
+    with pytest.raises((AssertionError, LearnerError), match=f"(?s){kind.__name__}.*{names}"):
+        getattr(contract, method)()
 
 
-def test_python_lets_a_learner_read_the_call_stack() -> None:
-    """Nothing in one process can prevent it; the contract test above is what finds it."""
-    session = Session(Condition.named("CC4", find_schema), PROTOCOLS["human"], 4)
-    assert set(session.play(ReadsTheCallStack())["attempt"].to_pylist()) == {1, 2, 3}
+def test_the_generators_of_a_learner_do_not_lead_to_its_rooms():
+    """The rooms can be drawn again from what generators of an experiment's seed carry."""
+    condition, subjects = Condition.named("CC4", find_schema), [3, 8, 21]
 
-
-class ReadsTheSeed(Learner):
-    """Draws the rooms again from what its generators carry."""
-
-    def begin(self, brief):
-        self.rooms = []
-        for subject, generator in enumerate(brief.generators):
+    def rooms(given):
+        found = []
+        for subject, generator in zip(subjects, given, strict=True):
             held = generator.bit_generator.seed_seq
             number = held.spawn_key[-1] if held.spawn_key else subject
             (again,) = generators(held.entropy, "environment/CC4", [number])
-            visits = plan(Condition.named("CC4", find_schema), PROTOCOLS["human"], again)
-            self.rooms.append([visit.layout.name for visit in visits])
+            visits = plan(condition, PROTOCOLS["human"], again)
+            found.append([visit.layout.name for visit in visits])
+        return found
 
-    def act(self, view):
-        return np.zeros(len(view.playing), dtype=int)
-
-
-def test_the_generators_of_a_learner_do_not_lead_to_its_rooms() -> None:
-    subjects, cheat = [3, 8, 21], ReadsTheSeed()
-    session = Session(Condition.named("CC4", find_schema), PROTOCOLS["human"], subjects, seed=2018)
-    rooms = [list(dict.fromkeys(of_one)) for of_one in _layouts(session)]
-    telling = generators(2018, "learner/learner/CC4/human", subjects)
-    cheat.begin(replace(session.brief, generators=telling))
-    assert cheat.rooms == rooms, "it would find them in generators that carry the seed"
-    cheat.begin(session.brief)
-    assert not any(found == room for found, room in zip(cheat.rooms, rooms, strict=True))
-
-
-def _layouts(session: Session) -> list[list[str]]:
-    """The layouts of each subject's trials, in order."""
+    session = Session(condition, PROTOCOLS["human"], subjects, seed=2018)
     record = session.play(create("oracle")).to_pandas()
-    return [rows.layout.tolist() for _, rows in record.groupby("subject")]
+    played = [[*dict.fromkeys(rows.layout)] for _, rows in record.groupby("subject")]
+    assert rooms(generators(2018, "learner/learner/CC4/human", subjects)) == played
+    for found, room in zip(rooms(session.brief.generators), played, strict=True):
+        assert found != room
 
 
-def test_a_contract_without_a_learner_says_so() -> None:
-    with pytest.raises(AssertionError, match=r'learner = "my_package:MyLearner"'):
+def test_a_contract_without_a_learner_says_so():
+    with pytest.raises(AssertionError, match="learner = "):
         LearnerContract().test_it_plays_a_session_to_its_end()
 
 
-def test_the_contract_runs_under_unittest() -> None:
+def test_the_contract_runs_under_unittest():
     case = type("Case", (LearnerContract, unittest.TestCase), {"learner": "oracle"})
     result = unittest.TestResult()
     unittest.defaultTestLoader.loadTestsFromTestCase(case).run(result)

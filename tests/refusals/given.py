@@ -96,3 +96,10 @@ def on_results(command: str) -> None:
     done = of("support.command", "at_once")(*words(command))
     if done.status == 2:
         raise of("causal_openlock.errors", "OpenLockError")(done.stderr)
+
+
+def searched(learner: str, fixed: Any = None, /, **ranges: tuple[float, ...]) -> Any:
+    """The search of a learner's parameters within ranges ``(low, high)``, perhaps logarithmic."""
+    span = of("causal_openlock.fitting.search", "Range")
+    space = of("causal_openlock.fitting.search", "search_space")
+    return space(learner, {name: span(*ends) for name, ends in ranges.items()}, fixed or {})

@@ -1,0 +1,80 @@
+"""A language model that follows a script, behind a transport that stands for the network.
+
+A script gives, for the body of a request and its number, a message, an exception of the network, or
+``(status, text, headers)`` of a reply.
+"""
+
+import asyncio
+import json
+import zlib
+from typing import Any
+
+import httpx2
+
+URL = "http://localhost:8000/v1"
+Body = dict[str, Any]
+
+
+def choices(body):
+    """The actions that the tool of a request takes."""
+    return body["tools"][0]["function"]["parameters"]["properties"]["action"]["enum"]
+
+
+def call(action, name="act"):
+    function = {"name": name, "arguments": json.dumps({"action": action})}
+    return {
+        "role": "assistant",
+        "tool_calls": [{"id": "c1", "type": "function", "function": function}],
+    }
+
+
+def says(text, **also):
+    return {"role": "assistant", "content": text, **also}
+
+
+def some_action(body, _):
+    """An action that depends on everything in the request and nothing else."""
+    listed = choices(body)
+    return call(listed[zlib.crc32(json.dumps(body, sort_keys=True).encode()) % len(listed)])
+
+
+def completion(message, finish="stop", prompt=100):
+    """A reply that holds a message, which ended for this reason."""
+    reply = {
+        "model": "scripted-1",
+        "system_fingerprint": "fp_7",
+        "choices": [{"index": 0, "message": message, "finish_reason": finish}],
+        "usage": {"prompt_tokens": prompt, "completion_tokens": 5},
+    }
+    return 200, json.dumps(reply), {"Server": "Scripted/1"}
+
+
+class ScriptedModel(httpx2.MockTransport):
+    """Keeps what was asked, and how many requests were under way at the same time."""
+
+    def __init__(self, script=some_action):
+        super().__init__(self._answer)
+        self.script = script
+        self.asked: list[Body] = []
+        self.requests: list[httpx2.Request] = []
+        self.most = self._now = 0
+
+    async def _answer(self, request):
+        number = len(self.asked)
+        self.asked.append(json.loads(request.content))
+        self.requests.append(request)
+        self._now += 1
+        self.most = max(self.most, self._now)
+        await asyncio.sleep(0.001)
+        self._now -= 1
+        said = self.script(self.asked[number], number)
+        if isinstance(said, Exception):
+            raise said
+        if isinstance(said, dict):
+            said = completion(said, "tool_calls" if said.get("tool_calls") else "stop")
+        status, content, headers = said
+        return httpx2.Response(status, content=content, headers=headers)
+
+    @property
+    def keys(self):
+        return {request.headers.get("Authorization") for request in self.requests}
