@@ -1,7 +1,5 @@
 """What one room teaches for the next: classes of schemas, marks of active levers, strengths."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from functools import cache
 from itertools import permutations
@@ -11,19 +9,19 @@ import pytest
 
 from causal_openlock.belief.beliefs import STRENGTH_NODES
 from causal_openlock.belief.grammar import class_prior, schema_classes
-from causal_openlock.belief.hypotheses import RoomSight, Space, enumerate_space, strengths
+from causal_openlock.belief.hypotheses import RoomSight, enumerate_space, strengths
 from causal_openlock.belief.knowledge import RULE_CHANGES, Knowledge, Prior
 from causal_openlock.experiment.protocol import Protocol
 from causal_openlock.schemas.schema import Schema
-from support.belief_by_hand import (
-    Plain,
-    World,
+from support.belief_arrays import (
     arrays_of,
-    fits_console,
+    fits,
+    key_of,
+    key_of_rules,
+    keys_of,
     of_classes,
-    plain_of,
-    plains_of,
-    transcript,
+    rules_in,
+    seen_of,
 )
 from support.belief_play import Played
 from support.session_play import SCHEMAS, named
@@ -36,47 +34,45 @@ CHAIN = Schema("chain2", ["L0", "L1"], {"L0": ["L1"], "L1": ["door"]})
 FORK = Schema("fork", ["L0", "L1", "L2"], {"L0": ["L1", "L2"], "L1": ["door"], "L2": ["door"]})
 
 
-def new(concentration: float = 1.0, by_colour: float = 0.5, subjects: int = 1) -> Knowledge:
+def new(concentration=1.0, by_colour=0.5, subjects=1):
     prior = Prior(concentration, SIMPLICITY, FREE_FORM, by_colour, 0.1)
     return Knowledge(subjects, 7, prior, CERTAIN)
 
 
 @cache
-def space_of(levers: int, solutions: int) -> Space:
+def space_of(levers, solutions):
     return enumerate_space(RoomSight(7, levers, solutions, 3), CERTAIN, SIMPLICITY, 3000)
 
 
 @cache
-def alike(schema: Schema) -> tuple[Space, dict[int, object]]:
+def alike(schema):
     """The space of rooms of this schema; hypotheses that act as it does, whichever lever is which.
 
     With each comes what it does, by slot.
     """
     levers = len(schema.levers)
     space = space_of(levers, len(schema.solutions))
-    own = arrays_of([plain_of(schema)])
-    wanted = {
-        transcript(plains_of(own.on_slots(order, own.levers))[0], 3)
-        for order in permutations(range(levers))
-    }
+    own = arrays_of([key_of(schema)])
+    orders = permutations(range(levers))
+    wanted = {seen_of(keys_of(own.on_slots(order, levers))[0], 3) for order in orders}
     found = {}
     for index in range(int(space.ends[0])):  # the grey levers come first
-        seen = transcript(plain_of(World.of(space.hypotheses, index).fsm.schema), 3)
+        seen = seen_of(key_of_rules(rules_in(space.hypotheses, index))[1], 3)
         if seen in wanted:
             found[index] = seen
     return space, found
 
 
-def learn(knowledge: Knowledge, schema: Schema, slots: np.ndarray | None = None) -> int:
+def learn(knowledge, schema, slots=None):
     """A room is left in which it has become certain what governs it: the schema."""
     space, found = alike(schema)
-    (index,) = [i for i, seen in found.items() if seen == transcript(plain_of(schema), 3)]
+    (index,) = [i for i, seen in found.items() if seen == seen_of(key_of(schema), 3)]
     slots = np.arange(7) if slots is None else slots
     knowledge.absorb(0, space, np.array([index]), np.array([1.0]), slots)
     return index
 
 
-def expected(knowledge: Knowledge, schema: Schema) -> float:
+def expected(knowledge, schema):
     """How probable it is that the next room, of so many levers and solutions, acts like this."""
     space, found = alike(schema)
     who = np.array([0])
@@ -126,33 +122,24 @@ def test_every_room_of_a_class_counts_for_it():
     assert hopes[-1] > 0.9
 
 
-def behaving(schema: Schema) -> set[Plain]:
-    """The structures that act as a schema does, its levers where they are."""
-    seen, n, k = transcript(plain_of(schema), 3), len(schema.levers), len(schema.solutions)
-    classes = class_prior(SIMPLICITY, FREE_FORM)
-    every = {plain for _, plain, _ in of_classes(KINDS, classes, n, SIMPLICITY)}
-    return {p for p in every if fits_console(p, k, 3) and transcript(p, 3) == seen}
-
-
 @pytest.mark.parametrize("concentration", [0.3, 2.0])
 def test_transfer_from_two_levers_to_three_is_that_of_enumeration(concentration):
     knowledge = new(concentration)
     learn(knowledge, CHAIN)
 
     prior = class_prior(SIMPLICITY, FREE_FORM)
-    chain = behaving(CHAIN)
-    counts = np.zeros(len(prior))
-    for kind, plain, chance in of_classes(KINDS, prior, 2, SIMPLICITY):
-        counts[kind] += chance * (plain in chain)
+    chain, counts = seen_of(key_of(CHAIN), 3), np.zeros(len(prior))
+    for kind, key, chance in of_classes(prior, 2, SIMPLICITY):
+        counts[kind] += chance * (fits(key, 1, 3) and seen_of(key, 3) == chain)
     counts /= counts.sum()
     assert knowledge.rooms[0] == pytest.approx(counts, abs=1e-12)
 
     classes = (counts + concentration * prior) / (1 + concentration)
     assert knowledge.classes(np.array([0]))[0] == pytest.approx(classes, abs=1e-12)
-    behaviours: dict[object, float] = defaultdict(float)
-    for _, plain, chance in of_classes(KINDS, classes, 3, SIMPLICITY):
-        if fits_console(plain, 2, 3):
-            behaviours[transcript(plain, 3)] += chance
+    behaviours = defaultdict(float)
+    for _, key, chance in of_classes(classes, 3, SIMPLICITY):
+        if fits(key, 2, 3):
+            behaviours[seen_of(key, 3)] += chance
     _, found = alike(FORK)
     assert len(found) == 3
     by_hand = sum(behaviours[seen] for seen in found.values()) / sum(behaviours.values())

@@ -1,78 +1,66 @@
-"""Structures as arrays do what their schemas do."""
+"""Structures as arrays, and how probable they make what happens, against the oracle."""
 
-from __future__ import annotations
+import math
+from itertools import product
 
-import networkx as nx
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+from scipy.special import betaln
 
+from causal_openlock.belief import likelihoods
+from causal_openlock.belief.hypotheses import Strengths, at_least, strengths
+from causal_openlock.belief.likelihoods import Event, Events, likelihood
 from causal_openlock.belief.structures import (
-    Structures,
+    Hypotheses,
     gate_dags,
     linear_extensions,
     members,
     merge,
 )
-from causal_openlock.schemas.fsm import compile_schema
+from causal_openlock.schemas.schema import Schema
 from causal_openlock.testing import schemas
-from support.belief_by_hand import (
+from oracle import DOOR, NOTHING, Seen, free_form, structure
+from support.belief_arrays import (
     arrays_of,
-    every_gate_dag,
+    hypothesis_of,
+    key_of,
+    keys_of,
+    lever_set,
+    mask,
     partition,
-    plain_of,
-    plains_of,
-    transcript,
+    rules_in,
+    seen_of,
 )
 
+POSITIONS = 7
 
-@settings(max_examples=80, deadline=None)
+
+@settings(max_examples=60, deadline=None)
 @given(schemas(max_levers=6))
 def test_a_structure_does_what_its_schema_does(schema):
-    own, fsm, n = arrays_of([plain_of(schema)]), compile_schema(schema), len(schema.levers)
-    for pushed in range(1 << n):
-        holds = own.holds(pushed)[0]
-        assert holds[n] == fsm.unlocked[pushed]
-        for lever in range(n):
-            action = lever + n * (pushed >> lever & 1)
-            assert holds[lever] == (fsm.chance[pushed, action] > 0)
-    solutions = {int(mask) for mask in np.flatnonzero(own.solutions()[0])}
-    assert solutions == {schema.mask(levers) for levers in schema.solutions}
-    assert int(own.inert()[0]) == schema.mask(schema.inert)
-
-
-@settings(max_examples=40, deadline=None)
-@given(schemas(max_levers=5))
-def test_a_set_works_if_and_only_if_some_order_of_pushes_unlocks_the_door(schema):
-    working, fsm = arrays_of([plain_of(schema)]).working(), compile_schema(schema)
-    works = members(working, len(schema.levers))[0]
-    reached, new = {0}, {0}
-    while new:  # by pushes alone
-        pushes = fsm.next_state[sorted(new), : len(schema.levers)]
-        new = set(pushes.ravel().tolist()) - reached
-        reached |= new
-    assert set(np.flatnonzero(works)) == {state for state in reached if fsm.unlocked[state]}
-
-
-def rows(structures: Structures) -> list[tuple[int, ...]]:
-    return [(*c, *t) for c, t in zip(structures.causes.tolist(), structures.threshold.tolist(),
-                                     strict=True)]  # fmt: skip
+    key, n = key_of(schema), len(schema.levers)
+    own, rules = arrays_of([key]), structure(*key)
+    works = members(own.working(), n)[0]
+    for state in range(1 << n):
+        pushed = lever_set(state)
+        holds = [rules.holds(node, pushed) for node in (*range(n), DOOR)]
+        assert own.holds(state)[0].tolist() == holds
+        assert works[state] == (holds[-1] and rules.pushable(pushed))
+    assert {lever_set(m) for m in np.flatnonzero(own.solutions()[0])} == rules.solutions
+    assert lever_set(own.inert()[0]) == rules.inert
+    order = np.random.default_rng(n).permutation(n)
+    (renamed,) = keys_of(own.on_slots(order, n))
+    assert structure(*renamed).key == rules.at(dict(enumerate(order.tolist()))).key
 
 
 @pytest.mark.parametrize("levers", [1, 2, 3])
 def test_every_gate_dag_is_listed_once(levers):
-    ours = rows(gate_dags(levers))
+    ours = keys_of(gate_dags(levers))
     assert len(set(ours)) == len(ours)
-    assert set(ours) == set(rows(arrays_of(every_gate_dag(levers))))
-
-
-@pytest.mark.parametrize(("levers", "dags"), [(1, 1), (2, 3), (3, 25), (4, 543)])
-def test_the_levers_of_gate_dags_are_all_labelled_dags(levers, dags):
-    causes = np.unique(gate_dags(levers).causes[:, :levers], axis=0)
-    assert len(causes) == dags  # OEIS A003024
-    for row in causes.tolist():
-        arrows = [(c, e) for e, mask in enumerate(row) for c in range(levers) if mask >> c & 1]
-        assert nx.is_directed_acyclic_graph(nx.DiGraph(arrows))
+    assert set(ours) == free_form(levers, 0.0).keys()
 
 
 @pytest.mark.parametrize(
@@ -82,6 +70,8 @@ def test_there_are_as_many_as_others_counted(levers, dags, any_or_all, solvable)
     # Counted by recurrence and by another program: the door is the only sink, gates are any or
     # all, attempts have three actions; solvable: levers - 1 solutions of two levers each.
     every = gate_dags(levers)
+    of_levers = np.unique(every.causes[:, :levers], axis=0)
+    assert len(of_levers) == {3: 25, 4: 543}[levers]  # OEIS A003024
     sink = every[every.inert() == 0]
     assert len(np.unique(sink.causes, axis=0)) == dags
     plain = (sink.threshold <= 1) | (sink.threshold == np.bitwise_count(sink.causes))
@@ -93,57 +83,134 @@ def test_there_are_as_many_as_others_counted(levers, dags, any_or_all, solvable)
     assert ((found.sum(axis=1) == levers - 1) & ~found[:, ~two].any(axis=1)).sum() == solvable
 
 
-@pytest.mark.parametrize("levers", [2, 3, 4])
-def test_linear_extensions_are_topological_orders(levers):
-    dags = np.unique(gate_dags(levers).causes[:, :levers], axis=0)
-    causes = np.column_stack([dags, np.zeros(len(dags), dtype=np.uint16)])
-    counted = linear_extensions(causes)
-    chosen = range(0, len(dags), 7 if levers == 4 else 1)
-    for index in chosen:
-        graph = nx.DiGraph()
-        graph.add_nodes_from(range(levers))
-        graph.add_edges_from(
-            (c, e) for e, mask in enumerate(dags[index].tolist())
-            for c in range(levers) if mask >> c & 1
-        )  # fmt: skip
-        assert counted[index] == sum(1 for _ in nx.all_topological_sorts(graph))
-
-
-@settings(max_examples=40, deadline=None)
-@given(schemas(max_levers=5))
-def test_levers_with_other_names_make_the_same_graph(schema):
-    own, n = plain_of(schema), len(schema.levers)
-    order = np.random.default_rng(n).permutation(n)
-    relabelled = plains_of(arrays_of([own]).on_slots(order, n))[0]
-    for was, now in enumerate([*order.tolist(), n]):
-        assert relabelled.causes[now] == {int(order[cause]) for cause in own.causes[was]}
-        assert relabelled.threshold[now] == own.threshold[was]
+@pytest.mark.parametrize("levers", [2, 3])
+def test_linear_extensions_are_orders_that_put_causes_first(levers):
+    every = gate_dags(levers)
+    counted = linear_extensions(every.causes)
+    weight = free_form(levers, 0.0)  # as probable as they have orders
+    most = counted.sum()
+    expected = [weight[key] * most for key in keys_of(every)]
+    assert counted == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("strength", [1.0, 0.7])
-@pytest.mark.parametrize(("levers", "action_limit"), [(1, 2), (2, 1), (2, 2), (2, 3), (2, 4),
-                                                      (3, 2), (3, 3)])  # fmt: skip
+@pytest.mark.parametrize(("levers", "action_limit"), [(1, 2), (2, 1), (2, 3), (2, 4), (3, 2),
+                                                      (3, 3), (4, 3)])  # fmt: skip
 def test_behaviours_are_equal_exactly_if_no_attempt_tells_them_apart(
     levers, action_limit, strength
 ):
     every = gate_dags(levers)
+    if levers == 4:  # some that are thought to be alike, and some more
+        _, alike = merge(every.behaviour(action_limit, uncertain=strength < 1))
+        generator = np.random.default_rng(0)
+        large = generator.permutation(np.flatnonzero(np.bincount(alike) > 1))[:10]
+        pairs = [generator.permutation(np.flatnonzero(alike == group))[:3] for group in large]
+        every = every[np.unique([*np.concatenate(pairs), *generator.permutation(len(every))[:20]])]
     _, alike = merge(every.behaviour(action_limit, uncertain=strength < 1))
-    seen = partition(transcript(plain, action_limit, strength) for plain in plains_of(every))
+    seen = partition(seen_of(key, action_limit, strength) for key in keys_of(every))
     assert partition(alike.tolist()) == seen
     assert levers < 3 or 1 < max(seen) + 1 < len(every)
 
 
-@pytest.mark.parametrize("strength", [1.0, 0.7])
-def test_four_levers_are_alike_exactly_if_no_attempt_tells_them_apart(strength):
-    # Structures that are thought to be alike, and some more; door first, for transcripts are long.
-    every = gate_dags(4)
-    behaviour = every.behaviour(3, uncertain=strength < 1)
-    _, alike = merge(behaviour)
-    generator = np.random.default_rng(0)
-    large = np.flatnonzero(np.bincount(alike) > 1)
-    pairs = [generator.permutation(np.flatnonzero(alike == group))[:3]
-             for group in generator.permutation(large)[:15]]  # fmt: skip
-    chosen = np.unique(np.concatenate([*pairs, generator.permutation(len(every))[:30]]))
-    _, alike = merge(behaviour[chosen])
-    seen = partition(transcript(plain, 3, strength) for plain in plains_of(every[chosen]))
-    assert partition(alike.tolist()) == seen
+# -- likelihoods -----------------------------------------------------------------------------------
+
+
+def chance_of(hypotheses, how, node, pushed, seen, found):
+    event = Event(
+        slot=likelihoods.DOOR if node == DOOR else node,
+        pushed=mask(pushed),
+        took_effect=seen.moved,
+        unlocked=seen.unlocked,
+        new=seen.new,
+        found=found,
+    )
+    return float(likelihood(hypotheses, np.array([0]), how, event)[0])
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.data())
+def test_a_likelihood_is_the_chance_that_the_oracle_gives(data):
+    key = key_of(data.draw(schemas(max_levers=5)))
+    strength = data.draw(st.sampled_from([1.0, 0.85, 0.4]))
+    slots = data.draw(st.permutations(range(POSITIONS)))[: len(key[0]) - 1]
+    noisy = strength if strength < 1 else 0.5
+    how = Strengths(
+        np.array([1.0, noisy]), np.full(2, 0.5), np.stack([at_least(1.0), at_least(noisy)])
+    )
+    hypothesis = hypothesis_of(key, slots, POSITIONS, int(strength < 1))
+    rules, reached = rules_in(hypothesis, 0, strength), {NOTHING}
+    assert rules.key == structure(*key, strength).at(dict(enumerate(slots))).key
+    while more := {s.pushed for p in reached for n in rules.levers for s in rules.outcomes(p, n)}:
+        if more <= reached:
+            break
+        reached |= more
+    states = sorted(reached, key=sorted)
+    solved = [pushed for pushed in states if rules.solution(pushed)]
+    found = data.draw(st.lists(st.sampled_from(solved), max_size=3)) if solved else []
+    padded = (*map(mask, found), *[0] * data.draw(st.integers(0, 2)))
+    for pushed in data.draw(st.lists(st.sampled_from(states), max_size=8)) + solved[:4]:
+        for node in [*range(POSITIONS), *([DOOR] if rules.holds(DOOR, pushed) else [])]:
+            expected, total = rules.outcomes(pushed, node, frozenset(found)), 0.0
+            for moved, unlocked, new in product((False, True), repeat=3):
+                if new and (node != DOOR or not moved):
+                    continue  # only an open door completes anything
+                after = pushed ^ {node} if moved and node != DOOR else pushed
+                seen = Seen(moved, after, unlocked, moved and node == DOOR, new)
+                chance = chance_of(hypothesis, how, node, pushed, seen, padded)
+                assert chance == pytest.approx(expected.get(seen, 0.0), abs=1e-12)
+                total += chance
+            assert total == pytest.approx(1.0)
+
+
+def test_events_are_taken_one_hypothesis_each():
+    key = key_of(Schema("one", ["L0"], {"L0": ["door"]}))
+    whole = Hypotheses.joined([hypothesis_of(key, [slot], POSITIONS) for slot in (0, 1)])
+    events = Events(
+        slot=np.array([0, 0, 1, 1]),
+        pushed=np.zeros(4, dtype=np.uint16),
+        took_effect=np.full(4, True),
+        unlocked=np.full(4, True),
+        new=np.zeros(4, dtype=bool),
+        found=np.zeros((4, 0), dtype=np.uint16),
+    )
+    told = likelihood(whole, np.array([0, 1, 1, 0]), strengths(0.0, 1.0, 1.0, 1), events)
+    assert told.tolist() == [1.0, 0.0, 1.0, 0.0]
+
+
+@pytest.mark.parametrize("strength", [0.0, 0.3, 0.85, 1.0])
+def test_enough_causes_transmit_as_often_as_the_binomial_says(strength):
+    chance = at_least(strength)
+    for pushed, k in product(range(13), range(16)):
+        expected = stats.binom.sf(k - 1, pushed, strength)
+        assert chance[pushed, k] == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize(("alpha", "beta"), [(4.0, 1.0), (2.5, 0.7)])
+def test_a_few_strengths_stand_for_the_whole_beta_distribution(alpha, beta):
+    nodes = 5
+    how = strengths(0.25, alpha, beta, nodes)
+    assert (how.value[0], how.prior[0]) == (1.0, pytest.approx(0.75))
+    assert how.prior.sum() == pytest.approx(1.0)
+    share = how.prior[1:] / how.prior[1:].sum()
+    chance = how.chance[1:, 1, 1]  # one cause, and it is pushed
+    assert chance == pytest.approx(how.value[1:])
+    for moved in range(2 * nodes):
+        for stuck in range(2 * nodes - moved):  # up to degree 2 nodes - 1, where it is exact
+            seen = share * chance**moved * (1 - chance) ** stuck
+            marginal = math.exp(betaln(alpha + moved, beta + stuck) - betaln(alpha, beta))
+            assert seen.sum() == pytest.approx(marginal, rel=1e-9)
+    certain = strengths(0.0, 4.0, 1.0, 5)
+    assert (certain.value.tolist(), certain.prior.tolist()) == ([1.0], [1.0])
+
+
+def test_ten_nodes_follow_the_conjugate_posterior_through_likelihoods():
+    how = strengths(0.5, 4.0, 1.0, 10)
+    key = key_of(Schema("chain", ["L0", "L1"], {"L0": ["L1"], "L1": ["door"]}))
+    hypotheses = hypothesis_of(key, [0, 1], POSITIONS).repeated(len(how))
+    weight, which = how.prior.copy(), np.arange(len(how))
+    for moved in [True, True, False, True, False, True]:
+        event = Event(slot=1, pushed=0b01, took_effect=moved, unlocked=moved, new=False)
+        weight *= likelihood(hypotheses, which, how, event)
+    assert weight[0] == 0.0  # certainty: it failed once
+    assert weight.sum() == pytest.approx(0.5 * math.exp(betaln(8, 3) - betaln(4, 1)))
+    assert weight @ how.value / weight.sum() == pytest.approx(8 / 11)

@@ -1,12 +1,23 @@
 """Beliefs as arrays, and the same as rules and structures of the oracle."""
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 
+from causal_openlock.belief.grammar import SchemaClass, schema_classes
 from causal_openlock.belief.structures import NEVER, Hypotheses, Structures
 from causal_openlock.schemas.schema import Schema
-from oracle import DOOR, Rules, Seen, structure
+from oracle import (
+    DOOR,
+    Rules,
+    Seen,
+    behaviour,
+    fits_console,
+    free_form,
+    generated,
+    structure,
+)
 
 Key = tuple[tuple[frozenset, ...], tuple[int, ...]]
 """A structure on levers 0, 1, ...: causes of each and of the door, and how many are needed."""
@@ -22,10 +33,16 @@ def mask(levers) -> int:
 
 def key_of(schema: Schema) -> Key:
     """The structure of a schema, its levers by number."""
-    rules = Rules.of(schema)
-    nodes = (*schema.levers, DOOR)
-    causes = tuple(frozenset(map(schema.levers.index, rules.causes[node])) for node in nodes)
-    return causes, tuple(rules.needed[node] for node in nodes)
+    place = {lever: number for number, lever in enumerate(schema.levers)}
+    return key_of_rules(Rules.of(schema).at(place))[1]
+
+
+def key_of_rules(rules: Rules) -> tuple[tuple, Key]:
+    """The levers in their order, and the structure on their numbers in that order."""
+    levers = tuple(sorted(rules.levers))
+    nodes = (*levers, DOOR)
+    causes = tuple(frozenset(map(levers.index, rules.causes[node])) for node in nodes)
+    return levers, (causes, tuple(rules.needed[node] for node in nodes))
 
 
 def arrays_of(keys: Sequence[Key]) -> Structures:
@@ -54,9 +71,7 @@ def rules_in(hypotheses: Hypotheses, index: int, strength: float = 1.0) -> Rules
     return Rules(causes, {name: needed[node] for node, name in active.items()})
 
 
-def hypothesis_of(
-    key: Key, slots: Sequence[int], positions: int, strength: int = 0
-) -> Hypotheses:
+def hypothesis_of(key: Key, slots: Sequence[int], positions: int, strength: int = 0) -> Hypotheses:
     """One hypothesis as arrays: a structure whose levers stand in these slots.
 
     Args:
@@ -92,3 +107,37 @@ def seen_in(before, after, positions: int, new: bool, door: bool) -> tuple[froze
     opened = bool(after[-1])
     moved = opened if door else pushed != then
     return pushed, Seen(moved, then, not after[-2], opened, bool(new))
+
+
+@cache
+def seen_of(key: Key, action_limit: int, strength: float = 1.0):
+    """All that attempts with a structure can show: equal if nothing can tell two apart."""
+    return behaviour(structure(*key, strength), action_limit)
+
+
+@cache
+def class_structures(kind: SchemaClass, levers: int) -> dict[Key, float]:
+    """What a class of the grammar generates."""
+    roles = [(lever_set(role.causes), role.gate, role.many) for role in (*kind.roles, kind.door)]
+    return generated(roles[:-1], roles[-1], levers)
+
+
+def of_classes(classes: Sequence[float], levers: int, simplicity: float):
+    """Class, structure and probability; classes that cannot have so many levers are impossible.
+
+    Args:
+        classes: How probable the classes of the grammar are, and the free form last.
+        levers: Number of levers.
+        simplicity: As for the free form.
+    """
+    every = [class_structures(kind, levers) for kind in schema_classes()]
+    every.append(free_form(levers, simplicity))
+    possible = sum(p for p, own in zip(classes, every, strict=True) if own)
+    for index, (p, own) in enumerate(zip(classes, every, strict=True)):
+        for key, chance in own.items():
+            yield index, key, p / possible * chance
+
+
+def fits(key: Key, solutions: int, action_limit: int) -> bool:
+    """Whether a structure has what the console shows."""
+    return fits_console(structure(*key), solutions, action_limit)
