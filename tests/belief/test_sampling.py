@@ -1,7 +1,5 @@
 """Sampled structures: as probable as enumeration has them, and what rests on them."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from dataclasses import replace
@@ -14,78 +12,71 @@ from scipy.stats import chisquare
 from causal_openlock.belief import beliefs as beliefs_module
 from causal_openlock.belief import catalogue as catalogue_module
 from causal_openlock.belief import hypotheses as space_module
-from causal_openlock.belief.beliefs import Belief, Beliefs
+from causal_openlock.belief.beliefs import Beliefs
 from causal_openlock.belief.catalogue import fits, free_form_weight
 from causal_openlock.belief.hypotheses import RoomSight, at_least, enumerate_space, strengths
 from causal_openlock.belief.knowledge import Prior
 from causal_openlock.belief.likelihoods import DOOR, Event
 from causal_openlock.belief.marginals import edge_probabilities
 from causal_openlock.belief.sampling import Sampler, sampled, with_sampled
-from causal_openlock.belief.structures import Structures, gate_dags
+from causal_openlock.belief.structures import gate_dags
 from causal_openlock.experiment.protocol import Condition, Trials
 from causal_openlock.experiment.session import Session
-from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.schemas.schema import Gate, Schema
-from support.belief_by_hand import (
-    DOOR_SLOT,
-    Plain,
-    World,
+from oracle import DOOR as ORACLES_DOOR
+from oracle import NOTHING, free_form, likelihood, structure
+from support.belief_arrays import (
     arrays_of,
-    fits_console,
-    free_form,
-    machine,
-    plains_of,
-    probability,
-    room_of,
+    key_of_rules,
+    keys_of,
+    lever_set,
+    mask,
+    rules_in,
 )
-from support.belief_play import LONG, Played
+from support.belief_arrays import (
+    fits as fits_oracle,
+)
+from support.belief_play import KNOWN, LONG, Played
 from support.session_play import HUMAN, SCHEMAS
 
 SIMPLICITY = math.log(2.0)
 DRAWS = 40_000
 
-Events = list[tuple[Event, int]]
+
+def node_of(slot):
+    return ORACLES_DOOR if slot == DOOR else slot
 
 
-def happened_in(plain: Plain, strength: float, moments: int, seed: int) -> Events:
-    """What came of some actions in a room, white levers among them; the door is pushed at times."""
-    rng = np.random.default_rng(seed)
-    n = len(plain.causes) - 1
-    world = World(machine(plain, strength), range(n))
-    counts: Counter[Event] = Counter()
-    pushed = 0
+def happened_in(key, strength, moments, seed):
+    """Events of some actions in a room, white levers among them; the door is pushed at times."""
+    rng, rules = np.random.default_rng(seed), structure(*key, strength)
+    counts, pushed = Counter(), NOTHING
     for _ in range(moments):
-        unlocked = bool(world.fsm.unlocked[world.state(pushed)])
-        slot = DOOR if unlocked and rng.random() < 0.5 else int(rng.integers(n + 2))
-        outcomes = world.outcomes(pushed, slot, ())
-        many, chances = list(outcomes), list(outcomes.values())
-        outcome = many[rng.choice(len(many), p=chances)]
-        counts[Event(slot, pushed, outcome.took_effect, outcome.unlocked, False)] += 1
+        unlocked = rules.holds(ORACLES_DOOR, pushed)
+        slot = DOOR if unlocked and rng.random() < 0.5 else int(rng.integers(len(key[0]) + 1))
+        outcomes = rules.outcomes(pushed, node_of(slot))
+        seen = [*outcomes][rng.choice(len(outcomes), p=[*outcomes.values()])]
+        counts[Event(slot, mask(pushed), seen.moved, seen.unlocked, False)] += 1
         # Opened doors close again, and now and then everything is put back.
-        pushed = 0 if rng.random() < 0.2 else outcome.pushed
+        pushed = NOTHING if rng.random() < 0.2 else seen.pushed
     return list(counts.items())
 
 
-def by_hand(plain: Plain, strength: float, events: Events) -> float:
-    """Probability of events, asked of the structure's machine; solutions aside."""
-    n = len(plain.causes) - 1
-    world = World(machine(plain, strength), range(n))
-    total = 1.0
+def by_hand(key, strength, events):
+    """Probability of events by the oracle; solutions aside."""
+    rules, total = structure(*key, strength), 1.0
     for (slot, pushed, took_effect, unlocked, *_), times in events:
-        if slot == DOOR_SLOT and not world.fsm.unlocked[world.state(pushed)]:
+        if slot == DOOR and not rules.holds(ORACLES_DOOR, lever_set(pushed)):
             return 0.0  # the door had not been unlocked
+        outcomes = rules.outcomes(lever_set(pushed), node_of(slot))
+        told = (took_effect, unlocked)
         total *= (
-            sum(
-                chance
-                for outcome, chance in world.outcomes(pushed, slot, ()).items()
-                if (outcome.took_effect, outcome.unlocked) == (took_effect, unlocked)
-            )
-            ** times
+            sum(p for seen, p in outcomes.items() if (seen.moved, seen.unlocked) == told) ** times
         )
     return total
 
 
-def likelihoods(structures: Structures, strength: float, events: Events) -> FloatArray:
+def likelihoods(structures, strength, events):
     """The same for many structures, in their terms: how many causes are pushed, and the gate."""
     n, chance = structures.levers, at_least(strength)
     total = np.ones(len(structures))
@@ -100,12 +91,12 @@ def likelihoods(structures: Structures, strength: float, events: Events) -> Floa
     return total
 
 
-def labels(structures: Structures) -> list[bytes]:
+def labels(structures):
     rows = np.concatenate([structures.causes.view(np.uint8), structures.threshold], axis=1)
     return [row.tobytes() for row in rows]
 
 
-def features(structures: Structures) -> FloatArray:
+def features(structures):
     """``[M, F]`` what may be asked of structures: arrows, free levers, `all`, what solves."""
     n = structures.levers
     arrows = (structures.causes[:, :, None] >> np.arange(n) & 1).reshape(len(structures), -1)
@@ -113,37 +104,37 @@ def features(structures: Structures) -> FloatArray:
     return np.concatenate([arrows, everything, structures.solutions()], axis=1).astype(float)
 
 
-def agree(drawn: FloatArray, exact: FloatArray, number: int, sigmas: float = 4.5) -> None:
+def agree(drawn, exact, number, sigmas=4.5):
     """Whether shares of so many independent draws are as near to the truth as chance allows."""
     error = np.sqrt(np.maximum(exact * (1.0 - exact), 0.0) / number)
     assert (np.abs(drawn - exact) <= sigmas * error + 1e-12).all()
 
 
-CHAIN = Plain((frozenset(), frozenset({0}), frozenset({1}), frozenset({2})), (0, 1, 1, 1))
-BOTH = Plain((frozenset(), frozenset(), frozenset({0, 1}), frozenset({0, 2})), (0, 0, 2, 1))
-FOUR = Plain(
-    (frozenset(), frozenset({0}), frozenset({0, 1}), frozenset({1}), frozenset({2, 3})),
-    (0, 1, 1, 1, 1),
-)
+def causes(*levers):
+    return tuple(map(frozenset, levers))
 
 
-# -- independent draws from the posterior --------------------------------------------------------
+CHAIN = causes((), {0}, {1}, {2}), (0, 1, 1, 1)
+BOTH = causes((), (), {0, 1}, {0, 2}), (0, 0, 2, 1)
+FOUR = causes((), {0}, {0, 1}, {1}, {2, 3}), (0, 1, 1, 1, 1)
+
+
+# -- independent draws from the posterior ----------------------------------------------------------
 
 
 @cache
-def posterior(plain: Plain, strength: float, moments: int, seed: int) -> tuple[Events, FloatArray]:
+def posterior(key, strength, moments, seed):
     """Events in a room of three levers; prior times likelihood of each gate-DAG, by hand."""
-    events = happened_in(plain, strength, moments, seed)
-    weights = free_form(3, SIMPLICITY)
+    events, weights = happened_in(key, strength, moments, seed), free_form(3, SIMPLICITY)
     return events, np.array([w * by_hand(one, strength, events) for one, w in weights.items()])
 
 
 @pytest.mark.parametrize(
-    ("plain", "strength", "moments"),
+    ("key", "strength", "moments"),
     [(CHAIN, 1.0, 0), (CHAIN, 1.0, 3), (BOTH, 1.0, 9), (CHAIN, 0.7, 6), (BOTH, 0.7, 25)],
 )
-def test_three_levers_are_drawn_as_probable_as_they_are(plain, strength, moments):
-    events, weight = posterior(plain, strength, moments, 4)
+def test_three_levers_are_drawn_as_probable_as_they_are(key, strength, moments):
+    events, weight = posterior(key, strength, moments, 4)
     sampler = Sampler(3, SIMPLICITY, strength, events)
     assert sampler.evidence == pytest.approx(weight.sum(), rel=1e-9)
     drawn = Counter(labels(sampler.draw(DRAWS, np.random.default_rng(1))[0]))
@@ -180,12 +171,12 @@ def test_the_likelihood_of_draws_is_that_by_hand():
     events = happened_in(BOTH, 0.7, 25, 4)
     sampler = Sampler(3, SIMPLICITY, 0.7, events)
     drawn = sampler.draw(50, np.random.default_rng(0))[0]
-    exact = [by_hand(plain, 0.7, events) for plain in plains_of(drawn)]
+    exact = [by_hand(key, 0.7, events) for key in keys_of(drawn)]
     assert sampler.likelihood(drawn) == pytest.approx(exact, rel=1e-9)
 
 
 def test_a_white_lever_that_does_not_move_tells_nothing():
-    told: Events = [(Event(0, 0b00, True, False, False), 1), (Event(1, 0b01, True, True, False), 1)]
+    told = [(Event(0, 0b00, True, False, False), 1), (Event(1, 0b01, True, True, False), 1)]
     plain = Sampler(3, SIMPLICITY, 1.0, told)
     for white in (3, 4):  # also while the door is unlocked
         more = [*told, ((white, 0b11, False, True), 2)]
@@ -200,7 +191,7 @@ def test_a_white_lever_that_moves_is_beyond_the_grey_ones():
 
 
 def test_of_what_cannot_be_nothing_is_drawn():
-    both: Events = [(Event(0, 0, True, False, False), 1), (Event(0, 0, False, False, False), 1)]
+    both = [(Event(0, 0, True, False, False), 1), (Event(0, 0, False, False, False), 1)]
     sampler = Sampler(5, SIMPLICITY, 1.0, both)
     assert sampler.evidence == 0
     assert len(sampler.draw(100, np.random.default_rng(0))[0]) == 0
@@ -218,18 +209,16 @@ def test_of_what_cannot_be_nothing_is_drawn():
 
 
 @pytest.mark.parametrize(
-    ("plain", "strength", "moments", "solutions"),
+    ("key", "strength", "moments", "solutions"),
     [(FOUR, 1.0, 0, 3), (FOUR, 1.0, 0, 1), (FOUR, 1.0, 3, 3), (FOUR, 0.8, 8, 3), (BOTH, 1.0, 2, 1)],
 )
-def test_how_many_draws_fit_the_console_is_how_probable_that_is(
-    plain, strength, moments, solutions
-):
-    n = len(plain.causes) - 1
-    events = happened_in(plain, strength, moments, 6)
+def test_how_many_draws_fit_the_console_is_how_probable_that_is(key, strength, moments, solutions):
+    n = len(key[0]) - 1
+    events = happened_in(key, strength, moments, 6)
     everything = gate_dags(n)
     promised = fits(everything, solutions, 3)
     if n == 3:
-        exact = [fits_console(one, solutions, 3) for one in plains_of(everything)]
+        exact = [fits_oracle(one, solutions, 3) for one in keys_of(everything)]
         assert promised.tolist() == exact
     weight = free_form_weight(n, SIMPLICITY) * likelihoods(everything, strength, events)
     sampler = Sampler(n, SIMPLICITY, strength, events)
@@ -247,14 +236,12 @@ def test_how_many_draws_fit_the_console_is_how_probable_that_is(
 
 # -- beliefs that rest on draws ------------------------------------------------------------------
 
-KNOWN = Prior(by_colour=1.0, by_white=0.0)
-
 
 @pytest.fixture
 def three_are_many(monkeypatch):
     """Structures of four levers are sampled, as those of five are."""
 
-    def forget() -> None:
+    def forget():
         catalogue_module.catalogue.cache_clear()
         beliefs_module.enumerated.cache_clear()
 
@@ -265,7 +252,7 @@ def three_are_many(monkeypatch):
     forget()
 
 
-def solving(belief: Belief) -> dict[frozenset[int], float]:
+def solving(belief):
     """How probable each set of positions is a solution."""
     solutions = belief.space.hypotheses.solutions[belief.which]
     weight = np.bincount(solutions.ravel(), np.repeat(belief.weight, solutions.shape[1]))
@@ -276,9 +263,7 @@ def solving(belief: Belief) -> dict[frozenset[int], float]:
     }  # fmt: skip
 
 
-def course(
-    schema: str | Schema, prior: Prior, seed: int, actions: int, luck: int = 0
-) -> list[dict[object, float]]:
+def course(schema, prior, seed, actions, luck=0):
     """Arrows and solutions before each of some actions, which depend on the seed alone."""
     schema = SCHEMAS[schema] if isinstance(schema, str) else schema
     played = Played(Condition("room", (Trials(schema),)), prior, LONG, [seed])
@@ -348,22 +333,12 @@ def test_what_is_still_possible_of_five_levers_explains_all_that_happened(seed):
         assert belief.possible
         assert belief.weight.sum() == pytest.approx(1)
         for index in possible[:: 1 + len(possible) // 3].tolist():
-            world = World.of(belief.space.hypotheses, index)
-            plain = plain_in(world)
-            at = belief.positions[world.slots].tolist()
+            slots, key = key_of_rules(rules_in(belief.space.hypotheses, index))
+            at = belief.positions[[*slots]].tolist()
             assert sorted(at) == places
-            assert fits_console(plain, len(FIVE.solutions), limit)
-            assert probability(room_of(plain, at), played.happened[0]) == 1
+            assert fits_oracle(key, len(FIVE.solutions), limit)
+            assert likelihood(structure(*key).at(dict(enumerate(at))), played.happened[0]) == 1
     assert not again
-
-
-def plain_in(world: World) -> Plain:
-    schema = world.fsm.schema
-    nodes = [*schema.levers, "door"]
-    return Plain(
-        tuple(frozenset(map(schema.levers.index, schema.causes(node))) for node in nodes),
-        tuple(map(schema.threshold, nodes)),
-    )
 
 
 def test_white_levers_pushed_while_the_door_is_unlocked_rule_nothing_out():
