@@ -1,4 +1,4 @@
-"""What all tests share: an environment, kernels compiled once, and slow files first."""
+"""What all tests share: an environment, stored texts, kernels compiled once, slow files first."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import os
 import platform
 import sys
 from collections.abc import Callable, Iterator
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -135,28 +134,4 @@ def _each_kernel_is_compiled_by_one(tmp_path_factory: pytest.TempPathFactory) ->
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Dispatcher, "compile", compiled)
-        yield
-
-
-@pytest.fixture(scope="session", autouse=True)
-def _commands_are_made_once() -> Iterator[None]:
-    """Typer makes click's commands of all functions anew for each call in one process."""
-    import typer.main
-    import typer.testing
-
-    made = cache(typer.main.get_command)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(typer.main, "get_command", made)
-        patch.setattr(typer.testing, "_get_command", made)
-        yield
-
-
-@pytest.fixture(scope="session", autouse=True)
-def _figures_are_drawn_where_a_test_looks_at_them() -> Iterator[None]:
-    """See :mod:`support.figures`."""
-    from causal_openlock.analysis.plots import style
-    from support.figures import empty
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(style, "images", empty)
         yield
