@@ -312,7 +312,9 @@ class Evidence:
                     continue
                 if chosen.learner not in PUBLISHED:
                     own.add(one.units[0])
-                    if table.interval and np.isfinite(one.interval[0]):
+                    if table.measure == "attempts" and self._solved_none(chosen):
+                        cells[-1] = f"> {one.value:g}"
+                    elif table.interval and np.isfinite(one.interval[0]):
                         cells[-1] += f" ({_written(one, table.measure, 'interval', of)})"
             rows.append([label, *cells])
             sizes.append(" or ".join(map(str, sorted(own))) or "–")
@@ -327,6 +329,14 @@ class Evidence:
             names = [row.split()[0] for row in table.rows]
             rows = [[*row, _plain(before.get(name))] for row, name in zip(rows, names, strict=True)]
         return f"{markdown(head, rows)}\n\n{note}\n"
+
+    def _solved_none(self, chosen: Selection) -> bool:
+        """Whether no unit solved a trial: its attempts are then the limit, and no mean."""
+        try:
+            solved, _ = of_side(self.units, chosen, "solved")
+        except EvidenceError:  # published means have no shares
+            return False
+        return solved.value == 0
 
     def figure(self, name: str, folder: str) -> str:
         """The Markdown that shows the figure of a table; empty if it has none."""
