@@ -1,116 +1,122 @@
-"""Parameters fitted to single actions."""
-
-from __future__ import annotations
+"""Parameters fitted to single actions: what is found, how a fit continues, what is marked."""
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
 
 import causal_openlock as ol
-from causal_openlock.cli import app
-from causal_openlock.comparison import progress_bar
-from causal_openlock.errors import OpenLockError, StoreError
+from causal_openlock.errors import LearnerError, OpenLockError, StoreError
 from causal_openlock.experiment.building import make_experiment
-from causal_openlock.fitting import actions
-from causal_openlock.fitting.actions import FILE, ActionPlan, fit_all, fit_job, fit_table, jobs_of
+from causal_openlock.fitting.actions import (
+    FILE,
+    ActionPlan,
+    check_folds,
+    fit_all,
+    fit_job,
+    fit_table,
+    jobs_of,
+)
+from causal_openlock.fitting.hierarchical import GROUP, GroupFit
 from causal_openlock.fitting.kept import fitting_in, keep_fit
 from causal_openlock.fitting.search import Range, search_space
 from causal_openlock.running.runner import run
-from causal_openlock.scoring.teacher_forcing import Recorded, recorded_subjects
+from causal_openlock.scoring.teacher_forcing import recorded_subjects, score_actions
 from causal_openlock.storage.store import Store
 from support.command import at_once
 
 pytestmark = pytest.mark.slow
 
 pytest.importorskip("optuna")
-SHORT = ol.Protocol("short", 10, stop_when_solved=True, baseline_trials=2)
 SPACE = search_space("associative", {"temperature": Range(0.02, 2.0, log=True)})
 PLAN = ActionPlan(SPACE, candidates=8, restarts=1, moves=12)
+QUICK = replace(PLAN, candidates=1, moves=0)
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    kinds = [ol.learner("associative", label=name, temperature=heat)
-             for name, heat in (("cool", 0.06), ("warm", 0.5))]  # fmt: skip
-    made = make_experiment(["CC3"], kinds, subjects=6, protocol=SHORT, seed=5)
+def folder(tmp_path_factory):
+    short = ol.Protocol("short", 10, stop_when_solved=True, baseline_trials=2)
+    kinds = [
+        ol.learner("associative", label="cool", temperature=0.06),
+        ol.learner("associative", label="warm", temperature=0.5),
+    ]
+    made = make_experiment(["CC3"], kinds, subjects=6, protocol=short, seed=5)
     folder = tmp_path_factory.mktemp("fitted")
     run(made, folder, workers=0)
     return folder
 
 
-def parts(folder: Path, learner: str) -> list[Recorded]:
-    return recorded_subjects(*Store(folder).record(), [learner])
+def parts(folder, *learners):
+    return recorded_subjects(*Store(folder).record(), learners)
 
 
 @pytest.mark.parametrize(("learner", "true"), [("cool", 0.06), ("warm", 0.5)])
-def test_what_subjects_were_made_with_is_found(folder: Path, learner: str, true: float) -> None:
+def test_the_temperature_that_made_subjects_is_found(folder, learner, true):
     (job,) = jobs_of(parts(folder, learner), replace(PLAN, hold_out="none"), each=False)
     found = fit_job(job)
     assert found.chosen["temperature"] == pytest.approx(true, rel=0.25)
     assert found.held_out_actions == 0
     truth = fit_job(replace(job, plan=replace(job.plan, candidates=1, moves=0, restarts=1)))
     assert found.nll <= truth.nll
+    record, experiment = Store(folder).record()
+    made = make_experiment(["CC3"], [ol.learner("associative", **found.chosen)])
+    scored = score_actions(record, experiment, made.learners, PLAN.lapse, of=[learner])
+    assert found.nll == pytest.approx(-scored["log_probability"].sum())
+    assert found.actions == len(scored)
 
 
-def test_what_is_held_out_is_not_fitted(folder: Path) -> None:
-    for how, key in (("trials", "trial"), ("subjects", "subject")):
-        jobs = jobs_of(parts(folder, "warm"), replace(PLAN, hold_out=how), each=False)
-        whole, *folds = [fit_job(job) for job in jobs]
-        assert whole.actions == sum(one.held_out_actions for one in folds), key
-        table = fit_table([whole, *folds])
-        assert table["held_out_bits"].iloc[0] >= table["bits"].iloc[0] - 0.02
-        assert len({one.chosen["temperature"] for one in folds}) == 2
+@pytest.mark.parametrize("hold_out", ["trials", "subjects"])
+def test_every_action_is_held_out_once_and_predicted_no_better(folder, hold_out):
+    jobs = jobs_of(parts(folder, "warm"), replace(PLAN, hold_out=hold_out), each=False)
+    whole, *folds = [fit_job(job) for job in jobs]
+    assert whole.actions == sum(one.held_out_actions for one in folds)
+    assert all(one.actions + one.held_out_actions == whole.actions for one in folds)
+    table = fit_table([whole, *folds])
+    assert table["held_out_bits"].iloc[0] >= table["bits"].iloc[0] - 0.02
+    assert len({one.chosen["temperature"] for one in folds}) == 2
 
 
-def test_it_goes_on_where_it_was_stopped(folder: Path, tmp_path: Path) -> None:
+def test_a_fit_continues_where_it_was_stopped(folder, tmp_path):
     jobs = jobs_of(parts(folder, "cool"), replace(PLAN, candidates=2, moves=0), each=True)
     assert len(jobs) == 6 * 3
 
-    def stop(done: int, total: int) -> None:
+    def stop(done, total):
         if done == 2:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         fit_all(jobs[:4], tmp_path, report=stop)
-    counted: list[int] = []
+    counted = []
     resumed = fit_all(jobs[:4], tmp_path, report=lambda done, _: counted.append(done))
     assert counted == [3, 4]
     assert resumed == [fit_job(job) for job in jobs[:4]]
-    with pytest.raises(StoreError, match="holds another fit to actions"):
+    with pytest.raises(StoreError, match="another fit to actions"):
         fit_all(jobs[:3], tmp_path)
-    with pytest.raises(OpenLockError, match="hold out trials"):
-        jobs_of(parts(folder, "cool"), replace(PLAN, hold_out="subjects"), each=True)
 
 
-def test_one_fit_at_a_time_works_in_a_folder(folder: Path, tmp_path: Path) -> None:
-    words = ["fit", "associative", "--to", str(folder), "--of", "cool", "--hold-out", "none",
-             "-s", "temperature=0.02:2:log", "--candidates", "1", "--workers", "1",
-             "--out", str(tmp_path)]  # fmt: skip
+def test_one_fit_at_a_time_works_in_a_folder(folder, tmp_path):
+    words = ["fit", "associative", "--to", folder, "--of", "cool", "--hold-out", "none", "-s"]
+    words += ["temperature=0.02:2:log", "--candidates", 1, "--workers", 1, "--out", tmp_path]
     writing = tmp_path / ".fit_to_actions.json.x.partial"
     with fitting_in(tmp_path):
         writing.touch()
         for more in ([], ["--hierarchical"]):
-            refused = CliRunner().invoke(app, [*words, *more])
-            assert isinstance(refused.exception, StoreError)
-            assert "is in use by another fit; wait for it" in str(refused.exception)
+            assert "in use" in at_once(*words, *more).stderr
         assert writing.exists()
-    assert CliRunner().invoke(app, words).exit_code == 0
+    assert at_once(*words).status == 0
     assert not writing.exists()
 
 
-def test_what_is_kept_is_what_was_fitted(folder: Path, tmp_path: Path) -> None:
-    jobs = jobs_of(parts(folder, "cool"), replace(PLAN, candidates=1, moves=0), each=True)[:4]
-    fit_all(jobs, tmp_path)
+def test_a_stored_fit_that_cannot_be_is_refused(folder, tmp_path):
+    jobs = jobs_of(parts(folder, "cool"), QUICK, each=True)[:4]
+    fits = fit_all(jobs, tmp_path)
     path = tmp_path / FILE
     content = path.read_bytes()
     kept = json.loads(content)
     path.write_bytes(content.replace(b'"actions": ', b'"actions": 1', 1))
-    with pytest.raises(StoreError, match="its checksum does not match"):
+    with pytest.raises(StoreError, match="checksum"):
         fit_all(jobs, tmp_path)
     done = kept["done"]
     for wrong in (
@@ -121,76 +127,116 @@ def test_what_is_kept_is_what_was_fitted(folder: Path, tmp_path: Path) -> None:
         [{**done[0], "chosen": {"temperature": 2.5}}],
     ):
         keep_fit(path, kept["plan"], done=wrong)
-        with pytest.raises(StoreError, match="this is not a fit"):
+        with pytest.raises(StoreError, match=FILE):
             fit_all(jobs, tmp_path)
-    keep_fit(path, kept["plan"], done=done[:3])
-    assert fit_all(jobs, tmp_path) == [fit_job(job) for job in jobs]
+    # Fits of earlier versions do not say what is idle or at a bound.
+    old = [{k: v for k, v in one.items() if k not in ("idle", "at_bound")} for one in done[:3]]
+    keep_fit(path, kept["plan"], done=old)
+    expected = [*(replace(one, idle=(), at_bound=()) for one in fits[:3]), fits[3]]
+    assert fit_all(jobs, tmp_path) == expected
 
 
-def test_nothing_can_be_held_out_of_a_single_trial(folder: Path) -> None:
+def test_folds_need_trials_and_subjects_enough(folder):
     (part,) = parts(folder, "cool")
     short = part.rows[(part.rows["subject"] != 3) | (part.rows["trial"] == 1)]
     short = replace(part, rows=short[short["phase"] == "train"])
-    with pytest.raises(OpenLockError, match=r"cool/CC3/.*/3 played one trial only"):
+    with pytest.raises(OpenLockError, match=r"cool/CC3/.*/3"):
         jobs_of([short], PLAN, each=True)
     assert len(jobs_of([short], replace(PLAN, hold_out="none"), each=True)) == 6
     assert len(jobs_of([short], PLAN, each=False)) == 3
+    plan = replace(PLAN, hold_out="subjects", folds=7)
+    with pytest.raises(OpenLockError, match="there are 6; give --folds 6"):
+        jobs_of([part], plan, each=False)
+    one = replace(part, rows=part.rows[part.rows["subject"] == 0])
+    with pytest.raises(OpenLockError, match="there is 1; give --hold-out trials"):
+        jobs_of([one], plan, each=False)
+    with pytest.raises(OpenLockError, match="7 folds"):
+        GroupFit([part], {"associative": plan}, folder)
+    check_folds([part], replace(plan, folds=6))
+    with pytest.raises(LearnerError, match="--each"):
+        GroupFit([one], {"associative": PLAN}, folder)
 
 
-def test_on_the_command_line(folder: Path, tmp_path: Path) -> None:
-    words = ["fit", "associative", "--to", str(folder), "--of", "warm", "--hold-out", "none",
-             "-s", "temperature=0.02:2:log", "--candidates", "4", "--workers", "1",
-             "--out", str(tmp_path / "fit")]  # fmt: skip
-    result = CliRunner().invoke(app, words)
-    assert result.exit_code == 0, result.output
-    assert "name: associative_fitted" in result.output
-    assert np.isfinite(pd.read_csv(tmp_path / "fit" / "fits.csv")["bits"]).all()
-    wrong = CliRunner().invoke(app, [*words[:-1], str(tmp_path / "other"), "--hold-out", "points"])
-    assert "'points' cannot be held out" in str(wrong.exception)
-
-
-# -- what the commands say ------------------------------------------------------------------------
-
-
-def test_a_fit_says_what_it_is_of_what_stands_at_a_bound_and_how_far_it_is(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_command_marks_an_estimate_at_a_bound(folder, tmp_path):
     """Temperatures of 10 and more fit worse and worse, so the best is at the bound."""
-    monkeypatch.setattr(progress_bar, "FIRST_AFTER", 0.01)
-    out = tmp_path / "fit"
-    done = at_once(
-        "fit", "associative", "--to", folder, "--of", "warm", "--search", "temperature=10:100:log",
-        "--fix", "partial=0.25", "--candidates", 3, "--hold-out", "none", "--out", out,
-    )  # fmt: skip
+    words = ["fit", "associative", "--to", folder, "--of", "warm", "--hold-out", "none"]
+    words += ["--search", "temperature=10:100:log", "--fix", "partial=0.25", "--candidates", 3]
+    done = at_once(*words, "--workers", 1, "--out", tmp_path / "fit")
     assert done.status == 0, done.stderr
     assert "* at a bound of what was searched (temperature)" in done.stdout
-    assert "associative was fitted with partial 0.25 (fixed)." in done.stdout
-    assert "warning: 6 subjects are too few to generalise" in done.stdout
-    assert "temperature: 10\n" in done.stdout
-    (kept,) = json.loads((out / FILE).read_bytes())["done"]
-    assert kept["chosen"]["temperature"] == 10.000000000000002
-    assert "fit: 0 of 1 fit done, " in done.stderr
-    assert "of up to 123 sets of parameters tried" in done.stderr
+    for named in ("partial 0.25", "6 subjects are too few", "name: associative_fitted"):
+        assert named in done.stdout
+    (row,) = pd.read_csv(tmp_path / "fit" / "fits.csv").to_dict("records")
+    assert row["at_bound"] == "temperature"
+    assert np.isfinite(row["bits"])
+    (kept,) = json.loads((tmp_path / "fit" / FILE).read_bytes())["done"]
+    assert kept["chosen"]["temperature"] == pytest.approx(10)
 
 
-def test_sets_of_parameters_are_counted_here_and_in_workers(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(actions, "LOOK_EVERY", 0.01)
+def test_sets_of_parameters_are_counted_here_and_in_workers(folder, tmp_path):
     jobs = jobs_of(parts(folder, "cool"), replace(PLAN, candidates=3, moves=5), each=False)[:2]
-    counts: dict[int, list[int]] = {1: [], 2: []}
-    for workers, own in counts.items():
-        fits = fit_all(jobs, tmp_path / str(workers), workers=workers, tried=own.append)
-        assert len(fits) == 2
+    counts = {1: [], 2: []}
+    fits = {
+        workers: fit_all(jobs, tmp_path / str(workers), workers=workers, tried=own.append)
+        for workers, own in counts.items()
+    }
+    assert fits[1] == fits[2]
     every = counts[1][-1]
     # Whether a parameter makes a difference is tried once the fit is found.
-    assert every >= sum(one.evaluations for one in fits)
+    assert every >= sum(one.evaluations for one in fits[1])
     assert counts[1] == [*range(1, every + 1)]
     assert counts[2] == sorted(counts[2])
-    assert 0 < counts[2][-1] <= every
+    assert all(number <= every for number in counts[2])
 
 
-def test_scores_of_few_subjects_are_cautioned_against(folder: Path, tmp_path: Path) -> None:
-    done = at_once("score", folder, "-l", "associative", "-l", "random", "--out", tmp_path / "own")
-    assert done.status == 0, done.stderr
-    assert "warning: 12 subjects are too few to rank learners\n" in done.stdout
+# -- what is no estimate is not shown as one ------------------------------------------------------
+
+NEVER = r"associative cannot have done what random/CC3/.*/0 did.*(push|pull)_\w+ \(trial 1, attempt"
+
+
+@pytest.fixture(scope="module")
+def doubtful(tmp_path_factory):
+    """One who pushes levers that are out already, and two who never do."""
+    short = ol.Protocol("short", 6, stop_when_solved=True, baseline_trials=1)
+    own = ol.learner("associative", label="own", temperature=0.2)
+    kinds = [ol.learner("random", subjects=1), own]
+    folder = tmp_path_factory.mktemp("doubtful")
+    run(make_experiment(["CC3"], kinds, subjects=2, protocol=short, seed=5), folder, workers=0)
+    return folder
+
+
+@pytest.mark.parametrize("each", [False, True])
+def test_an_action_that_a_learner_never_takes_is_named(doubtful, tmp_path, each):
+    sure = replace(QUICK, hold_out="none", moves=3, lapse=0.0)
+    jobs = jobs_of(parts(doubtful), sure, each)
+    for _ in range(2):  # what is stored is not shown either
+        with pytest.raises(LearnerError, match=NEVER):
+            fit_all(jobs, tmp_path)
+        assert json.loads((tmp_path / FILE).read_text())["done"][-1]["nll"] >= 1e6
+    with pytest.raises(LearnerError, match=NEVER):
+        GroupFit(parts(doubtful), {"associative": sure}, tmp_path / "group").run()
+
+
+def test_a_parameter_without_effect_is_refused_and_marked(doubtful, tmp_path):
+    plan = replace(QUICK, hold_out="none", moves=3)
+    nothing = dict.fromkeys(("lever", "position", "colour"), 0.0)
+    idle = replace(plan, space=search_space("associative", dict(SPACE.ranges), nothing))
+    for each in (False, True):
+        for _ in range(2):
+            with pytest.raises(LearnerError, match="temperature makes no difference"):
+                fit_all(jobs_of(parts(doubtful), idle, each), tmp_path / str(each))
+    # Who acted once had learnt nothing, so that the temperature was all the same.
+    (part,) = parts(doubtful, "own")
+    brief = replace(part, rows=part.rows[(part.rows["subject"] == 1) | (part.rows["attempt"] == 1)])
+    brief.rows["actions"] = [own[:1] for own in brief.rows["actions"]]
+    jobs = [*jobs_of([part], plan, each=True)[1:], *jobs_of([brief], plan, each=True)[:1]]
+    table = fit_table(fit_all(jobs, tmp_path / "one"))
+    assert table["without_effect"].tolist() == ["none", "temperature"]
+
+
+def test_a_group_at_its_bound_is_marked(doubtful, tmp_path):
+    low = search_space("associative", {"temperature": Range(3.0, 4.0)})
+    plan = replace(QUICK, hold_out="none", space=low)
+    fits = GroupFit(parts(doubtful, "own"), {"a": plan}, tmp_path).run()
+    assert fits[0].who == GROUP
+    assert fits[0].at_bound == ("temperature",)
