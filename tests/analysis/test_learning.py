@@ -1,8 +1,6 @@
-"""Who learns and who does not: the rule on courses whose truth is known."""
+"""Who learns and who does not, and which rewards: the rules on courses whose truth is known."""
 
-from __future__ import annotations
-
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -10,10 +8,8 @@ import pyarrow as pa
 import pytest
 
 from causal_openlock.analysis.measures import attempts_to_solve
-from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.bounds import ideal_bounds
 from causal_openlock.analysis.results.chance import chance_of_finding_all, chance_of_opening
-from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.visits import (
     FINDS_ALL,
     OPENS,
@@ -23,20 +19,19 @@ from causal_openlock.analysis.results.visits import (
     shares,
     starts,
 )
+from causal_openlock.analysis.topics import learning, reward_study
 from causal_openlock.analysis.topics.learning import (
     FALLS,
     FLAT,
     LEARNS,
     NOT,
     SOME,
-    TOPIC,
     UNDECIDED,
-    by_verdict,
     judge,
     progress,
 )
+from causal_openlock.analysis.topics.reward_study import reward_terms, rewards_of
 from causal_openlock.schemas.finding import find_schema
-from causal_openlock.storage.stored import StoredExperiment
 from support.fabricated_courses import around, course, described
 from support.fabricated_records import random_cells, table, trial_rows
 from support.made_up_experiments import material_of
@@ -45,14 +40,10 @@ from support.topics import section_on
 RANDOM_AND_A = "conditions: [CC4]\nlearners: [random, {learner: ddqn, name: a}]\n"
 
 
-def material(record: pa.Table, experiment: StoredExperiment) -> Material:
-    return material_of(record, experiment, bounds=ideal_bounds(experiment))
-
-
 # -- visits and parts -----------------------------------------------------------------------------
 
 
-def test_visits_worked_by_hand() -> None:
+def test_visits_worked_by_hand():
     record = table(
         trial_rows([0, 1, 1, 2], trial=1, otherwise="unlock")
         + trial_rows([1, 2, 3, 3], trial=2)
@@ -70,7 +61,7 @@ def test_visits_worked_by_hand() -> None:
     assert (began["opens"], began["finds_all"]) == (0.0, 0.0)
 
 
-def test_categories_of_all_attempts_are_counted_on_random_records_in_any_order() -> None:
+def test_categories_of_all_attempts_are_counted_on_random_records_in_any_order():
     cells = random_cells(5)
     counted = attempts_to_solve(pa.concat_tables(cells[::-1]))
     pd.testing.assert_frame_equal(counted, attempts_to_solve(pa.concat_tables(cells)))
@@ -82,20 +73,17 @@ def test_categories_of_all_attempts_are_counted_on_random_records_in_any_order()
         assert indexed[category].to_dict() == each[category].to_dict()
 
 
-def test_parts_are_of_equally_many_visits_in_the_order_of_time() -> None:
+def test_parts_are_of_equally_many_visits_in_the_order_of_time():
     opens = np.arange(10) / 10
     parted = shares(attempts_to_solve(course(np.tile(opens, (2, 1)))), parts=5)
     wide = matrix(parted, OPENS)
     assert wide == pytest.approx(np.tile(opens.reshape(5, 2).mean(axis=1), (2, 1)))
     assert parted["visits"].tolist() == [2] * 10
+    fewer = matrix(shares(attempts_to_solve(course([[0.0, 0.5, 1.0]])), parts=5), OPENS)
+    assert fewer.tolist() == [[0.0, 0.5, 1.0]]  # a part for each visit
 
 
-def test_a_phase_of_fewer_visits_than_parts_has_a_part_for_each() -> None:
-    wide = matrix(shares(attempts_to_solve(course([[0.0, 0.5, 1.0]])), parts=5), OPENS)
-    assert wide.tolist() == [[0.0, 0.5, 1.0]]
-
-
-def test_groups_come_in_the_order_that_is_asked_for() -> None:
+def test_groups_come_in_the_order_that_is_asked_for():
     counted = attempts_to_solve(pa.concat_tables(random_cells(3)))
     counted["learner"] = counted["learner"].cat.reorder_categories(["b", "a"])
     groups = [group for group, _ in each_group(counted)]
@@ -104,7 +92,7 @@ def test_groups_come_in_the_order_that_is_asked_for() -> None:
     assert [group.condition for group in groups[:3]] == ["CE4", "CC3-CC4", "own"]
 
 
-def test_protocols_that_stop_when_solved_are_left_out(tmp_path: Path) -> None:
+def test_protocols_that_stop_when_solved_are_left_out(tmp_path):
     text = (
         "conditions: [CC4]\n"
         "learners: [random, {learner: random, name: b, protocol: goes_on},"
@@ -132,17 +120,17 @@ ZERO = np.zeros(10)
         ([0.001, 0.001, 0.001, 0.001, 0.001], 0.0, NOT),  # chance itself
     ],
 )
-def test_verdict_on_a_course(means: list[float], spread: float, expected: str) -> None:
+def test_verdict_on_a_course(means, spread, expected):
     assert judge(ZERO, around(means, spread=spread), BAR) == expected
 
 
-def test_able_from_the_start_is_no_learning() -> None:
+def test_able_from_the_start_is_no_learning():
     start = around([0.6])[:, 0]
     assert judge(start, around([0.62] * 5, seed=1), BAR) == FLAT
     assert judge(start / 4, around([0.62] * 5, seed=1), BAR) == LEARNS
 
 
-def test_one_subject_in_ten_does_not_make_a_group_learn() -> None:
+def test_one_subject_in_ten_does_not_make_a_group_learn():
     parts = np.zeros((10, 5))
     parts[0] = 0.9
     assert judge(ZERO, parts, BAR) == UNDECIDED  # a mean of .09 may be more than the margin
@@ -153,7 +141,7 @@ def test_one_subject_in_ten_does_not_make_a_group_learn() -> None:
     assert judge(ZERO, parts, BAR, counted=np.full(10, 60)) == LEARNS
 
 
-def test_a_subject_stands_out_only_in_the_last_part_and_beyond_luck() -> None:
+def test_a_subject_stands_out_only_in_the_last_part_and_beyond_luck():
     counted = np.full(10, 60)
     early = np.zeros((10, 5))
     early[0, :4] = 0.9
@@ -166,20 +154,17 @@ def test_a_subject_stands_out_only_in_the_last_part_and_beyond_luck() -> None:
     assert judge(ZERO, late, 0.0, counted) == NOT  # chance is not known
 
 
-def test_a_fall_of_few_subjects_is_undecided() -> None:
+def test_few_subjects_are_undecided():
     parts = np.zeros((10, 5))
     parts[:, 1] = 0.1
     parts[:3, 1] = 0.9
     parts[9, 4] = 0.9  # in the end neither surely above chance nor surely below the best
     assert judge(ZERO, parts, BAR) == UNDECIDED
-
-
-def test_few_subjects_are_undecided() -> None:
     assert judge(ZERO[:3], around([0.5] * 5, 3), BAR) == UNDECIDED
     assert judge(ZERO[:4], around([0.5] * 5, 4), BAR) == LEARNS
 
 
-def test_random_subjects_seldom_seem_to_learn() -> None:
+def test_random_subjects_seldom_seem_to_learn():
     # 60 groups of ten subjects, 600 attempts in each part, at the chance of CC4.
     rng = np.random.default_rng(3)
     chance, counted = 3 / 3375, np.full(10, 600)
@@ -192,7 +177,7 @@ def test_random_subjects_seldom_seem_to_learn() -> None:
 # -- on a record ----------------------------------------------------------------------------------
 
 
-def test_progress_on_a_record_whose_truth_is_known(tmp_path: Path) -> None:
+def test_progress_on_a_record_whose_truth_is_known(tmp_path):
     experiment = described(
         tmp_path,
         "conditions: [CC4]\nlearners: [random, {learner: ddqn, name: able},"
@@ -233,7 +218,7 @@ def test_progress_on_a_record_whose_truth_is_known(tmp_path: Path) -> None:
     assert found.loc[("able", FINDS_ALL), "chance"] == pytest.approx(all_found)
 
 
-def test_a_lucky_random_learner_raises_the_bar(tmp_path: Path) -> None:
+def test_a_lucky_random_learner_raises_the_bar(tmp_path):
     experiment = described(tmp_path, RANDOM_AND_A)
     mine = course(around([0.3] * 5))
     lucky = course(around([0.5] * 5, seed=1), learner="random")
@@ -245,45 +230,112 @@ def test_a_lucky_random_learner_raises_the_bar(tmp_path: Path) -> None:
     assert verdicts["random"] == LEARNS  # itself it is judged against exact chance
 
 
-def test_section_has_both_tables_and_says_the_verdicts(tmp_path: Path) -> None:
-    experiment = described(tmp_path, RANDOM_AND_A)
+def test_verdicts_name_protocols_and_conditions_only_if_there_are_several(tmp_path):
+    def first_sentence(*courses, conditions="CC4"):
+        text = RANDOM_AND_A.replace("CC4", conditions)
+        experiment = described(tmp_path, text)
+        _, a = experiment.learners
+        long = replace(a, protocol=replace(a.protocol, name="long"))
+        experiment = replace(experiment, learners=(*experiment.learners, long))
+        held = material_of(pa.concat_tables(courses), experiment, bounds=ideal_bounds(experiment))
+        section = section_on(learning.TOPIC, held)
+        return section and section.text[0].partition(". ")[2]
+
+    def of(learner, share, condition="CC4", protocol="rl"):
+        spread = 0.02 if share else 0
+        values = {"condition": condition, "schema": condition, "protocol": protocol}
+        return course(around([share] * 5, spread=spread), learner=learner, **values)
+
+    dull, able = of("random", 0.0), of("a", 0.3)
+    assert first_sentence(able, dull) == "Learns: a (CC4). Does not learn: random (CC4)."
+    assert first_sentence(of("a", 0.3, protocol="human")) is None
+    each = [of("a", 0.0, name) for name in ("CC4", "CE4", "CC3")]
+    whole = first_sentence(*each, conditions="CC4, CE4, CC3")
+    assert whole == "Does not learn: a (every condition)."
+    mixed = first_sentence(each[0], of("a", 0.5, "CE4"), each[2], conditions="CC4, CE4, CC3")
+    assert mixed == "Learns: a (CE4). Does not learn: a (CC4, CC3)."
+    both = first_sentence(able, of("a", 0.0, protocol="long"))
+    assert both == "Learns: a under rl (CC4). Does not learn: a under long (CC4)."
+
+
+# -- the reward study -----------------------------------------------------------------------------
+
+REWARDS = (
+    "conditions: [CC4, CE4]\n"
+    "learners:\n"
+    "  - random\n"
+    "  - {learner: ddqn, name: basic, reward: basic}\n"
+    "  - {learner: ddqn, name: unique, reward: unique_solutions}\n"
+    "  - {learner: ddqn, name: unique18, reward: authors_2018_change_state_unique_solutions}\n"
+    "  - {learner: ddqn, name: best, reward: paper}\n"
+)
+
+
+def study(experiment, finds_all=(), **both):
+    """The section on courses with the same share throughout, by learner in CC4 and in CE4."""
     record = pa.concat_tables(
-        [course(around([0.3] * 5)), course(around([0.0] * 5, spread=0), learner="random")]
+        [
+            course(
+                around([share] * 5, spread=0.02 if share > 0.2 else 0),
+                finds_all=learner in finds_all,
+                learner=learner,
+                condition=condition,
+                schema=condition,
+            )
+            for learner, shares_ in both.items()
+            for condition, share in zip(("CC4", "CE4"), shares_, strict=True)
+        ]
     )
-    made = section_on(TOPIC, material(record, experiment))
-    assert made is not None
-    assert [one.name for one in made.tables] == ["learning_door", "learning_all"]
-    assert made.text[0] == "Opening the door. Learns: a (CC4). Does not learn: random (CC4)."
-    for one in made.tables:
-        assert one.frame["learner"].tolist() == ["random", "a"]
-        assert set(one.formats) <= set(one.frame.columns)
-        for column, how in one.formats.items():
-            assert all(format(value, how) for value in one.frame[column])
-    human = course(around([0.3] * 5), protocol="human")
-    assert section_on(TOPIC, material(human, experiment)) is None
+    return section_on(reward_study.TOPIC, material_of(record, experiment))
 
 
-def said(rows: pd.DataFrame) -> str:
-    return Prose("causal_openlock.analysis.topics.learning").sentence(
-        "verdicts", found=by_verdict(rows)
-    )
+def test_terms_of_sums_and_of_ladders(tmp_path):
+    rewards = rewards_of(described(tmp_path, REWARDS))
+    assert {name: sorted(reward_terms(one)) for name, one in rewards.items()} == {
+        "basic": [],
+        "unique": ["unique_solutions"],
+        "unique18": ["state_change", "unique_solutions"],
+        "best": ["negative_immovable", "partial_sequence", "solution_multiplier"],
+    }
 
 
-def test_verdicts_in_sentences_name_protocols_only_if_there_are_several() -> None:
-    rows = pd.DataFrame(
-        [("b", "CC4", "rl", LEARNS), ("a", "CC4", "rl", NOT), ("b", "CE4", "rl", LEARNS)],
-        columns=["learner", "condition", "protocol", "verdict"],
-    )
-    assert said(rows) == "Learns: b (CC4, CE4). Does not learn: a (CC4)."
-    rows.loc[2, "protocol"] = "long"
-    expected = "Learns: b under rl (CC4); b under long (CE4). Does not learn: a (CC4)."
-    assert said(rows) == expected
+def test_what_the_paper_says_of_rewards_is_recognised(tmp_path):
+    shares_ = {"basic": (0.3, 0.0), "best": (0.6, 0.6)}
+    nothing = dict.fromkeys(("random", "unique", "unique18"), (0.0, 0.0))
+    found = study(described(tmp_path, REWARDS), ("best",), **shares_, **nothing)
+    visits, doors, best, _ = found.text
+    for unique in (visits, doors):
+        assert ": the same, in every condition. Does not learn: unique (CC4, CE4); u" in unique
+    assert best.count("none of the others finds every solution more often") == 2
+    frame = found.tables[0].frame
+    assert frame["learner"].tolist() == ["best", "basic", "unique", "unique18"]
+    assert frame["door CC4"].tolist()[:2] == ["learns"] * 2
+    assert frame["door CE4"].tolist()[:2] == ["learns", "does not learn"]
+    assert frame.loc[0, "door"] == pytest.approx(0.6, abs=0.03)
+    assert frame.loc[2, "terms"] == "unique_solutions"
 
 
-def test_verdicts_that_hold_in_every_condition_are_said_once() -> None:
-    rows = pd.DataFrame(
-        {"learner": "a", "condition": ["CC4", "CE4", "own"], "protocol": "rl", "verdict": NOT}
-    )
-    assert said(rows) == "Does not learn: a (every condition)."
-    rows.loc[1, "verdict"] = FALLS
-    assert said(rows) == "Rises, then falls: a (CE4). Does not learn: a (CC4, own)."
+def test_the_contrary_of_what_the_paper_says_is_recognised(tmp_path):
+    shares_ = {"basic": (0.5, 0.31), "unique": (0.8, 0.8), "unique18": (0.5, 0.5)}
+    experiment = described(tmp_path, REWARDS)
+    found = study(experiment, ("unique", "unique18"), best=(0.3, 0.3), **shares_)
+    for sentence in found.text[:2]:
+        assert ": otherwise, in every condition something is learned. " in sentence
+    best = found.text[2]
+    assert best.count("Surely more often finds every solution unique (100.0%), unique18 (") == 2
+    assert "basic" not in best  # it opens the door more often, which is not asked for
+    assert found.tables[0].frame.loc[0, "learner"] == "unique"
+    # Three in twenty attempts: what an agent optimal for unique solutions alone would do.
+    one = described(tmp_path, REWARDS.replace("  - {learner: ddqn, name: unique18", "  #"))
+    found = study(one, ("unique",), unique=(0.15, 0.15), best=(0.6, 0.6))
+    assert ": otherwise, in every condition something is learned. " in found.text[0]
+    assert "Surely more often finds every solution unique (100.0%)." in found.text[2]
+
+
+def test_rewards_that_learn_in_part_and_too_few_rewards(tmp_path):
+    found = study(described(tmp_path, REWARDS), unique=(0.5, 0.0), unique18=(0.0, 0.0))
+    assert ": the same, in every condition. " in found.text[0]
+    assert ": otherwise in part. Learns: unique (CC4). Does not learn: " in found.text[1]
+    assert len(found.text) == 3  # nobody got the paper's best
+    two = REWARDS.replace("  - {learner: ddqn, name: unique", "  #")
+    assert study(described(tmp_path, two), basic=(0.5, 0.5), best=(0.5, 0.5)) is None

@@ -1,0 +1,316 @@
+"""Where every learner stands, and learners in pairs: numbers by hand, and what is said of them."""
+
+import itertools
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.figure import Figure
+
+import causal_openlock as ol
+from causal_openlock.analysis.decisions import Decisions
+from causal_openlock.analysis.plots.style import WIDTH
+from causal_openlock.analysis.topic import all_topics, decisions_of, sections_of
+from causal_openlock.analysis.topics import pairwise
+from causal_openlock.analysis.topics.leaderboard import (
+    answers,
+    leaderboard,
+    leaderboard_tables,
+    legend,
+    normalised_score,
+)
+from causal_openlock.analysis.topics.pairwise import outcomes, pairwise_table, plot_pairs
+from causal_openlock.experiment.experiment import Origin
+from causal_openlock.paper.published import people
+from support.fabricated_records import table
+from support.made_up_experiments import NO_ONE_BESIDE, experiment_of, spec
+from support.paper_play import material, play, same, scattered
+from support.topics import topics_called
+
+pytestmark = pytest.mark.slow
+
+LEARNERS = ("able", "half", "never", "told")
+TOLD = spec("told", recorded=Origin("made_up:Told", "made-up 1.0", informed=True))
+TRAINED = spec("a", recorded=Origin("made_up:A", "made-up 1.0", prior_attempts=12_000))
+FOUR = ("CC4", "CE4", "CC3-CC4", "CE3-CC4")
+
+
+def sometimes(number):
+    """A learner that solves every second subject's trials, in that number of attempts."""
+    return lambda condition, phase, trial, subject: number if subject % 2 else 30
+
+
+def held(*specs, **ways):
+    """Results of learners, each given as ``(attempts, subjects, conditions)`` or fewer of these."""
+    rows = [row for name, way in ways.items() for row in play(name, *way)]
+    known = {one.name: one for one in specs}
+    specs = [known.pop(name, None) or spec(name) for name in ways] + [*known.values()]
+    names = tuple(one.name for one in specs)
+    return material(rows, names, experiment=experiment_of(table(rows), learners=tuple(specs)))
+
+
+@pytest.fixture(scope="module")
+def played():
+    ways = (same(5), sometimes(9), same(30), same(3))
+    return held(TOLD, **{name: (way, 4) for name, way in zip(LEARNERS, ways, strict=True)})
+
+
+@pytest.fixture(scope="module")
+def found(played):
+    return leaderboard(played).set_index("learner")
+
+
+# -- numbers --------------------------------------------------------------------------------------
+
+
+def test_normalised_score_is_1_for_ideal_and_0_for_random():
+    scores = normalised_score(np.array([3.0, 30, 16.5, 2]), 30, 3)
+    assert scores.tolist() == pytest.approx([1, 0, 0.5, 28 / 27])
+    assert np.isnan(normalised_score(np.array([3.0]), 3, 3)).all()
+
+
+def test_shares_medians_means_and_scores_by_hand(found):
+    assert found["solved"].dropna().to_dict() == {"able": 1, "half": 0.5, "never": 0, "told": 1}
+    assert found["median"].dropna().to_dict() == {"able": 5, "half": 9, "told": 3}
+    assert found.loc["half", "attempts"] == (9 + 30) / 2
+    assert (found.loc["half", "found"], found.loc["half", "solutions"]) == (1.5, 3)
+    assert set(found["conditions"]) == {6}
+    assert set(found["limit"]) == {30}
+    assert found["subjects"].to_dict() == {"people": 40, **dict.fromkeys(LEARNERS, 4)}
+    assert found["reference"].tolist() == [True, *[False] * 4]
+    assert found["informed"].tolist() == [*[False] * 4, True]
+    scores = found.loc[["told", "never", "able"], "score"]  # the made-up bound is 3
+    assert scores.tolist() == pytest.approx([1, 0, 25 / 27], abs=1e-4)
+
+
+def test_the_best_learner_has_to_find_out_how_the_room_works(found):
+    assert set(found["best"]) == {"able"}
+    assert np.isnan(found.loc["able", "to_best"])
+    assert found.loc["told", "to_best"] == -2
+    assert np.isnan(found.loc["told", "to_best_low"])  # nobody differs, so there is no interval
+    half = found.loc["half"]
+    assert half["to_best"] == (4 + 25) / 2
+    assert half["to_best_low"] < half["to_best"] < half["to_best_high"]
+
+
+def test_people_are_those_of_the_paper(found):
+    means = people()
+    last = means[(means["phase"] == "test") | (means["trial"] == 5)]
+    assert len(last) == 6
+    mean = last["mean"].mean()
+    assert found.loc["people", "attempts"] == pytest.approx(mean)
+    able = found.loc["able"]
+    assert able["to_people"] == pytest.approx(5 - mean)
+    assert found.loc["people", "to_best"] == -able["to_people"]
+    half = (able["to_people_high"] - able["to_people_low"]) / 2
+    errors = last["se"] * np.sqrt(40 / 39)
+    assert half == pytest.approx(2 * np.sqrt((errors**2).sum()) / 6, rel=0.02)
+
+
+def test_a_difference_is_over_the_conditions_of_its_row_or_there_is_none():
+    results = held(
+        *(TOLD, spec("never_played")),
+        told=(same(3), 20),
+        whole=(same(6), 20, FOUR),
+        even=(same(6), 20, FOUR),
+        easy=(same(4), 20, FOUR[:1]),
+        other=(same(4), 20, (*FOUR[:3], "CE3-CE4")),
+    )
+    ranked = leaderboard(results).set_index("learner")
+    assert ranked.loc["whole", "best"] == "whole"
+    assert ranked.loc["easy", "to_best"] == -2  # in the condition that it played
+    assert np.isnan(ranked.loc["other", "to_best"])
+    assert ranked.loc["never_played", "conditions"] == 0
+    mean = ranked.loc["people", "attempts"]
+    assert np.isclose(ranked.loc["told", "to_people"], 3 - mean)  # the only one with all six
+    own = leaderboard(held(a=(same(5), 20, ("CC4", "mine")))).set_index("learner").loc["a"]
+    assert own["conditions"] == 2
+    assert np.isnan(own["to_people"])
+
+
+def test_nobody_is_the_best_where_nothing_is_solved():
+    ranked = leaderboard(held(a=(same(30), 2), b=(same(30), 2)))
+    assert ranked["best"].isna().all()
+
+
+def test_learners_without_a_condition_in_common_are_not_compared():
+    one = ol.compare("CC3", ["oracle", "bayes"], subjects=2, workers=0)
+    other = ol.compare("CE3", ["random"], subjects=2, workers=0)
+    ranked = (one + other).leaderboard.set_index("learner")
+    assert np.isnan(ranked.loc["random", "to_best"])
+    assert (one + other).pairs["learner"].tolist() == ["oracle"]
+
+
+# -- in words -------------------------------------------------------------------------------------
+
+
+def told(title, results, decisions=None, ranked=None):
+    """All that is printed of a leaderboard: its answer, the wide table, the narrow one, marks."""
+    ranked = leaderboard(results) if ranked is None else ranked
+    decisions = decisions or decisions_of(results, all_topics())
+    shown = [*leaderboard_tables(ranked)]
+    lines = [f"== {title}"]
+    for protocol, sentences in answers(ranked, decisions).items():
+        lines += [f"{protocol}: {sentence}" for sentence in sentences]
+    for one in shown:
+        lines += [" | ".join(one.heads), *(f"{name} | {row}" for name, row in one.rows.items())]
+        lines += [" | ".join(one.short_heads)]
+        lines += [f"{name} | {' | '.join(row)}" for name, row in one.short_rows.items()]
+        lines += [f"{one.measured}. {one.few}", f"references: {', '.join(one.references)}"]
+    return [*lines, legend(shown, narrow=True), legend(shown)]
+
+
+def test_answers_tables_and_legends_of_leaderboards(played, golden):
+    """Where the limit cuts values off, few subjects, training before, other conditions, no best."""
+    alike = Decisions()
+    alike.register("leaderboard", {("human", "able", "to_people"): 0.5})
+    pairs = {("half", "able"): 0.001, ("able", "told"): 0.03, ("able", "never"): 0.04}
+    alike.register("pairwise", {("human", *pair): p for pair, p in pairs.items()})
+    enough = leaderboard(played).assign(subjects=40).replace({"score": {1.0: 1.01}})
+    lacking = held(
+        *(TOLD, spec("never_played")),
+        told=(same(3), 20),
+        whole=(same(6), 20, FOUR),
+        even=(same(6), 20, FOUR),
+        easy=(same(4), 20, FOUR[:1]),
+    )
+    alone = replace(held(a=(same(5), 2), b=(same(5), 2)), references=NO_ONE_BESIDE)
+    unsolved = held(a=(same(30), 2), b=(same(30), 2))
+    lines = [
+        *told("cut off by the limit, four subjects", played),
+        *told("not told apart", played, alike, enough),
+        *told("trained before", held(TRAINED, a=(same(4), 20), b=(same(6), 20))),
+        *told("other conditions", lacking),
+        *told("a condition of one's own", held(a=(same(5), 20, ("CC4", "mine")))),
+        *told("both cut off", held(a=(sometimes(9), 4), b=(same(30), 4))),
+        *told("nothing solved", unsolved),
+        *told("nothing solved, no people", replace(unsolved, references=NO_ONE_BESIDE)),
+        *told("no people, no marks", alone),
+    ]
+    golden("leaderboards.txt", "\n".join(lines))
+
+
+# -- pairs ----------------------------------------------------------------------------------------
+
+QUICK, SLOW = scattered(1), scattered(2, 9.0)
+FOUR_WAYS = {"random": same(30), "quick": QUICK, "slow": SLOW, "perfect": same(3)}
+
+
+@pytest.fixture(scope="module")
+def rivals():
+    return held(**{name: (way,) for name, way in FOUR_WAYS.items()})
+
+
+def pairs_of(results):
+    return pairwise_table(outcomes(results.trials, "human"))
+
+
+def test_differences_and_probabilities_of_pairs_by_hand(rivals):
+    frame = rivals.record.to_pandas()
+    key = ["learner", "condition", "phase", "trial", "subject"]
+    needed = frame.groupby(key, observed=True)["attempt"].max()  # all stop when they are done
+    conditions = (*FOUR, "CC3-CE4", "CE3-CE4")
+    scores = {
+        learner: [
+            needed[learner, name, *(("test", 1) if "-" in name else ("train", 5))].to_numpy()
+            for name in conditions
+        ]
+        for learner in FOUR_WAYS
+    }
+    pairs = pairs_of(rivals).set_index(["learner", "other"])
+    assert len(pairs) == 4 * 3 / 2  # each pair once
+    for one, other in itertools.combinations(FOUR_WAYS, 2):
+        gaps = [a - b for a, b in zip(scores[one], scores[other], strict=True)]
+        row = pairs.loc[(one, other)]
+        assert row["difference"] == pytest.approx(np.mean(gaps))
+        wins = np.mean([(gap < 0) + (gap == 0) / 2 for gap in gaps])
+        assert row["probability"] == pytest.approx(wins)
+        assert (row["conditions"], row["pairs"]) == (6, 6 * 12)
+        if np.ptp(gaps) == 0:
+            assert np.isnan(row[["ci_low", "ci_high"]].to_numpy(float)).all()
+        else:
+            assert row["ci_low"] < row["difference"] < row["ci_high"]
+
+
+def test_rooms_that_are_hard_for_both_do_not_count_against_either():
+    level = np.random.default_rng(0).integers(0, 9, 40)
+    one = play("a", lambda *at: 4 + int(level[at[3]]), 12, ("CC4",))
+    other = play("b", lambda *at: 5 + int(level[at[3]]) + (at[3] == 0), 12, ("CC4",))
+    (row,) = pairs_of(material([*one, *other], ("a", "b"))).to_dict("records")
+    assert row["difference"] == pytest.approx(-13 / 12)
+    assert row["ci_high"] - row["ci_low"] < 0.5
+    assert (row["pairs"], row["probability"]) == (12, 1.0)
+    elsewhere = [{**line, "seed": 2} for line in other]  # other seeds, other rooms
+    (row,) = pairs_of(material([*one, *elsewhere], ("a", "b"))).to_dict("records")
+    assert (row["difference"], row["pairs"]) == (pytest.approx(-13 / 12), 0)
+    assert row["ci_high"] - row["ci_low"] > 3
+    gaps = np.subtract.outer(4 + level[:12], 5 + level[:12] + (np.arange(12) == 0))
+    assert row["probability"] == pytest.approx(np.mean((gaps < 0) + (gaps == 0) / 2))
+
+
+def test_pairs_of_protocols_that_do_not_meet_are_not_made():
+    rows = [*play("a", scattered(1), 3), *play("b", scattered(2), 3)]
+    alone = play("c", scattered(3), 3, protocol="mine")
+    (section,) = sections_of(material(rows + alone, ("a", "b", "c")), topics_called("pairwise"))
+    assert [one.name for one in section.tables] == ["pairwise_human"]
+    assert section.plots == ()  # a single pair is told in a sentence
+    assert section.tables[0].frame[["learner", "other"]].to_numpy().tolist() == [["a", "b"]]
+    apart = [*play("a", same(4), 2, ("CC4",)), *play("b", same(5), 2, ("CE4",))]
+    for few in (material(alone, ("c",)), material(apart, ("a", "b"))):
+        assert sections_of(few, topics_called("pairwise")) == []
+
+
+def test_p_of_pairs_is_corrected_for_all_pairs_of_the_protocol():
+    results = held(a=(same(4),), b=(same(5),), c=(same(5),))
+    (section,) = sections_of(results, topics_called("pairwise"))
+    p = [3 * 2 / 2**72, 3 * 2 / 2**72, 1.0]
+    assert section.tables[0].frame["p corrected"].tolist() == pytest.approx(p)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        (section,) = sections_of(held(a=(same(4), 1), b=(same(5), 1)), topics_called("pairwise"))
+    assert section.tables[0].frame[["low", "high", "p"]].isna().all(axis=None)
+
+
+def test_the_leaderboard_and_the_pairs_share_what_is_computed(rivals, monkeypatch):
+    fresh, asked = replace(rivals), []
+    for name in ("outcomes", "pairwise_table"):
+        function = getattr(pairwise, name)
+        monkeypatch.setattr(
+            pairwise, name, lambda *given, of=function: asked.append(of) or of(*given)
+        )
+    leaderboard(fresh)
+    (shared,) = pairwise.compute(fresh).values()
+    assert fresh.once(pairwise.all_pairs)["human"] is shared
+    assert asked == [outcomes, pairwise_table]
+
+
+def test_the_matrix_shows_every_pair_once_best_first_and_fits_the_page(rivals):
+    axes = plot_pairs(rivals, ax=Figure())
+    order = [label.get_text() for label in axes.get_yticklabels()]
+    assert order == ["perfect", "quick", "slow", "random"]
+    shown = {
+        (order[round(text.get_position()[1])], order[round(text.get_position()[0])]): text
+        for text in axes.texts
+    }
+    pairs = pairs_of(rivals)
+    assert len(shown) == len(pairs) == 6
+    for one, other, chance in pairs[["learner", "other", "probability"]].to_numpy():
+        if order.index(one) > order.index(other):
+            one, other, chance = other, one, 1 - chance
+        assert shown[one, other].get_text() == f"{chance:.2f}"
+    names = [f"a learner whose name is long {i}" for i in range(12)]
+    figure = Figure()
+    plot_pairs(held(**{name: (same(3), 1, ("CC4",)) for name in names}), ax=figure)
+    assert figure.get_figwidth() <= WIDTH + 1e-9
+
+
+def test_one_learner_more_changes_nobody_elses_difference(rivals):
+    alone = leaderboard(held(quick=(scattered(1),), slow=(scattered(2, 9.0),)))
+    names = ["attempts", "score", "to_people", "to_people_low", "to_people_high", "to_people_p"]
+    for name in ("quick", "slow"):
+        one, many = (
+            frame.set_index("learner").loc[name, names] for frame in (alone, leaderboard(rivals))
+        )
+        pd.testing.assert_series_equal(one, many)
