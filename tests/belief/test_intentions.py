@@ -1,7 +1,5 @@
 """What a subject may intend: all that it could draw, and what is left after what it did."""
 
-from __future__ import annotations
-
 from collections import Counter
 
 import numpy as np
@@ -21,7 +19,7 @@ from causal_openlock.belief.planning import (
 DRAWS = 1500
 
 
-def seen(learner: str, schema: str, steps: int, **parameters: object) -> tuple[Session, object]:
+def seen(learner, schema, steps, **parameters):
     session = Session(Condition.named(schema, find_schema), PROTOCOLS["human"], 1, seed=3)
     made = create(learner, parameters)
     session.begin(made)
@@ -33,11 +31,9 @@ def seen(learner: str, schema: str, steps: int, **parameters: object) -> tuple[S
 
 @pytest.mark.parametrize("by_weight", [True, False])
 @pytest.mark.parametrize(("schema", "steps"), [("CC3", 0), ("CC3", 7), ("CE4", 4)])
-def test_what_may_be_drawn_is_as_likely_as_it_is_drawn(
-    schema: str, steps: int, by_weight: bool
-) -> None:
+def test_what_may_be_drawn_is_as_likely_as_it_is_drawn(schema, steps, by_weight):
     session, learner = seen("bayes", schema, steps)
-    belief = learner.belief(0)  # type: ignore[attr-defined]
+    belief = learner.belief(0)
     possible = belief.space.hypotheses[belief.which]
     situation = Situation.of(session.view, 0, belief.slots, belief.found)
     drawn_from = drawn_solutions(possible, belief.weight, situation, by_weight)
@@ -55,17 +51,15 @@ def test_what_may_be_drawn_is_as_likely_as_it_is_drawn(
 
 @pytest.mark.parametrize("sorts", [False, True])
 @pytest.mark.parametrize(("schema", "steps"), [("CC3", 5), ("two_of_four", 0), ("chain3", 2)])
-def test_what_may_be_drawn_is_what_all_draws_come_to(
-    schema: str, steps: int, sorts: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_may_be_drawn_is_what_all_draws_come_to(schema, steps, sorts, monkeypatch):
     """Every hypothesis and each of its solutions, one after another, by the rule for one."""
     monkeypatch.setattr(intentions, "DENSE", 0 if sorts else 4096)
     session, learner = seen("bayes", schema, steps)
-    belief = learner.belief(0)  # type: ignore[attr-defined]
+    belief = learner.belief(0)
     possible = belief.space.hypotheses[belief.which]
     situation = Situation.of(session.view, 0, belief.slots, belief.found)
     fitting = fitting_solutions(possible, belief.weight, situation)
-    expected: Counter[tuple[int, ...]] = Counter()
+    expected = Counter()
     for row, column in zip(*np.nonzero(fitting), strict=True):
         solution = int(possible.solutions[row, column])
         plan = _in_order(possible, row, solution, situation.pushed)
@@ -76,11 +70,11 @@ def test_what_may_be_drawn_is_what_all_draws_come_to(
         assert chance == pytest.approx(expected[plan] / expected.total(), abs=1e-9)
 
 
-def at(pushed: int, unlocked: bool = False) -> Situation:
+def at(pushed, unlocked=False):
     return Situation(pushed, unlocked, left=3 - pushed.bit_count(), found=())
 
 
-def test_what_was_done_tells_what_is_intended() -> None:
+def test_what_was_done_tells_what_is_intended():
     plans = [(0.5, (0, 1)), (0.3, (0, 2)), (0.2, (1, 0))]
     mind = Intentions(lapse=0.0, actions=15)
     assert mind.next(at(0b000), 7, lambda: plans)[:2] == pytest.approx([0.8, 0.2])
@@ -93,14 +87,14 @@ def test_what_was_done_tells_what_is_intended() -> None:
     assert mind.next(at(0b000), 7, lambda: plans)[:2] == pytest.approx([0.8, 0.2])
 
 
-def test_a_plan_fails_where_a_lever_does_not_move() -> None:
+def test_a_plan_fails_where_a_lever_does_not_move():
     mind = Intentions(lapse=0.0, actions=15)
     mind.next(at(0), 7, lambda: [(1.0, (0, 1))])
     mind.acted(0, over=False)
     assert mind.next(at(0), 7, lambda: [(1.0, (3, 4))])[3] == 1
 
 
-def test_a_lapse_leaves_the_intention_as_it_is() -> None:
+def test_a_lapse_leaves_the_intention_as_it_is():
     plans = [(0.5, (0, 1)), (0.5, (2, 1))]
     mind = Intentions(lapse=0.15, actions=15)
     mind.next(at(0b000), 7, lambda: plans)
@@ -114,7 +108,7 @@ def test_a_lapse_leaves_the_intention_as_it_is() -> None:
     assert odds[[0, 2]].sum() == pytest.approx(1 - share)
 
 
-def test_without_a_plan_any_lever_is_as_likely() -> None:
+def test_without_a_plan_any_lever_is_as_likely():
     ways = list(courses(Intention(), at(0), 7, lambda: [(1.0, None)]))
     assert [way.slot for way in ways] == [*range(7)]
     assert {way.chance for way in ways} == {1 / 7}
