@@ -70,7 +70,7 @@ def golden(request: pytest.FixtureRequest) -> Callable[..., None]:
         path = GOLDEN / name
         if processor:
             path = path.with_name(f"{path.stem}.{processor_kind()}{path.suffix}")
-        text = text.rstrip("\n") + "\n"
+        text = "".join(f"{line.rstrip()}\n" for line in text.strip().splitlines())
         if request.config.getoption("golden"):
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8")
