@@ -1,11 +1,10 @@
-"""Attempts to solve and counts of categories, against hand-worked examples and plain loops."""
-
-from __future__ import annotations
+"""Attempts to solve and counts of categories, by hand, by plain loops, and in pieces."""
 
 import itertools
 import math
+import shutil
 from collections import Counter, defaultdict
-from typing import Any
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pandas as pd
@@ -19,51 +18,57 @@ from causal_openlock.analysis.measures import (
     attempts_to_solve,
     by_subject,
     category_counts,
+    count,
     mean_by_trial,
     ordered,
 )
-from causal_openlock.analysis.results.summary import SUMMARY_COLUMNS, headline_table, summary_table
+from causal_openlock.analysis.results import reading
+from causal_openlock.analysis.results.reading import read_results
+from causal_openlock.analysis.results.summary import headline_table, summary_table
 from causal_openlock.errors import StoreError
+from causal_openlock.experiment.building import Changes
+from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.record import CATEGORIES
+from causal_openlock.running.runner import run
+from causal_openlock.storage.store import Store
 from support.counted_work import calls
-from support.fabricated_records import big_record, random_cells, table, trial_rows
+from support.fabricated_courses import course
+from support.fabricated_records import random_cells, table, trial_rows
 
 pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def random_record() -> pa.Table:
+def random_record():
     return pa.concat_tables(random_cells(7))
 
 
 # -- attempts to solve ----------------------------------------------------------------------------
 
 
-def test_attempts_of_three_trials_worked_by_hand() -> None:
+def test_attempts_of_trials_worked_by_hand():
     record = table(
         trial_rows([0, 1, 2, 3], trial=1)  # solved by the fourth attempt
         + trial_rows([1, 1, 2, 2, 2], trial=2)  # never solved: its five attempts
         + trial_rows([1, 2, 2], solutions=2, trial=3, layout="trial9")  # solved, then goes on
+        + trial_rows([0, 0, 0], trial=4)
     )
     trials = attempts_to_solve(record)
-    assert trials["first_solution"].tolist() == [2, 1, 1]
+    assert trials["first_solution"].tolist() == [2, 1, 1, 3]
     nan = pytest.approx(np.nan, nan_ok=True)
-    assert trials[[*SOLUTIONS]].to_numpy().tolist() == [[2, 1, 1], [1, 2, nan], [1, 1, nan]]
-    nothing_found = attempts_to_solve(table(trial_rows([0, 0, 0])))
-    assert nothing_found["first_solution"].tolist() == [3]
-    assert nothing_found[[*SOLUTIONS]].to_numpy().tolist() == [[nan, nan, nan]]
-    assert trials["attempts"].tolist() == [4, 5, 2]
-    assert trials["last_attempt"].tolist() == [4, 5, 3]
-    assert trials["solved"].tolist() == [True, False, True]
-    assert trials["solutions_found"].tolist() == [3, 2, 2]
-    assert trials["solutions"].tolist() == [3, 3, 2]
-    assert trials["layout"].tolist() == ["trial1", "trial1", "trial9"]
-    assert trials["trial"].tolist() == [1, 2, 3]
+    since = [[2, 1, 1], [1, 2, nan], [1, 1, nan], [nan, nan, nan]]
+    assert trials[[*SOLUTIONS]].to_numpy().tolist() == since
+    assert trials["attempts"].tolist() == [4, 5, 2, 3]
+    assert trials["last_attempt"].tolist() == [4, 5, 3, 3]
+    assert trials["solved"].tolist() == [True, False, True, False]
+    assert trials["solutions_found"].tolist() == [3, 2, 2, 0]
+    assert trials["solutions"].tolist() == [3, 3, 2, 3]
+    assert trials["layout"].tolist() == ["trial1", "trial1", "trial9", "trial1"]
+    assert trials["trial"].tolist() == [1, 2, 3, 4]
 
 
-def test_attempts_agree_with_plain_loops(random_record: pa.Table) -> None:
-    attempts: dict[tuple[Any, ...], int] = {}
-    solved: dict[tuple[Any, ...], bool] = defaultdict(bool)
+def test_attempts_agree_with_plain_loops(random_record):
+    attempts, solved = {}, defaultdict(bool)
     names = ("learner", "condition", "protocol", "subject", "phase", "loop", "trial")
     for row in random_record.to_pylist():
         key = tuple(row[name] for name in names)
@@ -79,7 +84,7 @@ def test_attempts_agree_with_plain_loops(random_record: pa.Table) -> None:
 
 @settings(max_examples=15, deadline=None)
 @given(st.randoms(use_true_random=False))
-def test_order_of_rows_and_cells_makes_no_difference(shuffle: Any) -> None:
+def test_order_of_rows_and_cells_makes_no_difference(shuffle):
     cells = random_cells(3, subjects=2)
     record = pa.concat_tables(cells)
     shuffle.shuffle(cells)
@@ -90,61 +95,57 @@ def test_order_of_rows_and_cells_makes_no_difference(shuffle: Any) -> None:
         pd.testing.assert_frame_equal(category_counts(record), category_counts(other))
 
 
-def test_tables_follow_the_papers_order_and_time() -> None:
+def test_tables_follow_the_papers_order_and_time():
     trials = attempts_to_solve(pa.concat_tables(random_cells(1)))
     assert list(dict.fromkeys(trials["condition"])) == ["CE4", "CC3-CC4", "own"]
     one = trials[(trials["condition"] == "CC3-CC4") & (trials["protocol"] == "loops")].head(8)
     visits = list(zip(one["phase"], one["loop"], one["trial"], strict=True))
-    assert visits == [
-        *itertools.product(["train"], [1, 2], [1, 2, 3]),
-        ("test", 1, 1),
-        ("test", 2, 1),
-    ]
+    train = itertools.product(["train"], [1, 2], [1, 2, 3])
+    assert visits == [*train, ("test", 1, 1), ("test", 2, 1)]
     assert ordered({"z", "CE3-CE4", "b", "CC4"}) == ("CC4", "CE3-CE4", "b", "z")
 
 
-def test_text_columns_need_not_be_dictionaries(random_record: pa.Table) -> None:
+def test_text_columns_need_not_be_dictionaries(random_record):
+    columns = zip(random_record.column_names, random_record.columns, strict=True)
     plain = pa.table(
         {
             name: column.cast(pa.string()) if pa.types.is_dictionary(column.type) else column
-            for name, column in zip(random_record.column_names, random_record.columns, strict=True)
+            for name, column in columns
         }
     )
     pd.testing.assert_frame_equal(attempts_to_solve(plain), attempts_to_solve(random_record))
     pd.testing.assert_frame_equal(category_counts(plain), category_counts(random_record))
 
 
-def test_subjects_of_different_seeds_are_different_subjects() -> None:
+def test_subjects_of_different_seeds_are_different_subjects():
     record = table(trial_rows([1, 2, 3], seed=1) + trial_rows([0, 0, 1, 2, 3], seed=2))
     assert summary_table(record)["subjects"].tolist() == [2]
     assert summary_table(record)["attempts"].tolist() == [4.0]
 
 
-def test_a_cell_read_twice_is_an_error() -> None:
+def test_broken_records_are_refused_whole_and_in_pieces():
     cell = table(trial_rows([1, 2, 3]))
-    with pytest.raises(StoreError, match=r"missing or twice in 1 trial,.*6 rows for 3 attempts"):
+    with pytest.raises(StoreError, match=r"twice in 1 trial,.*6 rows for 3 attempts"):
         attempts_to_solve(pa.concat_tables([cell, cell]))
-    with pytest.raises(StoreError, match="missing or twice"):
-        attempts_to_solve(cell.slice(1))
-
-
-def test_unknown_category_is_an_error() -> None:
+    other = table(trial_rows([1, 2, 3], subject=1)[1:])
+    with pytest.raises(StoreError, match="missing or twice in 1 trial"):
+        count(pa.concat_tables([cell, other]), 1)
     rows = trial_rows([1, 2, 3])
     rows[0]["category"] = "open9"
     with pytest.raises(StoreError, match="'open9', which is not one of else, unlock"):
         category_counts(table(rows))
+    with pytest.raises(ValueError, match="at least 1"):
+        category_counts(cell, 0)
 
 
-def test_an_empty_record_has_empty_tables() -> None:
+def test_an_empty_record_has_empty_tables():
     record = table([])
-    assert attempts_to_solve(record).empty
-    assert category_counts(record).empty
-    columns = summary_table(record).columns.tolist()
-    assert columns[: len(SUMMARY_COLUMNS)] == [*SUMMARY_COLUMNS]
-    assert headline_table(record).empty
+    for made in (attempts_to_solve, category_counts, summary_table, headline_table):
+        assert made(record).empty
+        assert len(made(record).columns) == len(made(table(trial_rows([1]))).columns)
 
 
-def test_loops_are_averaged_within_a_subject_first() -> None:
+def test_loops_are_averaged_within_a_subject_first():
     rows = []
     for subject, lengths in enumerate([[3, 5], [4, 8], [6]]):  # the last made one loop only
         for loop, length in enumerate(lengths, 1):
@@ -161,7 +162,7 @@ def test_loops_are_averaged_within_a_subject_first() -> None:
 # -- categories -----------------------------------------------------------------------------------
 
 
-def test_counts_of_ten_attempts_in_blocks_worked_by_hand() -> None:
+def test_counts_of_ten_attempts_in_blocks_worked_by_hand():
     record = table(
         trial_rows([0, 1, 1, 2], trial=1)  # else open1 | else open2
         + trial_rows([1, 1, 1, 1, 1, 1], trial=2, otherwise="unlock")  # open1 unlock | ...
@@ -180,12 +181,11 @@ def test_counts_of_ten_attempts_in_blocks_worked_by_hand() -> None:
 
 
 @pytest.mark.parametrize("blocks", [1, 3, 5])
-def test_counts_agree_with_plain_loops(random_record: pa.Table, blocks: int) -> None:
-    sequence: dict[tuple[Any, ...], list[tuple[Any, ...]]] = defaultdict(list)
+def test_counts_agree_with_plain_loops(random_record, blocks):
+    sequence, expected = defaultdict(list), Counter()
     for row in random_record.to_pylist():
         key = (row["learner"], row["condition"], row["protocol"], row["phase"], row["subject"])
         sequence[key].append((row["loop"], row["trial"], row["attempt"], row["category"]))
-    expected: Counter[tuple[Any, ...]] = Counter()
     for key, attempts in sequence.items():
         for index, attempt in enumerate(sorted(attempts)):
             block = 1 + math.floor(index * blocks / len(attempts) + 1e-9)
@@ -193,30 +193,84 @@ def test_counts_agree_with_plain_loops(random_record: pa.Table, blocks: int) -> 
     counts = category_counts(random_record, blocks)
     names = ["learner", "condition", "protocol", "phase", "block", "category"]
     found = {tuple(row[name] for name in names): row["count"] for row in counts.to_dict("records")}
-    assert {key: count for key, count in found.items() if count} == dict(expected)
+    assert {key: many for key, many in found.items() if many} == dict(expected)
     assert counts["count"].sum() == random_record.num_rows
 
 
-def test_blocks_must_be_positive(random_record: pa.Table) -> None:
-    with pytest.raises(ValueError, match="at least 1"):
-        category_counts(random_record, 0)
+# -- in pieces, and read small --------------------------------------------------------------------
 
 
-# -- size -----------------------------------------------------------------------------------------
+def same_as_whole(record, at_once):
+    counts = count(record, at_once)
+    for ours, whole in (
+        (counts.trials, attempts_to_solve(record)),
+        (counts.blocks, category_counts(record)),
+    ):
+        pd.testing.assert_frame_equal(ours, whole, check_column_type=False)
 
 
-def test_a_hundred_times_as_many_attempts_are_as_many_calls() -> None:
+@pytest.mark.parametrize("at_once", [1, 50, 10_000])
+def test_pieces_come_to_the_same_as_the_whole(at_once):
+    same_as_whole(pa.concat_tables(random_cells(5, subjects=4)), at_once)
+
+
+def test_pieces_that_cut_trials_or_subjects_apart_come_to_the_same():
+    record = pa.concat_tables(random_cells(6, conditions=("CC4",), protocols=("loops",)))
+    shuffled = record.take(np.random.default_rng(0).permutation(record.num_rows))
+    cut = [shuffled.slice(i, 7) for i in range(0, record.num_rows, 7)]
+    same_as_whole(pa.concat_tables(cut), 1)
+    # Whole trials, but those of a subject in different pieces: blocks are shares of a phase.
+    by_trial = record.sort_by([("trial", "ascending"), ("loop", "ascending")])
+    trials = by_trial["trial"].to_numpy()
+    pieces = [by_trial.filter(pa.array(trials == one)) for one in (1, 2, 3)]
+    same_as_whole(pa.concat_tables(pieces), 1)
+
+
+def test_a_hundred_times_as_many_attempts_are_as_many_calls():
     """What depends on the number of attempts is done in arrays, so that millions take seconds."""
     work = {}
-    for attempts in (2_400 * 4, 960_000):
-        record = big_record(attempts)
+    for subjects in (2, 200):
+        cells = [course(np.zeros((subjects, 10)), attempts=300, learner=name) for name in "abcd"]
+        record = pa.concat_tables(cells)
 
-        def measured(record: pa.Table = record) -> None:
+        def measured(record=record):
             trials, counts = attempts_to_solve(record), category_counts(record)
             assert counts["count"].sum() == record.num_rows
             assert trials["last_attempt"].sum() == record.num_rows
 
         measured()  # what is imported on the way is no work
-        work[attempts] = calls(measured)
-    few, many = work.values()
-    assert many < 1.2 * few
+        work[subjects] = calls(measured)
+    assert work[200] < 1.2 * work[2]
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory):
+    changes = Changes(["CC4", "CC3-CE4"], ["random", "oracle"], None, 3)
+    experiment = read_experiment(find_experiment("default"), changes)
+    with ThreadPoolExecutor(1) as pool:
+        return run(experiment, tmp_path_factory.mktemp("results") / "r", executor=pool)
+
+
+def test_reading_small_leaves_out_columns_and_changes_no_value(store):
+    whole, told = store.record()
+    small, description = read_results(store)
+    assert description == told
+    assert set(whole.column_names) - set(small.column_names) == set(reading.UNREAD)
+    for name in small.column_names:
+        assert small[name].to_pylist() == whole[name].to_pylist(), name
+    assert small.nbytes < 0.6 * whole.nbytes
+    assert "reward" in read_results(store, ["reward"])[0].column_names
+    same_as_whole(small, 1)
+
+
+def test_a_damaged_cell_is_named_however_it_is_read(store, tmp_path):
+    copy = Store(shutil.copytree(store.folder, tmp_path / "copy"))
+    cell = next(copy.cells.glob("*.parquet"))
+    for damaged in (cell.read_bytes()[:-200], b"junk\n"):
+        cell.write_bytes(damaged)
+        for read in (lambda: read_results(copy), lambda: copy.record([]), copy.record):
+            with pytest.raises(StoreError) as told:
+                read()
+            assert str(told.value).startswith(f"{cell} is damaged (")
+    cell.unlink()
+    assert read_results(copy)[1].missing == (cell.stem,)

@@ -1,11 +1,8 @@
 """The summary and the headline, against hand-worked examples and plain loops."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections import defaultdict
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -16,16 +13,10 @@ from causal_openlock.analysis.table import write_table
 from causal_openlock.paper.published import model, people
 from support.fabricated_records import random_cells, table, trial_rows
 
-
-@pytest.fixture(scope="module")
-def random_record() -> pa.Table:
-    return pa.concat_tables(random_cells(7))
-
-
 PUBLISHED = [*("human_attempts", "human_se", "difference", "model_attempts", "model_se")]
 
 
-def test_people_and_the_model_are_the_published_means() -> None:
+def test_people_and_the_model_are_the_published_means():
     known = [table.set_index(["condition", "phase", "trial"]) for table in (people(), model())]
     assert known[0].index.equals(known[1].index)
     assert len(known[0]) == 14
@@ -37,7 +28,7 @@ def test_people_and_the_model_are_the_published_means() -> None:
         assert [table.loc[place].tolist() for table in known] == expected
 
 
-def test_summary_beside_what_is_published_worked_by_hand() -> None:
+def test_summary_beside_what_is_published_worked_by_hand():
     rows = []
     for subject, length in enumerate([4, 6]):
         rows += trial_rows([0] * (length - 3) + [1, 2, 3], subject=subject)
@@ -51,9 +42,7 @@ def test_summary_beside_what_is_published_worked_by_hand() -> None:
     first = summary.loc[("CC4", "human", "train", 1)]
     assert (first["attempts"], first["se"]) == (5.0, pytest.approx(1 / math.sqrt(2)))
     assert (first["ci_low"], first["ci_high"], first["share_solved"]) == (4.0, 6.0, 1.0)
-    assert (first["human_attempts"], first["human_se"]) == (19.375, 1.509)
-    assert first["difference"] == -14.375
-    assert (first["model_attempts"], first["model_se"]) == (11.44, 0.34)
+    assert first[PUBLISHED].tolist() == [19.375, 1.509, -14.375, 11.44, 0.34]
     second = summary.loc[("CC4", "human", "train", 2)]
     assert (second["attempts"], second["share_solved"]) == (30.0, 0.0)
     assert second[["human_attempts", "model_attempts"]].tolist() == [12.825, 7.72]
@@ -67,16 +56,15 @@ def test_summary_beside_what_is_published_worked_by_hand() -> None:
         assert summary.loc[[incomparable], PUBLISHED].isna().all(axis=None)
 
 
-def test_summary_agrees_with_plain_loops(random_record: pa.Table) -> None:
-    visits: dict[tuple[Any, ...], dict[int, dict[int, int]]] = defaultdict(
-        lambda: defaultdict(dict)
-    )
-    for row in random_record.to_pylist():
+def test_summary_agrees_with_plain_loops():
+    record = pa.concat_tables(random_cells(7))
+    visits = defaultdict(lambda: defaultdict(dict))
+    for row in record.to_pylist():
         key = (row["learner"], row["condition"], row["protocol"], row["phase"], row["trial"])
         loops = visits[key][row["subject"]]
         if row["new_solution"] or row["solutions_found"] < row["solutions"]:
             loops[row["loop"]] = max(loops.get(row["loop"], 0), row["attempt"])
-    summary = summary_table(random_record)
+    summary = summary_table(record)
     assert len(summary) == len(visits)
     for row in summary.to_dict("records"):
         key = tuple(row[name] for name in ("learner", "condition", "protocol", "phase", "trial"))
@@ -86,17 +74,15 @@ def test_summary_agrees_with_plain_loops(random_record: pa.Table) -> None:
         assert row["ci_low"] <= row["attempts"] <= row["ci_high"]
 
 
-def test_headline_takes_the_last_trial_or_the_test() -> None:
+def test_headline_takes_the_last_trial_or_the_test():
     rows = []
     for loop, trial in itertools.product([1, 2], [1, 2]):
         found = [0] * (2 * loop + trial) + [1, 2, 3]
-        rows += trial_rows(found, loop=loop, trial=trial, protocol="rl", condition="CE4")
-        rows += trial_rows(found, loop=loop, trial=trial, protocol="rl", condition="CC3-CC4")
+        for condition in ("CE4", "CC3-CC4"):
+            rows += trial_rows(found, loop=loop, trial=trial, protocol="rl", condition=condition)
     for loop, length in ((1, 3), (2, 4)):
-        found = [0] * (length - 3) + [1, 2, 3]
-        rows += trial_rows(
-            found, loop=loop, phase="test", trial=1, protocol="rl", condition="CC3-CC4"
-        )
+        test = {"loop": loop, "phase": "test", "protocol": "rl", "condition": "CC3-CC4"}
+        rows += trial_rows([0] * (length - 3) + [1, 2, 3], **test)
     rows += trial_rows([1, 2, 3], trial=1, condition="CE4")
     rows += trial_rows([0, 1, 2, 3], trial=2, condition="CE4")
     headline = headline_table(table(rows))
@@ -110,28 +96,26 @@ def test_headline_takes_the_last_trial_or_the_test() -> None:
     assert headline[PUBLISHED].iloc[1:].isna().all(axis=None)
 
 
-def test_summary_files_of_equal_data_are_equal(tmp_path: Any) -> None:
+def test_summary_files_of_equal_data_are_equal(tmp_path):
     cells = random_cells(11)
     record = pa.concat_tables(cells)
     later = pa.array(np.random.default_rng(0).random(record.num_rows), pa.float32())
     index = record.schema.get_field_index("wall_time")
-    rows = np.random.default_rng(1).permutation(record.num_rows)
     variants = {
         "record": record,
         "reversed": pa.concat_tables(cells[::-1]),
-        "shuffled": record.take(rows),
+        "shuffled": record.take(np.random.default_rng(1).permutation(record.num_rows)),
         "rechunked": record.unify_dictionaries().combine_chunks(),
         "slower": record.set_column(index, record.schema.field(index), later),
+        "other": pa.concat_tables(random_cells(12)),
     }
     for name, variant in variants.items():
         write_table(summary_table(variant), tmp_path / name)
     first = (tmp_path / "record").read_bytes()
-    assert all((tmp_path / name).read_bytes() == first for name in variants)
+    same = [name for name in variants if (tmp_path / name).read_bytes() == first]
+    assert same == [*variants][:-1]
     lines = first.decode().splitlines()
     assert lines[0] == ",".join([*SUMMARY_COLUMNS, *PUBLISHED, "ideal_attempts"])
     assert len(lines) == 1 + len(summary_table(record))
     assert b"\r" not in first
     assert b"nan" not in first
-    other = pa.concat_tables(random_cells(12))
-    write_table(summary_table(other), tmp_path / "other")
-    assert (tmp_path / "other").read_bytes() != first

@@ -10,14 +10,9 @@ import pyarrow as pa
 import pytest
 from matplotlib.figure import Figure
 
-from causal_openlock import (
-    Condition,
-    Layout,
-    Session,
-    find_schema,
-    plot_structure_recovery,
-    structure_recovery,
-)
+from causal_openlock import Condition, Layout, Session, find_schema
+from causal_openlock.analysis.topics.structure_recovery import plot_structure_recovery
+from causal_openlock.analysis.topics.structure_recovery import structure_recovery
 from causal_openlock.analysis.results.structure_errors import structure_distance
 from causal_openlock.analysis.topic import sections_of
 from causal_openlock.contract.learner import Structure

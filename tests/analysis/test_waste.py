@@ -7,7 +7,9 @@ from itertools import permutations, product
 import numpy as np
 import pytest
 
-from causal_openlock import Condition, Layout, find_schema, ideal_attempts, regret
+from causal_openlock import Condition, Layout, find_schema
+from causal_openlock.analysis.results.bounds import ideal_attempts
+from causal_openlock.analysis.topics.regret import regret
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.topics.regret import WORTH, regret_by_condition
 from causal_openlock.belief.observer import Observer, observer_of

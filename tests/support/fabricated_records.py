@@ -1,19 +1,17 @@
 """Records made up for tests of what is done with them."""
 
-from __future__ import annotations
-
 import itertools
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
-from causal_openlock.experiment.record import CATEGORIES, categorise, record_schema
+from causal_openlock.experiment.record import record_schema
 
 Row = dict[str, Any]
 
 
-def trial_rows(found: list[int], solutions: int = 3, **values: Any) -> list[Row]:
+def trial_rows(found, solutions=3, **values):
     """The attempts of one trial, by how many solutions are found after each of them."""
     rows = []
     for number, (before, after) in enumerate(itertools.pairwise([0, *found]), 1):
@@ -50,7 +48,7 @@ def trial_rows(found: list[int], solutions: int = 3, **values: Any) -> list[Row]
     return rows
 
 
-def table(rows: list[Row]) -> pa.Table:
+def table(rows):
     """Rows as a record."""
     columns = {}
     for field in record_schema():
@@ -62,32 +60,32 @@ def table(rows: list[Row]) -> pa.Table:
     return pa.table(columns, schema=record_schema())
 
 
-def schema_of(condition: str, phase: str) -> str:
+def schema_of(condition, phase):
     """The schema in a phase of a condition of the paper's, or CC4."""
     known = [part for part in condition.split("-") if part in ("CC3", "CE3", "CC4", "CE4")]
     return known[0 if phase == "train" else -1] if known else "CC4"
 
 
 def random_cells(
-    seed: int,
+    seed,
     *,
-    learners: tuple[str, ...] = ("b", "a"),
-    conditions: tuple[str, ...] = ("CE4", "CC3-CC4", "own"),
-    protocols: tuple[str, ...] = ("human", "loops"),
-    subjects: int = 3,
-    limit: int = 6,
-) -> list[pa.Table]:
+    learners=("b", "a"),
+    conditions=("CE4", "CC3-CC4", "own"),
+    protocols=("human", "loops"),
+    subjects=3,
+    limit=6,
+):
     """Cells of random attempts; under ``loops`` trials go on after they are solved."""
     rng = np.random.default_rng(seed)
     cells = []
     for learner, condition, protocol in itertools.product(learners, conditions, protocols):
-        rows: list[Row] = []
+        rows = []
         loops = 1 if protocol == "human" else 2
         visits = [("train", loop, trial) for loop in range(1, loops + 1) for trial in (1, 2, 3)]
         if "-" in condition:
             visits += [("test", loop, 1) for loop in range(1, loops + 1)]
         for subject, (phase, loop, trial) in itertools.product(range(subjects), visits):
-            found: list[int] = []
+            found = []
             while len(found) < limit and not (protocol == "human" and found[-1:] == [3]):
                 step = int(rng.random() < 0.4)
                 found.append(min(3, (found[-1] if found else 0) + step))
@@ -108,7 +106,7 @@ def random_cells(
     return cells
 
 
-def record_of_every_figure() -> pa.Table:
+def record_of_every_figure():
     """A record that has something for every figure, with names that need escaping."""
     conditions = ("CC4", "CE4", "CC3-CC4", "CE3-CE4", "own <i>$x$")
     cells = random_cells(2, learners=("a", "b", "c <u> & d"), conditions=conditions)
@@ -116,47 +114,3 @@ def record_of_every_figure() -> pa.Table:
     for trial in range(1, 6):
         rows += trial_rows([1, 2, 3], trial=trial, learner="five", condition="CC4")
     return pa.concat_tables([*cells, table(rows)])
-
-
-def big_record(attempts: int) -> pa.Table:
-    """A record of about so many attempts, made with NumPy: 8 cells, 300 attempts a trial."""
-    rng = np.random.default_rng(0)
-    trials = attempts // 8 // 300
-    rows = trials * 300
-    attempt = np.tile(np.arange(1, 301, dtype=np.int32), trials)
-    visit = np.repeat(np.arange(trials), 300)
-    chance = rng.random((trials, 300)) < 0.01
-    found = np.minimum(np.cumsum(chance, axis=1), 3).ravel()
-    new = np.diff(found.reshape(trials, 300), axis=1, prepend=0).ravel() > 0
-    category = categorise(rng.random(rows) < 0.3, new, new, found)
-
-    def name(text: str) -> pa.Array:
-        return pa.DictionaryArray.from_arrays(np.zeros(rows, np.int32), [text])
-
-    cells = []
-    for condition, learner in itertools.product(("CC4", "CE4"), "abcd"):
-        columns = {
-            "experiment": name("e"),
-            "learner": name(learner),
-            "condition": name(condition),
-            "protocol": name("rl"),
-            "phase": name("train"),
-            "schema": name(condition),
-            "layout": name("trial1"),
-            "category": pa.DictionaryArray.from_arrays(category.astype(np.int32), list(CATEGORIES)),
-            "subject": visit // 50,
-            "loop": visit % 50 // 5 + 1,
-            "trial": visit % 5 + 1,
-            "attempt": attempt,
-            "solutions_found": found,
-            "solutions": np.full(rows, 3),
-            "new_solution": new,
-        }
-        fields = [field for field in record_schema() if field.name in columns]
-        cells.append(
-            pa.table(
-                [pa.array(columns[field.name]).cast(field.type) for field in fields],
-                schema=pa.schema(fields),
-            ).append_column("seed", pa.array(np.ones(rows, np.int64)))
-        )
-    return pa.concat_tables(cells)
