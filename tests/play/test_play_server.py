@@ -1,34 +1,44 @@
 """The server: what it answers, what it refuses, what it never tells, and that it can be killed."""
 
-from __future__ import annotations
-
+import asyncio
 import json
+import os
 import re
 import socket
+import subprocess
+import sys
 import threading
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+import urllib.error
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from causal_openlock.errors import OpenLockError
+import causal_openlock as ol
+from causal_openlock.experiment.answers import read_answers
 from causal_openlock.experiment.reactions import read_reactions
 from causal_openlock.play.server import MOST_BYTES, PlayServer
 from causal_openlock.schemas.finding import bundled_schemas
 from causal_openlock.storage.store import Store
 from causal_openlock.world.facts import room_facts
 from support.command import at_once
-from support.play_clients import Caller, people, serving, solving
+from support.play_clients import (
+    Caller,
+    asked,
+    people,
+    play_one_lever,
+    serving,
+    solving,
+    walk_through,
+)
 from support.waiting import HANGS, until
 
 pytestmark = pytest.mark.slow
 
 
 @contextmanager
-def in_a_thread(server: PlayServer) -> Iterator[PlayServer]:
+def in_a_thread(server):
     """A server that serves during the block, in this process."""
     thread = threading.Thread(target=server.serve_forever)
     thread.start()
@@ -41,34 +51,30 @@ def in_a_thread(server: PlayServer) -> Iterator[PlayServer]:
 
 
 @pytest.fixture
-def server(tmp_path: Path) -> Iterator[PlayServer]:
+def server(tmp_path):
     with in_a_thread(PlayServer(people(tmp_path / "out", "CC3-CC4", practice=False))) as made:
         yield made
 
 
-def exchange(server: PlayServer, sent: bytes) -> bytes:
-    """Everything that is answered until the server closes the connection."""
-    with socket.create_connection(("127.0.0.1", server.port), timeout=HANGS) as connection:
-        connection.sendall(sent.replace(b"PORT", b"%d" % server.port))
-        return b"".join(iter(lambda: connection.recv(4096), b""))
-
-
 @pytest.fixture
-def caller(server: PlayServer) -> Caller:
+def caller(server):
     return Caller(server.port)
 
 
-def log(server: PlayServer) -> bytes:
+def log(server):
     return (server.people.store.folder / "log.jsonl").read_bytes()
 
 
-def test_a_click_is_answered_with_what_is_seen(server: PlayServer, caller: Caller) -> None:
+# -- what is answered -----------------------------------------------------------------------------
+
+
+def test_a_click_is_answered_with_what_is_seen(server, caller):
     name = caller.join()
     _, state = caller.call("/state", name=name)
     bits = state["room"]["observation"]
     assert (state["turn"], state["trials"], len(bits), bits[14:]) == (0, 7, 16, [1, 0])
-    first, second, door = solving(server.people, name)[0]
-    for turn, action in enumerate((first, second)):
+    *pushes, door = solving(server.people, name)[0]
+    for turn, action in enumerate(pushes):
         call = {"turn": turn, "action": action, "reaction": 800}
         status, said = caller.call("/act", call, name)
         assert (status, said["moved"], said["attempt_over"]) == (200, True, False)
@@ -79,40 +85,111 @@ def test_a_click_is_answered_with_what_is_seen(server: PlayServer, caller: Calle
     assert said["next"]["room"]["solutions_left"] == state["room"]["solutions_left"] - 1
 
 
-NO_CALLS: list[Any] = [
-    b"",
-    b"{",
-    b"[]",
-    b"\xff",
-    b"[" * (MOST_BYTES // 2),
-    {},
-    {"turn": 0},
-    {"turn": "0", "action": 1},
-    {"turn": 0, "action": 1.0},
-    {"turn": True, "action": True},
-    {"turn": 0, "action": -1},
-    {"turn": 0, "action": 1, "reaction": "fast"},
-    {"turn": 0, "action": 1, "reaction": -5},
-    {"turn": 0, "action": 1, "reaction": 10**12},
+def test_nothing_latent_is_in_any_answer(server, caller):
+    name = caller.join()
+    for path in ("/", "/play.js", "/room.js", "/arm.js", "/play.css", "/icon.svg", "/brief"):
+        assert caller.call(path)[0] == 200
+    caller.call("/geometry/7")
+    random = np.random.default_rng(0)
+    while (state := caller.call("/state", name=name)[1])["stage"] == "room":
+        chosen = [random.integers(15, size=3).tolist(), *solving(server.people, name)]
+        for action in [action for actions in chosen for action in actions]:
+            call = {"turn": state["turn"], "action": int(action), "reaction": 5}
+            state = caller.call("/act", call, name)[1].get("next") or state
+            caller.call("/act", {**call, "turn": 0}, name)  # refused, and answered too
+    text = "\n".join(caller.answers)
+    latent = [*bundled_schemas(), *room_facts()["layouts"], "schema", "layout", "condition"]
+    latent += ["L0", "L1", "L2", "L3", "common", "effect", "cause", "transfer"]
+    assert not [word for word in latent if re.search(rf"\b{word}", text, re.IGNORECASE)]
+    # The search would find them: they are on file.
+    stored = (server.people.store.folder / "experiment.json").read_text(encoding="utf-8")
+    assert all(word in stored for word in ("CC3", "L0", "schema"))
+    # And nothing but these names is ever told of a room.
+    assert set(state) == {"stage", "turn", "positions", "trials", "ended"}
+    rooms = [json.loads(a.rpartition("\n")[2]) for a in caller.answers if '"room":' in a]
+    told = {key for said in rooms for key in (said.get("next") or said.get("now") or said)["room"]}
+    left = {"solutions_left", "attempts_left", "actions_left"}
+    assert told == {"over", "observation", "trial", "attempt", *left}
+
+
+def test_the_page_loads_nothing_from_elsewhere_and_says_so(caller):
+    for path in ("/", "/play.js", "/room.js", "/arm.js", "/play.css", "/icon.svg"):
+        text = caller.call(path)[1]
+        assert not set(re.findall(r"https?://[\w.]+", text)) - {"http://www.w3.org"}
+        assert not re.search(r"(src|href)=\"(?!/\w|#)", text)
+        headers = caller.headers
+        assert headers["X-Content-Type-Options"] == "nosniff"
+        assert headers["Referrer-Policy"] == "no-referrer"
+        assert "Server" not in headers
+        policy = headers["Content-Security-Policy"]
+        assert "default-src 'none'" in policy
+        assert "unsafe" not in policy
+        assert "frame-ancestors 'none'" in policy
+
+
+def test_a_study_has_consent_questions_and_a_link_at_the_end(tmp_path):
+    home = people(tmp_path, consent="*Yes* <script>", practice=False, ask=True, recruiting=["PID"])
+    link, counts = "https://app.prolific.com/submissions/complete?cc=C0DE", []
+    made = PlayServer(
+        home, completion=link, changed=lambda: counts.append((home.number, home.finished))
+    )
+    with in_a_thread(made) as server:
+        caller = Caller(server.port)
+        _, brief = caller.call("/brief")
+        assert brief["consent"] == "<p><em>Yes</em> &lt;script&gt;</p>\n"
+        assert brief["recruiting"] == ["PID"]
+        mark = brief["consent_mark"]
+        for sent, status in (
+            ({"agreed": ""}, 403),
+            ({"agreed": "0" * 16}, 403),  # another text, such as before a restart
+            ({"agreed": True}, 400),
+            ({"agreed": mark, "recruited": {"PID": "<b>"}}, 400),
+        ):
+            assert caller.call("/join", sent)[0] == status
+        join = {"agreed": mark, "recruited": {"PID": "5f"}}
+        me = caller.call("/join", join)[1]["id"]
+        until(lambda: counts == [(1, 0)])
+        while (now := caller.call("/state", name=me)[1])["stage"] != "end":
+            assert "C0DE" not in str([brief, now])
+            walk_through(home, me, 1)
+            now = caller.call("/state", name=me)[1]
+            edges = [[now["levers"][0], 7]]
+            _, now = caller.call("/answer", {"turn": now["turn"], "edges": edges}, me)
+        assert now["completion"] == caller.call("/state", name=me)[1]["completion"] == link
+        until(lambda: counts == [(1, 0), (1, 1)])
+        assert caller.call("/join", join)[0] == 410
+    assert [said.edges for said in read_answers(tmp_path)][-1] == {tuple(edges[0])}
+
+
+# -- what is refused ------------------------------------------------------------------------------
+
+
+NO_CALLS = [
+    *(b"", b"{", b"[]", b"\xff", b"[" * (MOST_BYTES // 2), b" " * (MOST_BYTES + 1)),
+    *({}, {"turn": 0}, {"turn": "0", "action": 1}, {"turn": 0, "action": 1.0}),
+    *({"turn": True, "action": True}, {"turn": 0, "action": -1}, {"turn": -1, "action": 1}),
+    *({"turn": 0, "action": 1, "reaction": wrong} for wrong in ("fast", -5, 10**12)),
+    *(b'{"turn": NaN, "action": 1}', b'{"turn": 0, "action": 1e999}'),
+    b'{"turn": 0, "action": ' + b"9" * 900 + b"}",
 ]
 
 
-def test_what_is_no_call_changes_nothing(server: PlayServer, caller: Caller) -> None:
+def test_what_is_no_call_changes_nothing(server, caller, capfd):
     name = caller.join()
     before, held = caller.call("/state", name=name), log(server)
     for body in NO_CALLS:
         assert caller.call("/act", body, name)[0] == 400, body
-    assert caller.call("/act", b" " * (MOST_BYTES + 1), name)[0] == 400
-    caller.connection.close()
+        caller.connection.close()  # nothing more is read from this one
     for path in ("/nothing", "/../log.jsonl", "/%2e%2e/log.jsonl", "/static/play.js"):
         assert caller.call(path, name=name)[0] == 404
         assert caller.call(path, {"turn": 0, "action": 1}, name)[0] == 404
     for size in (0, 6, 13, 99):
         assert caller.call(f"/geometry/{size}")[0] == 400
     assert (caller.call("/state", name=name), log(server)) == (before, held)
+    assert capfd.readouterr().err == ""
 
 
-def test_forged_replayed_and_early_calls_change_nothing(server: PlayServer, caller: Caller) -> None:
+def test_forged_replayed_and_early_calls_change_nothing(server, caller):
     name, other = caller.join(), caller.join()
     call = {"turn": 0, "action": 4, "reaction": 10}
     status, first = caller.call("/act", call, name)
@@ -128,21 +205,23 @@ def test_forged_replayed_and_early_calls_change_nothing(server: PlayServer, call
     for forged in (None, "", name[:-1] + ("A" if name[-1] != "A" else "B"), key, "ä"):
         assert caller.call("/act", {**call, "turn": 1}, forged)[0] == 404
         assert caller.call("/state", name=forged)[0] == 404
-    in_the_address = {"Authorization": f"Basic {name}"}
-    assert caller.call("/act", {**call, "turn": 1}, None, in_the_address)[0] == 404
+    basic = {"Authorization": f"Basic {name}"}
+    assert caller.call("/act", {**call, "turn": 1}, None, basic)[0] == 404
     assert caller.call("/state", name=name)[1] == state
     assert caller.call("/state", name=other)[1]["turn"] == 0
     assert log(server) == held
+    for path in server.people.store.folder.rglob("*"):  # session ids are not on file
+        assert path.is_dir() or name.encode() not in path.read_bytes()
 
 
-def test_calls_of_other_sites_are_refused(server: PlayServer, caller: Caller) -> None:
+def test_calls_of_other_sites_are_refused(server, caller):
+    assert (server.host, server.loopback) == ("127.0.0.1", True)
     name = caller.join()
     call, held = {"turn": 0, "action": 4}, log(server)
+    origins = ("http://evil.example", "null", "", "http://[", "//", "http://localhost:x@a")
     for foreign in (
-        {"Host": "evil.example"},
-        {"Host": f"evil.example:{server.port}"},
-        {"Origin": "http://evil.example"},
-        {"Origin": "null"},
+        *({"Host": "evil.example"}, {"Host": f"evil.example:{server.port}"}),
+        *({"Origin": origin} for origin in origins),
     ):
         assert caller.call("/act", call, name, foreign)[0] == 403
         assert caller.call("/join", {}, None, foreign)[0] == 403
@@ -154,9 +233,7 @@ def test_calls_of_other_sites_are_refused(server: PlayServer, caller: Caller) ->
 
 
 @pytest.mark.parametrize("host", ["study.example.org", "127.0.0.1"])
-def test_behind_a_proxy_the_address_that_people_use_is_ours_and_no_other(
-    tmp_path: Path, host: str
-) -> None:
+def test_behind_a_proxy_the_address_that_people_use_is_ours_and_no_other(tmp_path, host):
     # Proxies either pass on the host that the browser asked for, or put their own name for us.
     with in_a_thread(PlayServer(people(tmp_path), address="https://Study.example.org")) as made:
         caller = Caller(made.port)
@@ -165,7 +242,6 @@ def test_behind_a_proxy_the_address_that_people_use_is_ours_and_no_other(
         assert caller.call("/join", {}, None, ours)[0] == 200
         for wrong in (
             {"Host": passed_on, "Origin": "https://evil.example"},
-            {"Host": passed_on, "Origin": "null"},
             {"Host": "evil.example", "Origin": "https://study.example.org"},
             {"Host": "evil.example", "Origin": "https://evil.example"},
         ):
@@ -173,293 +249,47 @@ def test_behind_a_proxy_the_address_that_people_use_is_ours_and_no_other(
         assert made.people.number == 1
 
 
+JOIN = b"POST /join HTTP/1.1\r\nHost: localhost:%d\r\n"
+
+
 @pytest.mark.parametrize(
-    "address",
+    "sent",
     [
-        *("study.example.org", "ftp://a.org", "https://a.org/rooms", "https://me@a.org", "://"),
-        *("https://[", "https://a.org:x", "https://a.org:99999"),
+        b"\0\0\0\r\n\r\n",
+        JOIN + b"Transfer-Encoding: chunked\r\n\r\n2\r\n{}\r\n0\r\n\r\n",
+        JOIN + b"Content-Length: 2\r\nContent-Length: 30\r\n\r\n{}",
+        b"GET /brief HTTP/1.1\r\nHost: localhost:%d\r\nContent-Length: 5\r\n\r\n" + JOIN,
     ],
 )
-def test_an_address_that_nobody_can_type_is_refused(tmp_path: Path, address: str) -> None:
-    home = people(tmp_path)
-    with pytest.raises(OpenLockError, match=r"give one such as https://study\.example\.org"):
-        PlayServer(home, address=address)
-    home.close()
-
-
-def test_nothing_latent_is_in_any_answer(server: PlayServer, caller: Caller) -> None:
-    name = caller.join()
-    for path in ("/", "/play.js", "/room.js", "/arm.js", "/play.css", "/icon.svg", "/brief"):
-        assert caller.call(path)[0] == 200
-    caller.call("/geometry/7")
-    random = np.random.default_rng(0)
-    while (state := caller.call("/state", name=name)[1])["stage"] == "room":
-        chosen = [random.integers(15, size=3).tolist(), *solving(server.people, name)]
-        for action in [action for actions in chosen for action in actions]:
-            call = {"turn": state["turn"], "action": int(action), "reaction": 5}
-            state = caller.call("/act", call, name)[1].get("next") or state
-            caller.call("/act", {**call, "turn": 0}, name)  # refused, and answered too
-    text = "\n".join(caller.answers)
-    latent = [*bundled_schemas(), *room_facts()["layouts"], "schema", "layout", "condition"]
-    latent += ["L0", "L1", "L2", "L3", "common", "effect", "cause", "transfer"]
-    found = [word for word in latent if re.search(rf"\b{word}", text, re.IGNORECASE)]
-    assert not found
-    # The search would find them: they are on file.
-    kept = (server.people.store.folder / "experiment.json").read_text(encoding="utf-8")
-    assert all(word in kept for word in ("CC3", "L0", "schema"))
-    # And nothing but these names is ever told of a room.
-    assert set(state) == {"stage", "turn", "positions", "trials", "ended"}
-    rooms = [json.loads(a.rpartition("\n")[2]) for a in caller.answers if '"room":' in a]
-    told = {key for said in rooms for key in (said.get("next") or said.get("now") or said)["room"]}
-    left = {"solutions_left", "attempts_left", "actions_left"}
-    assert told == {"over", "observation", "trial", "attempt", *left}
-
-
-def test_the_page_loads_nothing_from_elsewhere_and_says_so(caller: Caller) -> None:
-    for path in ("/", "/play.js", "/room.js", "/arm.js", "/play.css", "/icon.svg"):
-        text = caller.call(path)[1]
-        elsewhere = set(re.findall(r"https?://[\w.]+", text)) - {"http://www.w3.org"}
-        assert not elsewhere
-        assert not re.search(r"(src|href)=\"(?!/\w|#)", text)
-        headers = caller.headers
-        assert headers["X-Content-Type-Options"] == "nosniff"
-        assert headers["Referrer-Policy"] == "no-referrer"
-        assert "Server" not in headers
-        policy = headers["Content-Security-Policy"]
-        assert "default-src 'none'" in policy
-        assert "unsafe" not in policy
-        assert "frame-ancestors 'none'" in policy
-
-
-def test_it_listens_on_loopback_and_keeps_session_ids_to_itself(
-    server: PlayServer, caller: Caller
-) -> None:
-    assert server.host == "127.0.0.1"
-    assert server.loopback
-    name = caller.join()
-    caller.call("/act", {"turn": 0, "action": 1}, name)
-    server.people.keep()
-    for path in server.people.store.folder.rglob("*"):
-        assert path.is_dir() or name.encode() not in path.read_bytes()
-
-
-def test_a_connection_that_sends_rubbish_or_nothing_is_no_harm(
-    server: PlayServer, caller: Caller
-) -> None:
-    idle = socket.create_connection(("127.0.0.1", server.port))
-    for rubbish in (b"\0\0\0\r\n\r\n", b"POST /join HTTP/1.1\r\n\r\n", b"GET / HTTP/9.9\r\n\r\n"):
-        with socket.create_connection(("127.0.0.1", server.port), timeout=HANGS) as connection:
-            connection.sendall(rubbish)
-            assert connection.recv(100)
-    smuggled = (
-        b"GET /brief HTTP/1.1\r\nHost: localhost:%d\r\nContent-Length: 5\r\n\r\n" % server.port
-    )
+def test_a_request_whose_end_is_in_doubt_is_refused_and_is_the_last(server, sent):
     with socket.create_connection(("127.0.0.1", server.port), timeout=HANGS) as connection:
-        connection.sendall(smuggled + b"POST /join HTTP/1.1\r\nContent-Length: 2\r\n\r\n{}")
+        connection.sendall(sent.replace(b"%d", b"%d" % server.port))
         received = b"".join(iter(lambda: connection.recv(4096), b""))
-    assert received.count(b"HTTP/1.1 ") == 1
-    assert server.people.number == 0
-    assert caller.call("/brief")[0] == 200
-    idle.close()
-
-
-JOIN = b"POST /join HTTP/1.1\r\nHost: localhost:PORT\r\n"
-ODD = {
-    "both ends": JOIN + b"Transfer-Encoding: chunked\r\nContent-Length: 2\r\n\r\n{}",
-    "chunked": JOIN + b"Transfer-Encoding: chunked\r\n\r\n2\r\n{}\r\n0\r\n\r\n",
-    "chunked get": b"GET /brief HTTP/1.1\r\nHost: localhost:PORT\r\nTransfer-Encoding: x\r\n\r\n",
-    "two lengths": JOIN + b"Content-Length: 2\r\nContent-Length: 30\r\n\r\n{}",
-    "two hosts": JOIN + b"Host: evil.example\r\nContent-Length: 2\r\n\r\n{}",
-    "space before colon": JOIN + b"Content-Length : 2\r\n\r\n{}",
-    "no header": JOIN + b"nothing\r\nContent-Length: 2\r\n\r\n{}",
-    "long number": JOIN + b"Content-Length: " + b"2" * 5000 + b"\r\n\r\n{}",
-    "zeros": JOIN + b"Content-Length: " + b"0" * 5000 + b"2\r\n\r\n{}",
-    "negative": JOIN + b"Content-Length: -2\r\n\r\n{}",
-    "plus": JOIN + b"Content-Length: +2\r\n\r\n{}",
-    "list": JOIN + b"Content-Length: 2, 3\r\n\r\n{}",
-    "none": JOIN + b"\r\n{}",
-    "too long": JOIN + b"Content-Length: 1025\r\n\r\n" + b" " * 1025,
-    "no JSON": JOIN + b"Content-Length: 2\r\n\r\n{[",
-    "deep": JOIN + b"Content-Length: 1000\r\n\r\n" + b"[" * 1000,
-    "no UTF-8": JOIN + b"Content-Length: 2\r\n\r\n\xff\xfe",
-    "no object": JOIN + b"Content-Length: 3\r\n\r\nNaN",
-}
-
-
-@pytest.mark.parametrize("sent", ODD.values(), ids=ODD)
-def test_a_request_whose_end_is_in_doubt_is_refused_and_is_the_last(
-    server: PlayServer, sent: bytes, capfd: pytest.CaptureFixture[str]
-) -> None:
-    received = exchange(server, sent)
     assert received.startswith(b"HTTP/1.1 400 ")
     assert received.count(b"HTTP/1.1 ") == 1
-    assert b"connection: close" in received.lower()
     assert server.people.number == 0
-    assert capfd.readouterr().err == ""
 
 
-@pytest.mark.parametrize(
-    "head",
-    [
-        b"Content-Length: 2, 2\r\n",  # one length, and RFC 9110 (8.6) lets a server take it as such
-        b"Content-Length: 2\r\nContent-Length: 2\r\n",
-        b"X: a\r\n Content-Length: 9\r\nContent-Length: 2\r\n",  # a fold is a space (RFC 9112, 5.2)
-    ],
-)
-def test_a_request_whose_end_is_certain_is_answered_once(server: PlayServer, head: bytes) -> None:
-    received = exchange(server, JOIN + head + b"Connection: close\r\n\r\n{}")
-    assert received.startswith(b"HTTP/1.1 200 ")
-    assert received.count(b"HTTP/1.1 ") == 1
-    assert server.people.number == 1
+def test_without_its_packages_play_says_what_to_install(tmp_path, monkeypatch):
+    for name in [*sys.modules]:
+        if name.startswith(("causal_openlock.play.server", "uvicorn.")):
+            monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "uvicorn", None)
+    done = at_once("play", "--no-browser", cwd=tmp_path)
+    assert done.status == 2
+    assert "uvicorn" in done.stderr
+    assert "pip install 'causal-openlock[play]'" in done.stderr
+    assert not [*tmp_path.iterdir()]
 
 
-def test_a_request_that_breaks_off_does_nothing(
-    server: PlayServer, caller: Caller, capfd: pytest.CaptureFixture[str]
-) -> None:
-    with socket.create_connection(("127.0.0.1", server.port), timeout=HANGS) as connection:
-        connection.sendall(JOIN.replace(b"PORT", b"%d" % server.port))
-        connection.sendall(b"Content-Length: 9\r\n\r\n{}")
-        connection.shutdown(socket.SHUT_WR)
-        assert b"200 OK" not in b"".join(iter(lambda: connection.recv(4096), b""))
-    assert caller.call("/brief")[0] == 200
-    assert server.people.number == 0
-    assert capfd.readouterr().err == ""
+# -- servers that are stopped, killed and started again -------------------------------------------
 
 
-@pytest.mark.parametrize("sent", [b"", JOIN, JOIN + b"Content-Length: 9\r\n\r\n{}"])
-def test_a_connection_from_which_nothing_more_comes_is_closed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sent: bytes
-) -> None:
-    for limit in ("IDLE", "DEADLINE"):
-        monkeypatch.setattr(f"causal_openlock.play.connections.{limit}", 0.2)
-    with in_a_thread(PlayServer(people(tmp_path))) as server:
-        assert exchange(server, sent) == b""
-        assert server.people.number == 0
-
-
-@pytest.mark.parametrize("head", [JOIN, JOIN + b"Content-Length: 2000\r\n\r\n"])
-def test_a_request_that_comes_byte_by_byte_is_closed_all_the_same(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, head: bytes
-) -> None:
-    monkeypatch.setattr("causal_openlock.play.connections.DEADLINE", 0.2)
-    with in_a_thread(PlayServer(people(tmp_path))) as server:
-        with socket.create_connection(("127.0.0.1", server.port)) as slow:
-            slow.sendall(head.replace(b"PORT", b"%d" % server.port))
-            slow.settimeout(0.001)
-
-            def is_closed() -> bool:
-                slow.sendall(b"X")
-                with suppress(TimeoutError):
-                    return slow.recv(1) == b""
-                return False
-
-            with suppress(ConnectionError):
-                until(is_closed)
-        assert Caller(server.port).call("/brief")[0] == 200
-
-
-@pytest.mark.parametrize("begun", [b"", b"X", JOIN + b"Content-Length: 9\r\n\r\n{"])
-def test_connections_that_send_little_keep_nobody_out(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, begun: bytes
-) -> None:
-    for where in ("connections", "server"):
-        monkeypatch.setattr(f"causal_openlock.play.{where}.MOST_CONNECTIONS", 8)
-    with in_a_thread(PlayServer(people(tmp_path, practice=False))) as server:
-        before = Caller(server.port)
-        name = before.join()
-        with ExitStack() as opened:
-            for _ in range(7):
-                slow = opened.enter_context(socket.create_connection(("127.0.0.1", server.port)))
-                slow.sendall(begun.replace(b"PORT", b"%d" % server.port))
-            # One who was there keeps their connection; others find a place.
-            assert before.call("/act", {"turn": 0, "action": 1}, name)[0] == 200
-            callers = [Caller(server.port) for _ in range(5)]
-            for turn, caller in enumerate(callers, start=1):
-                assert caller.call("/act", {"turn": turn, "action": 1}, name)[0] == 200
-            assert before.call("/act", {"turn": 6, "action": 1}, name)[0] == 200
-
-
-def test_ctrl_c_waits_for_nobody(tmp_path: Path) -> None:
-    with serving(tmp_path, "--condition", "CC4") as server:
-        idle = socket.create_connection((server.host, server.port))
-        half = socket.create_connection((server.host, server.port))
-        half.sendall(JOIN.replace(b"PORT", b"%d" % server.port) + b"Content-Length: 9\r\n\r\n{}")
-        assert Caller(server.port).call("/brief")[0] == 200
-        assert server.stop() == ""
-        idle.close()
-        half.close()
-
-
-@pytest.mark.skipif(not socket.has_dualstack_ipv6(), reason="there is no IPv6 here")
-def test_it_listens_on_ipv6_too(tmp_path: Path) -> None:
-    with in_a_thread(PlayServer(people(tmp_path), "::1")) as server:
-        assert server.url == f"http://[::1]:{server.port}/"
-        assert server.loopback
-        assert Caller(server.port, "::1").call("/brief")[0] == 200
-        foreign = {"Host": f"evil.example:{server.port}"}
-        assert Caller(server.port, "::1").call("/brief", headers=foreign)[0] == 403
-
-
-@pytest.mark.parametrize(
-    "origin",
-    ["http://[", "http://[::1", "//", "null", "", "http://", "http://localhost:x@a", "\xe4", "a b"],
-)
-def test_an_origin_that_is_none_is_another_site(
-    server: PlayServer, caller: Caller, origin: str, capfd: pytest.CaptureFixture[str]
-) -> None:
-    assert caller.call("/join", {}, None, {"Origin": origin})[0] == 403
-    assert caller.call("/brief", None, None, {"Origin": origin})[0] == 403
-    assert server.people.number == 0
-    assert capfd.readouterr().err == ""
-
-
-@pytest.mark.parametrize(
-    "body",
-    [
-        *(b'{"turn": NaN, "action": 1}', b'{"turn": 0, "action": 1e999}', b'{"turn": -0.0}'),
-        *(b'{"turn": true, "action": 1}', b'{"turn": "0", "action": 1}', b'{"turn": [0]}'),
-        b'{"turn": 0, "action": 1, "reaction": Infinity}',
-        b'{"turn": 0, "action": ' + b"9" * 900 + b"}",
-    ],
-)
-def test_numbers_that_are_none_are_refused(
-    server: PlayServer, caller: Caller, body: bytes, capfd: pytest.CaptureFixture[str]
-) -> None:
-    name = caller.join()
-    before = log(server)
-    assert caller.call("/act", body, name)[0] == 400
-    assert log(server) == before
-    assert capfd.readouterr().err == ""
-
-
-def test_old_and_long_requests_are_answered_without_a_traceback(
-    server: PlayServer, capfd: pytest.CaptureFixture[str]
-) -> None:
-    for sent in (
-        b"GET /brief\r\n",
-        b"GET /brief HTTP/1.0\r\n\r\n",
-        b"GET /brief HTTP/1.1\r\nX: " + b"x" * 70_000 + b"\r\n\r\n",
-        b"GET /brief HTTP/1.1\r\n" + b"X: x\r\n" * 200 + b"\r\n",
-        b"GET /" + b"x" * 70_000 + b" HTTP/1.1\r\n\r\n",
-        b"TRACE / HTTP/1.1\r\n\r\n",
-    ):
-        with (
-            socket.create_connection(("127.0.0.1", server.port), timeout=5) as connection,
-            suppress(ConnectionError),  # it may close before it has read all
-        ):
-            connection.sendall(sent)
-            connection.shutdown(socket.SHUT_WR)
-            received = b"".join(iter(lambda: connection.recv(4096), b""))
-            assert b"200 OK" not in received
-    assert capfd.readouterr().err == ""
-
-
-def test_a_server_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
+def test_a_server_that_is_killed_goes_on_where_it_was(tmp_path):
     folder = tmp_path / "out"
-    acted: dict[str, list[int]] = {}
-    states: dict[str, Any] = {}
+    acted, states = {}, {}
 
-    def click(caller: Caller, names: list[str], many: int) -> None:
+    def click(caller, names, many):
         for _ in range(many):
             for name in names:
                 turn = states[name]["turn"] if name in states else 0
@@ -479,7 +309,10 @@ def test_a_server_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
         for name in names:
             assert caller.call("/state", name=name)[1] == states[name]
         click(caller, names, 4)
-        server.stop()
+        half = socket.create_connection((server.host, server.port))
+        half.sendall(JOIN % server.port + b"Content-Length: 9\r\n\r\n{}")
+        assert server.stop() == ""  # it waits for nobody
+        half.close()
     rows = read_reactions(folder).to_pandas()
     by_person = [rows[rows["subject"] == k]["action"].tolist() for k in range(3)]
     assert by_person == [acted[name] for name in names]
@@ -489,9 +322,7 @@ def test_a_server_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
     assert [action for attempt in third for action in attempt] == acted[names[2]][:90]
 
 
-def test_the_record_is_written_while_people_play(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_record_is_written_while_people_play(tmp_path, monkeypatch):
     monkeypatch.setattr("causal_openlock.play.server.KEEP_EVERY", 1.0)
     with in_a_thread(PlayServer(people(tmp_path, practice=False))) as server:
         caller = Caller(server.port)
@@ -503,19 +334,48 @@ def test_the_record_is_written_while_people_play(
         assert Store(tmp_path).record()[0].num_rows == 30
 
 
-def test_mistakes_on_the_command_line_are_one_sentence(tmp_path: Path) -> None:
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        port = str(taken.getsockname()[1])
-        for words, says in [
-            (["--port", port], "choose another with --host or --port"),
-            (["--condition", "CC5"], "did you mean"),
-            (["--protocol", "humen"], "did you mean human"),
-            (["--host", "no.such.host.invalid"], "cannot listen on no.such.host.invalid"),
-        ]:
-            # None comes to serve, if taken for no mistake: the port is taken.
-            where = () if "--port" in words else ("--port", port)
-            done = at_once("play", "--no-browser", *words, *where, "--out", tmp_path / "out")
-            assert (done.status, done.stderr.count("\n")) == (2, 1), done.stderr
-            assert says in done.stderr
+def test_a_room_is_opened_while_a_loop_runs_as_in_a_notebook(tmp_path, monkeypatch):
+    pages = []
+    monkeypatch.setattr("webbrowser.open", pages.append)
+
+    async def in_a_notebook():
+        return ol.schema("A -> door").play(browser=False, out=tmp_path / "mine")
+
+    opened = asyncio.run(in_a_notebook())
+    assert opened.url in repr(opened)
+    play_one_lever(opened.url)
+    for _ in range(2):
+        opened.close()
+    assert "closed" in repr(opened)
+    with pytest.raises(urllib.error.URLError):
+        asked(opened.url, "brief")
+    assert Store(tmp_path / "mine").record()[0].num_rows == 1
+    with ol.play_room("CC3") as opened:
+        assert opened.folder.is_dir()
+        assert asked(opened.url, "brief")["positions"] == 7
+    assert not opened.folder.exists()  # a temporary one
+    assert pages == [opened.url]
+
+
+AT_THE_END = """
+import sys
+import causal_openlock as ol
+from support.play_clients import play_one_lever
+play_one_lever(ol.play_room("A -> door", browser=False, out=sys.argv[1]).url)
+print(ol.schema("CC3").play(browser=False).folder)
+"""
+
+
+def test_a_room_is_closed_when_python_ends(tmp_path):
+    tests = str(Path(__file__).parents[1])
+    done = subprocess.run(
+        [sys.executable, "-c", AT_THE_END, tmp_path / "mine"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([tests, *sys.path[1:]])},
+    )
+    assert done.stderr == ""
+    assert not Path(done.stdout.strip()).exists()
+    assert Store(tmp_path / "mine").record()[0].num_rows == 1

@@ -1,0 +1,370 @@
+"""People: turns, the log, coming back after a crash, and the record."""
+
+import errno
+import itertools
+import json
+import os
+import zlib
+from dataclasses import replace
+
+import pyarrow as pa
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from causal_openlock import Results
+from causal_openlock.analysis.results.reading import beside
+from causal_openlock.errors import StoreError
+from causal_openlock.experiment.protocol import PROTOCOLS, Condition
+from causal_openlock.experiment.reactions import read_reactions
+from causal_openlock.experiment.session import Session
+from causal_openlock.play.refusals import OutOfTurn, UnknownPerson
+from causal_openlock.schemas.finding import find_schema
+from causal_openlock.storage.store import Store
+from support.command import at_once
+from support.made_up_experiments import NOBODY, condition_called, spec
+from support.play_clients import people, solving, walk_through
+
+
+def entries_of(folder):
+    """What the lines of a log say."""
+    lines = (folder / "log.jsonl").read_text(encoding="utf-8").splitlines()
+    return [json.loads(line.rpartition("\t")[0]) for line in lines]
+
+
+# -- the record -----------------------------------------------------------------------------------
+
+
+def test_the_record_of_a_person_is_that_of_a_learner_who_does_the_same(tmp_path):
+    home = people(
+        tmp_path, "CC3-CC4", practice=False, seed=5, clock=itertools.count(1000.0).__next__
+    )
+    name = home.join()
+    done = walk_through(home, name)
+    assert home.view(name)["stage"] == "end"
+    assert (home.number, home.finished) == (1, 1)
+    assert [room["left"] for room in home.view(name)["ended"]] == [0] * 7
+    assert [room["found"] for room in home.view(name)["ended"]] == [2] * 6 + [3]
+    home.close()
+    record, description = Store(tmp_path).record()
+    assert not description.missing
+    condition = Condition.named("CC3-CC4", find_schema)
+    session = Session(
+        condition, PROTOCOLS["human"], [0], seed=5, learner="person", experiment="people"
+    )
+    for action in done:
+        session.step([action])
+    untimed = record.drop_columns(["wall_time"])
+    assert untimed.to_pylist() == session.record().drop_columns(["wall_time"]).to_pylist()
+    assert record.schema.names == session.record().schema.names
+    # The clock has ticked once at joining and once for each action.
+    assert record["wall_time"].to_pylist() == [3.0 * k for k in range(1, record.num_rows + 1)]
+
+
+def test_reaction_times_stand_beside_the_record(tmp_path):
+    home = people(tmp_path, "CC3", practice=False, clock=itertools.count().__next__)
+    name = home.join()
+    for turn, (action, reaction) in enumerate([(0, 250), (14, None), (9, 12_345), (3, 1)]):
+        home.act(name, turn, action, reaction)
+    home.close()
+    rows = read_reactions(tmp_path).to_pylist()
+    assert [row["reaction"] for row in rows] == [0.25, None, 12.345, 0.001]
+    told = [(row["attempt"], row["moment"], row["action"]) for row in rows]
+    assert told == [(1, 1, 0), (1, 2, 14), (1, 3, 9), (2, 1, 3)]
+    assert [row["time"] for row in rows] == [1.0, 2.0, 3.0, 4.0]
+
+
+def test_a_clock_that_was_set_back_gives_times_that_do_not_go_back(tmp_path):
+    ticks = [0, 100, 101, 2, 3, 5, 6, 0]  # the first is read when the folder is opened
+    home = people(tmp_path, "CC3", practice=False, clock=iter(ticks).__next__)
+    name = home.join()
+    for turn in range(6):
+        home.act(name, turn, 7, None)
+    home.close()
+    assert read_reactions(tmp_path)["time"].to_pylist() == [1, 1, 2, 4, 5, 5]
+    for path in tmp_path.rglob("*.parquet"):
+        path.unlink()
+    home = people(tmp_path, "CC3", practice=False, clock=itertools.count(40).__next__)
+    home.act(name, 6, 7, None)  # a tick after the latest time in the log, 101
+    home.close()
+    assert read_reactions(tmp_path)["time"].to_pylist() == [1, 1, 2, 4, 5, 5, 107]
+    assert entries_of(tmp_path)[-1]["at"] == 102
+
+
+def test_a_trial_that_is_not_over_is_no_trial_of_the_record_yet(tmp_path):
+    home = people(tmp_path, "CC3", practice=False)
+    name = home.join()
+    walk_through(home, name, trials=1)
+    turn = home.view(name)["turn"]
+    for action in range(3):
+        home.act(name, turn + action, 7 + action, None)
+    home.keep(ended_only=True)
+    home.close()
+    assert set(Store(tmp_path).record()[0]["trial"].to_pylist()) == {1}
+    assert read_reactions(tmp_path).num_rows == 6 + 3
+    again = people(tmp_path, "CC3", practice=False)
+    assert again.view(name)["room"]["attempt"] == 2
+    again.close()
+
+
+def test_who_is_shown_a_room_can_only_watch_and_is_not_asked_about_it(tmp_path):
+    options = {"practice": False, "ask": True, "seed": 5}
+    home = people(tmp_path, "shown-CC3-CC4", **options)
+    name = home.join()
+    opened = 0
+    while (state := home.view(name))["stage"] == "room" and "shown" in state["room"]:
+        with pytest.raises(OutOfTurn):
+            home.act(name, state["turn"], (state["room"]["shown"] + 1) % 15, None)
+        said = home.act(name, state["turn"], state["room"]["shown"], None)
+        opened += said["new_solution"]
+    assert opened == 6 * 2
+    assert (state["stage"], state["room"]["trial"]) == ("room", 7)
+    assert [room["shown"] for room in state["ended"]] == [True] * 6
+    home.close()
+    again = people(tmp_path, "shown-CC3-CC4", **options)
+    assert again.view(name) == state
+    walk_through(again, name)
+    assert again.view(name)["stage"] == "question"
+    assert "shown" not in again.view(name)["ended"][6]
+    again.answer(name, again.view(name)["turn"], [])
+    again.close()
+    results = Results.read(tmp_path)
+    assert results.trials["phase"].tolist() == ["test"]
+    assert results.structure_recovery["shd"].tolist() == [6]
+    assert read_reactions(tmp_path)["reaction"].to_pylist()[: 6 * 2 * 3] == [None] * 36
+
+
+def test_a_report_shows_a_person_beside_learners(tmp_path):
+    home = people(tmp_path / "people", "CC4", practice=False)
+    walk_through(home, home.join())
+    home.close()
+    experiment = "name: e\nsubjects: 3\nconditions: [CC4]\nlearners: [random]\n"
+    (tmp_path / "e.yaml").write_text(experiment)
+    assert at_once("compare", "e.yaml", "--out", "learners", cwd=tmp_path).status == 0
+    assert at_once("report", "people", "--beside", "learners", cwd=tmp_path).status == 0
+    summary = (tmp_path / "people" / "summary.csv").read_text(encoding="utf-8")
+    assert {line.split(",")[0] for line in summary.splitlines()[1:]} == {"person", "random"}
+    assert (Results.read(tmp_path / "people").trials["attempts"] == 3).all()
+
+
+def test_results_that_contradict_each_other_stand_in_no_report():
+    def result(learner, condition):
+        table = pa.table({"learner": [learner], "condition": [condition.name]})
+        return table, replace(NOBODY, learners=(spec(learner),), conditions=(condition,))
+
+    one = condition_called("CC4")
+    other = replace(one, train=one.train[:0], test=one.train)
+    assert beside([result("a", one), result("b", one)])[0].num_rows == 2
+    with pytest.raises(StoreError, match="learner a"):
+        beside([result("a", one), result("a", one)])
+    with pytest.raises(StoreError, match="CC4 is not the same"):
+        beside([result("a", one), result("b", other)])
+
+
+# -- turns ----------------------------------------------------------------------------------------
+
+
+def test_practice_comes_first_and_leaves_nothing_in_the_record(tmp_path):
+    home = people(tmp_path, "CC3")
+    name = home.join()
+    assert home.view(name)["stage"] == "practice"
+    assert home.act(name, 0, 2, None)["moved"]
+    assert home.act(name, 1, 14, None)["new_solution"]
+    with pytest.raises(OutOfTurn):  # the practice room is done with
+        home.act(name, 2, 2, None)
+    assert home.proceed(name, 2)["stage"] == "room"
+    with pytest.raises(OutOfTurn):
+        home.proceed(name, 3)
+    home.close()
+    again = people(tmp_path, "CC3", practice=False)  # who joined with practice has had it
+    assert again.view(name)["turn"] == 3
+    again.close()
+    with pytest.raises(StoreError, match="no cell yet"):
+        Store(tmp_path).record()
+
+
+CALLS = st.lists(
+    st.tuples(st.integers(-1, 1), st.integers(-1, 16), st.sampled_from(["act", "proceed"])),
+    max_size=30,
+)
+
+
+@settings(
+    max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(calls=CALLS)
+def test_only_the_call_for_this_turn_changes_anything_and_the_log_restores_it(tmp_path, calls):
+    folder = tmp_path / os.urandom(8).hex()
+    home = people(folder, "CC3")
+    name = home.join()
+    for offset, action, kind in calls:
+        before, size = home.view(name), (folder / "log.jsonl").stat().st_size
+        turn = before["turn"] + offset
+        practice = before["stage"] == "practice"
+        may_act = 0 <= action < 15 and not before["room"]["over"]
+        what = (name, turn) if kind == "proceed" else (name, turn, action, 5)
+        if offset == 0 and (practice if kind == "proceed" else may_act):
+            getattr(home, kind)(*what)
+            assert home.view(name)["turn"] == before["turn"] + 1
+            continue
+        with pytest.raises(OutOfTurn) as refused:
+            getattr(home, kind)(*what)
+        assert refused.value.now == before == home.view(name)
+        assert (folder / "log.jsonl").stat().st_size == size
+    now = home.view(name)
+    home.close()
+    again = people(folder, "CC3")
+    assert again.view(name) == now
+    again.close()
+
+
+def test_nobody_plays_by_a_name_that_was_not_given_to_them(tmp_path):
+    home = people(tmp_path)
+    name = home.join()
+    assert name not in (tmp_path / "log.jsonl").read_text(encoding="utf-8")
+    key = entries_of(tmp_path)[1]["key"]
+    for other in ("", name[:-1], name.swapcase(), key):
+        with pytest.raises(UnknownPerson):
+            home.view(other)
+    assert len({home.join() for _ in range(20)} | {name}) == 21
+    home.close()
+
+
+def test_several_people_do_not_see_one_another(tmp_path):
+    home = people(tmp_path, "CC3", practice=False)
+    names = [home.join() for _ in range(4)]
+    before = [home.view(name) for name in names]
+    walk_through(home, names[1])
+    home.act(names[2], 0, solving(home, names[2])[0][0], None)
+    assert [home.view(names[i]) for i in (0, 3)] == [before[i] for i in (0, 3)]
+    assert home.view(names[1])["stage"] == "end"
+    assert home.view(names[2])["turn"] == 1
+    rooms = {str(solving(home, name)) for name in (names[0], *names[2:])}
+    assert len(rooms) > 1  # rooms come in an order of their own for each
+    home.close()
+    record, _ = Store(tmp_path).record()
+    assert set(record["subject"].to_pylist()) == {1}
+
+
+def test_people_are_dealt_evenly_among_conditions(tmp_path):
+    home = people(tmp_path, "CC3", "CE3", "CC4", practice=False)
+    cells = [home._find(home.join()).cell for _ in range(12)]
+    dealt = [(cell.condition.name, cell.first_subject) for cell in cells]
+    blocks = [tuple(dealt[3 * block : 3 * block + 3]) for block in range(4)]
+    for block, those in enumerate(blocks):
+        assert sorted(those) == [(name, block) for name in ("CC3", "CC4", "CE3")]
+    assert len({tuple(name for name, _ in those) for those in blocks}) > 1
+    home.close()
+
+
+# -- the log --------------------------------------------------------------------------------------
+
+
+def test_a_last_line_cut_short_was_never_answered_and_is_dropped(tmp_path):
+    home = people(tmp_path, practice=False)
+    name = home.join()
+    home.act(name, 0, 3, None)
+    whole = (tmp_path / "log.jsonl").read_bytes()
+    home.act(name, 1, 4, None)
+    longer = (tmp_path / "log.jsonl").read_bytes()
+    home.close()
+    for cut in (*range(len(whole), len(longer), 9), len(longer) - 1):
+        (tmp_path / "log.jsonl").write_bytes(longer[:cut])
+        again = people(tmp_path, practice=False)
+        assert again.view(name)["turn"] == 1
+        again.act(name, 1, 5, None)  # and what follows begins a line of its own
+        again.close()
+        assert [entry.get("action") for entry in entries_of(tmp_path)] == [None, None, 3, 5]
+
+
+def test_a_damaged_log_is_named_with_its_line_and_nothing_is_spoilt(tmp_path):
+    home = people(tmp_path, practice=False)
+    name = home.join()
+    for turn in range(3):
+        home.act(name, turn, turn, None)
+    home.close()
+    path = tmp_path / "log.jsonl"
+    content = path.read_bytes()
+    lines = content.splitlines(keepends=True)
+    for damaged in (content.replace(b'"action":1', b'"action":2'), b"".join(lines[:3] + lines[4:])):
+        path.write_bytes(damaged)
+        with pytest.raises(StoreError, match=r"log\.jsonl:4: "):
+            people(tmp_path, practice=False)
+        assert path.read_bytes() == damaged
+    path.write_bytes(content)
+    people(tmp_path, practice=False).close()  # the folder is free
+    assert path.read_bytes() == content
+
+
+JOINED = {"join": 0, "key": "0" * 64, "at": 1.0, "practice": True}
+TURN = {"of": 0, "turn": 0, "at": 2.0, "action": 1, "reaction": None}
+LEFT = {key: TURN[key] for key in ("of", "turn", "at")}
+FORGOTTEN = {"join": 0, "forgotten": True}
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        *([{}], [[]], [b"NaN"], [b"no JSON"], [b"[" * 100_000], [b'{"join":0,"join":0}']),
+        *([JOINED | {"join": 1}], [JOINED | {"join": "0"}], [JOINED, JOINED], [{"join": 0}]),
+        *([JOINED | {"key": 3}], [JOINED | {"key": "0" * 63}], [JOINED | {"practice": 1}]),
+        *([JOINED | {"at": "now"}], [JOINED | {"at": float("nan")}], [JOINED | {"at": 10**400}]),
+        *([JOINED | {"ask": 1}], [JOINED | {"consent": "yes"}], [FORGOTTEN | {"join": 1}]),
+        *([TURN], [JOINED, TURN | {"of": 1}], [JOINED, TURN | {"of": -1}], [FORGOTTEN, TURN]),
+        *([JOINED, TURN | {"turn": 1}], [JOINED, TURN | {"turn": None}]),
+        *([JOINED, TURN | {"action": 15}], [JOINED, TURN | {"action": -1}]),
+        *([JOINED, TURN | {"action": 2**70}], [JOINED, TURN | {"action": None}]),
+        *([JOINED, TURN | {"reaction": float("inf")}], [JOINED, TURN | {"more": 1}]),
+        *([JOINED, LEFT | {"edges": 3}], [JOINED, LEFT | {"edges": []}]),
+        [JOINED | {"practice": False}, LEFT],
+        [JOINED, {"of": 1, "key": "1" * 64, "at": 2.0}],
+    ],
+    ids=lambda lines: str(lines)[:80],
+)
+def test_a_line_of_the_log_that_says_what_cannot_be_is_named(tmp_path, lines):
+    people(tmp_path).close()
+    path = tmp_path / "log.jsonl"
+    with path.open("ab") as file:
+        for line in lines:
+            text = line if isinstance(line, bytes) else json.dumps(line).encode()
+            file.write(b"%b\t%08x\n" % (text, zlib.crc32(text)))
+    content = path.read_bytes()
+    with pytest.raises(StoreError, match=rf"log\.jsonl:{len(lines) + 1}: "):
+        people(tmp_path)
+    assert path.read_bytes() == content
+
+
+def test_what_cannot_be_put_on_file_has_not_happened(tmp_path, monkeypatch):
+    home = people(tmp_path, practice=False)
+    name = home.join()
+    before = home.view(name)
+    write = os.write
+
+    def full(file, line):
+        write(file, line[:10])
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    size = (tmp_path / "log.jsonl").stat().st_size
+    monkeypatch.setattr(os, "write", full)
+    for call in (lambda: home.act(name, 0, 0, None), home.join):
+        with pytest.raises(StoreError, match="No space left"):
+            call()
+    monkeypatch.undo()
+    assert (home.view(name), home.number) == (before, 1)
+    assert (tmp_path / "log.jsonl").stat().st_size == size
+    home.act(name, 0, 0, None)
+    home.close()
+    again = people(tmp_path, practice=False)
+    assert again.view(name)["turn"] == 1
+    again.close()
+
+
+def test_a_folder_holds_one_play_only(tmp_path):
+    home = people(tmp_path, "CC3")
+    home.join()
+    with pytest.raises(StoreError, match="in use"):
+        people(tmp_path, "CC3")
+    home.close()
+    for conditions, other in ((["CC3"], {"seed": 1}), (["CE3"], {})):
+        with pytest.raises(StoreError, match="other conditions"):
+            people(tmp_path, *conditions, **other)

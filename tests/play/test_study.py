@@ -1,0 +1,280 @@
+"""What a study needs: people agree, are recruited, are asked about rooms, and can be forgotten."""
+
+import shutil
+from dataclasses import replace
+
+import pytest
+
+from causal_openlock import Results
+from causal_openlock.contract.registry import create
+from causal_openlock.errors import StoreError
+from causal_openlock.experiment.answers import read_answers
+from causal_openlock.experiment.experiment import Experiment
+from causal_openlock.experiment.protocol import PROTOCOLS, Condition
+from causal_openlock.experiment.session import Session
+from causal_openlock.play.forgetting import forget_person
+from causal_openlock.play.person import LEARNER
+from causal_openlock.play.refusals import (
+    HasBegun,
+    HasFinished,
+    NotAgreed,
+    NotIdentified,
+    OutOfTurn,
+    UnknownPerson,
+)
+from causal_openlock.schemas.finding import find_schema
+from causal_openlock.storage.store import Store
+from support.command import at_once
+from support.made_up_experiments import spec
+from support.play_clients import people, walk_through
+
+
+def room_of(home, name):
+    truth = home._find(name).game.session.truth
+    return truth.rooms[int(truth.room[0])]
+
+
+def true_edges(room):
+    place = {**dict(zip(room.schema.levers, room.layout.places, strict=True)), "door": 7}
+    return [[place[cause], place[effect]] for cause, effect in room.schema.graph.edges]
+
+
+def solve_and_answer(home, name, rooms=99):
+    """Solve rooms, and say the truth of each."""
+    for _ in range(rooms):
+        if home.view(name)["stage"] == "end":
+            return
+        room = room_of(home, name)
+        walk_through(home, name, 1)
+        view = home.view(name)
+        assert view["stage"] == "question"
+        assert view["levers"] == sorted(room.layout.places)
+        assert "room" not in view
+        home.answer(name, view["turn"], true_edges(room))
+
+
+def content_of(folder):
+    """All bytes of all files of a folder."""
+    return b"".join(path.read_bytes() for path in folder.rglob("*") if path.is_file())
+
+
+def test_people_are_asked_after_each_room_and_what_they_say_is_scored(tmp_path):
+    home = people(tmp_path, "CC3-CE4", practice=False, ask=True, seed=2)
+    name = home.join()
+    solve_and_answer(home, name, 2)
+    grey = sorted(room_of(home, name).layout.places)
+    walk_through(home, name, 1)
+    turn = home.view(name)["turn"]
+    white = next(place for place in range(7) if place not in grey)
+    for edges in (
+        *([[white, 7]], [[grey[0], grey[0]]], [[grey[0], white]], [[grey[0], 8]], [[7, grey[0]]]),
+        *([[1]], [3], [[grey[0], True]], [[grey[0], 7], [grey[0], 7, 7]]),
+    ):
+        with pytest.raises(OutOfTurn):
+            home.answer(name, turn, edges)
+    with pytest.raises(OutOfTurn):
+        home.act(name, turn, grey[0], None)
+    home.close()
+    again = people(tmp_path, "CC3-CE4", practice=False, ask=False, seed=2)  # who joined is asked on
+    again.answer(name, turn, [])
+    solve_and_answer(again, name)
+    assert again.view(name)["stage"] == "end"
+    again.close()
+    assert [answer.visit for answer in read_answers(tmp_path)] == [1, 2, 3, 4, 5, 6, 7]
+    table = Results.read(tmp_path).structure_recovery
+    assert table["shd"].tolist() == [0, 0, 4, 0, 0, 0, 0]
+    assert table["f1"].tolist() == [1.0, 1.0, 0.0, 1.0, 1.0, 1.0, 1.0]
+
+
+def test_nobody_joins_without_agreeing_to_the_text_that_is_shown_now(tmp_path):
+    home = people(tmp_path, consent="# Yes\n*Really*", recruiting=["PID", "STUDY"])
+    with pytest.raises(NotAgreed):
+        home.join()
+    assert home.number == 0
+    first = home.consent_mark
+    home.join(agreed=first, recruited={"PID": "abc123", "OTHER": "secret"})
+    home.close()
+    (text,) = tmp_path.glob("consent_*.md")
+    assert text.read_text() == "# Yes\n*Really*"
+    assert text.stem == f"consent_{first}"
+    log, recruited = ((tmp_path / f"{name}.jsonl").read_text() for name in ("log", "recruited"))
+    assert first in log
+    assert '"PID":"abc123"' in recruited
+    assert "secret" not in recruited
+    assert "abc123" not in log
+    again = people(tmp_path, consent="another text", recruiting=["PID"])
+    with pytest.raises(NotAgreed):
+        again.join(agreed=first, recruited={"PID": "b"})
+    again.join(agreed=again.consent_mark, recruited={"PID": "b"})
+    again.close()
+
+
+def test_who_is_let_in_again_goes_on_where_they_stopped(tmp_path):
+    options = {"practice": False, "recruiting": ["PID", "SESSION"], "consent": "Yes"}
+    home = people(tmp_path, **options)
+    mark = home.consent_mark
+    first = home.join(mark, {"PID": "ann", "SESSION": "1"})
+    other = home.join(mark, {"PID": "ben", "SESSION": "1"})
+    for given in ({}, {"SESSION": "1"}, {"PID": " "}):
+        with pytest.raises(NotIdentified, match="PID"):
+            home.join(mark, given)
+    walk_through(home, first, 2)
+    for _ in range(2):  # an identifier that others know opens no game, and one call lets in one
+        with pytest.raises(HasBegun):
+            home.join(mark, {"PID": " ann ", "SESSION": "2"})
+        home.readmit("ann")
+        again = home.join(mark, {"PID": "ann", "SESSION": "2"})
+    assert home.number == 2
+    home.act(again, home.view(again)["turn"], 1, 5)
+    assert home.view(again) == home.view(first)  # both windows know of it
+    before = home.view(first)
+    home.close()
+    home = people(tmp_path, **options)
+    with pytest.raises(StoreError, match="eve"):
+        home.readmit("eve")
+    with pytest.raises(HasBegun):
+        home.join(mark, {"PID": "ann"})
+    assert [home.view(name) for name in (first, again)] == [before] * 2
+    for action in (0, 0):  # the attempt is over
+        home.act(again, home.view(again)["turn"], action, 5)
+    walk_through(home, again)
+    with pytest.raises(HasFinished):
+        home.join(mark, {"PID": "ann"})
+    assert home.view(first)["stage"] == "end"
+    assert home.view(other)["room"]["trial"] == 1
+    home.close()
+    assert len(Results.read(tmp_path).trials) == 5
+    assert "ann" not in (tmp_path / "log.jsonl").read_text()
+    for name in (first, again):  # nor is a session id anywhere
+        assert name.encode() not in content_of(tmp_path)
+
+
+def test_a_call_that_is_repeated_joins_once(tmp_path):
+    home = people(tmp_path, practice=False, recruiting=["PID"])
+    assert {home.join(recruited={"PID": "ann"}, name="a" * 32) for _ in range(3)} == {"a" * 32}
+    assert home.number == 1
+    home.close()
+
+
+def test_identifiers_that_services_send_are_taken(tmp_path):
+    sent = ["5f2e9c0b1d4a", "ann@example.org", "a+b=c", "[ann]", " ann ", "x" * 300, "R~!*'()"]
+    sent += ["名前", "{ann}-1"]
+    home = people(tmp_path, practice=False, recruiting=["PID"])
+    for identifier in sent:
+        home.join(recruited={"PID": identifier})
+    home.close()
+    home = people(tmp_path, practice=False, recruiting=["PID"])
+    for identifier in sent:
+        with pytest.raises(HasBegun):
+            home.join(recruited={"PID": identifier.strip()})
+    home.close()
+
+
+# -- forgetting -----------------------------------------------------------------------------------
+
+
+def test_what_one_person_did_is_deleted_and_others_go_on(tmp_path):
+    options = {"practice": False, "ask": True, "recruiting": ["PID"]}
+    home = people(tmp_path, "CC3", "CE3", **options)
+    names = [home.join(recruited={"PID": f"person{number}"}) for number in range(4)]
+    home.readmit("person1")
+    window = home.join(recruited={"PID": "person1"})
+    for name in names:
+        solve_and_answer(home, name, 2)
+    cells = [home._find(name).cell for name in names]
+    before = {name: home.view(name) for name in names}
+    home.close()
+    kept = {path.name: path.read_bytes() for path in tmp_path.rglob("*.parquet")}
+    gone = cells[1]
+    ended = at_once("forget", tmp_path, gone.first_subject, "-c", gone.condition.name)
+    assert (ended.status, ended.stderr) == (0, "")
+    assert "3 files" in ended.stdout
+    there = {path.name: path.read_bytes() for path in tmp_path.rglob("*.parquet")}
+    assert there == {name: held for name, held in kept.items() if name != gone.file_name}
+    for trace in (b"person1", gone.file_name.encode()):
+        assert trace not in content_of(tmp_path)
+    assert b"person2" in content_of(tmp_path)
+    again = people(tmp_path, "CC3", "CE3", **options)
+    assert (again.number, again.finished) == (4, 0)
+    for name in (names[0], *names[2:]):
+        assert again.view(name) == before[name]
+    for name in (names[1], window):
+        with pytest.raises(UnknownPerson):
+            again.view(name)
+    solve_and_answer(again, names[2])
+    assert again._find(again.join(recruited={"PID": "person1"})).number == 4
+    again.close()
+    assert len(Results.read(tmp_path).trials) == 2 + 5 + 2
+    for subject, condition, named in (
+        (gone.first_subject, gone.condition.name, f"person {gone.first_subject} in"),
+        (0, None, "--condition: C"),
+    ):
+        with pytest.raises(StoreError, match=named):
+            forget_person(tmp_path, subject, condition)
+
+
+@pytest.mark.parametrize("changed", range(4))
+def test_the_same_command_deletes_what_a_killed_one_has_left(tmp_path, changed):
+    """The list, the person's files and the identifiers are changed in turn, and the log last."""
+    folder, before = tmp_path / "people", tmp_path / "before"
+    home = people(folder, practice=False, recruiting=["PID"])
+    names = [home.join(recruited={"PID": f"pid{number}"}) for number in range(2)]
+    for name in names:
+        walk_through(home, name, 1)
+    cell = home._find(names[0]).cell
+    home.close()
+    shutil.copytree(folder, before)
+    forget_person(folder, cell.first_subject)
+    done = ["experiment.json", cell.file_name, "recruited.jsonl"][:changed]
+    for path in [path for path in before.rglob("*") if path.is_file() and path.name not in done]:
+        shutil.copy(path, folder / path.relative_to(before))
+    forget_person(folder, cell.first_subject)
+    assert cell.file_name not in {path.name for path in folder.rglob("*")}
+    for trace, there in ((b"pid0", False), (cell.file_name.encode(), False), (b"pid1", True)):
+        assert (trace in content_of(folder)) == there
+
+
+def test_what_was_imported_of_a_person_is_deleted_of_this_condition_alone(tmp_path):
+    ce3 = Condition.named("CE3", find_schema)
+    labels = "a", "a_b"  # a_b_CE3_0-0 is of a in b_CE3, or of a_b in CE3
+    specs = tuple(replace(spec(label, subjects=1), learner=LEARNER) for label in labels)
+    experiment = Experiment("in", "In", 0, 1, (ce3, replace(ce3, name="b_CE3")), specs)
+    store, paths = Store(tmp_path), {}
+    store.open(experiment)
+    for cell in experiment.cells():
+        where = {"learner": cell.spec.name, "experiment": "in"}
+        session = Session(cell.condition, PROTOCOLS["human"], [0], **where)
+        store.write(cell, session.play(create("win_stay")))
+        paths[cell.spec.name, cell.condition.name] = store.path(cell)
+    store.declare(experiment, experiment.cells())
+    store.close()
+    for name in ("bundle.zip", "subjects.csv", "consent_0.md", "fit-bayes"):
+        (tmp_path / name).touch()
+    said = at_once("forget", tmp_path, 0, "--condition", "CE3")
+    assert said.status == 0
+    assert said.stderr.endswith(": bundle.zip, fit-bayes, subjects.csv\n")  # made of all data
+    left = {("a", "b_CE3"), ("a_b", "b_CE3")}
+    assert {key for key, path in paths.items() if path.exists()} == left
+    assert len(Store(tmp_path).experiment().files) == 2
+    with pytest.raises(StoreError, match="person 0 in CE3"):
+        forget_person(tmp_path, 0, "CE3")
+
+
+def test_identifiers_without_their_person_are_dropped(tmp_path):
+    home = people(tmp_path, recruiting=["PID"])
+    for name in ("first", "lost"):
+        home.join(recruited={"PID": name})
+    home.close()
+    log = tmp_path / "log.jsonl"  # a power cut can take the end of one log and not of the other
+    log.write_bytes(b"".join(log.read_bytes().splitlines(keepends=True)[:-1]))
+    cells = tmp_path / "cells"
+    cells.mkdir(exist_ok=True)
+    (cells / ".person_CC3_0-0.parquet.x.partial").write_text("of a killed server")
+    home = people(tmp_path, recruiting=["PID"])
+    home.join(recruited={"PID": "next"})
+    home.close()
+    told = (tmp_path / "recruited.jsonl").read_text()
+    assert '"join":0,"PID":"first"' in told
+    assert '"join":1,"PID":"next"' in told
+    assert "lost" not in told
+    assert not [*tmp_path.rglob("*.partial")]
