@@ -1,22 +1,16 @@
-"""The README's examples, run as they stand."""
-
-from __future__ import annotations
+"""The README's examples, run as they stand, and its first screen."""
 
 import hashlib
 import re
 import shlex
 import sys
-from pathlib import Path
-from typing import Any
 
 import gymnasium
 import pytest
 
-from causal_openlock.schemas.schema_file import parse_schema
-from causal_openlock.storage.store import Store
+import causal_openlock as ol
 from support.command import at_once, modules_of
 from support.documents import DOCS, ROOT, broken_links, code, unknown_options, words_of
-from support.processes import start_prepared
 
 sys.path.append(str(DOCS / "figures"))
 import first_page
@@ -27,7 +21,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     """What a reader saves who follows the README, and what the commands shown leave there."""
     folder = tmp_path_factory.mktemp("readme")
     for name, text in zip(("vault.yaml", "first_look.yaml"), code(README, "yaml"), strict=True):
@@ -36,87 +30,75 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_the_vault_has_the_solution_that_the_text_tells_of(folder: Path) -> None:
-    schema = parse_schema((folder / "vault.yaml").read_text(encoding="utf-8"))
-    assert [set(solution) for solution in schema.solutions] == [{"dial", "key", "second_key"}]
-    shown = at_once("schema", "show", "vault.yaml", cwd=folder).stdout
-    assert "1 solution:" in shown
+def test_both_commands_stand_on_the_first_screen_and_the_page_is_short():
+    assert len(README.splitlines()) <= 90
+    first = README.splitlines()[:12]
+    for command in ("make compare", "make test"):
+        assert any(command in line for line in first)
+    after_the_table = README.partition("<!-- end of evidence -->")[2]
+    assert re.search(r"\]\((.+?)\)", after_the_table)[1] == "examples/openlock_in_one_file.py"
 
 
-def test_the_learner_and_the_experiment_of_ones_own_run(folder: Path) -> None:
-    assert len([line for line in code(README, "python")[0].splitlines() if line.strip()]) <= 20
+def test_the_learner_of_ones_own_learns(folder):
     compared = [words for words in words_of(README) if words[0] == "compare"]
     (line,) = (words for words in compared if "first" in words[1])
     with modules_of(folder):
-        done = at_once(*line, "--subjects", 2, "--out", "results/first_look", cwd=folder)
+        done = at_once(*line, "--subjects", 4, "--out", "results/first_look", cwd=folder)
     assert done.status == 0, done.stdout + done.stderr
-    record = Store(folder / "results" / "first_look").record()[0].to_pandas()
-    assert set(record["learner"]) == {"oracle", "bayes", "Persistent"}
-    assert set(record["condition"]) == {"CC4", "CC3-CE4", "vault"}
+    trials = ol.open_results(folder / "results" / "first_look").trials
+    assert set(trials["condition"]) == {"CC4", "CC3-CE4", "vault"}
+    attempts = trials[trials["schema"] != "CC3"].groupby("learner")["attempts"].mean()
+    assert set(attempts.index) == {"oracle", "bayes", "random", "Curious"}
+    assert attempts["Curious"] < 0.5 * attempts["random"]
 
 
-def test_the_trial_can_be_traced_as_shown(folder: Path) -> None:
+def test_the_vault_has_one_solution_and_a_trial_is_traced_as_shown(folder):
+    (solution,) = ol.find_schema(str(folder / "vault.yaml")).solutions
+    assert set(solution) == {"dial", "key", "second_key"}
     (line,) = (words for words in words_of(README) if words[:1] == ["trace"])
     assert "bits learned" in at_once(*line, cwd=folder).stdout
 
 
-def test_the_python_runs(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_python_runs(folder, monkeypatch):
     monkeypatch.chdir(folder)
-    start_prepared(monkeypatch)
     block = code(README, "python")[1]
-    assert len(block.strip().splitlines()) <= 12
-    assert "subjects=20" in block
-    names: dict[str, Any] = {}
-    exec(block.replace("subjects=20", "subjects=1"), names)
+    names = {}
+    exec(block.replace("subjects=20", "subjects=1, workers=0"), names)
     results = names["results"]
     assert results.learners == ("bayes", "rl2")
     assert len(results.trials) == 2 * (5 + 7 + 5)
     (table,) = results.by_condition
-    assert [name for name, _ in table.columns] == ["CC4", "CC3-CC4", "vault"]
     assert table.beside["people"][:2] == (6.45, 5.525)
     for named in re.findall(r"(?<= )\.(\w+)\(", block):  # in the comment
         assert hasattr(results.plot, named), named
-
-
-def test_the_environment_is_made_as_shown() -> None:
     (line,) = (line for line in README.split("`") if line.startswith("gymnasium.make"))
-    env = eval(line, {"gymnasium": gymnasium})
-    assert env.reset(seed=0)[0].shape == (16,)
+    assert eval(line, {"gymnasium": gymnasium}).reset(seed=0)[0].shape == (16,)
 
 
-def test_every_file_that_the_readme_points_to_exists() -> None:
-    assert README.count("](") > 15
+def test_the_interval_of_what_transfer_saves_people_is_the_one_that_is_computed():
+    from causal_openlock.analysis.topics.congruency import congruency
+
+    results = ol.compare(["CC3-CC4", "CE3-CC4", "CC3-CE4", "CE3-CE4"], "oracle", subjects=1)
+    people = congruency(results).set_index(["learner", "test"]).loc["people"]
+    for test in ("CC4", "CE4"):
+        saved, low, high = people.loc[test, ["saved", "low", "high"]]
+        place = rf"{saved + 1e-9:.2f}\s(attempts )?in\s{test}"
+        assert re.search(rf"{place}\s\((95%\sinterval )?{low:.2f}\sto\s{high:.2f}\)", README)
+
+
+def test_what_it_points_to_exists():
     pictures = re.findall(r'(?:href|src)="([^"]+)"', README)
     assert len(pictures) == 4
     assert [path for path in pictures if not (ROOT / path).is_file()] == []
     assert broken_links(ROOT / "README.md") == []
     assert broken_links(ROOT / "CONTRIBUTING.md") == []
-
-
-@pytest.mark.parametrize(("figure", "source"), first_page.SOURCES.items())
-def test_figures_are_made_from_what_is_stored_now(figure: str, source: str) -> None:
-    """Otherwise: ``python docs/figures/first_page.py``."""
-    svg = (DOCS / "figures" / figure).read_text(encoding="utf-8")
-    stored = (first_page.STUDY / source).read_bytes()
-    assert first_page.made_from(svg) == hashlib.sha256(stored).hexdigest()
-
-
-def test_figures_can_be_drawn_from_what_is_stored(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(first_page, "HERE", tmp_path)
-    first_page.main()
-    for figure in first_page.SOURCES:
-        drawn = (tmp_path / figure).read_text(encoding="utf-8")
-        assert first_page.made_from(drawn) in (DOCS / "figures" / figure).read_text("utf-8")
-
-
-def test_every_option_that_the_readme_names_exists() -> None:
     for words in words_of(README):
         assert unknown_options(words) == [], shlex.join(words)
 
 
-def test_the_readme_is_short() -> None:
-    assert len(README.splitlines()) <= 90
-    (table,) = re.findall(r"<!-- evidence:.*?<!-- end of evidence -->", README, flags=re.DOTALL)
-    assert len(re.findall(r"^\|", table, flags=re.MULTILINE)) <= 2 + 7
+@pytest.mark.parametrize(("figure", "source"), first_page.SOURCES.items())
+def test_figures_are_made_from_what_is_stored_now(figure, source):
+    """Otherwise: ``python docs/figures/first_page.py``."""
+    svg = (DOCS / "figures" / figure).read_text(encoding="utf-8")
+    stored = (first_page.STUDY / source).read_bytes()
+    assert first_page.made_from(svg) == hashlib.sha256(stored).hexdigest()
