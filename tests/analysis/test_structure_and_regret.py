@@ -1,0 +1,296 @@
+"""What subjects know of a room's structure, and what their attempts were worth."""
+
+from dataclasses import replace
+
+import networkx as nx
+import numpy as np
+import pyarrow as pa
+import pytest
+from matplotlib.figure import Figure
+
+import causal_openlock as ol
+from causal_openlock import Condition, Layout, Session, find_schema
+from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.results.probe import Probe, true_edges
+from causal_openlock.analysis.results.structure_errors import structure_distance
+from causal_openlock.analysis.topic import sections_of
+from causal_openlock.analysis.topics.regret import WORTH, regret, regret_by_condition
+from causal_openlock.analysis.topics.structure_recovery import (
+    plot_structure_recovery,
+    structure_recovery,
+)
+from causal_openlock.belief.observer import Observer, observer_of
+from causal_openlock.belief.placements import TooLargeError
+from causal_openlock.contract.learner import Structure
+from causal_openlock.contract.registry import create
+from causal_openlock.errors import LearnerError, OpenLockError, StoreError
+from causal_openlock.experiment.answers import Answer, answers_schema, read_answers, write_answers
+from causal_openlock.experiment.protocol import PROTOCOLS
+from causal_openlock.files.atomic import write_bytes
+from causal_openlock.files.checksums import read_table, table_bytes
+from causal_openlock.schemas.fsm import compile_schema
+from causal_openlock.schemas.schema import DOOR, Schema
+from causal_openlock.world.room import Room
+from support.fabricated_records import table, trial_rows
+from support.made_up_experiments import experiment_of
+from support.played_results import played
+from support.topics import topics_called
+
+NOT_SAID = np.full(8, np.nan)
+
+
+def edges_of(schema, places):
+    found = find_schema(schema)
+    at = {**dict(zip(found.levers, places, strict=True)), DOOR: 7}
+    edges = np.zeros((7, 8))
+    for cause, effect in found.graph.edges:
+        edges[at[cause], at[effect]] = 1.0
+    return edges
+
+
+# -- structure recovery ---------------------------------------------------------------------------
+
+
+def test_distances_are_those_of_a_plain_count():
+    """Against graphs of networkx, over random beliefs."""
+    rng = np.random.default_rng(0)
+    schema, layout = find_schema("CE4"), Layout((5, 1, 0, 3))
+    grey = [*layout.places, 7]
+    true = {*nx.DiGraph([*zip(*np.nonzero(edges_of("CE4", layout.places)), strict=True)]).edges}
+    for _ in range(30):
+        edges = rng.random((7, 8)) ** 2
+        found = structure_distance(Structure(edges, NOT_SAID), schema, layout)
+        pairs = [(a, b) for a in layout.places for b in grey if a != b]
+        said = {pair for pair in pairs if edges[pair] > 0.5}
+        turned = [(a, b) for a, b in said - true if (b, a) in true - said]
+        assert found["shd"] == len(said ^ true) - len(turned)
+        assert found["f1"] == pytest.approx(2 * len(said & true) / (len(said) + len(true)))
+        errors = [(edges[pair] - (pair in true)) ** 2 for pair in pairs]
+        assert found["brier"] == pytest.approx(np.mean(errors))
+
+
+def test_one_fault_is_one_whatever_it_is():
+    schema, layout = find_schema("CC3"), Layout((0, 1, 2))
+    right = edges_of("CC3", layout.places)
+    for change, distance in [
+        ({}, 0), ({(0, 1): 0}, 1), ({(1, 2): 1}, 1), ({(0, 1): 0, (1, 0): 1}, 1),
+        ({(6, 7): 1, (3, 4): 1}, 0), ({(0, 7): 1, (1, 7): 0}, 2), ({(1, 0): 1}, 1),
+    ]:  # fmt: skip
+        edges = right.copy()
+        for pair, value in change.items():
+            edges[pair] = value
+        found = structure_distance(Structure(edges, NOT_SAID), schema, layout)
+        assert found["shd"] == distance, change
+    both = Structure(right, np.array([np.nan] * 7 + [0.25]))
+    assert structure_distance(both, schema, layout)["gate_brier"] == pytest.approx(0.0625)
+
+
+@pytest.mark.parametrize("learner", ["bayes", "ideal", "theory_based"])
+def test_who_solves_a_room_comes_to_know_it(learner):
+    recovered = structure_recovery(played([learner], ["CC3-CC4"], 3))
+    assert len(recovered) == 3 * 7
+    assert (recovered["brier"].between(0, 1) & recovered["f1"].between(0, 1)).all()
+    assert recovered["gate_brier"].isna().all() == (learner == "theory_based")
+    if learner == "ideal":
+        assert recovered[["shd", "brier"]].to_numpy().max() == pytest.approx(0.0, abs=1e-9)
+    else:
+        assert recovered["f1"].mean() > 0.8
+        assert recovered["brier"].mean() < 0.1
+
+
+@pytest.mark.parametrize("learner", ["bayes", "ideal", "theory_based"])
+def test_asking_for_the_structure_changes_no_action_and_is_possible_within_a_room(learner):
+    condition = Condition.named("CE3-CC4", find_schema)
+    records = []
+    for asks in (False, True):
+        session = Session(condition, PROTOCOLS["human"], 2, seed=8, learner=learner)
+        one = create(learner)
+        session.begin(one)
+        for number, _ in enumerate(session.steps(one)):
+            if asks:
+                said = [one.structure(subject) for subject in range(2)]
+                assert number == 0 or all(part is not None for part in said)
+                for part in filter(None, said):
+                    assert part.edges.shape == (7, 8)
+                    assert part.edges.min() >= -1e-12
+                    assert part.edges.max() <= 1 + 1e-9
+        records.append(session.record().drop_columns(["wall_time"]))
+    assert records[0].equals(records[1])
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        Structure(np.zeros((7, 7)), NOT_SAID),
+        Structure(np.full((7, 8), 1.5), NOT_SAID),
+        Structure(np.zeros((7, 8)), np.zeros(7)),
+        Structure([[0.0] * 8] * 7, NOT_SAID),
+        "a -> b",
+    ],
+)
+def test_what_is_no_structure_is_refused_with_the_learners_name(monkeypatch, wrong):
+    results = played(["ideal"], ["CC3"], 1)
+    monkeypatch.setattr("openlock_learners.ideal.Ideal.structure", lambda *_: wrong)
+    with pytest.raises(LearnerError, match="the structure of ideal is not a Structure"):
+        structure_recovery(results)
+
+
+def test_the_figure_and_the_section_have_the_means_of_the_table():
+    material = played(["bayes"], ["CC3-CC4"], 3)
+    means = structure_recovery(material).groupby("visit")["shd"].mean()
+    axes = plot_structure_recovery(material, ax=Figure())
+    (line,) = axes.lines
+    assert dict(zip(*line.get_data(), strict=True)) == pytest.approx(means.to_dict())
+    (section,) = sections_of(material, topics_called("structure_recovery"))
+    (row,) = section.tables[0].frame.to_dict("records")
+    assert (row["subjects"], row["rooms"]) == (3, 7)
+    assert row["first room"] == pytest.approx(means[1])
+    assert row["last room"] == pytest.approx(means[7])
+    nothing = played(["random"], ["CC3"], 1)
+    assert sections_of(nothing, topics_called("structure_recovery")) == []
+
+
+# -- what people said -----------------------------------------------------------------------------
+
+
+def test_what_people_say_is_kept_and_compared(tmp_path):
+    material = played(["oracle"], ["CC3"], 2)
+    row = material.trials.query("subject == 1").iloc[2]
+    layout = Layout.of(find_schema("CC3"), row["layout"])
+    edges = frozenset(map(tuple, np.argwhere(edges_of("CC3", layout.places)).tolist()))
+    levers = tuple(sorted(layout.places))
+    said = [
+        Answer("oracle", "CC3", 1, 3, levers, edges, 12.5),
+        Answer("oracle", "CC3", 1, 4, levers, frozenset(), 20.0),
+    ]
+    path = tmp_path / "structures" / "one.parquet"
+    write_answers(path, said, 7)
+    assert read_answers(tmp_path) == said
+    recovered = structure_recovery(material, said)
+    assert recovered["visit"].tolist() == [3, 4]
+    assert recovered["shd"].tolist() == [0, 4]
+    assert recovered["f1"].tolist() == [1.0, 0.0]
+    whole = path.read_bytes()
+    for name, value in (("enables", None), ("learner", None), ("cause", -300)):
+        rows = read_table(whole).to_pylist()
+        rows[2][name] = value
+        write_bytes(path, table_bytes(pa.Table.from_pylist(rows, schema=answers_schema())))
+        with pytest.raises(StoreError, match=r"one\.parquet is damaged"):
+            read_answers(tmp_path)
+
+
+# -- a linear probe on memories -------------------------------------------------------------------
+
+
+def rooms(names, number, seed):
+    generator = np.random.default_rng(seed)
+    found = []
+    for index in range(number):
+        schema = find_schema(names[index % len(names)])
+        places = generator.permutation(7)[: len(schema.levers)].tolist()
+        found.append(Room(compile_schema(schema), Layout(tuple(places), 7)))
+    return found
+
+
+def test_what_a_memory_holds_linearly_is_read_in_other_rooms():
+    """Memories say how often a lever is a cause and an effect; others say nothing."""
+    generator = np.random.default_rng(1)
+
+    def memory(room):
+        edges = true_edges(room)
+        each = np.stack([edges[:, :7].any(axis=1), edges[:, :7].any(axis=0), edges[:, 7]], axis=1)
+        return each @ np.array([[1.0, 2.0], [-1.0, 0.5], [0.3, -1.0]]), generator.normal(size=2)
+
+    own, other = rooms(["CC4", "CE4"], 60, 2), rooms(["CC4", "CE4"], 20, 3)
+    probe = Probe([memory(room) for room in own], own)
+    blind = Probe([(generator.normal(size=(7, 2)), np.zeros(0)) for _ in own], own)
+    for room in other:
+        edges = true_edges(room)
+        found = probe.structure(memory(room))
+        assert ((found.edges > 0.5) == edges).all()
+        assert np.isnan(found.gates).all()
+        guessed = blind.structure((generator.normal(size=(7, 2)), np.zeros(0))).edges
+        assert not ((guessed > 0.5) == edges).all()
+
+
+@pytest.mark.slow
+def test_the_memory_of_rl2_is_read_beside_its_controls():
+    probed = ol.probe_structure("rl2", ["CC3", "CE3"], ["CC4", "CE4"], subjects=6)
+    assert len(probed) == 4 * 2 * 6 * 5
+    shd = probed.groupby("probe")["shd"].mean()
+    assert shd["memory"] < 0.5 < shd["untrained"] < shd["rates"]
+    assert set(probed["schema"]) == {"CC4", "CE4"}
+    assert probed.equals(ol.probe_structure("rl2", ["CC3", "CE3"], ["CC4", "CE4"], subjects=6))
+    few = ol.probe_structure("rl2", ["CC3"], subjects=4)  # rooms that are read are not fitted in
+    assert 0 < len(few) < 4 * 4 * 5
+    for asked, named in ((("random", ["CC3"]), "random"), (("rl2", [], ["CC3"]), "play more")):
+        with pytest.raises(OpenLockError, match=named):
+            ol.probe_structure(*asked, subjects=1)
+
+
+@pytest.mark.slow
+def test_a_memory_without_training_reads_as_well_where_the_documentation_says_so():
+    def mistakes(*schemas):
+        return ol.probe_structure("rl2", *schemas, subjects=10).groupby("probe")["shd"].mean()
+
+    same = mistakes(["CC4", "CE4"])
+    assert same["memory"] == same["untrained"] == 0
+    fewer = mistakes(["CC4", "CE4"], ["CC3", "CE3"])
+    assert abs(fewer["memory"] - fewer["untrained"]) < 0.25
+    other = mistakes(["CC3"], ["CE3"])
+    assert other["memory"] > other["rates"] - 0.25
+
+
+# -- regret ---------------------------------------------------------------------------------------
+
+
+def test_the_ideal_observer_wastes_nothing_and_random_actions_nearly_everything():
+    ideal = regret(played(["ideal"], ["CC3-CE4", "CE4"], 6))
+    assert ideal["regret"].max() == 0.0
+    trials = ideal.groupby(["condition", "subject", "phase", "trial"], observed=True)
+    # What is gained in a trial of the ideal observer is what it did not know, or it had luck.
+    assert (trials["gained"].sum() <= 2.0 + 1e-9).all()
+    random = regret(played(["random"], ["CC3-CE4"], 6))
+    row = regret_by_condition(random).iloc[0]
+    assert row["subjects"] == 6
+    by_trial = random.groupby(["subject", "phase", "trial"], observed=True)["regret"].sum()
+    assert row["regret"] == pytest.approx(by_trial.groupby("subject").mean().mean())
+    assert row["ci_low"] < row["regret"] < row["ci_high"]
+    shares = random.groupby("subject")[["useless", "expected", "best", "used"]].sum()
+    for column, name in (("useless", "useless"), ("information", "expected"), ("best", "best")):
+        assert row[column] == pytest.approx((shares[name] / shares["used"]).mean())
+    assert row["regret"] > 20
+    assert row["useless"] > 0.8
+    assert row["information"] < row["best"]
+    assert (random["useless"] <= random["used"]).all()
+    assert (random["expected"] <= random["best"] + 1e-9).all()
+
+
+def test_rooms_that_cannot_be_judged_are_left_out():
+    shaky = Schema("shaky", ["a", "b"], {"a": {"b": 0.5}, "b": ["door"]})
+    assert observer_of(shaky, 3) is None
+    chain = Schema("long", [f"l{n}" for n in range(9)], {f"l{n}": ["door"] for n in range(9)})
+    assert observer_of(chain, 2) is not None
+    record = table(trial_rows([0, 1, 2, 3], layout="nowhere"))
+    left = regret(Material.of(record, experiment_of(record)))
+    assert left.empty
+    assert regret_by_condition(left).empty
+
+
+def test_a_schema_that_play_leads_out_of_reach_is_left_out_whole(monkeypatch):
+    material = played(["random"], ["CC3", "CE3"], 6)
+    whole = regret(material)
+    trial, asked = Observer.trial, []
+
+    def out_of_reach(self, *given):
+        asked.append(self)
+        if self is observer_of(find_schema("CC3"), 3) and asked.count(self) == 2:
+            raise TooLargeError("more than 20,000 states")
+        return trial(self, *given)
+
+    monkeypatch.setattr(Observer, "trial", out_of_reach)
+    left = regret(replace(material))
+    expected = whole[whole["schema"] == "CE3"].reset_index(drop=True)
+    assert not left.empty
+    assert (left[WORTH] == expected[WORTH]).all(axis=None)
+    assert set(left["schema"]) == {"CE3"}
