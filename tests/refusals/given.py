@@ -103,3 +103,16 @@ def searched(learner: str, fixed: Any = None, /, **ranges: tuple[float, ...]) ->
     span = of("causal_openlock.fitting.search", "Range")
     space = of("causal_openlock.fitting.search", "search_space")
     return space(learner, {name: span(*ends) for name, ends in ranges.items()}, fixed or {})
+
+
+def compared(condition: Any = "CC3", learner: str = "oracle") -> ol.Results:
+    """Results of one subject of a learner in a condition, in a folder of the test."""
+    return ol.compare([condition], [learner], subjects=1, workers=0, out=f"compared_{learner}")
+
+
+def reward_function(body: str) -> Any:
+    """Take a function of this body, in a module of its own, as a reward."""
+    name = f"pays_{abs(hash(body))}"
+    file(f"{name}.py", f"def pay(events):\n    {body}\n")
+    with of("support.command", "modules_of")(Path.cwd()), np.errstate(all="ignore"):
+        return of("causal_openlock.world.reward_code", "own_reward")(f"{name}:pay")
