@@ -94,7 +94,7 @@ def every_study_is_there(site: Path) -> None:
         page = (site / "evidence" / study / "README.html").read_text(encoding="utf-8")
         has_claims = "\nclaims:" in path.read_text(encoding="utf-8")
         assert ('href="../README.html#verdicts"' in page) == has_claims
-    results = (site / "deep_learners.html").read_text(encoding="utf-8")
+    results = (site / "reproduction.html").read_text(encoding="utf-8")
     title = 'title="claim levels_rate_001 verdict"'
     assert re.search(rf'href="evidence/figure7/README.html"[^>]*{title}', results)
 
