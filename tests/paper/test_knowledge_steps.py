@@ -1,7 +1,5 @@
 """What each piece of knowledge saves: by enumeration, as stored, and next to people's rooms."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import pandas as pd
@@ -15,44 +13,38 @@ from support.places import ROOT
 STORED = ROOT / "evidence" / "worth"
 
 
-def solving(name):
-    """All sequences of three actions in a room of seven levers, and which of them solve it."""
-    schema = ol.schema(name)
-    white = [f"white{number}" for number in range(7 - len(schema.levers))]
-    moves = [(verb, lever) for verb in ("push", "pull") for lever in (*schema.levers, *white)]
-    for sequence in product([*moves, ("push", "door")], repeat=3):
-        pushed = []
-        for verb, lever in sequence:
-            if lever == "door":
-                break
-            causes = schema.causes(lever) if lever in schema.levers else None
-            enough = causes is not None and (
-                not causes or sum(one in pushed for one in causes) >= schema.threshold(lever)
-            )
-            if enough and (verb == "push") != (lever in pushed):
-                pushed = [*pushed, lever] if verb == "push" else [p for p in pushed if p != lever]
-        yield (
-            sequence,
-            ("push", "door") in sequence and frozenset(pushed) in map(frozenset, schema.solutions),
-        )
+def solves(schema, sequence):
+    """Whether some moves open the door: a lever moves if enough of its causes are pushed."""
+    pushed = set()
+    for verb, lever in sequence:
+        if lever == "door":
+            return pushed in [{*solution} for solution in schema.solutions]
+        if lever not in schema.levers:
+            continue
+        causes = schema.causes(lever)
+        if not causes or sum(one in pushed for one in causes) >= schema.threshold(lever):
+            pushed = pushed | {lever} if verb == "push" else pushed - {lever}
+    return False
 
 
 @pytest.mark.parametrize("name", ["CC3", "CE3", "CC4", "CE4"])
-def test_sequences_are_counted_right(name):
+def test_sequences_of_three_actions_are_counted_right(name):
     schema = ol.schema(name)
-    every = [*solving(name)]
-    good = [sequence for sequence, solves in every if solves]
-    assert len(good) == len(schema.solutions)
-    counts = [find(len(schema.levers)) for find in SEARCHES.values()]
-    pushes = [one for one, _ in every if all(verb == "push" for verb, _ in one)]
-    last = [one for one in pushes if one[2][1] == "door" and "door" not in (one[0][1], one[1][1])]
-    last = [one for one in last if one[0] != one[1]]
+    white = [f"white{number}" for number in range(7 - len(schema.levers))]
+    moves = [(verb, lever) for verb in ("push", "pull") for lever in (*schema.levers, *white)]
+    every = [*product([*moves, ("push", "door")], repeat=3)]
+    pushes = [one for one in every if all(verb == "push" for verb, _ in one)]
+    door = ("push", "door")
+    last = [one for one in pushes if one[2] == door and door not in one[:2] and one[0] != one[1]]
     active = [one for one in last if {one[0][1], one[1][1]} <= {*schema.levers}]
+    counts = [find(len(schema.levers)) for find in SEARCHES.values()]
     assert counts == [len(every), len(pushes), len(last), len(active)]
+    good = [one for one in every if solves(schema, one)]
+    assert len(good) == len(schema.solutions)
     assert {*good} <= {*active}
 
 
-def test_what_is_stored_is_what_is_computed():
+def test_the_stored_steps_are_those_that_are_computed():
     stored = pd.read_csv(STORED / "steps.csv")
     own = ol.knowledge_steps(["CC3", "CE3"])
     again = stored[stored["condition"].isin(["CC3", "CE3"])].reset_index(drop=True)
@@ -72,12 +64,10 @@ def test_the_schema_is_the_smallest_step_and_people_gain_what_levers_are_worth()
     assert trained["CE3-CC4"] - trained["CC3-CC4"] == pytest.approx(0.25)
 
 
-def test_the_figure_has_people_s_rooms_as_a_band():
+def test_the_figure_has_peoples_rooms_as_a_band():
     drawn = ol.plot_knowledge_steps(pd.read_csv(STORED / "steps.csv"), ax=Figure())
     assert [axes.get_title(loc="left") for axes in drawn][:2] == ["CC4", "CE4"]
-    low, high = (
-        drawn[0].patches[-1].get_x() + width for width in (0, drawn[0].patches[-1].get_width())
-    )
-    assert (low, high) == pytest.approx((6.45, 19.375))
+    band = drawn[0].patches[-1]
+    assert (band.get_x(), band.get_x() + band.get_width()) == pytest.approx((6.45, 19.375))
     names = [label.get_text() for label in drawn[0].get_yticklabels()]
     assert (names[0], names[-1]) == ("nothing", "schema")
