@@ -1,10 +1,6 @@
 """Before a new learner plays, a few steps show whether it keeps to what is its own."""
 
-from __future__ import annotations
-
 import random
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +8,6 @@ import pytest
 from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.one_subject import OneSubjectLearner
 from causal_openlock.contract.probes import GlobalRandomness
-from causal_openlock.experiment.experiment import Cell
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.session import Session
 from causal_openlock.running import learner_check
@@ -41,6 +36,7 @@ class Draws(Tidy):
 
 class DrawsForOne(OneSubjectLearner):
     def act(self, observation):
+        observation[0] = 1  # which is a copy of its own
         return random.randrange(self.brief.actions)
 
 
@@ -57,12 +53,6 @@ class DrawsFromTorch(Tidy):
         return torch.randint(self.brief.actions, (self.brief.subjects,)).numpy()
 
 
-class Writes(Tidy):
-    def act(self, view):
-        view.observation[0, 0] ^= 1
-        return super().act(view)
-
-
 class WritesLater(Tidy):
     """Keeps what it is shown and changes it afterwards, in a way that NumPy does not notice."""
 
@@ -74,12 +64,6 @@ class WritesLater(Tidy):
         self.kept = step.reward
 
 
-class WritesForOne(OneSubjectLearner):
-    def act(self, observation):
-        observation[0] = 1
-        return 0
-
-
 class DoesBoth(Draws):
     def learn(self, step):
         step.reward.clip(-1, 1, out=step.reward)
@@ -87,115 +71,63 @@ class DoesBoth(Draws):
 
 class Fails(Tidy):
     def act(self, view):
-        raise KeyError("it has lost its map")
+        raise SystemExit("it has lost its map")
 
 
-class Leaves(Tidy):
-    def act(self, view):
-        sys.exit("enough")
-
-
-class ReadsBuffers(Tidy):
-    """What compiled code says that wants a writable buffer in order to read it."""
-
-    def act(self, view):
-        raise ValueError("buffer source array is read-only")
-
-
-def cell_of(kind: type, folder: Path, extra: str = "") -> Cell:
+def cell_of(learner, folder):
     path = folder / "small.yaml"
     path.write_text(
-        f"name: small\nsubjects: 2\nconditions: [CC3-CE4]\n{extra}"
-        f"learners: ['{__name__}:{kind.__name__}']\n",
+        f"name: small\nsubjects: 2\nconditions: [CC3-CE4]\nlearners: ['{learner}']\n",
         encoding="utf-8",
     )
     return read_experiment(path).cells()[0]
 
 
-SHARED = "it uses or seeds the random numbers of {}, which all code shares"
-CHANGES = "{} changes an array that it is given ({}); let it work on a copy"
-
-
 @pytest.mark.parametrize(
-    ("kind", "says"),
+    ("kind", "names"),
     [
         (Tidy, []),
-        (Draws, [SHARED.format("numpy.random")]),
-        (DrawsForOne, [SHARED.format("random")]),
-        (Seeds, [SHARED.format("random")]),
-        (DrawsFromTorch, [SHARED.format("torch")]),
-        (Writes, [CHANGES.format("act", "assignment destination is read-only")]),
-        (WritesForOne, []),  # its observation is a copy of its own
-        (WritesLater, [CHANGES.format("learn", "reward")]),
-        (
-            DoesBoth,
-            [
-                CHANGES.format("learn", "output array is read-only"),
-                SHARED.format("numpy.random"),
-            ],
-        ),
+        (Draws, ["numpy.random"]),
+        (DrawsForOne, ["numbers of random,"]),
+        (Seeds, ["numbers of random,"]),
+        (DrawsFromTorch, ["torch.Generator().manual_seed"]),
+        (WritesLater, ["learn changes an array that it is given (reward)"]),
+        (DoesBoth, ["learn changes an array", "numpy.random"]),
         (Fails, []),
-        (Leaves, []),
-        (ReadsBuffers, []),
     ],
 )
-def test_a_few_steps_tell_what_a_learner_does_to_others(
-    kind: type, says: list[str], tmp_path: Path
-) -> None:
+def test_a_few_steps_tell_what_a_learner_does_to_others(kind, names, tmp_path):
     before = GlobalRandomness.now()
-    found = learner_check.check_learner(cell_of(kind, tmp_path))
+    found = learner_check.check_learner(cell_of(f"{__name__}:{kind.__name__}", tmp_path))
     assert not before.differs_from(GlobalRandomness.now())
-    assert len(found) == len(says)
-    for sentence, start in zip(found, says, strict=True):
-        assert sentence.startswith(start)
+    assert len(found) == len(names)
+    for sentence, name in zip(found, names, strict=True):
+        assert name in sentence
 
 
-def test_a_look_changes_nothing_of_what_is_played(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    cell = cell_of(DoesBoth, tmp_path)
+def test_a_check_changes_nothing_of_what_is_played(tmp_path, monkeypatch):
+    cell = cell_of(f"{__name__}:DoesBoth", tmp_path)
     np.random.seed(4)  # noqa: NPY002
     entry = cell.spec
     session = Session(cell.condition, entry.protocol, 2, reward=entry.reward, learner=entry.name)
     expected = session.play(DoesBoth()).drop_columns(["wall_time", "experiment"])
     monkeypatch.setattr(learner_check, "_seen", set())
-    for looks in (2, 0):  # the second time, this process has seen the learner
+    for checked in (2, 0):  # the second time, this process has seen the learner
         np.random.seed(4)  # noqa: NPY002
-        store = Store(tmp_path / f"out{looks}")
+        store = Store(tmp_path / f"out{checked}")
         store.cells.mkdir(parents=True)
         told = play_cell(cell, str(store.folder), Watching())
-        assert [line.startswith("DoesBoth: ") for line in told] == [True] * looks
+        assert [line.startswith("DoesBoth: ") for line in told] == [True] * checked
         record = store.read(store.path(cell)).replace_schema_metadata(None)
         assert record.drop_columns(["wall_time", "experiment"]).equals(expected)
 
 
-def test_learners_of_the_toolkit_are_not_looked_at(tmp_path: Path) -> None:
-    path = tmp_path / "ours.yaml"
-    path.write_text("name: ours\nconditions: [CC3]\nlearners: [random]\n", encoding="utf-8")
-    before = set(learner_check._seen)
-    assert learner_check.check_new_learner(read_experiment(path).cells()[0]) == []
-    assert learner_check._seen == before
-
-
-def test_a_look_is_short_whatever_the_budget(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    steps: list[int] = []
-    taken = Session.step
-    monkeypatch.setattr(
-        Session, "step", lambda session, action: [steps.append(1), taken(session, action)][1]
-    )
-    learner_check.check_learner(cell_of(Tidy, tmp_path, "protocol: rl\n"))
-    assert len(steps) == 24
-
-
-def test_compare_says_so_once_and_plays_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_compare_says_so_once_and_plays_on(tmp_path, monkeypatch):
     (tmp_path / "untidy.py").write_text(
         "import random\n"
         "from causal_openlock import OneSubjectLearner\n\n\n"
         "class Untidy(OneSubjectLearner):\n"
         "    def act(self, observation):\n"
-        "        observation[:] = 0\n"
         "        return random.randrange(self.brief.actions)\n",
         encoding="utf-8",
     )
@@ -207,27 +139,13 @@ def test_compare_says_so_once_and_plays_on(tmp_path: Path, monkeypatch: pytest.M
     assert done.status == 0, done.stderr
     told = [line for line in (done.stdout + done.stderr).splitlines() if "warning: " in line]
     assert [line.count("Untidy: ") for line in told] == [1]
-    assert sum("random numbers of random, which all code shares" in line for line in told) == 1
     assert "report: out/report.html" in done.stdout
 
 
-def test_who_draws_with_torch_is_told_what_to_do_there(tmp_path: Path) -> None:
-    (said,) = learner_check.check_learner(cell_of(DrawsFromTorch, tmp_path))
-    assert "torch.Generator().manual_seed" in said
-    (other,) = learner_check.check_learner(cell_of(Draws, tmp_path))
-    assert "torch" not in other
-
-
-def test_the_network_of_the_guide_keeps_to_its_own_randomness(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_network_of_the_guide_keeps_to_its_own_randomness(tmp_path, monkeypatch):
     guide = (DOCS / "howto" / "learner.md").read_text(encoding="utf-8")
     (text,) = [one for one in code(guide, "python") if "class Network" in one]
     (tmp_path / "my_network.py").write_text(text, encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
-    path = tmp_path / "small.yaml"
-    path.write_text(
-        "name: small\nconditions: [CC3]\nlearners: ['my_network:Network']\n", encoding="utf-8"
-    )
     with modules_of(tmp_path):
-        assert learner_check.check_learner(read_experiment(path).cells()[0]) == []
+        assert learner_check.check_learner(cell_of("my_network:Network", tmp_path)) == []

@@ -1,19 +1,15 @@
 """A learner from somebody else's package plays as ours do."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import os
 import subprocess
 import sys
 from itertools import pairwise
-from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
 
-from support.command import at_once, modules_of
 from support.places import ROOT
 from support.waiting import HANGS
 
@@ -77,7 +73,7 @@ class TestSweeper(LearnerContract):
 
 
 @pytest.fixture(scope="module")
-def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+def installed(tmp_path_factory):
     """The environment of a process in which the package is installed."""
     for needed in ("pip", "hatchling"):
         if importlib.util.find_spec(needed) is None:
@@ -96,7 +92,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "COLUMNS": "120"}
 
 
-def python(installed: dict[str, str], cwd: Path, *arguments: str) -> str:
+def python(installed, cwd, *arguments):
     done = subprocess.run(
         [sys.executable, *arguments],
         env=installed,
@@ -109,27 +105,13 @@ def python(installed: dict[str, str], cwd: Path, *arguments: str) -> str:
     return done.stdout
 
 
-def test_it_is_listed_with_its_package_and_its_parameters(installed, tmp_path, monkeypatch) -> None:
+def test_it_is_listed_compared_with_ours_and_keeps_the_contract(installed, tmp_path):
     listed = python(installed, tmp_path, "-m", "causal_openlock", "learners")
     row = next(line for line in listed.splitlines() if line.startswith("sweeper"))
     assert "Tries the actions one after another" in row
     assert "gentle-learners" in row
-    target = installed["PYTHONPATH"].split(os.pathsep)[0]
-    monkeypatch.syspath_prepend(target)
-    monkeypatch.setenv("COLUMNS", "120")
-    with modules_of(Path(target)):
-        shown = at_once("learners", "sweeper", cwd=tmp_path)
-    assert "positions from one action to the next" in shown.stdout
-
-
-def test_it_is_compared_with_ours(installed, tmp_path, monkeypatch) -> None:
-    choose = ["--condition", "CC3", "--learner", "sweeper", "--learner", "random"]
-    out = ["--subjects", "3", "--workers", "1", "--out", "out"]
-    target = installed["PYTHONPATH"].split(os.pathsep)[0]
-    monkeypatch.syspath_prepend(target)
-    with modules_of(Path(target)):
-        done = at_once("compare", *choose, *out, cwd=tmp_path)
-    assert done.status == 0, done.stdout + done.stderr
+    command = "compare -c CC3 -l sweeper -l random --subjects 3 --workers 1 --out out"
+    python(installed, tmp_path, "-m", "causal_openlock", *command.split())
     folder = tmp_path / "out"
     assert (folder / "report.html").is_file()
     described = json.loads((folder / "experiment.json").read_text())
@@ -137,16 +119,11 @@ def test_it_is_compared_with_ours(installed, tmp_path, monkeypatch) -> None:
     assert entry["package"] == "gentle-learners 0.3"
     assert entry["parameters"] == {"stride": 1}
     (cell,) = (folder / "cells").glob("sweeper_*.parquet")
-    assert len([*(folder / "cells").glob("random_*.parquet")]) == 1
     record = pq.read_table(cell).to_pandas()
-    assert set(record["learner"]) == {"sweeper"}
     assert set(record["subject"]) == {0, 1, 2}
     for _, rows in record.groupby("subject"):
         actions = [int(action) for attempt in rows["actions"] for action in attempt]
         assert {(after - before) % 15 for before, after in pairwise(actions)} == {1}
-
-
-def test_it_keeps_the_contract(installed, tmp_path) -> None:
     (tmp_path / "test_sweeper.py").write_text(CONTRACT)
     said = python(installed, tmp_path, "-m", "pytest", "-q", "-p", "no:cacheprovider")
     assert "13 passed" in said

@@ -1,0 +1,194 @@
+"""How learners are found by name, and how their parameters are read."""
+
+import sys
+from dataclasses import dataclass, field, make_dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import pytest
+from pydantic import Field
+
+from causal_openlock.contract.one_subject import OneSubjectLearner, PerSubjectAdapter
+from causal_openlock.contract.registry import (
+    changed_parameters,
+    create,
+    file_that_runs,
+    is_ours,
+    learner_class,
+    name_of,
+    origin,
+    parameter_table,
+    parse_parameters,
+    registry,
+)
+from causal_openlock.errors import LearnerError, OpenLockError
+from causal_openlock.files.plugins import LEARNERS
+from openlock_learners.oracle import Oracle
+from openlock_learners.random import RandomLearner
+from support.packages import register
+
+
+def test_our_learners_are_registered():
+    assert {"random", "oracle", "ddqn"} <= set(registry())
+    assert [*registry()] == sorted(registry())
+    assert learner_class("random") is RandomLearner
+    assert type(create("oracle")) is Oracle
+    assert name_of(RandomLearner) == "random"
+    assert is_ours("random")
+    assert not is_ours("openlock_learners.random:RandomLearner")
+    assert origin("random").startswith("causal-openlock ")
+
+
+def test_listing_learners_loads_none(tmp_path, monkeypatch):
+    register(tmp_path, "broken", LEARNERS, breaks="no_such_module_here:Learner")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert registry()["breaks"].dist.name == "broken"
+    assert origin("breaks") == "broken 1.0"
+    with pytest.raises(LearnerError, match=r"breaks.*no_such_module_here:Learner.*ModuleNotFound"):
+        create("breaks")
+
+
+def test_a_name_that_two_packages_register_for_two_learners_is_an_error(tmp_path, monkeypatch):
+    register(tmp_path, "one", LEARNERS, twin="one:A", same="one:A")
+    monkeypatch.syspath_prepend(tmp_path)
+    register(tmp_path, "two", LEARNERS, same="one:A")
+    assert registry()["same"].value == "one:A"
+    register(tmp_path, "three", LEARNERS, twin="two:B")
+    with pytest.raises(OpenLockError, match="'twin'") as raised:
+        registry()
+    assert "one:A by one" in str(raised.value)
+    assert "two:B by three" in str(raised.value)
+
+
+class Sweeper(OneSubjectLearner):
+    """Always does the same."""
+
+    def act(self, observation):
+        return 0
+
+
+def test_a_class_of_a_module_is_found_by_its_name():
+    name = f"{__name__}:Sweeper"
+    assert name_of(Sweeper) == name
+    chorus = create(name)
+    assert isinstance(chorus, PerSubjectAdapter)
+    assert chorus.single is Sweeper
+    with pytest.raises(LearnerError, match="cannot be found by its name"):
+        name_of(type("Sweeper", (OneSubjectLearner,), {"__module__": __name__}))
+
+
+def test_a_module_of_the_working_directory_is_found(tmp_path, monkeypatch):
+    text = "from openlock_learners.random import RandomLearner\n"
+    text += "class Mine(RandomLearner):\n    '''Mine.'''\n"
+    (tmp_path / "beside_the_notebook.py").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    assert "beside_the_notebook.py" in file_that_runs("beside_the_notebook:Mine", tmp_path)
+    assert isinstance(create("beside_the_notebook:Mine"), RandomLearner)
+    before = origin("beside_the_notebook:Mine")
+    (tmp_path / "beside_the_notebook.py").write_text(f"{text}    changed = True\n")
+    after = origin("beside_the_notebook:Mine")
+    assert before.split()[0] == after.split()[0] == "beside_the_notebook.py"
+    assert before != after
+    for name in ("random", "openlock_learners.random:RandomLearner", "no_such_module:Learner"):
+        assert file_that_runs(name, tmp_path) is None
+
+
+# -- parameters -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Settings:
+    rate: Annotated[float, Field(gt=0, le=1), "how fast"] = 0.5
+    steps: Annotated[int | None, Field(ge=1, description="how often")] = None
+    layers: Annotated[tuple[int, ...], "how wide", "and how many"] = (8, 8)
+    rule: Annotated[Literal["win-stay", "lose-shift"], "what it goes by"] = "win-stay"
+    greedy: bool = False
+
+    def __post_init__(self):
+        if self.greedy and self.rate < 0.1:
+            raise ValueError("greedy asks for a rate of .1 or more")
+
+
+class Tuned(RandomLearner):
+    """Has parameters."""
+
+    Parameters = Settings
+
+
+TUNED = f"{__name__}:Tuned"
+
+
+def test_parameters_come_from_plain_data():
+    assert parse_parameters(TUNED, {}) == Settings()
+    given = {"rate": 1, "steps": 3, "layers": [4, 5], "rule": "lose-shift", "greedy": True}
+    assert parse_parameters(TUNED, given) == Settings(1.0, 3, (4, 5), "lose-shift", True)
+    assert parse_parameters(TUNED, {"layers": (4, 5)}).layers == (4, 5)
+    assert create(TUNED, {"rate": 0.1}).parameters == Settings(rate=0.1)
+    of_numpy = {"steps": np.int64(3), "rate": np.float32(0.5), "greedy": np.bool_(True)}
+    assert parse_parameters(TUNED, of_numpy) == Settings(0.5, 3, greedy=True)
+
+
+@pytest.mark.parametrize(
+    ("given", "names"),
+    [
+        ({"rat": 1.0}, ["'rat'", "rate"]),
+        ({"rate": "0.5"}, ["rate", "'0.5'"]),
+        ({"rate": True}, ["rate", "True"]),
+        ({"rate": 0.0}, ["rate", "0.0"]),
+        ({"rate": float("nan")}, ["rate", "nan"]),
+        ({"rate": [0.1, 0.5]}, ["rate", "sweep"]),
+        ({"steps": 2.0}, ["steps", "2.0"]),
+        ({"layers": [8, "8"]}, ["layers", "'8'"]),
+        ({"rule": "win"}, ["rule", "win-stay", "lose-shift"]),
+        ({"greedy": 1}, ["greedy", "1"]),
+        ({"rate": object()}, ["rate", "plain data"]),
+        ({"rate": 0.05, "greedy": True}, ["greedy asks for a rate of .1"]),
+        ({"rate": "fast", "rat": 1}, ["'fast'", "'rat'"]),
+    ],
+)
+def test_a_parameter_that_does_not_fit_is_named(given, names):
+    with pytest.raises(LearnerError) as raised:
+        create(TUNED, given)
+    assert all(name in str(raised.value) for name in names)
+    if "layers" in given:
+        assert "sweep" not in str(raised.value)
+
+
+Rule = Enum("Rule", {"WIN": "win"})
+
+
+@pytest.mark.parametrize("default", [np.int64(3), Path("a.csv"), frozenset({1}), Rule.WIN, b"a"])
+def test_a_default_that_is_no_plain_data_is_refused(monkeypatch, default):
+    made = make_dataclass("Odd", [("odd", Any, field(default=default))], frozen=True)
+    monkeypatch.setattr(Tuned, "Parameters", made)
+    with pytest.raises(LearnerError, match="the parameter odd"):
+        create(TUNED)
+
+
+def test_the_table_of_parameters_tells_defaults_and_meanings():
+    assert [tuple(row) for row in parameter_table(TUNED)] == [
+        ("rate", 0.5, "how fast"),
+        ("steps", None, "how often"),
+        ("layers", (8, 8), "how wide and how many"),
+        ("rule", "win-stay", "what it goes by"),
+        ("greedy", False, ""),
+    ]
+    assert parameter_table("random") == []
+    assert ("settings", {}) in [(row.name, row.default) for row in parameter_table("llm")]
+
+
+def test_changed_parameters_are_compared_as_a_file_has_them():
+    given = {"rate": 0.5, "steps": None, "layers": [8, 8], "greedy": np.bool_(False)}
+    assert changed_parameters(TUNED, given) == {}
+    assert changed_parameters(TUNED, {**given, "layers": (8,)}) == {"layers": [8]}
+
+
+def test_the_defaults_of_the_ddqn_are_the_paper_s():
+    defaults = {row.name: row.default for row in parameter_table("ddqn")}
+    paper = {"gamma": 0.8, "learning_rate": 0.001, "hidden_layers": 4, "hidden_units": 128}
+    paper |= {"epsilon_start": 1.0, "epsilon_min": 0.01, "epsilon_decay": 0.995}
+    paper |= {"epsilon_after_trial": 0.5}
+    assert {name: defaults[name] for name in paper} == paper
