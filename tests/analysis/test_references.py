@@ -1,16 +1,12 @@
 """References: registered ones, and results folders, stand beside those who did what they did."""
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.figure import Figure
-from typer.testing import CliRunner
 
 import causal_openlock as ol
 from causal_openlock.analysis.results.references import (
@@ -21,10 +17,10 @@ from causal_openlock.analysis.results.references import (
     references_beside,
 )
 from causal_openlock.analysis.topics.leaderboard import leaderboard_tables
-from causal_openlock.cli import app
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.files.plugins import REFERENCES, registered
+from support.command import at_once
 from support.html_page import Page
 from support.packages import register
 
@@ -33,7 +29,7 @@ EXPERIMENT = read_experiment(find_experiment("deep_quick"))
 
 
 @pytest.fixture(scope="module")
-def mine(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def mine(tmp_path_factory):
     """A results folder that stands for people of one's own."""
     folder = tmp_path_factory.mktemp("mine") / "visitors"
     ol.compare(CONDITIONS, ["win_stay"], subjects=4, workers=0, seed=3, out=folder)
@@ -41,14 +37,14 @@ def mine(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def played(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def played(tmp_path_factory):
     folder = tmp_path_factory.mktemp("played") / "learners"
     ol.compare(CONDITIONS, ["oracle", "random"], subjects=3, workers=0, out=folder)
     return folder
 
 
 @pytest.mark.parametrize("name", sorted(registered(REFERENCES)))
-def test_every_registered_reference_keeps_to_the_contract(name: str) -> None:
+def test_every_registered_reference_keeps_to_the_contract(name):
     reference = registered(REFERENCES)[name].load()()
     assert reference.points.columns.tolist() == POINT_COLUMNS
     assert not reference.points.duplicated(POINT).any()
@@ -64,7 +60,7 @@ def test_every_registered_reference_keeps_to_the_contract(name: str) -> None:
     assert not reference.beside(replace(EXPERIMENT, conditions=())).cells
 
 
-def test_a_folder_has_the_means_of_its_record(mine: Path) -> None:
+def test_a_folder_has_the_means_of_its_record(mine):
     (reference,) = find_references(mine)
     assert (reference.name, reference.prefix) == ("visitors", "visitors")
     trials = ol.open_results(mine).trials
@@ -75,13 +71,11 @@ def test_a_folder_has_the_means_of_its_record(mine: Path) -> None:
     assert row["se"] == pytest.approx(own.std() / np.sqrt(4))
 
 
-def test_it_stands_beside_learners_in_every_table(mine: Path, played: Path, tmp_path: Path) -> None:
-    results = ol.open_results(played, reference=f"guests={mine}")
-    plain = ol.open_results(played)
+def test_it_stands_beside_learners_in_every_table_and_figure(mine, played, tmp_path):
+    results, plain = ol.open_results(played, reference=f"guests={mine}"), ol.open_results(played)
     new = ["guests_attempts", "guests_se", "guests_difference"]
     pd.testing.assert_frame_equal(results.summary.drop(columns=new), plain.summary)
-    (reference,) = results.given
-    means = reference.points.set_index(POINT)["mean"]
+    means = results.given[0].points.set_index(POINT)["mean"]
     for row in results.summary.to_dict("records"):
         expected = means[row["condition"], row["phase"], row["trial"]]
         assert row["guests_attempts"] == pytest.approx(expected)
@@ -96,103 +90,59 @@ def test_it_stands_beside_learners_in_every_table(mine: Path, played: Path, tmp_
     assert "than guests" in report.answers["human"][0]
     page = Page(report.path.read_text("utf-8"))
     assert [row[0].split(" | ")[0] for row in page.tables[0]][:3] == ["Learner", "people", "guests"]
-    assert [row[0].split(" | ")[0] for row in page.tables[1]][1:4] == [
-        *("People", "Published model", "guests")
-    ]
-    assert any("Distance from guests" in heading for heading in [page.text])
     assert (tmp_path / "tables" / "distance_from_guests.csv").is_file()
     congruency = pd.read_csv(tmp_path / "tables" / "congruency_all.csv")
-    assert congruency["learner"].drop_duplicates().tolist()[:3] == [
-        *("people", "published model", "guests")
-    ]
+    first = congruency["learner"].drop_duplicates().tolist()[:3]
+    assert first == ["people", "published model", "guests"]
     assert {"to_people", "to_guests"} <= {*congruency.columns}
-
-
-def test_it_stands_beside_learners_in_every_figure(mine: Path, played: Path) -> None:
-    results = ol.open_results(played, reference=mine)
     titles = [axes.get_title(loc="left") for axes in results.plot.transfer(ax=Figure())]
-    assert titles == ["People", "Published model", "visitors", "oracle", "random"]
+    assert titles == ["People", "Published model", "guests", "oracle", "random"]
     rows = results.plot.congruency(ax=Figure())[0].get_yticklabels()
-    assert "visitors" in [label.get_text() for label in rows]
-    figure = Figure()
-    results.plot.subjects(ax=figure)
-    assert "visitors" in [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "guests" in [label.get_text() for label in rows]
 
 
-def test_other_budgets_rooms_and_numbers_are_not_compared(mine: Path) -> None:
+def test_other_budgets_rooms_and_numbers_are_not_compared(mine):
     (reference,) = find_references(mine)
     experiment = ol.open_results(mine).experiment
     (spec,) = experiment.learners
-    everything = {("win_stay", name, "human") for name in CONDITIONS}
-    assert reference.beside(experiment).cells == everything
-    renamed = replace(spec, protocol=replace(spec.protocol, name="mine", layouts="random"))
-    assert len(reference.beside(replace(experiment, learners=(renamed,))).cells or ()) == 3
-    for setting, left in (
-        ({"attempt_limit": 5}, 0),
-        ({"test_loops": 2}, 1),
-        ({"action_limit": 4}, 0),
-    ):
-        other = replace(spec, protocol=replace(spec.protocol, **setting))
-        assert len(reference.beside(replace(experiment, learners=(other,))).cells or ()) == left
+
+    def conditions(**changes):
+        other = replace(spec, protocol=replace(spec.protocol, **changes))
+        cells = reference.beside(replace(experiment, learners=(other,))).cells
+        return {condition for _, condition, _ in cells or ()}
+
+    assert conditions() == conditions(name="mine", layouts="random") == {*CONDITIONS}
+    assert conditions(attempt_limit=5) == conditions(action_limit=4) == set()
+    assert conditions(test_loops=2) == conditions(training_trials=5) == {"CC4"}
     swapped = replace(experiment.conditions[0], train=experiment.conditions[1].train)
     assert not reference.comparable(spec, swapped)
 
 
-def test_several_stand_side_by_side_and_share_no_name(mine: Path, played: Path) -> None:
-    results = ol.open_results(played, reference=[f"adults={mine}", f"children={mine}"])
-    assert {"adults_attempts", "children_attempts"} <= {*results.summary}
-    assert {"to_adults", "to_children"} <= {*results.leaderboard}
-    with pytest.raises(OpenLockError, match="two references are called visitors; give one another"):
+def test_several_stand_side_by_side_and_without_people_each_learner_is_one(mine, played):
+    results = ol.open_results(played, reference=[f"adults={mine}", f"old={played}"])
+    names = ["adults", "old_oracle", "old_random"]
+    assert {f"{name}_attempts" for name in names} <= {*results.summary}
+    assert {f"to_{name}" for name in names} <= {*results.leaderboard}
+    assert results.leaderboard.set_index("learner").loc["oracle", "to_old_oracle"] == 0
+    one, other = (ol.open_results(folder, reference=mine) for folder in (played, mine))
+    assert [reference.name for reference in (one + other).given] == ["visitors"]
+
+
+def test_names_that_would_be_confused_are_refused(mine, played, tmp_path):
+    taken = ["human", "People", "ideal", "pilot_p", "difference", "published model", "a_low"]
+    for name in (*taken, "oracle", "x" * 61, "v1.5", "?"):
+        with pytest.raises(OpenLockError, match=name[:60].replace("?", r"\?")):
+            ol.open_results(played, reference=f"{name}={mine}")
+    with pytest.raises(OpenLockError, match="two references are called visitors"):
         ol.open_results(played, reference=[mine, mine])
-    with pytest.raises(OpenLockError, match=r"a reference cannot be called '\?'"):
-        ol.open_results(played, reference=f"?={mine}")
-
-
-@pytest.mark.parametrize(
-    ("name", "why"),
-    [
-        *((name, "tables use that name") for name in ("human", "People", "ideal", "pilot_p")),
-        *((name, "tables use that name") for name in ("difference", "published model", "a_low")),
-        ("oracle", "a learner is called that"),
-        ("x" * 61, "60 at most"),
-        ("v1.5", "letters, digits"),
-    ],
-)
-def test_names_that_would_be_confused_are_refused(
-    name: str, why: str, mine: Path, played: Path
-) -> None:
-    with pytest.raises(OpenLockError, match=why):
-        ol.open_results(played, reference=f"{name}={mine}")
-
-
-def test_a_folder_of_a_common_name_is_called_otherwise(tmp_path: Path, mine: Path) -> None:
     shutil.copytree(mine, tmp_path / "people")
     assert [one.name for one in find_references(tmp_path / "people")] == ["own people"]
 
 
-def test_what_is_no_reference_in_python_is_one_sentence() -> None:
-    rows = [("CC4", "train", 5, 9, 12.5, 0.5)] * 2
-    points = pd.DataFrame(rows, columns=POINT_COLUMNS)
-    for changed, said in (
-        (points, "has a trial of a condition twice"),
-        (points[:1].drop(columns="se"), "lacks the column se"),
-        (points[:1].assign(subjects=0), "at least one subject"),
-        (points[:1].assign(mean=np.nan), "at least one subject"),
-    ):
-        with pytest.raises(OpenLockError, match=said):
-            Reference("x", changed, lambda *_: True)
-    with pytest.raises(OpenLockError, match="a Reference or a results folder, not 5"):
-        find_references(5)  # type: ignore[arg-type]
-
-
-def test_one_without_means_stands_nowhere(played: Path, tmp_path: Path) -> None:
+def test_what_a_reference_lacks_is_left_out_or_marked(played, tmp_path):
     empty = Reference("empty", pd.DataFrame(columns=POINT_COLUMNS), lambda *_: True)
     results = ol.open_results(played, reference=empty)
     assert not [name for name in results.summary if name.startswith("empty")]
-    results.report(tmp_path)
-
-
-def test_trials_that_a_reference_did_not_solve_are_marked(played: Path, tmp_path: Path) -> None:
     ol.compare("CC4", ["random"], subjects=2, workers=0, seed=5, out=tmp_path / "slow")
     results = ol.open_results(played, reference=tmp_path / "slow")
     (table,) = leaderboard_tables(results.leaderboard)
@@ -200,62 +150,31 @@ def test_trials_that_a_reference_did_not_solve_are_marked(played: Path, tmp_path
     # mislead.
     assert table.rows["slow"][0] == ("–", "")
     assert "to_slow" not in table.columns
+    (shown,) = results.by_condition
+    (cells,) = [cells for one, cells in shown.references.items() if one.name == "slow"]
+    assert cells[0] == (30.0, None, 0.0)
     ol.compare("CC4", ["oracle", "random"], subjects=3, workers=0, out=tmp_path / "played")
     alone = ol.open_results(tmp_path / "played", reference=tmp_path / "slow")
     (table,) = leaderboard_tables(alone.leaderboard)
     at = table.columns.index("to_slow")
     assert table.rows["oracle"][at][0] == "≤ −27.00"
     assert table.rows["random"][at][0].endswith("*")
-    (shown,) = results.by_condition
-    (cells,) = [cells for one, cells in shown.references.items() if one.name == "slow"]
-    assert cells[0] == (30.0, None, 0.0)
-
-
-def test_more_rooms_of_training_do_not_compare(mine: Path) -> None:
-    experiment = ol.open_results(mine).experiment
-    (spec,) = experiment.learners
-    (reference,) = find_references(mine)
-    more = replace(spec, protocol=replace(spec.protocol, training_trials=5))
-    names = {
-        cell[1] for cell in reference.beside(replace(experiment, learners=(more,))).cells or ()
-    }
-    assert names == {"CC4"}
-
-
-def test_one_that_stands_beside_nobody_is_said(played: Path, tmp_path: Path) -> None:
     ol.compare("CE3", ["oracle"], subjects=1, workers=0, out=tmp_path / "else")
     results = ol.open_results(played, reference=f"others={tmp_path / 'else'}")
-    assert any("as others, so this reference is not shown" in one for one in results.warnings)
+    assert any("others" in one for one in results.warnings)  # it stands beside nobody
+    ol.compare(CONDITIONS, ["win_stay"], subjects=1, workers=0, out=tmp_path / "one")
+    row = ol.open_results(played, reference=tmp_path / "one").leaderboard.set_index("learner")
+    assert np.isfinite(row.loc["random", "to_one"])
+    assert np.isnan(row.loc["random", "to_one_low"])  # of one person there is no interval
 
 
-def test_both_results_may_have_read_the_same_reference(
-    mine: Path, played: Path, tmp_path: Path
-) -> None:
-    ol.compare("CC4", ["bayes"], subjects=1, workers=0, out=tmp_path / "more")
-    one, other = (ol.open_results(folder, reference=mine) for folder in (played, tmp_path / "more"))
-    assert [reference.name for reference in (one + other).given] == ["visitors"]
-
-
-def test_every_learner_of_a_folder_without_people_is_one(played: Path) -> None:
-    names = [reference.name for reference in find_references(f"old={played}")]
-    assert names == ["old oracle", "old random"]
-    results = ol.open_results(played, reference=f"old={played}")
-    assert results.summary["old_oracle_attempts"].notna().all()
-    own = results.leaderboard.set_index("learner").loc["oracle"]
-    assert own["to_old_oracle"] == 0
-
-
-def test_a_package_registers_one(
-    played: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_package_registers_one(played, tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "a_reference.py").write_text(
         "import pandas as pd\n"
-        "from causal_openlock import Reference\n"
+        "from causal_openlock.analysis.results.references import POINT_COLUMNS, Reference\n"
         "def novices():\n"
-        "    row = ('CC4', 'train', 5, 9, 12.5, 0.5)\n"
-        "    columns = ['condition', 'phase', 'trial', 'subjects', 'mean', 'se']\n"
-        "    points = pd.DataFrame([row], columns=columns)\n"
+        "    points = pd.DataFrame([('CC4', 'train', 5, 9, 12.5, 0.5)], columns=POINT_COLUMNS)\n"
         "    return Reference('novices', points, lambda spec, condition: True)\n"
     )
     register(tmp_path, "novices", REFERENCES, novices="a_reference:novices")
@@ -265,33 +184,17 @@ def test_a_package_registers_one(
     assert [one for one in beside if one is not None] == [12.5]
 
 
-def test_what_is_no_reference_is_said_before_anything_is_played(tmp_path: Path) -> None:
+def test_a_folder_that_is_none_is_refused_before_anything_is_played(tmp_path):
     out = tmp_path / "out"
-    asked = ["compare", "-c", "CC3", "-l", "oracle", "--subjects", "1", "--out", str(out)]
-    for given, said in (
-        (str(tmp_path / "none"), "none"),
-        (f"?={tmp_path}", ""),
-    ):
-        done = CliRunner().invoke(app, [*asked, "--reference", given])
-        assert done.exit_code != 0
-        assert isinstance(done.exception, OpenLockError | SystemExit)
-        assert said in str(done.exception) + done.output
+    asked = ["compare", "-c", "CC3", "-l", "oracle", "--subjects", 1, "--out", out]
+    for given in (tmp_path / "none", f"?={tmp_path}"):
+        done = at_once(*asked, "--reference", given)
+        assert (done.status, str(tmp_path) in done.stderr) == (2, True)
         assert not out.exists()
 
 
-def test_a_single_person_has_no_interval_and_harms_nothing(played: Path, tmp_path: Path) -> None:
-    ol.compare(CONDITIONS, ["win_stay"], subjects=1, workers=0, out=tmp_path / "one")
-    results = ol.open_results(played, reference=tmp_path / "one")
-    row = results.leaderboard.set_index("learner").loc["random"]
-    assert row["to_one"] == row["to_one"]
-    assert np.isnan(row["to_one_low"])
-    results.report(tmp_path / "report")
-
-
-def test_references_beside_no_experiment_go_by_names() -> None:
-    table = pd.DataFrame(
-        {"learner": ["a", "a"], "condition": ["CC4", "CC4"], "protocol": ["human", "rl"]}
-    )
+def test_references_beside_no_experiment_go_by_names():
+    cell = ["learner", "condition", "protocol"]
+    table = pd.DataFrame([("a", "CC4", "human"), ("a", "CC4", "rl")], columns=cell)
     by_name = {one.reference.name: one for one in references_beside(None)}
     assert by_name["people"].stands(table).tolist() == [True, False]
-    assert isinstance(by_name["people"].reference, Reference)
