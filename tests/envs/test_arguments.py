@@ -1,105 +1,94 @@
-"""Arguments of environments: what cannot be meant is a sentence; NumPy's numbers are numbers."""
-
-from __future__ import annotations
+"""What environments are made of, what they draw, and what Gymnasium and others say of them."""
 
 import subprocess
 import sys
-from pathlib import Path
-from typing import Any
+import warnings
+from itertools import pairwise
 
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.error import InvalidAction, ResetNeeded
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
 
-from causal_openlock import Layout, OpenLockError, find_reward, find_schema
-from causal_openlock.envs import MixedRoomsEnv, OpenLockEnv, OpenLockVectorEnv
+from causal_openlock.belief.trace import trace_trial
+from causal_openlock.contract.registry import create
+from causal_openlock.envs import MixedRoomsEnv, OpenLockEnv, OpenLockTextEnv, OpenLockVectorEnv
+from causal_openlock.experiment.protocol import PROTOCOLS, Condition, Trials
+from causal_openlock.render.room import draw_room
+from causal_openlock.render.scene import frame
+from causal_openlock.schemas.finding import find_schema
+from causal_openlock.schemas.graphs import write_schema
+from causal_openlock.schemas.schema import Gate, Schema
+from causal_openlock.world.rewards import PRESETS, find_reward
+from causal_openlock.world.room import Layout, action_names
+from support.cc4_in_trial7 import L0, L1, SOLUTIONS, WHITE
+from support.env_play import CONSOLE, EPISODES, act, trial7
 
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        ({"attempt_limit": 2.5}, "attempt_limit must be a whole number"),
-        ({"attempt_limit": "3"}, "attempt_limit must be a whole number"),
-        ({"attempt_limit": None}, "attempt_limit must be a whole number"),
-        ({"attempt_limit": True}, "attempt_limit must be a whole number"),
-        ({"action_limit": 3.0}, "action_limit must be a whole number"),
-        ({"positions": "7"}, "positions must be a whole number"),
-        ({"layout": None}, "layout is a name"),
-        ({"layout": 3}, "layout is a name"),
-    ],
-)
-@pytest.mark.parametrize("kind", [OpenLockEnv, OpenLockVectorEnv])
-def test_arguments_that_cannot_be_meant_are_a_sentence(
-    kind: Any, arguments: dict[str, Any], said: str
-) -> None:
-    with pytest.raises(OpenLockError, match=said):
-        kind(**arguments)
+ROOM = "causal_openlock/OpenLock-v0"
+each_episode = pytest.mark.parametrize("episode", EPISODES)
 
 
-@pytest.mark.parametrize("number", [np.int64(2), np.uint8(2)])
-def test_numbers_of_numpy_are_numbers(number: Any) -> None:
-    env = OpenLockEnv(attempt_limit=number, positions=np.int32(8))
-    env.reset(seed=0)
-    assert env.observation_space.shape == (18,)
+# -- arguments ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("rooms", [["CC3"], "CC3", [3]])
-def test_rooms_that_are_no_arguments_are_a_sentence(rooms: Any) -> None:
-    with pytest.raises(OpenLockError, match="rooms are a list of the arguments of each"):
-        MixedRoomsEnv(rooms)
+def test_schemas_layouts_and_rewards_are_given_by_name_as_data_or_as_objects(tmp_path):
+    gates = {"door": Gate("all")}
+    mine = Schema("mine", ["A", "B"], {"A": ["door"], "B": ["door"]}, gates=gates)
+    write_schema(mine, path := tmp_path / "mine.yaml")
+    for schema in (path, str(path), mine, mine.as_dict()):
+        assert OpenLockEnv(schema, reveal=True).reset()[1]["latent"]["schema"] == "mine"
+    mapping = {"L0": "LEFT", "L1": "LOWER", "L2": "UPPER"}
+    for layout in ("trial2", mapping, Layout((3, 5, 1))):
+        seen, info = OpenLockEnv("CC3", layout, reveal=True).reset(seed=0)
+        assert np.flatnonzero(seen[7:14]).tolist() == [1, 3, 5]
+        assert dict(info["latent"]["layout"]) == mapping
+    terms = ["basic", "negative_immovable", "partial_sequence", "solution_multiplier"]
+    for reward in ("paper", terms, tuple(terms), PRESETS["paper"]):
+        env = trial7(reward=reward)
+        assert [env.step(action)[1] for action in SOLUTIONS[0]] == [1, 10, 50]
+    env = trial7()
+    assert [env.step(action)[1] for action in SOLUTIONS[0]] == [0, 10, 50], "basic by default"
 
 
-WRONG_MASKS: list[Any] = [[True], [True, False], [1, 0, 1], np.ones(4, bool), np.ones((3, 1), bool)]
+def test_everything_can_be_set_through_gymnasium_for_one_room_and_for_many():
+    arguments = {
+        **{"schema": "CC3", "layout": {"L0": "P0", "L1": "P8", "L2": "P3"}, "positions": 9},
+        **{"reward": ["basic", "state_change"], "episode": "trial"},
+        **{"attempt_limit": np.int64(7), "action_limit": np.uint8(5)},
+    }
+    env = gymnasium.make(ROOM, **arguments, render_mode="ansi")
+    vector = {"num_envs": 3, "vectorization_mode": "vector_entry_point"}
+    many = gymnasium.make_vec(ROOM, **vector, **arguments)
+    assert isinstance(many, OpenLockVectorEnv)
+    assert many.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+    seen, info = env.reset(seed=0)
+    seen_by_many, info_of_many = many.reset(seed=0)
+    spaces = gymnasium.spaces.MultiBinary(20), gymnasium.spaces.Discrete(19)
+    assert (env.observation_space, env.action_space) == spaces
+    assert (many.single_observation_space, many.single_action_space) == spaces
+    assert seen.tolist() == [0] * 9 + [1, 0, 0, 1, 0, 0, 0, 0, 1] + [1, 0]
+    assert seen_by_many.tolist() == [seen.tolist()] * 3
+    for name, value in zip(CONSOLE, (2, 0, 7, 5), strict=True):
+        assert info["console"][name] == value
+        assert info_of_many["console"][name].tolist() == [value] * 3
+    assert [env.step(action)[1] for action in (0, 8, 18)] == [0.5, 10.5, 50.5]
+    paid = [many.step(np.full(3, action))[1].tolist() for action in (0, 8, 18)]
+    assert paid == [[0.5] * 3, [10.5] * 3, [50.5] * 3]
 
 
-@pytest.mark.parametrize("mask", [*WRONG_MASKS, "all", [None] * 3])
-def test_a_mask_that_is_not_one_of_the_rooms_is_a_sentence(mask: Any) -> None:
-    rooms = OpenLockVectorEnv(3)
-    rooms.reset(seed=0)
-    with pytest.raises(OpenLockError, match="reset_mask is a boolean array of 3"):
-        rooms.reset(options={"reset_mask": mask})
-
-
-def test_a_mask_resets_the_rooms_that_it_names() -> None:
-    rooms = OpenLockVectorEnv(3, schema="CC3", layout="trial1")
-    rooms.reset(seed=0)
-    rooms.step(np.zeros(3, int))
-    _, info = rooms.reset(options={"reset_mask": [True, False, True]})
-    assert info["console"]["actions_left"].tolist() == [3, 2, 3]
-
-
-def layouts(rooms: OpenLockVectorEnv, seed: Any) -> list[Any]:
-    _, info = rooms.reset(seed=seed)
-    tables, rows = info["latent"]["tables"], info["latent"]["row"]
-    return [tuple(tables.observation[row].tolist()) for row in rows]
-
-
-def test_seeds_of_rooms() -> None:
-    rooms = OpenLockVectorEnv(40, reveal=True)
-    drawn = [str(layouts(rooms, [None] * 40)) for _ in range(3)]
-    assert len({*drawn}) == 3  # no seed is not a seed of 0
-    assert layouts(rooms, [*range(40)]) == layouts(rooms, [*range(40)])
-    assert layouts(rooms, tuple(range(40))) == layouts(rooms, [*range(40)])
-    for wrong in ([1, 2], [], [None] * 41):
-        with pytest.raises(OpenLockError, match=r"seeds for 40 rooms; give one for each, or one"):
-            rooms.reset(seed=wrong)
-    with pytest.raises(OpenLockError, match="seed must be a whole number"):
-        rooms.reset(seed=[0.5] * 40)
-
-
-def test_a_process_that_has_not_imported_the_package_makes_rooms() -> None:
-    """As the workers of SubprocVecEnv: the module before the colon is imported."""
-    code = (
-        "import gymnasium; print(gymnasium.make("
-        "'causal_openlock:causal_openlock/OpenLock-v0', schema='CC3').reset(seed=0)[0].shape)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert "(16,)" in done.stdout
-
-
-def made_anew(env: Any) -> Any:
-    """The environment that Gymnasium makes of the JSON of another one's spec."""
-    return gymnasium.make(gymnasium.envs.registration.EnvSpec.from_json(env.spec.to_json()))
+def test_limits_and_sizes_follow_from_schema_and_layout_unless_given():
+    one = Schema("one", ["A"], {"A": ["door"]})
+    for schema, expected in (("CC3", 3), (one, 3), ("chain3", 4), ("seven", 4)):
+        assert OpenLockEnv(schema).reset()[1]["console"]["actions_left"] == expected
+    env = trial7(action_limit=63)
+    *_, terminated, _, info = act(env, (WHITE,) * 62)
+    assert (terminated, info["console"]["actions_left"]) == (False, 1)
+    assert env.step(WHITE)[2] is True
+    assert OpenLockEnv("CC3", Layout((0, 1, 8), 9)).action_space == gymnasium.spaces.Discrete(19)
+    seen, _ = OpenLockEnv("CC3", Layout((0, 1, 6)), positions=10).reset()
+    assert np.flatnonzero(seen).tolist() == [10, 11, 16, 20]
 
 
 @pytest.mark.parametrize(
@@ -107,46 +96,142 @@ def made_anew(env: Any) -> Any:
     [
         ("OpenLock", {"schema": find_schema("CE4"), "attempt_limit": np.int64(7)}),
         ("OpenLock", {"layout": Layout((0, 8, 3), 9), "reward": find_reward("paper")}),
-        ("OpenLock", {"reward": find_reward({"terms": ["basic"], "open": 5})}),
-        ("OpenLockText", {"schema": find_schema("CE3"), "story": "levers"}),
+        ("OpenLockText", {"schema": "CE3", "story": "levers"}),
         ("MixedRooms", {"rooms": ({"schema": find_schema("CC3")}, {"schema": "CE3"})}),
     ],
 )
-def test_what_was_made_with_objects_is_made_again_from_json(
-    kind: str, arguments: dict[str, Any]
-) -> None:
+def test_what_was_made_with_objects_is_made_again_from_json(kind, arguments):
     env = gymnasium.make(f"causal_openlock/{kind}-v0", **arguments)
-    again = made_anew(env)
-    assert again.spec.to_json() == env.spec.to_json()
-    first, second = env.reset(seed=3)[0], again.reset(seed=3)[0]
-    assert np.array_equal(first, second)
-    for action in [0, 5, 3, 2, 6, 1] * 2 if kind == "OpenLock" else ():
-        before, after = env.step(action), again.step(action)
-        assert np.array_equal(before[0], after[0])
-        assert before[1:4] == after[1:4]
-        if before[2] or before[3]:
-            env.reset(), again.reset()
+    written = env.spec.to_json()
+    again = gymnasium.make(gymnasium.envs.registration.EnvSpec.from_json(written))
+    assert again.spec.to_json() == written
+    assert np.array_equal(env.reset(seed=3)[0], again.reset(seed=3)[0])
 
 
-def test_a_batch_says_that_its_limits_are_the_rooms_own() -> None:
-    with pytest.raises(OpenLockError, match="no max_episode_steps; give attempt_limit"):
-        gymnasium.make_vec("causal_openlock/OpenLock-v0", num_envs=2, max_episode_steps=5)
-    made = gymnasium.make_vec("causal_openlock/OpenLock-v0", num_envs=2, schema=find_schema("CE3"))
-    assert '"CE3"' in made.spec.to_json()
+def test_a_process_that_has_not_imported_the_package_makes_rooms():
+    """As the workers of SubprocVecEnv: the module before the colon is imported."""
+    code = f"import gymnasium; print(gymnasium.make('causal_openlock:{ROOM}').reset()[0].shape)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "(16,)" in done.stdout
 
 
-def test_workers_of_stable_baselines_make_rooms(tmp_path: Path) -> None:
-    pytest.importorskip("stable_baselines3")
-    (tmp_path / "train.py").write_text(
-        "import gymnasium\n"
-        "from stable_baselines3.common.vec_env import SubprocVecEnv\n"
-        "def room():\n"
-        "    return gymnasium.make('causal_openlock:causal_openlock/OpenLock-v0', schema='CC3')\n"
-        "if __name__ == '__main__':\n"
-        "    rooms = SubprocVecEnv([room, room], start_method='forkserver')\n"
-        "    print(rooms.reset().shape)\n"
-        "    rooms.close()\n"
-    )
-    words = [sys.executable, "train.py"]
-    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert "(2, 16)" in done.stdout
+@each_episode
+@pytest.mark.parametrize("checker", ["gymnasium.utils", "stable_baselines3.common"])
+@pytest.mark.parametrize("schema", ["CC4", "noisy_CC3", "seven"])
+def test_others_checkers_find_nothing(checker, schema, episode, monkeypatch):
+    check = pytest.importorskip(f"{checker}.env_checker").check_env
+
+    def complain(message, *_):
+        raise AssertionError(message)
+
+    monkeypatch.setattr(gymnasium.logger, "warn", complain)
+    made = gymnasium.make(ROOM, schema=schema, episode=episode, render_mode="rgb_array")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check(made.unwrapped)
+
+
+# -- pictures -------------------------------------------------------------------------------------
+
+
+def test_a_room_is_drawn_as_text_or_as_a_picture_that_changes_with_it():
+    for mode in ("ansi", "rgb_array"):
+        with pytest.raises(ResetNeeded):
+            OpenLockEnv(render_mode=mode).render()
+        env = trial7(render_mode=mode)
+        shown = [env.render()]
+        for action in (WHITE, *SOLUTIONS[0][:2]):
+            env.step(action)
+            shown.append(env.render())
+        assert np.array_equal(shown[0], shown[1])
+        assert all(not np.array_equal(one, other) for one, other in pairwise(shown[1:]))
+    with pytest.warns(UserWarning, match="'ansi' or 'rgb_array'"):
+        assert trial7().render() is None
+    for size in (64, 333):
+        picture = trial7(render_mode="rgb_array", render_size=size).render()
+        assert picture.shape == (size, frame(7, size).width, 3)
+        np.testing.assert_array_equal(picture, draw_room(trial7().reset()[0], 7, size))
+
+
+def test_the_console_stands_beside_the_room_and_ticks_solutions_off():
+    env = trial7(render_mode="rgb_array", render_console=True)
+    plain = trial7(render_mode="rgb_array").render()
+    shown, width = [env.render()], plain.shape[1]
+    np.testing.assert_array_equal(shown[0][:, :width], plain)
+    for actions in ((WHITE,), SOLUTIONS[0]):
+        act(env, actions)
+        shown.append(env.render())
+        env.reset()
+    consoles = [picture[:, width:].astype(int) for picture in shown]
+    assert all((one != other).any() for one, other in pairwise(consoles))
+    green = [(np.abs(console - [0, 120, 62]).max(axis=2) < 3).sum() for console in consoles]
+    assert green[0] == green[1] == 0
+    assert green[2] > 50
+
+
+@each_episode
+def test_a_physical_room_is_drawn_as_its_bodies_are(episode):
+    arguments = {"render_mode": "rgb_array", "physics": True, "episode": episode}
+    env, symbolic = trial7(**arguments), trial7(render_mode="rgb_array")
+    assert np.abs(env.render().astype(int) - symbolic.render()).max() <= 2
+    for action in (L0, L1):
+        env.step(action)
+        picture, pose = env.render(), env.physical_room.pose()
+        for joint in pose.joints[:-1]:
+            column, row = frame(7, 600).pixel(joint)
+            assert picture[int(row), int(column)].tolist() == [255, 0, 0]
+        assert (picture != symbolic.render()).any()
+
+
+# -- rooms of several kinds, and in words ---------------------------------------------------------
+
+
+def test_rooms_of_several_kinds_are_each_met():
+    rooms = [{"schema": name, "episode": "trial"} for name in ("CC3", "CE3")]
+    env = MixedRoomsEnv(rooms, reveal=True, render_mode="ansi")
+    with pytest.raises(ResetNeeded):
+        env.step(0)
+    met = [env.reset(seed=seed)[1]["latent"]["schema"] for seed in range(20)]
+    assert {*met} == {"CC3", "CE3"}
+    assert met == [env.reset(seed=seed)[1]["latent"]["schema"] for seed in range(20)]
+    assert env.step(0)[4]["console"]["actions_left"] == 2
+    assert "locked" in env.render()
+
+
+def test_a_room_in_words_goes_as_that_of_bits():
+    bits = OpenLockEnv("CC4", "trial8", "paper", "trial", 40)
+    words = OpenLockTextEnv("CC4", "trial8", "paper", 40, render_mode="ansi")
+    with pytest.raises(ResetNeeded):
+        words.step("push oak")
+    bits.reset(seed=0)
+    text, info = words.reset(seed=0)
+    assert "Left: 3 combinations, 40 attempts, 3 actions" in text
+    with pytest.raises(InvalidAction):
+        words.step(3)
+    text, reward, *_, info = words.step("What would you do?")
+    assert (words.render(), reward, info["action"], info["information"]) == (text, 0, None, 0)
+    assert info["console"]["actions_left"] == 3
+    generator, ended = np.random.default_rng(1), [False]
+    while not any(ended):
+        action = int(generator.choice([0, 2, 3, 5, 14]))
+        _, reward, *ended, expected = bits.step(action)
+        _, *answer, info = words.step(words._words.actions[action])
+        assert answer == [reward, *ended]
+        assert (info["console"], info["action"]) == (expected["console"], action)
+    with pytest.raises(ResetNeeded):
+        words.step("push oak")
+    told = [words.reset(seed=seed)[1]["actions"] for seed in (1, 2, 1, None)]
+    assert told[0] == told[2] == told[3] != told[1]
+    check_env(gymnasium.make("causal_openlock/OpenLockText-v0", render_mode="ansi").unwrapped)
+
+
+def test_information_is_what_the_bayesian_learner_gains():
+    schema, layout = find_schema("CC4"), "trial7"
+    condition = Condition("room", (Trials(schema, (Layout.of(schema, layout),)),))
+    trace = trace_trial(create("bayes"), condition, PROTOCOLS["human"])
+    env = OpenLockTextEnv("CC4", layout)
+    env.reset(seed=0)
+    names = [action_names(7).index(action.name) for action in trace.actions]
+    gained = [env.step(env._words.actions[name])[4]["information"] for name in names]
+    np.testing.assert_allclose(gained, [action.obtained for action in trace.actions], atol=1e-9)
+    assert "information" not in OpenLockTextEnv("CC4", information=False).reset()[1]

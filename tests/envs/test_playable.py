@@ -1,16 +1,11 @@
 """A room to try out by hand is the room that learners play, and shows itself."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 import pytest
 
 import causal_openlock as ol
 from causal_openlock.envs.single import OpenLockEnv
-from causal_openlock.errors import LayoutError, OpenLockError
+from causal_openlock.errors import OpenLockError
 from causal_openlock.notebook import picture_html
 from causal_openlock.world.room import action_index, action_names
 
@@ -21,7 +16,7 @@ THIRD = ("LOWERLEFT", "UPPERLEFT", "DOOR")
 NOTHING = ("pull LOWERLEFT", "UPPER", "door")
 
 
-def test_a_room_goes_as_the_environment_does() -> None:
+def test_a_room_goes_as_the_environment_does():
     room = ol.room("CC4", layout="trial7", attempt_limit=5)
     env = OpenLockEnv("CC4", "trial7", reward="paper", episode="trial", attempt_limit=5)
     env.reset(seed=0)
@@ -33,13 +28,13 @@ def test_a_room_goes_as_the_environment_does() -> None:
         assert seen.trial_over == (solved or spent) == room.over
         assert seen.solutions_found == info["console"]["solutions_found"]
     assert room.over
-    with pytest.raises(OpenLockError, match=r"the trial is over; begin another one with reset\(\)"):
+    with pytest.raises(OpenLockError, match="reset"):
         room.step("door")
     assert room.reset() is room
     assert (room.over, room.solutions_found) == (False, ())
 
 
-def test_what_was_seen_is_said() -> None:
+def test_what_was_seen_is_said():
     room = ol.room("CC4", layout="trial7")
     seen = [room.step(action) for action in (*NOTHING, *FIRST, *FIRST, "LOWERLEFT")]
     assert [one.outcome for one in seen] == [
@@ -52,41 +47,26 @@ def test_what_was_seen_is_said() -> None:
     assert [one.lever for one in seen[:6]] == ["L0", "", "", "L0", "L1", ""]
     assert [one.door_open for one in seen[3:6]] == [False, False, True]
     assert [one.new_solution for one in seen].index(True) == 5
+    done = [action.name for action in seen[5].panel.actions]  # those of its own attempt
+    assert done == ["push LOWERLEFT", "push UPPERRIGHT", "push door"]
     assert room.solutions_found == (("LOWERLEFT", "UPPERRIGHT"),)
-    assert repr(seen[4]).startswith("push UPPERRIGHT: the door unlocks (hidden from learners: ")
     assert "door open, unlocked" in repr(seen[5])
-    assert "1 of 3 solutions found; 29 attempts and 0 actions left" not in repr(room)
     assert "1 of 3 solutions found; 27 attempts and 2 actions left" in repr(room)
     assert "4[#]" in repr(room)
     assert "found: LOWERLEFT, UPPERRIGHT" in repr(room)
 
 
-def test_a_room_to_solve_does_not_name_its_levers() -> None:
-    room = ol.room("CC4", layout="trial7", reveal=False)
+@pytest.mark.parametrize("reveal", [True, False])
+def test_a_room_to_solve_does_not_name_its_levers(reveal):
+    room = ol.room("CC4", layout="trial7", reveal=reveal)
     seen = [room.step(action) for action in FIRST]
-    assert seen[0].title == "push LOWERLEFT: the lever moves"
     assert [one.lever for one in seen] == ["L0", "L1", ""]
-    shown = [text for one in seen for text in (repr(one), picture_html(one))]
-    assert not any("hidden" in text or "L0" in text or "L1" in text for text in shown)
-    revealed = ol.room("CC4", layout="trial7").step("LOWERLEFT")
-    assert "this is L0" in repr(revealed)
-    assert "this is L0" in picture_html(revealed)
+    for shown in (repr(seen[0]), picture_html(seen[0])):
+        assert ("this is L0" in shown) == ("hidden" in shown) == reveal
 
 
-def test_a_shown_attempt_holds_its_own_actions_only() -> None:
-    room = ol.room("CC4", layout="trial7")
-    *_, last = [room.step(action) for action in FIRST]
-    assert [one.name for one in last.panel.actions or ()] == [
-        "push LOWERLEFT",
-        "push UPPERRIGHT",
-        "push door",
-    ]
-    assert room.picture.panel.actions == ()
-    assert not room.picture.observation[:7].any()
-
-
-def test_rooms_of_chance_and_random_layouts_follow_their_seed() -> None:
-    def outcomes(seed: int) -> list[Any]:
+def test_rooms_of_chance_and_random_layouts_follow_their_seed():
+    def outcomes(seed):
         room = ol.room("A (0.5) -> B -> door", layout="random", seed=seed)
         places = dict(zip(("A", "B"), room.layout.name.split(), strict=True))
         return [room.layout.name, *(room.step(places[x]).outcome for x in "ABABABAB")]
@@ -97,7 +77,7 @@ def test_rooms_of_chance_and_random_layouts_follow_their_seed() -> None:
     assert len({room.reset().layout.name for _ in range(6)}) > 3
 
 
-def test_by_default_levers_are_where_the_authors_put_them_first() -> None:
+def test_by_default_levers_are_where_the_authors_put_them_first():
     assert ol.room("CC3").layout.name == "trial1"
     assert ol.room("A -> door").layout.name == "UPPERRIGHT"
     twelve = ol.room(" | ".join("ABCDEFGH") + " -> door")
@@ -105,50 +85,15 @@ def test_by_default_levers_are_where_the_authors_put_them_first() -> None:
 
 
 @pytest.mark.parametrize("positions", [7, 9])
-def test_actions_go_by_name_or_index(positions: int) -> None:
+def test_actions_go_by_name_or_index(positions):
     for index, name in enumerate(action_names(positions)):
         forms = (name, name.replace("_", " "), name.upper(), name.removeprefix("push_"), index)
         assert {action_index(form, positions) for form in forms} == {index}
 
 
-@pytest.mark.parametrize(
-    ("action", "words"),
-    [
-        ("UPER", "did you mean push UPPER?"),
-        ("pull door", "did you mean push door?"),
-        ("", "known: pull LEFT, "),
-        (15, "actions are 0 to 14"),
-        (-1, "actions are 0 to 14"),
-        (1.0, "actions are 0 to 14"),
-        (None, "there is no action None"),
-    ],
-)
-def test_an_unknown_action_changes_nothing(action: Any, words: str) -> None:
+def test_an_unknown_action_changes_nothing():
     room = ol.room("CC4")
-    with pytest.raises(LayoutError) as caught:
-        room.step(action)
-    assert words in str(caught.value)
+    for action in ("UPER", "", 15, -1, 1.0, None, True):
+        with pytest.raises(OpenLockError):
+            room.step(action)
     assert "30 attempts and 3 actions left" in repr(room)
-
-
-@pytest.mark.parametrize(
-    "ask",
-    [
-        lambda: ol.room("CC4", seed=-1),
-        lambda: ol.room("CC4", attempt_limit=1.5),  # type: ignore[arg-type]
-        lambda: ol.room("CC4", action_limit="a"),  # type: ignore[arg-type]
-        lambda: ol.room("CC4").step(True),
-        lambda: ol.watch("oracle", "CC3", trial=1.5),  # type: ignore[arg-type]
-        lambda: ol.watch("oracle", "CC3", subject=-1),
-        lambda: ol.watch("oracle", "CC3", attempts="a"),  # type: ignore[arg-type]
-        lambda: ol.play_room("CC3", seed="a", browser=False),  # type: ignore[arg-type]
-        lambda: ol.schema("² of (A, B) -> door"),
-        lambda: ol.schema({"A": None}),  # type: ignore[dict-item]
-        lambda: ol.schema([("A", "door")], strengths={"A": 1}),  # type: ignore[dict-item]
-        lambda: ol.schema(";".join(f"L{lever} -> door" for lever in range(3000))),
-    ],
-)
-def test_wrong_kinds_of_values_are_one_sentence(ask: Callable[[], object]) -> None:
-    with pytest.raises(ol.OpenLockError) as caught:
-        ask()
-    assert "\n" not in str(caught.value)

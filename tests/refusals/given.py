@@ -11,7 +11,7 @@ import shlex
 from pathlib import Path
 from typing import Any
 
-import numpy as np  # noqa: F401
+import numpy as np
 
 import causal_openlock as ol
 
@@ -116,3 +116,37 @@ def reward_function(body: str) -> Any:
     file(f"{name}.py", f"def pay(events):\n    {body}\n")
     with of("support.command", "modules_of")(Path.cwd()), np.errstate(all="ignore"):
         return of("causal_openlock.world.reward_code", "own_reward")(f"{name}:pay")
+
+
+def both_envs(**arguments: Any) -> Any:
+    """Make one room and many rooms of these arguments; if one room is refused, so are many."""
+    try:
+        of("causal_openlock.envs", "OpenLockEnv")(**arguments)
+    except ol.OpenLockError:
+        return of("causal_openlock.envs", "OpenLockVectorEnv")(2, **arguments)
+
+
+def some_results() -> Any:
+    """Results of one subject of ``oracle`` and of ``random`` in CC3, in memory."""
+    return ol.compare("CC3", ["oracle", "random"], subjects=1, workers=0)
+
+
+def reference(name: str = "x", rows: int = 1, **columns: Any) -> Any:
+    """A reference with the mean of one trial, of which some columns are changed or None."""
+    module = "causal_openlock.analysis.results.references"
+    point = {"condition": "CC4", "phase": "train", "trial": 5, "subjects": 9, "mean": 1, "se": 1}
+    points = of("pandas", "DataFrame")({**point, **columns}, index=range(rows))
+    return of(module, "Reference")(name, points.dropna(axis=1), lambda *_: True)
+
+
+def studied(old: str = "", new: str = "", run: bool = False) -> None:
+    """Read the study ``small`` that stands before the row, with one change, and perhaps run it."""
+    if old:
+        file("small/study.yaml", changed("small/study.yaml", old, new))
+    study = of("causal_openlock.evidence.study", "read_study")(Path("small"))
+    if run:
+        watched = of("causal_openlock.evidence.keeping", "Watched")(workers=0)
+        try:
+            of("causal_openlock.evidence.running", "run_study")(study, Path("results"), watched)
+        finally:
+            assert not Path("results").exists()
