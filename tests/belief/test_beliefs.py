@@ -104,26 +104,30 @@ def test_who_expected_no_noise_ends_where_one_who_expected_it_does():
     assert thoughts > 10
 
 
-@pytest.mark.parametrize("share", [0.25, 1.0])
-def test_after_each_attempt_a_share_of_the_evidence_is_lost(share):
-    plain = Played(rooms_of("CE3"), KNOWN)
-    lossy = Played(rooms_of("CE3"), replace(KNOWN, forgetting=share))
+@pytest.mark.parametrize(
+    ("share", "prior", "schema"),
+    [(0.25, KNOWN, "CE3"), (1.0, KNOWN, "CE3"), (0.25, Prior(), "CE3"),
+     (0.25, Prior(noise=0.4), "noisy_CC3")],
+)  # fmt: skip
+def test_after_each_attempt_a_share_of_the_evidence_is_lost(share, prior, schema):
+    plain = Played(rooms_of(schema), prior)
+    lossy = Played(rooms_of(schema), replace(prior, forgetting=share))
     start, attempts = None, 0
     for (_, step), _ in zip(plain.moments(25), lossy.moments(25), strict=True):
         belief = lossy.belief()
         start = belief.start if start is None else start
         assert belief.start is start
+        if not attempts:  # until an attempt ends nothing is forgotten
+            known = dict(zip(plain.belief().which, plain.belief().weight, strict=True))
+            kept = np.array([known.get(index, 0.0) for index in belief.which])
+            lost = share if step.attempt_over[0] else 0.0
+            expected = (1 - lost) * kept + lost * start
+            assert belief.weight == pytest.approx(expected)
+            assert expected.max() > start.max() or share == 1
+        attempts += bool(step.attempt_over[0])
         assert belief.weight.sum() == pytest.approx(1.0)
-        if step.attempt_over[0]:
-            attempts += 1
-            if attempts == 1:  # until then nothing was forgotten
-                known = dict(zip(plain.belief().which, plain.belief().weight, strict=True))
-                kept = np.array([known.get(index, 0.0) for index in belief.which])
-                expected = (1 - share) * kept + share * start
-                assert belief.weight == pytest.approx(expected)
-                assert expected.max() > start.max() or share == 1
-            if share == 1:
-                assert belief.weight == pytest.approx(start)
+        if step.attempt_over[0] and share == 1:
+            assert belief.weight == pytest.approx(start)
     assert attempts > 5
 
 

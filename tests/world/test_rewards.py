@@ -1,154 +1,172 @@
-"""The paper's reward terms on worked examples, one by one and together."""
+"""Rewards: names, weights, and worked examples (any history in any schema: test_tables.py)."""
 
-from __future__ import annotations
+from functools import cache
+from itertools import permutations, product
 
-from itertools import permutations
-
+import jsonschema
+import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from causal_openlock.envs import OpenLockEnv
-from support.reward_play import LAYOUTS, Play
-
-
-def test_basic_pays_10_for_unlocking_and_50_for_opening() -> None:
-    assert Play("basic").attempt("L0 L1 door") == [0, 10, 50]
-    assert Play("basic", "CE4").attempt("L3 L0 door") == [0, 10, 50]
-
-
-def test_unlocking_pays_once_while_the_door_stays_unlocked() -> None:
-    assert Play("basic").attempt("L0 L1 white") == [0, 10, 0]
-    assert Play("basic").attempt("L0 L1 L2") == [0, 10, 0]
-    assert Play("basic").attempt("L0 L1 -L0") == [0, 10, 0], "pulling L0 back does not lock"
-    # Locked again and unlocked again is unlocked twice.
-    play = Play("basic", action_limit=5)
-    assert play.attempt("L0 L1 -L1 L1 door") == [0, 10, 0, 10, 50]
-
-
-def test_basic_pays_a_repeated_solution_in_full() -> None:
-    play = Play("basic")
-    assert [play.attempt("L0 L1 door") for _ in range(2)] == [[0, 10, 50]] * 2
+from causal_openlock.experiment.file_format import json_schema
+from causal_openlock.world.reward_table import RewardTable
+from causal_openlock.world.rewards import (
+    PRESETS,
+    TERMS,
+    WEIGHTS,
+    Reward,
+    Weights,
+    find_reward,
+    form_of,
+)
+from causal_openlock.world.room import Layout
+from causal_openlock.world.tables import RoomTables
+from oracle import WEIGHTS as PAPERS
+from oracle import Room as Trial
+from oracle import Rules, reward
+from support.reward_play import LAYOUTS, SCHEMAS, Play, pay
 
 
-def test_unique_solutions_pays_a_solution_only_once_in_a_trial() -> None:
-    play = Play("unique_solutions")
+@pytest.mark.parametrize(
+    ("form", "attempts"),
+    [
+        # Of each attempt in CC4: what is done, and what each action pays; L0 enables the others.
+        ("basic", [("L0 L1 door", [0, 10, 50]), ("L0 L1 white", [0, 10, 0]),
+                   ("L0 L1 -L0", [0, 10, 0]), ("L0 L1 door", [0, 10, 50])]),
+        ("unique_solutions", [("L0 L1 white", [0, 10, 0]), ("L0 L1 door", [0, 10, 50]),
+                              ("L0 L1 door", [0, 0, 0]), ("L0 L2 door", [0, 10, 50])]),
+        ("state_change", [("L0 L1 door", [0.5, 10.5, 50.5]), ("L1 L0 L0", [0, 0.5, 0]),
+                          ("L0 -L0 door", [0.5, 0.5, 0])]),
+        ("negative_immovable", [("white L1 door", [-0.5, -0.5, -0.5]),
+                                ("-L0 L0 L0", [-0.5, 0, -0.5]), ("L0 L1 door", [0, 10, 50])]),
+        ("negative_repeat", [("L0 L0 L0", [0, -0.25, -0.25]), ("L0 white L0", [0, 0, 0])]),
+        (["basic", "partial_sequence"], [("L0 L1 door", [1, 10, 50]), ("L1 L0 L1", [0, 0, 10]),
+                                         ("white L0 L1", [0, 0, 10])]),
+        ("solution_multiplier", [("L0 L3 door", [0, 10, 50]), ("L0 L1 white", [0, 15, 0]),
+                                 ("L0 L1 door", [0, 15, 75]), ("L0 L3 door", [0, 10, 50]),
+                                 ("L0 L2 door", [0, 22.5, 112.5])]),
+        ("paper", [("white L1 door", [-0.5, -0.5, -0.5]), ("L0 L1 door", [1, 10, 50]),
+                   ("L0 L2 door", [1, 15, 75]), ("L0 L0 L3", [1, -0.5, 22.5])]),
+        # Weights.
+        ({"solution_multiplier": 2.0}, [("L0 L1 door", [1, 10, 50]), ("L0 L2 door", [1, 20, 100])]),
+        ({"preset": "basic", "open": 100}, [("L0 L1 door", [0, 10, 100])]),
+        ({"terms": ["basic", "state_change"], "state_change": 2}, [("L0 L1 L2", [2, 12, 2])]),
+        ({"terms": ["negative_repeat"], "negative_repeat": -3}, [("L0 L0 L0", [0, -3, -3])]),
+    ],
+)  # fmt: skip
+def test_worked_examples(form, attempts):
+    play = Play(form)
+    for words, paid in attempts:
+        assert play.attempt(words) == pytest.approx(paid)
+
+
+def test_longer_attempts_unlock_again_and_open_with_more_levers_than_needed():
+    assert Play("basic", action_limit=5).attempt("L0 L1 -L1 L1 door") == [0, 10, 0, 10, 50]
+    play = Play("solution_multiplier", action_limit=4)
     assert play.attempt("L0 L1 door") == [0, 10, 50]
-    assert play.attempt("L0 L1 door") == [0, 0, 0]
-    assert play.attempt("L0 L2 door") == [0, 10, 50]
-    assert play.attempt("L0 L1 white") == [0, 0, 0]
-    play.env.reset(options={"new_trial": True})
-    assert play.attempt("L0 L1 door") == [0, 10, 50]
+    assert play.attempt("L0 L2 L3 door") == [0, 15, 0, 50]  # no new solution
+    assert Play("unique_solutions", action_limit=4).attempt("L0 L2 L3 door") == [0, 10, 0, 0]
 
 
-def test_unlocking_without_opening_finds_nothing_and_so_stays_unique() -> None:
-    play = Play("unique_solutions")
-    assert [play.attempt("L0 L1 white") for _ in range(2)] == [[0, 10, 0]] * 2
-
-
-def test_state_change_adds_a_half_to_whatever_changed_the_observation() -> None:
-    play = Play("state_change")
-    assert play.attempt("L0 L1 door") == [0.5, 10.5, 50.5]
-    assert play.attempt("L1 L0 L0") == [0, 0.5, 0], "locked, free, pushed already"
-    assert play.attempt("L0 -L0 door") == [0.5, 0.5, 0]
-
-
-def test_negative_immovable_takes_a_half_where_nothing_moved_levers_and_door_alike() -> None:
-    play = Play("negative_immovable")
-    assert play.attempt("white L1 door") == [-0.5, -0.5, -0.5]
-    assert play.attempt("-L0 L0 L0") == [-0.5, 0, -0.5]
-    assert play.attempt("L0 L1 door") == [0, 10, 50]
-
-
-def test_negative_repeat_takes_a_quarter_for_the_same_action_twice_in_a_row() -> None:
-    play = Play("negative_repeat")
-    assert play.attempt("L0 L0 L0") == [0, -0.25, -0.25]
-    assert play.attempt("L0 white L0") == [0, 0, 0], "the attempt before does not count"
-    assert play.attempt("door L0 -L0") == [0, 0, 0]
-
-
-def test_partial_sequence_pays_1_for_a_first_action_that_begins_a_solution() -> None:
-    terms = ["basic", "partial_sequence"]
-    assert Play(terms).attempt("L0 L1 door") == [1, 10, 50]
-    assert Play(terms).attempt("L1 L0 L1") == [0, 0, 10], "L1 is no first action"
-    assert Play(terms).attempt("white L0 L1") == [0, 0, 10], "and L0 comes second here"
-    assert Play(terms, "CE4").attempt("L2 L1 L0") == [1, 0, 10]
-
-
-def test_partial_sequence_takes_the_place_of_state_change_on_a_first_move_and_only_there() -> None:
+def test_a_decoy_begins_no_solution_and_a_new_trial_finds_afresh():
     # L2 of two_keys is a decoy: it moves and begins no solution.
     play = Play("partial_sequence", "two_keys")
     assert play.attempt("L0 L2 L1") == [1, 0.5, 10.5]
     assert play.attempt("L2 L0 L1") == [0.5, 0.5, 10.5]
-    assert play.attempt("white L0 L1") == [0, 0.5, 10.5]
+    play = Play("unique_solutions")
+    totals = [sum(play.attempt("L0 L1 door")) for _ in range(2)]
+    play.env.reset(options={"new_trial": True})
+    assert [*totals, sum(play.attempt("L0 L1 door"))] == [60, 0, 60]
 
 
-@pytest.mark.parametrize("name", ["CC3", "CE3", "CC4", "CE4"])
-def test_exactly_one_of_partial_sequence_and_state_change_pays_for_a_first_move(name: str) -> None:
-    for reward in ("partial_sequence", ["state_change", "partial_sequence"]):
-        env = OpenLockEnv(name, LAYOUTS[name], reward)
-        for action in range(15):
-            before, _ = env.reset(seed=0)
-            after, paid, *_ = env.step(action)
-            assert paid == (1 if (after != before).any() else 0)
+@cache
+def sequences(name):
+    """The oracle's room of a published layout, and all sequences of three actions there."""
+    layout = Layout.of(SCHEMAS[name], LAYOUTS[name])
+    rules = Rules.of(SCHEMAS[name])
+    rules = rules.at(dict(zip(rules.levers, layout.places, strict=True)))
+    return layout, rules, np.array(list(product(range(15), repeat=3)))[::7]
 
 
-@pytest.mark.parametrize(("schema", "paths"), [("CC4", "L0 {}"), ("CE4", "{} L0")])
-def test_solution_multiplier_pays_60_90_135_and_plain_60_for_a_repeat(
-    schema: str, paths: str
-) -> None:
-    play = Play("solution_multiplier", schema)
-    totals = [
-        sum(play.attempt(f"{paths.format(lever)} door")) for lever in ("L2", "L2", "L1", "L2")
-    ]
-    assert totals == [60, 60, 90, 60]
-    assert sum(play.attempt(f"{paths.format('L3')} door")) == 135
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_presets_of_the_paper_in_its_rooms_after_every_number_of_solutions(name):
+    layout, rules, some = sequences(name)
+    solutions = [[*map(layout.places.__getitem__, map(SCHEMAS[name].levers.index, solution))]
+                 for solution in SCHEMAS[name].solutions]  # fmt: skip
+    tables = RoomTables(7)
+    tables.add([(SCHEMAS[name], layout, 3)])
+    for preset, before in product(["paper", "unique_solutions"], range(len(solutions) + 1)):
+        table, room = RewardTable(find_reward(preset), tables), Trial(rules)
+        room.found = [frozenset(levers) for levers in solutions[:before]]
+        known = np.zeros((len(some), len(solutions)), dtype=bool)
+        known[:, :before] = True
+        row, previous, paid = tables.start.repeat(len(some)), np.full(len(some), -1), []
+        for action in some.T:
+            row, now = pay(table, row, action, previous, known)
+            previous = action
+            paid.append(now)
+        for actions, own in zip(some.tolist(), np.stack(paid, axis=1).tolist(), strict=True):
+            room.begin()
+            found = [*room.found]
+            expected = [reward(room.step(a), PRESETS[preset].terms, PAPERS) for a in actions]
+            room.found = found
+            assert own == pytest.approx(expected), actions
 
 
-def test_solution_multiplier_raises_the_unlocking_and_the_opening_alike() -> None:
-    play = Play("solution_multiplier")
-    assert play.attempt("L0 L3 door") == [0, 10, 50]
-    assert play.attempt("L0 L1 white") == [0, 15, 0]
-    assert play.attempt("L0 L1 door") == [0, 15, 75]
-    assert play.attempt("L0 L3 door") == [0, 10, 50]
-    assert play.attempt("L0 L2 door") == [0, 22.5, 112.5]
+def test_the_terms_of_a_reward_add_up_in_any_order():
+    plays = [Play(order) for order in permutations(["basic", "state_change", "partial_sequence"])]
+    for words in ("L0 L1 door", "L1 L1 L0", "white white L0"):
+        rewards = [play.attempt(words) for play in plays]
+        assert all(paid == rewards[0] for paid in rewards)
 
 
-def test_a_door_opened_with_more_levers_than_needed_is_no_new_solution() -> None:
-    play = Play("solution_multiplier", action_limit=4)
-    assert play.attempt("L0 L1 door") == [0, 10, 50]
-    assert play.attempt("L0 L2 L3 door") == [0, 15, 0, 50]
-    assert Play("unique_solutions", action_limit=4).attempt("L0 L2 L3 door") == [0, 10, 0, 0]
+def test_names_of_presets_and_lists_of_terms():
+    both = find_reward(["basic", "negative_repeat"])
+    assert (both.name, both.terms) == ("basic+negative_repeat", ("basic", "negative_repeat"))
+    assert find_reward(both) is both
+    for term in TERMS:
+        assert {"basic", term} <= set(find_reward(term).terms)
+    assert find_reward("paper") == Reward(
+        "paper", ("basic", "negative_immovable", "partial_sequence", "solution_multiplier")
+    )
+    assert Weights(**PAPERS) == Weights()
 
 
-def test_the_papers_best_combination_on_worked_attempts() -> None:
-    play = Play("paper")
-    assert play.attempt("white L1 door") == [-0.5, -0.5, -0.5]
-    assert play.attempt("L0 L1 white") == [1, 10, -0.5]
-    assert play.attempt("L0 L1 door") == [1, 10, 50]
-    assert play.attempt("L0 L1 door") == [1, 10, 50]
-    assert play.attempt("L0 L2 door") == [1, 15, 75]
-    assert play.attempt("L0 L0 L3") == [1, -0.5, 22.5]
-    assert play.attempt("L0 L3 door") == [1, 22.5, 112.5]
+NUMBERS = st.floats(-100, 100, allow_nan=False).map(lambda x: round(x, 6))
+FORMS = st.builds(
+    lambda base, weights: {**base, **weights},
+    st.sampled_from([{}, *({"preset": name} for name in PRESETS if "authors" not in name)])
+    | st.lists(st.sampled_from(sorted(TERMS)), min_size=1, unique=True).map(
+        lambda terms: {"terms": terms}
+    ),
+    st.dictionaries(st.sampled_from(sorted(WEIGHTS)), NUMBERS),
+)
 
 
-def test_a_noisy_room_that_does_not_obey_pays_as_for_nothing_moved() -> None:
-    env = OpenLockEnv("noisy_CC3", "trial1", "negative_immovable", action_limit=10)
-    root, leaf = 0, 4
-    rewards = []
-    for seed in range(20):
-        env.reset(seed=seed)
-        env.step(root)
-        pushed = False
-        while not pushed:
-            seen, paid, *_ = env.step(leaf)
-            pushed = bool(seen[leaf])
-            assert paid == (10 if pushed else -0.5)
-            rewards.append(paid)
-    assert rewards.count(-0.5) > 0
+@cache
+def validator():
+    """What checks experiment files by their JSON schema."""
+    schema = json_schema()
+    return jsonschema.validators.validator_for(schema)(schema)
 
 
-def test_the_terms_of_a_reward_add_up_in_any_order() -> None:
-    for terms in (["basic", "state_change", "partial_sequence"], ["negative_repeat", "basic"]):
-        plays = [Play(order) for order in permutations(terms)]
-        for words in ("L0 L1 door", "L1 L1 L0", "white white L0"):
-            rewards = [play.attempt(words) for play in plays]
-            assert all(reward == rewards[0] for reward in rewards)
+@settings(max_examples=40, deadline=None)
+@given(form=FORMS)
+def test_a_reward_comes_back_from_every_form_it_is_written_in(form):
+    whole = find_reward(form)
+    assert find_reward(whole.written()) == whole
+    again = find_reward(form_of(whole))
+    assert (again.terms, again.weights) == (whole.terms, whole.weights)
+    experiment = {"name": "e", "conditions": ["CC3"], "learners": ["ddqn"], "reward": form}
+    validator().validate(experiment)
+
+
+def test_a_reward_without_changes_is_the_preset_and_changes_are_in_its_name():
+    assert find_reward({}) is find_reward({"preset": "paper", "open": 50}) is PRESETS["paper"]
+    assert set(PRESETS["paper"].as_dict()) == {"name", "terms"}
+    changed = find_reward({"solution_multiplier": 2.0, "state_change": 0.5})
+    assert changed.name == "paper(state_change=0.5, solution_multiplier=2)"
+    assert changed.as_dict()["weights"] == {"solution_multiplier": 2.0}
+    assert changed.terms == (*PRESETS["paper"].terms, "state_change")
+    assert changed.weights == Weights(solution_multiplier=2.0)
