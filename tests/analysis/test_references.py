@@ -130,8 +130,8 @@ def test_several_stand_side_by_side_and_without_people_each_learner_is_one(mine,
 
 def test_names_that_would_be_confused_are_refused(mine, played, tmp_path):
     taken = ["human", "People", "ideal", "pilot_p", "difference", "published model", "a_low"]
-    for name in (*taken, "oracle", "x" * 61, "v1.5", "?"):
-        with pytest.raises(OpenLockError, match=name[:60].replace("?", r"\?")):
+    for name in (*taken, "oracle"):
+        with pytest.raises(OpenLockError, match=f"called {name}"):
             ol.open_results(played, reference=f"{name}={mine}")
     with pytest.raises(OpenLockError, match="two references are called visitors"):
         ol.open_results(played, reference=[mine, mine])
