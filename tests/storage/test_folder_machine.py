@@ -1,0 +1,366 @@
+"""Results folders under anything that happens to them: the record stays what it would have been.
+
+Comparisons are played, killed (SIGKILL), stopped (Ctrl-C) or left without disk space at any sync
+of a file, played by two processes at once and in shards, and their files are cut, flipped, emptied
+and deleted in between. Whatever happened, the record equals an undisturbed one in every cell that
+is there, or an error names the file. Ten times as much, with 200 kills at random syncs::
+
+    TIMES=10 .venv/bin/python -m pytest -n0 -s tests/storage/test_folder_machine.py
+"""
+
+import multiprocessing
+import os
+import shutil
+import signal
+import tempfile
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from hypothesis import Phase, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import (
+    RuleBasedStateMachine,
+    invariant,
+    precondition,
+    rule,
+    run_state_machine_as_test,
+)
+
+from causal_openlock.contract.one_subject import OneSubjectLearner
+from causal_openlock.errors import OpenLockError
+from causal_openlock.experiment.file import read_experiment
+from causal_openlock.files.seal import STATE
+from causal_openlock.running.runner import run
+from causal_openlock.running.worker import Watching
+from causal_openlock.storage.shard import Shard
+from causal_openlock.storage.store import Store
+from causal_openlock.version import RESULTS_VERSION
+from support.made_up_experiments import edit_stored
+
+pytestmark = pytest.mark.slow
+
+TIMES = int(os.environ.get("TIMES", "1"))
+TEXT = """\
+name: disturbed
+seed: {seed}
+subjects: {subjects}
+cell_size: 2
+protocol: short
+protocols: {{short: {{attempt_limit: 3, training_trials: 1, baseline_trials: 1}}}}
+conditions: [noisy_CC3-CE4]
+learners: [{learners}]
+"""
+THREE = "bayes, tabular_q, 'test_folder_machine:Remembers'"
+DDQN = "{learner: ddqn, parameters: {batch_size: 4, hidden_units: 8, replay_size: 20}}"
+FORMS = {
+    "first": (5, 4, THREE),
+    "more subjects": (5, 5, THREE),
+    "one learner less": (5, 4, "bayes, tabular_q"),
+    "another parameter": (5, 4, "bayes, {learner: tabular_q, parameters: {learning_rate: 0.3}}"),
+    "with a network": (5, 4, f"{DDQN}, tabular_q"),
+    "another seed": (6, 4, "tabular_q"),
+}
+FULL = "a full disk"
+ENDS = [signal.SIGKILL, signal.SIGINT, FULL]
+
+
+class Remembers(OneSubjectLearner):
+    """Repeats what moved something. Its players can hold anything, so they are pickled."""
+
+    def begin(self):
+        self.good = []
+
+    def act(self, observation):
+        if self.good and self.generator.random() < 0.5:
+            return int(self.generator.choice(self.good))
+        return int(self.generator.integers(self.brief.actions))
+
+    def learn(self, moment):
+        if (moment.outcome != moment.observation).any():
+            self.good.append(moment.action)
+
+
+@cache
+def form(name):
+    seed, subjects, learners = FORMS[name]
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, "experiment.yaml")
+        file.write_text(TEXT.format(seed=seed, subjects=subjects, learners=learners))
+        return read_experiment(file)
+
+
+def contents(table):
+    return table.drop_columns(["wall_time"])
+
+
+@cache
+def undisturbed(name):
+    """The record of each cell of a form, by the name of its file, played without checkpoints."""
+    with tempfile.TemporaryDirectory() as folder:
+        store = run(form(name), Path(folder, "out"), workers=0, watching=Watching(float("inf")))
+        return {path.name: contents(store.read(path)) for path in store.files()[0]}
+
+
+def plays(name, folder, told, end=None, syncs=0, **options):
+    """Play a form in this process, with a checkpoint after each step, until it is disturbed.
+
+    Args:
+        name: The form.
+        folder: The results folder.
+        told: A file for what is said: warnings, and the error.
+        end: How it ends at the sync with the number ``syncs``: a signal, or a full disk.
+        syncs: See ``end``.
+        options: Of `run`.
+    """
+    done = 0
+
+    def sync(descriptor):
+        nonlocal done
+        done += 1
+        if end == FULL and syncs <= done < syncs + 3:
+            raise OSError(28, "No space left on device")
+        if end != FULL and done == syncs:
+            os.kill(os.getpid(), end)
+
+    os.fsync = sync
+    said = []
+    try:
+        watching = Watching(checkpoint_every=0)
+        run(form(name), folder, workers=0, warn=said.append, watching=watching, **options)
+    except OpenLockError as error:
+        said.append(f"error: {error}")
+    except KeyboardInterrupt:
+        pass
+    told.write_text("\n".join(said))
+
+
+def begun(*words, **options):
+    """Call `plays` in a process of its own, forked from this one, which has loaded everything."""
+    fork = multiprocessing.get_context("fork")
+    process = fork.Process(target=plays, args=words, kwargs=options)
+    process.start()
+    return process
+
+
+def files_of(folder, *suffixes):
+    return sorted(path for path in folder.rglob("*") if path.suffix in suffixes)
+
+
+class Folder(RuleBasedStateMachine):
+    def __init__(self):
+        super().__init__()
+        self.around = Path(tempfile.mkdtemp())
+        self.folder, self.told = self.around / "out", self.around / "told"
+        self.declared = self.folder / "experiment.json"
+        self.spoiled = {}  # of each damaged file, its content and what it was before
+
+    def teardown(self):
+        shutil.rmtree(self.around)
+
+    def damaged(self):
+        """The files that are still as they were damaged."""
+        found = {p for p, (now, _) in self.spoiled.items() if p.exists() and p.read_bytes() == now}
+        self.spoiled = {path: self.spoiled[path] for path in found}
+        return found
+
+    def excuses(self, name):
+        """What a refusal to play a form may name, given what was done to the folder before."""
+        if self.declared in self.damaged():
+            return ["experiment.json is damaged"]
+        if not self.declared.exists():
+            return []
+        held = Store(self.folder).experiment()
+        found = []
+        if (held.seed, held.version) != (form(name).seed, RESULTS_VERSION):
+            found.append("holds another experiment (disturbed, seed")
+        if held.versions.get("numpy") == "0.1":
+            found.append("was made with numpy 0.1")
+        return found
+
+    def check_said(self, said, excuses):
+        """Everything said names a file; returns whether the form was refused."""
+        assert all(str(self.folder) in line for line in said), said
+        refused = [line for line in said if line.startswith("error: ")]
+        assert len(refused) <= 1
+        assert not refused or any(one in refused[0] for one in excuses), (refused, excuses)
+        return bool(refused)
+
+    def check_played(self, name):
+        """Everything is there, and nothing else is left of any run."""
+        there, missing = Store(self.folder).files()
+        assert {path.name for path in there} == set(undisturbed(name))
+        assert not missing
+        assert {p.suffix for p in (self.folder / "cells").iterdir()} == {".parquet"}
+        assert not files_of(self.folder, ".partial")
+        assert not self.damaged() & {*there, self.declared}
+
+    @rule(name=st.sampled_from([*FORMS]), allow_version=st.booleans())
+    def run(self, name, allow_version):
+        excuses, said = self.excuses(name), []
+        done = {path.name for path in files_of(self.folder, ".parquet")}
+        must = "another" in str(excuses) and done and not done & set(undisturbed(name))
+        must &= form(name).seed != 5 or "seed 6" in str(excuses)
+        before = {path: path.read_bytes() for path in files_of(self.folder, ".parquet", ".json")}
+        try:
+            run(
+                form(name),
+                self.folder,
+                workers=0,
+                warn=said.append,
+                allow_version=allow_version,
+            )
+        except OpenLockError as error:
+            said.append(f"error: {error}")
+        if self.check_said(said, excuses):
+            assert not (allow_version and "numpy" in said[-1])
+            if "another" in said[-1]:
+                assert before == {path: path.read_bytes() for path in before}
+        else:
+            assert not must
+            self.check_played(name)
+
+    @rule(
+        name=st.sampled_from([*FORMS]),
+        end=st.sampled_from(ENDS),
+        syncs=st.integers(1, 60),
+    )
+    def end(self, name, end, syncs):
+        excuses = self.excuses(name)
+        self.told.unlink(missing_ok=True)
+        process = begun(name, self.folder, self.told, end, syncs)
+        process.join()
+        if process.exitcode:
+            assert process.exitcode == -signal.SIGKILL == -end
+            return
+        if end == FULL:
+            excuses.append("No space left on device")
+        if not self.check_said(self.told.read_text().splitlines(), excuses) or end == FULL:
+            assert not files_of(self.folder, ".partial")
+
+    @rule(
+        name=st.sampled_from(["first", "more subjects", "with a network"]), syncs=st.integers(1, 60)
+    )
+    def two_shards_of_which_one_is_killed(self, name, syncs):
+        excuses = self.excuses(name)
+        told = [self.around / f"told{number}" for number in (1, 2)]
+        first = begun(name, self.folder, told[0], signal.SIGKILL, syncs, shard=Shard(1, 2))
+        second = begun(name, self.folder, told[1], shard=Shard(2, 2))
+        first.join()
+        second.join()
+        assert second.exitcode == 0
+        if self.check_said(told[1].read_text().splitlines(), excuses):
+            return
+        cells = [cell.file_name for cell in Shard(2, 2).of(form(name).cells())]
+        assert all((self.folder / "cells" / cell).exists() for cell in cells)
+
+    @rule(name=st.sampled_from(["first", "another parameter"]))
+    def two_processes(self, name):
+        """One plays; the other one is refused, or has nothing to do, if it comes later."""
+        excuses = self.excuses(name)
+        told = [self.around / f"told{number}" for number in (1, 2)]
+        both = [begun(name, self.folder, file) for file in told]
+        refused = []
+        for process, file in zip(both, told, strict=True):
+            process.join()
+            assert process.exitcode == 0
+            said = file.read_text().splitlines()
+            refused.append(self.check_said(said, [*excuses, "in use by another comparison"]))
+        if not excuses:
+            assert not all(refused)
+            self.check_played(name)
+
+    @precondition(lambda self: files_of(self.folder, ".parquet", ".checkpoint"))
+    @rule(
+        which=st.floats(0, 1, exclude_max=True),
+        suffixes=st.sampled_from([(".parquet",), (".json",), (".checkpoint", ".attempts")]),
+        how=st.sampled_from(["cut", "flip", "empty", "delete"]),
+        place=st.floats(0, 1, exclude_max=True),
+    )
+    def damage(self, which, suffixes, how, place):
+        paths = files_of(self.folder, *suffixes) or files_of(self.folder, ".parquet")
+        if not paths:
+            return
+        path = paths[int(which * len(paths))]
+        content = path.read_bytes()
+        at = int(place * len(content))
+        if path == self.declared and how == "delete":
+            path.unlink()
+            with pytest.raises(OpenLockError, match="is not empty and holds no results"):
+                run(form("first"), self.folder, workers=0)
+            path.write_bytes(content)
+        elif how == "delete":
+            path.unlink()
+        elif content:
+            flipped = bytes([content[at] ^ 1 << at % 8])
+            changed = content[:at] + flipped + content[at + 1 :]
+            changed = {"cut": content[:at], "flip": changed, "empty": b""}[how]
+            before = self.spoiled[path][1] if path in self.damaged() else content
+            path.write_bytes(changed)
+            self.spoiled[path] = changed, before
+            if changed == before:  # the same bit twice
+                del self.spoiled[path]
+
+    @precondition(lambda self: self.declared.exists() and self.declared not in self.damaged())
+    @rule(change=st.sampled_from([{"versions": {"numpy": "0.1"}}, {"version": "0.1"}]))
+    def another_version(self, change):
+        edit_stored(self.folder, lambda held: held.update(change))
+
+    @invariant()
+    def the_record_is_undisturbed_or_the_fault_is_named(self):
+        store, damaged = Store(self.folder), self.damaged()
+        cells = {name: table for form in FORMS for name, table in undisturbed(form).items()}
+        try:
+            record, about = store.record()
+        except OpenLockError as error:
+            said = str(error)
+            if not self.declared.exists():
+                assert "holds no results" in said
+            elif self.declared in damaged:
+                assert f"{self.declared} is damaged" in said
+            elif not [1 for name in store.experiment().files if (store.cells / name).exists()]:
+                assert "holds no cell yet" in said
+            else:
+                assert any(f"{path} is damaged" in said for path in damaged - {self.declared}), said
+            return
+        there, missing = store.files()
+        assert not damaged & {*there, self.declared}
+        assert {*about.missing} == {path.stem for path in missing}
+        assert contents(record).equals(pa.concat_tables(cells[path.name] for path in there))
+
+
+def test_whatever_happens_to_a_folder_its_record_is_undisturbed(tmp_path, monkeypatch):
+    monkeypatch.setenv(STATE, str(tmp_path))
+    run_state_machine_as_test(
+        Folder,
+        settings=settings(
+            max_examples=30 * TIMES,
+            stateful_step_count=8,
+            deadline=None,
+            derandomize=TIMES == 1,
+            phases=[Phase.generate],  # shrinking takes minutes, and steps are few
+        ),
+    )
+
+
+def test_kills_at_random_syncs_lose_nothing(tmp_path, monkeypatch):
+    monkeypatch.setenv(STATE, str(tmp_path))
+    luck, kills, rounds = np.random.default_rng(2018), 0, 0
+    names = ["first", "with a network"]
+    while kills < 20 * TIMES:
+        folder, name = tmp_path / f"{rounds}", names[rounds % 2]
+        while True:
+            syncs = int(luck.integers(1, 40))
+            process = begun(name, folder, tmp_path / "told", signal.SIGKILL, syncs)
+            process.join()
+            if not process.exitcode:
+                break
+            assert process.exitcode == -signal.SIGKILL
+            kills += 1
+        assert not (tmp_path / "told").read_text()
+        record = contents(Store(folder).record()[0])
+        assert record.equals(pa.concat_tables(undisturbed(name).values()))
+        rounds += 1
+    print(f"{kills} kills at random syncs in {rounds} comparisons: nothing is lost")
