@@ -1,7 +1,7 @@
 """The command line in this process, without the seconds that a process of its own takes to start.
 
-Workers are not started either: cells are played here. Nor do reports have what takes most of their
-time. That both are as they should be is tested elsewhere.
+Workers are not started either: cells are played here. Reports are short unless a test asks for
+whole ones. That both are as they should be is tested elsewhere.
 """
 
 from __future__ import annotations
@@ -51,20 +51,20 @@ def play_here(patches: pytest.MonkeyPatch) -> None:
 
 
 Reports = Literal["short", "decided", "whole"]
-"""What reports have: see :func:`report_shortly`; all tests of decided ones are made."""
+"""What reports have: see :func:`report_shortly`; decided ones say what is found."""
 
 
 def report_shortly(patches: pytest.MonkeyPatch, reports: Reports = "short") -> None:
-    """Have reports without figures and sections, which take most of their time.
+    """Have reports without figures and sections, and short ones without what these decide.
 
-    On a busy machine they are slow all the same, and do not say so.
+    A whole report takes half a second and more, hundreds of commands write one that no test looks
+    at, and ``compare`` has no option to leave it out. Nor does a busy machine say what takes long.
     """
     if progress_bar.FIRST_AFTER >= 1:  # a test about progress makes it shorter
         patches.setattr(progress_bar, "FIRST_AFTER", 3600.0)
-    if reports == "whole":
-        return
-    for part in ("figures_of", "learner_pages", "sections_of"):
-        patches.setattr(writing, part, lambda *_: [])
+    if reports != "whole":
+        for part in ("figures_of", "learner_pages", "sections_of"):
+            patches.setattr(writing, part, lambda *_: [])
     if reports == "short":
         patches.setattr(writing, "decisions_of", lambda *_: Decisions())
 
