@@ -12,17 +12,14 @@ from gymnasium.error import InvalidAction, ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
-from causal_openlock.belief.trace import trace_trial
-from causal_openlock.contract.registry import create
 from causal_openlock.envs import MixedRoomsEnv, OpenLockEnv, OpenLockTextEnv, OpenLockVectorEnv
-from causal_openlock.experiment.protocol import PROTOCOLS, Condition, Trials
 from causal_openlock.render.room import draw_room
 from causal_openlock.render.scene import frame
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.schemas.graphs import write_schema
 from causal_openlock.schemas.schema import Gate, Schema
 from causal_openlock.world.rewards import PRESETS, find_reward
-from causal_openlock.world.room import Layout, action_names
+from causal_openlock.world.room import Layout
 from support.cc4_in_trial7 import L0, L1, SOLUTIONS, WHITE
 from support.env_play import CONSOLE, EPISODES, act, trial7
 
@@ -91,20 +88,11 @@ def test_limits_and_sizes_follow_from_schema_and_layout_unless_given():
     assert np.flatnonzero(seen).tolist() == [10, 11, 16, 20]
 
 
-@pytest.mark.parametrize(
-    ("kind", "arguments"),
-    [
-        ("OpenLock", {"schema": find_schema("CE4"), "attempt_limit": np.int64(7)}),
-        ("OpenLock", {"layout": Layout((0, 8, 3), 9), "reward": find_reward("paper")}),
-        ("OpenLockText", {"schema": "CE3", "story": "levers"}),
-        ("MixedRooms", {"rooms": ({"schema": find_schema("CC3")}, {"schema": "CE3"})}),
-    ],
-)
-def test_what_was_made_with_objects_is_made_again_from_json(kind, arguments):
-    env = gymnasium.make(f"causal_openlock/{kind}-v0", **arguments)
-    written = env.spec.to_json()
-    again = gymnasium.make(gymnasium.envs.registration.EnvSpec.from_json(written))
-    assert again.spec.to_json() == written
+def test_what_was_made_with_objects_is_made_again_from_json():
+    arguments = {"schema": find_schema("CE4"), "layout": Layout((0, 8, 3, 1), 9)}
+    env = gymnasium.make(ROOM, **arguments, reward=find_reward("paper"))
+    again = gymnasium.make(gymnasium.envs.registration.EnvSpec.from_json(env.spec.to_json()))
+    assert again.spec.to_json() == env.spec.to_json()
     assert np.array_equal(env.reset(seed=3)[0], again.reset(seed=3)[0])
 
 
@@ -187,15 +175,11 @@ def test_a_physical_room_is_drawn_as_its_bodies_are(episode):
 
 
 def test_rooms_of_several_kinds_are_each_met():
-    rooms = [{"schema": name, "episode": "trial"} for name in ("CC3", "CE3")]
-    env = MixedRoomsEnv(rooms, reveal=True, render_mode="ansi")
-    with pytest.raises(ResetNeeded):
-        env.step(0)
+    env = MixedRoomsEnv([{"schema": "CC3"}, {"schema": "CE3"}], reveal=True)
     met = [env.reset(seed=seed)[1]["latent"]["schema"] for seed in range(20)]
     assert {*met} == {"CC3", "CE3"}
     assert met == [env.reset(seed=seed)[1]["latent"]["schema"] for seed in range(20)]
     assert env.step(0)[4]["console"]["actions_left"] == 2
-    assert "locked" in env.render()
 
 
 def test_a_room_in_words_goes_as_that_of_bits():
@@ -211,27 +195,17 @@ def test_a_room_in_words_goes_as_that_of_bits():
     text, reward, *_, info = words.step("What would you do?")
     assert (words.render(), reward, info["action"], info["information"]) == (text, 0, None, 0)
     assert info["console"]["actions_left"] == 3
-    generator, ended = np.random.default_rng(1), [False]
+    generator, ended, bits_gained = np.random.default_rng(1), [False], 0.0
     while not any(ended):
         action = int(generator.choice([0, 2, 3, 5, 14]))
         _, reward, *ended, expected = bits.step(action)
         _, *answer, info = words.step(words._words.actions[action])
         assert answer == [reward, *ended]
         assert (info["console"], info["action"]) == (expected["console"], action)
+        bits_gained += info["information"]
+    assert bits_gained > 5
     with pytest.raises(ResetNeeded):
         words.step("push oak")
     told = [words.reset(seed=seed)[1]["actions"] for seed in (1, 2, 1, None)]
     assert told[0] == told[2] == told[3] != told[1]
     check_env(gymnasium.make("causal_openlock/OpenLockText-v0", render_mode="ansi").unwrapped)
-
-
-def test_information_is_what_the_bayesian_learner_gains():
-    schema, layout = find_schema("CC4"), "trial7"
-    condition = Condition("room", (Trials(schema, (Layout.of(schema, layout),)),))
-    trace = trace_trial(create("bayes"), condition, PROTOCOLS["human"])
-    env = OpenLockTextEnv("CC4", layout)
-    env.reset(seed=0)
-    names = [action_names(7).index(action.name) for action in trace.actions]
-    gained = [env.step(env._words.actions[name])[4]["information"] for name in names]
-    np.testing.assert_allclose(gained, [action.obtained for action in trace.actions], atol=1e-9)
-    assert "information" not in OpenLockTextEnv("CC4", information=False).reset()[1]

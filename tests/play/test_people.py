@@ -5,24 +5,20 @@ import itertools
 import json
 import os
 import zlib
-from dataclasses import replace
 
-import pyarrow as pa
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from causal_openlock import Results
-from causal_openlock.analysis.results.reading import beside
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition
 from causal_openlock.experiment.reactions import read_reactions
 from causal_openlock.experiment.session import Session
-from causal_openlock.play.refusals import OutOfTurn, UnknownPerson
+from causal_openlock.play.refusals import OutOfTurn
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.storage.store import Store
 from support.command import at_once
-from support.made_up_experiments import NOBODY, condition_called, spec
 from support.play_clients import people, solving, walk_through
 
 
@@ -147,20 +143,6 @@ def test_a_report_shows_a_person_beside_learners(tmp_path):
     assert (Results.read(tmp_path / "people").trials["attempts"] == 3).all()
 
 
-def test_results_that_contradict_each_other_stand_in_no_report():
-    def result(learner, condition):
-        table = pa.table({"learner": [learner], "condition": [condition.name]})
-        return table, replace(NOBODY, learners=(spec(learner),), conditions=(condition,))
-
-    one = condition_called("CC4")
-    other = replace(one, train=one.train[:0], test=one.train)
-    assert beside([result("a", one), result("b", one)])[0].num_rows == 2
-    with pytest.raises(StoreError, match="learner a"):
-        beside([result("a", one), result("a", one)])
-    with pytest.raises(StoreError, match="CC4 is not the same"):
-        beside([result("a", one), result("b", other)])
-
-
 # -- turns ----------------------------------------------------------------------------------------
 
 
@@ -216,18 +198,6 @@ def test_only_the_call_for_this_turn_changes_anything_and_the_log_restores_it(tm
     again = people(folder, "CC3")
     assert again.view(name) == now
     again.close()
-
-
-def test_nobody_plays_by_a_name_that_was_not_given_to_them(tmp_path):
-    home = people(tmp_path)
-    name = home.join()
-    assert name not in (tmp_path / "log.jsonl").read_text(encoding="utf-8")
-    key = entries_of(tmp_path)[1]["key"]
-    for other in ("", name[:-1], name.swapcase(), key):
-        with pytest.raises(UnknownPerson):
-            home.view(other)
-    assert len({home.join() for _ in range(20)} | {name}) == 21
-    home.close()
 
 
 def test_several_people_do_not_see_one_another(tmp_path):

@@ -55,15 +55,6 @@ def test_causes_stand_above_effects_and_no_two_nodes_in_one_place(schema):
     assert min(nodes, key=lambda node: place[node][1]) == DOOR
 
 
-def test_a_common_cause_stands_as_in_the_paper():
-    place = {text.get_text(): text.get_position() for text in draw_schema(BUNDLED["CC4"]).texts}
-    (x0, y0), (x1, y1), (x2, y2), (x3, y3), (x, y) = (place[node] for node in [*LEVERS[:4], DOOR])
-    assert x1 < x0 < x3
-    assert [x0 - x1, x2, x] == pytest.approx([x3 - x0, x0, x0], abs=1e-6)
-    assert y0 > y1 > y
-    assert [y2, y3] == pytest.approx([y1, y1])
-
-
 def test_inert_levers_are_dashed_and_others_are_not():
     styles = [patch.get_linestyle() for patch in draw_schema(BUNDLED["two_keys"]).patches]
     assert styles.count("-") == 2 + 3
