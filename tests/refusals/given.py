@@ -150,3 +150,12 @@ def studied(old: str = "", new: str = "", run: bool = False) -> None:
             of("causal_openlock.evidence.running", "run_study")(study, Path("results"), watched)
         finally:
             assert not Path("results").exists()
+
+
+def trained(old: str, new: str, out: str = "net.npz") -> None:
+    """Train a network by ``small.yaml`` with one change; where that is refused, none is written."""
+    train = of("openlock_learners.meta.command", "train")
+    try:
+        train(file("changed/small.yaml", changed("small.yaml", old, new)), Path(out))
+    finally:
+        assert not [*Path().rglob("*net*")]

@@ -1,20 +1,14 @@
 """A DQN, double or not, of one agent as users of torch write it, to hold the stacked one to."""
 
-from __future__ import annotations
-
 import copy
-from typing import Any
 
 import torch
 from torch import nn
 
-from openlock_learners.ddqn import DDQNParameters
-from openlock_learners.networks.double_q import StackedMLP
 
-
-def plain_network(stack: StackedMLP, agent: int) -> nn.Sequential:
+def plain_network(stack, agent):
     """The same network as torch users write it, with the agent's weights."""
-    layers: list[nn.Module] = []
+    layers = []
     for weight, bias in zip(stack.weights, stack.biases, strict=True):
         linear = nn.Linear(weight.shape[1], weight.shape[2], dtype=weight.dtype)
         with torch.no_grad():
@@ -24,7 +18,7 @@ def plain_network(stack: StackedMLP, agent: int) -> nn.Sequential:
     return nn.Sequential(*layers[:-1])
 
 
-def distance(network: nn.Sequential, stack: StackedMLP, agent: int) -> float:
+def distance(network, stack, agent):
     """The largest difference between a weight of the network and the agent's."""
     linears = [layer for layer in network if isinstance(layer, nn.Linear)]
     return max(
@@ -39,21 +33,21 @@ def distance(network: nn.Sequential, stack: StackedMLP, agent: int) -> float:
 class PlainDDQN:
     """One agent, told its initial weights and its luck; everything else is its own."""
 
-    def __init__(self, network: nn.Sequential, settings: DDQNParameters) -> None:
+    def __init__(self, network, settings):
         self.online, self.target = network, copy.deepcopy(network)
         self.optimizer = torch.optim.Adam(network.parameters(), settings.learning_rate)
         self.settings = settings
-        self.memory: list[tuple[Any, int, float, Any, bool]] = []
+        self.memory = []
         self.actions = 0
         self.updates = 0
         self.epsilon = settings.epsilon_start
 
-    def act(self, observation: Any, explores: float, which: float) -> int:
+    def act(self, observation, explores, which):
         if explores < self.epsilon:
             return int(which * 15)
         return int(self.online(torch.tensor(observation, dtype=torch.float64)).argmax())
 
-    def learn(self, transition: Any, trial_over: bool, luck: Any) -> None:
+    def learn(self, transition, trial_over, luck):
         s = self.settings
         if len(self.memory) < s.replay_size:
             self.memory.append(transition)
@@ -66,7 +60,7 @@ class PlainDDQN:
         if trial_over:
             self.epsilon = s.epsilon_after_trial
 
-    def train(self, batch: list[tuple[Any, int, float, Any, bool]]) -> None:
+    def train(self, batch):
         total = torch.tensor(0.0, dtype=torch.float64)
         for before, action, reward, after, ends in batch:
             goal = reward

@@ -1,18 +1,12 @@
 """A recurrent double DQN of one agent, written step by step, to compare the stacked one with."""
 
-from __future__ import annotations
-
 import copy
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor, nn
-
-from openlock_learners.networks.recurrent_cells import StackedGRU
-from openlock_learners.networks.recurrent_q import StackedRecurrentNetwork
-from openlock_learners.recurrent import RecurrentParameters
+from torch import nn
 
 CELL_PARAMETERS = {
     "weight_ih": "input_weight",
@@ -25,13 +19,12 @@ CELL_PARAMETERS = {
 class PlainNetwork(nn.Module):
     """The same network as torch users write it, with the agent's weights."""
 
-    def __init__(self, stack: StackedRecurrentNetwork, agent: int) -> None:
+    def __init__(self, stack, agent):
         super().__init__()
         _, inputs, _ = stack.cell.input_weight.shape
         hidden = stack.cell.hidden
-        self.gru = isinstance(stack.cell, StackedGRU)
-        self.cell = (nn.GRUCell if self.gru else nn.LSTMCell)(inputs, hidden).double()
-        layers: list[nn.Module] = []
+        self.cell = nn.GRUCell(inputs, hidden).double()
+        layers = []
         with torch.no_grad():
             for theirs, ours in CELL_PARAMETERS.items():
                 weight = getattr(stack.cell, ours)[agent].T.squeeze(1)
@@ -43,12 +36,12 @@ class PlainNetwork(nn.Module):
                 layers += [linear, nn.ReLU()]
         self.head = nn.Sequential(*layers[:-1])
 
-    def forward(self, inputs: Any, state: Any) -> tuple[Tensor, Any]:
+    def forward(self, inputs, state):
         """Values of the actions, and the state after it; no state is the one to begin with."""
         state = self.cell(torch.tensor(inputs, dtype=torch.float64), state)
-        return self.head(state if self.gru else state[0]), state
+        return self.head(state), state
 
-    def distance(self, stack: StackedRecurrentNetwork, agent: int) -> float:
+    def distance(self, stack, agent):
         """The largest difference between a weight of this network and the agent's."""
         other = PlainNetwork(stack, agent)
         pairs = zip(self.parameters(), other.parameters(), strict=True)
@@ -70,18 +63,16 @@ class Moment:
 class PlainRecurrent:
     """One agent, told its initial weights and its luck; everything else is its own."""
 
-    def __init__(self, network: PlainNetwork, settings: RecurrentParameters) -> None:
+    def __init__(self, network, settings):
         self.online, self.target = network, copy.deepcopy(network)
         self.optimizer = torch.optim.Adam(network.parameters(), settings.learning_rate)
         self.settings = settings
-        self.moments: list[Moment] = []
-        self.state: Any = None
-        self.did: list[float] = [0.0] * 17
+        self.moments, self.state, self.did = [], None, [0.0] * 17
         self.segment = 0
         self.updates = 0
         self.epsilon = settings.epsilon_start
 
-    def act(self, view: Any, agent: int, explores: float, which: float) -> int:
+    def act(self, view, agent, explores, which):
         shown = view.console
         numbers = [
             *view.observation[agent],
@@ -96,7 +87,7 @@ class PlainRecurrent:
             values, self.after = self.online(self.inputs, self.state)
         return int(which * 15) if explores < self.epsilon else int(values.argmax())
 
-    def learn(self, step: Any, agent: int, luck: Any) -> None:
+    def learn(self, step, agent, luck):
         s = self.settings
         action, reward = int(step.action[agent]), float(step.reward[agent])
         trial_over = bool(step.trial_over[agent])
@@ -118,10 +109,10 @@ class PlainRecurrent:
         if trial_over:
             self.epsilon = s.epsilon_after_trial
 
-    def train(self, luck: Any) -> None:
+    def train(self, luck):
         s = self.settings
         kept = self.moments[-s.replay_size :]
-        errors: list[Tensor] = []
+        errors = []
         for which, where in zip(luck[: s.batch_size], luck[s.batch_size :], strict=True):
             drawn = int(which * (len(kept) - 1))
             start = drawn - int(where * s.unroll)
@@ -141,7 +132,7 @@ class PlainRecurrent:
         if self.updates % s.target_period == 0:
             self.target.load_state_dict(self.online.state_dict())
 
-    def td_errors(self, kept: list[Moment], begin: int, start: int) -> list[Tensor]:
+    def td_errors(self, kept, begin, start):
         online = target = kept[begin].state
         with torch.no_grad():
             for moment in kept[begin:start]:
