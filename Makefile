@@ -6,7 +6,6 @@ PIP := $(RUN) pip --disable-pip-version-check install -q -c constraints.txt
 TEST := .venv/installed-test
 .PHONY: help compare test test-fast lint style types imports tests bench docs notebooks lessons \
         evidence evidence-check json-schemas lock dist check-dist clean
-
 help: # each target, with what stands behind its name
 	@sed -n 's/^\([a-z-]*\):[^#]*# \(.*\)/make \1: \2/p' $(MAKEFILE_LIST)
 
@@ -28,12 +27,14 @@ imports: $(TEST)
 bench: $(TEST) # speed against named peers, in the same run
 	$(BIN)/python benchmarks/run.py
 docs: $(TEST) # the documentation: docs/_build/index.html
-	$(RUN) sphinx -W --keep-going -q docs docs/_build
+	$(RUN) sphinx -W --keep-going -q -c docs . docs/_build
 notebooks: .venv/installed-notebooks # the lessons in JupyterLab, to run and to change
 	$(RUN) jupyterlab notebooks
-lessons: $(TEST) # run the lessons and store what they put out
-	$(BIN)/python docs/run_lessons.py $(LESSONS)
-evidence: .venv/installed # run or complete a study: NAME=worth (without: list all, with their hours)
+lessons: .venv/installed-notebooks # run the lessons and store what they put out: LESSONS=notebooks/03*
+	place=$$(mktemp -d) && cp $(or $(LESSONS),notebooks/0*.ipynb) $$place && $(RUN) nbconvert --to notebook --execute \
+	  --ExecutePreprocessor.record_timing=False --TagRemovePreprocessor.enabled=True \
+	  --TagRemovePreprocessor.remove_all_outputs_tags=remove-output --inplace $$place/*.ipynb && cp $$place/*.ipynb notebooks
+evidence: .venv/installed # run or complete a study, as NAME=worth; without a name, list all
 	$(BIN)/causal-openlock evidence $(NAME)
 evidence-check: .venv/installed # that all numbers and verdicts follow from what is stored
 	$(BIN)/causal-openlock evidence --check
