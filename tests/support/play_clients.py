@@ -1,7 +1,5 @@
 """Playing as the page does: servers in processes of their own, calls, and what solves a room."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import os
@@ -10,10 +8,7 @@ import signal
 import subprocess
 import sys
 import urllib.request
-from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from typing import Any
 
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition
 from causal_openlock.play.people import People
@@ -21,20 +16,20 @@ from causal_openlock.schemas.finding import find_schema
 from support.waiting import HANGS
 
 
-def people(folder: Path, *conditions: str, **options: Any) -> People:
+def people(folder, *conditions, **options):
     """People in a folder, under the protocol of people."""
     chosen = [Condition.named(name, find_schema) for name in conditions or ("CC3",)]
     return People(folder, chosen, PROTOCOLS["human"], **options)
 
 
-def solving(home: People, name: str) -> list[list[int]]:
+def solving(home, name):
     """The actions of each solution of the room that a person is in."""
     truth = home._find(name).game.session.truth
     room = truth.rooms[int(truth.room[0])]
     return [room.action_of(levers) for levers in room.schema.solutions]
 
 
-def walk_through(home: People, name: str, trials: int | None = None) -> list[int]:
+def walk_through(home, name, trials=None):
     """Find every solution of every room at once; returns what was done."""
     done = []
     while (state := home.view(name))["stage"] == "room" and trials != 0:
@@ -46,7 +41,7 @@ def walk_through(home: People, name: str, trials: int | None = None) -> list[int
     return done
 
 
-def asked(url: str, path: str, **sent: Any) -> Any:
+def asked(url, path, **sent):
     """What the server answers."""
     who = sent.pop("id", None)
     body = json.dumps(sent).encode() if sent or path == "join" else None
@@ -56,7 +51,7 @@ def asked(url: str, path: str, **sent: Any) -> Any:
         return json.load(answer)
 
 
-def play_one_lever(url: str) -> None:
+def play_one_lever(url):
     """Join, and solve a room in which the only grey lever unlocks the door."""
     me = asked(url, "join")["id"]
     room = asked(url, "state", id=me)
@@ -70,7 +65,7 @@ def play_one_lever(url: str) -> None:
 class Server:
     """A server in a process of its own."""
 
-    def __init__(self, folder: Path, *words: str, port: int = 0) -> None:
+    def __init__(self, folder, *words, port=0):
         command = [sys.executable, "-m", "causal_openlock", "play", "--out", str(folder)]
         self.process = subprocess.Popen(
             [*command, "--port", str(port), "--no-browser", *words],
@@ -79,7 +74,6 @@ class Server:
             text=True,
             env={**os.environ, "PYTHONUNBUFFERED": "1"},
         )
-        assert self.process.stdout is not None
         said = self.process.stdout.readline()
         found = re.search(r"http://([\d.]+):(\d+)/", said)
         if found is None:
@@ -87,12 +81,12 @@ class Server:
             raise AssertionError(said + self.process.communicate()[1])
         self.url, self.host, self.port = found[0], found[1], int(found[2])
 
-    def kill(self) -> None:
+    def kill(self):
         """End it as a power cut would."""
         self.process.send_signal(signal.SIGKILL)
         self.process.communicate()
 
-    def stop(self) -> str:
+    def stop(self):
         """End it as Ctrl-C does; returns what it said on standard error."""
         self.process.send_signal(signal.SIGINT)
         said = self.process.communicate(timeout=HANGS)[1]
@@ -101,7 +95,7 @@ class Server:
 
 
 @contextmanager
-def serving(folder: Path, *words: str, port: int = 0) -> Iterator[Server]:
+def serving(folder, *words, port=0):
     """A server that is gone after the block."""
     server = Server(folder, *words, port=port)
     try:
@@ -114,18 +108,12 @@ def serving(folder: Path, *words: str, port: int = 0) -> Iterator[Server]:
 class Caller:
     """Calls a server; keeps everything that it answers."""
 
-    def __init__(self, port: int, host: str = "127.0.0.1") -> None:
+    def __init__(self, port, host="127.0.0.1"):
         self.connection = http.client.HTTPConnection(host, port, timeout=HANGS)
         self.port = port
-        self.answers: list[str] = []
+        self.answers = []
 
-    def call(
-        self,
-        path: str,
-        body: Any = None,
-        name: str | None = None,
-        headers: dict[str, str] | None = None,
-    ) -> tuple[int, Any]:
+    def call(self, path, body=None, name=None, headers=None):
         """Status and answer; a body makes it a POST."""
         head = dict(headers or {})
         if name is not None:
@@ -139,8 +127,8 @@ class Caller:
         is_json = answer.headers["Content-Type"] == "application/json"
         return answer.status, json.loads(text) if is_json else text
 
-    def join(self) -> str:
+    def join(self):
         """A new session."""
         status, said = self.call("/join", {})
         assert status == 200
-        return str(said["id"])
+        return said["id"]
