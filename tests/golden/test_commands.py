@@ -33,6 +33,8 @@ levers: [key, dial, second]
 edges: {key: [door], dial: {second: {strength: 0.5}}, second: [door]}
 gates: {door: all}
 """,
+    "schemas/own.yaml": "name: own\nlevers: [A, B]\nedges: {A: [B], B: [door]}\n",
+    "schemas/broken.yaml": "name: broken\n",
 }
 SESSIONS = {
     "results": """
@@ -43,7 +45,8 @@ SESSIONS = {
         report out --methods
         compare small.yaml --learner win_stay --learner random --seed 9 --out other
         report out other
-        compare -c CC4 -c CC3-CC4 -l theory_based -l win_stay --subjects 3 --out people
+        compare -c CC4 -c CC3-CC4 -l theory_based -l associative --subjects 3 --out people
+        report out --beside people
         export out
         bundle out
         trace CC3 --attempts 2
@@ -57,6 +60,7 @@ SESSIONS = {
         schema show vault.yaml --states
         schema check vault.yaml seven
         schema draw vault.yaml
+        schema draw seven --out seven.png
         schema export two_of_four
         schema export vault.yaml --format line
         schema new mine --like CE3
@@ -120,6 +124,7 @@ def helps(*words):
 def test_what_commands_print_and_write(session, golden, tmp_path, monkeypatch):
     monkeypatch.setattr("sys.stdin", io.StringIO("push the door\nhm\nquit\n"))
     for name, text in FILES.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(text, encoding="utf-8")
     printed = []
     for line in filter(None, map(str.strip, SESSIONS[session].splitlines())):
