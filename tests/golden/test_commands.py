@@ -1,6 +1,7 @@
 """What every command prints: its help, and what an ordinary use of it says and writes.
 
-``check`` plays for a minute and ``play`` serves until it is stopped; their tests are elsewhere.
+Not used are ``check``, which takes a minute, ``play``, which serves until it is stopped, and
+``evidence``, whose studies change.
 """
 
 import io
@@ -32,6 +33,13 @@ name: vault
 levers: [key, dial, second]
 edges: {key: [door], dial: {second: {strength: 0.5}}, second: [door]}
 gates: {door: all}
+""",
+    "tiny.yaml": """\
+rooms: {schemas: {CC3: 1}, rewards: [paper]}
+actions: 600
+at_once: 10
+steps: 30
+network: {kind: flat, room: 8, reader: 8}
 """,
     "schemas/own.yaml": "name: own\nlevers: [A, B]\nedges: {A: [B], B: [door]}\n",
     "schemas/broken.yaml": "name: broken\n",
@@ -93,6 +101,8 @@ SESSIONS = {
         fit associative --plan noise.yaml --to out -o fitted --workers 1
         recover small.yaml --subjects 2 -c CC3 -o recovered --workers 1
         design small.yaml --subjects 2 -o designed --workers 1
+        train tiny.yaml -o net.npz
+        train tiny.yaml -o net.npz
     """,
 }
 

@@ -12,6 +12,7 @@ PATTERNS = {
     r"\b[0-9a-f]{8,64}\b": "<digest>",
     r"\b\d+\.\d+\.\d+(?:\+\w+)?": "<version>",
     r"\b\d+\.\d MB": "<size>",
+    r"[\d,]+ actions/s": "<speed>",
 }
 
 
