@@ -5,7 +5,6 @@ import warnings
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
@@ -13,7 +12,6 @@ import causal_openlock as ol
 from causal_openlock.analysis.decisions import Decisions
 from causal_openlock.analysis.plots.style import WIDTH
 from causal_openlock.analysis.topic import all_topics, decisions_of, sections_of
-from causal_openlock.analysis.topics import pairwise
 from causal_openlock.analysis.topics.leaderboard import (
     answers,
     leaderboard,
@@ -273,19 +271,6 @@ def test_p_of_pairs_is_corrected_for_all_pairs_of_the_protocol():
     assert section.tables[0].frame[["low", "high", "p"]].isna().all(axis=None)
 
 
-def test_the_leaderboard_and_the_pairs_share_what_is_computed(rivals, monkeypatch):
-    fresh, asked = replace(rivals), []
-    for name in ("outcomes", "pairwise_table"):
-        function = getattr(pairwise, name)
-        monkeypatch.setattr(
-            pairwise, name, lambda *given, of=function: asked.append(of) or of(*given)
-        )
-    leaderboard(fresh)
-    (shared,) = pairwise.compute(fresh).values()
-    assert fresh.once(pairwise.all_pairs)["human"] is shared
-    assert asked == [outcomes, pairwise_table]
-
-
 def test_the_matrix_shows_every_pair_once_best_first_and_fits_the_page(rivals):
     axes = plot_pairs(rivals, ax=Figure())
     order = [label.get_text() for label in axes.get_yticklabels()]
@@ -304,13 +289,3 @@ def test_the_matrix_shows_every_pair_once_best_first_and_fits_the_page(rivals):
     figure = Figure()
     plot_pairs(held(**{name: (same(3), 1, ("CC4",)) for name in names}), ax=figure)
     assert figure.get_figwidth() <= WIDTH + 1e-9
-
-
-def test_one_learner_more_changes_nobody_elses_difference(rivals):
-    alone = leaderboard(held(quick=(scattered(1),), slow=(scattered(2, 9.0),)))
-    names = ["attempts", "score", "to_people", "to_people_low", "to_people_high", "to_people_p"]
-    for name in ("quick", "slow"):
-        one, many = (
-            frame.set_index("learner").loc[name, names] for frame in (alone, leaderboard(rivals))
-        )
-        pd.testing.assert_series_equal(one, many)

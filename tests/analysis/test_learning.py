@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pytest
 
@@ -13,7 +12,6 @@ from causal_openlock.analysis.results.chance import chance_of_finding_all, chanc
 from causal_openlock.analysis.results.visits import (
     FINDS_ALL,
     OPENS,
-    each_group,
     many_attempts,
     matrix,
     shares,
@@ -33,7 +31,7 @@ from causal_openlock.analysis.topics.learning import (
 from causal_openlock.analysis.topics.reward_study import reward_terms, rewards_of
 from causal_openlock.schemas.finding import find_schema
 from support.fabricated_courses import around, course, described
-from support.fabricated_records import random_cells, table, trial_rows
+from support.fabricated_records import table, trial_rows
 from support.made_up_experiments import material_of
 from support.topics import section_on
 
@@ -61,18 +59,6 @@ def test_visits_worked_by_hand():
     assert (began["opens"], began["finds_all"]) == (0.0, 0.0)
 
 
-def test_categories_of_all_attempts_are_counted_on_random_records_in_any_order():
-    cells = random_cells(5)
-    counted = attempts_to_solve(pa.concat_tables(cells[::-1]))
-    pd.testing.assert_frame_equal(counted, attempts_to_solve(pa.concat_tables(cells)))
-    key = ["learner", "condition", "protocol", "subject", "phase", "loop", "trial"]
-    rows = pa.concat_tables(cells).to_pandas().astype({"category": str})
-    each = rows.groupby([*key, "category"], observed=True).size().unstack(fill_value=0)
-    indexed = counted.astype(dict.fromkeys([*key[:3], "phase"], str)).set_index(key)
-    for category in ("else", "unlock", "open1", "open2", "open3"):
-        assert indexed[category].to_dict() == each[category].to_dict()
-
-
 def test_parts_are_of_equally_many_visits_in_the_order_of_time():
     opens = np.arange(10) / 10
     parted = shares(attempts_to_solve(course(np.tile(opens, (2, 1)))), parts=5)
@@ -81,15 +67,6 @@ def test_parts_are_of_equally_many_visits_in_the_order_of_time():
     assert parted["visits"].tolist() == [2] * 10
     fewer = matrix(shares(attempts_to_solve(course([[0.0, 0.5, 1.0]])), parts=5), OPENS)
     assert fewer.tolist() == [[0.0, 0.5, 1.0]]  # a part for each visit
-
-
-def test_groups_come_in_the_order_that_is_asked_for():
-    counted = attempts_to_solve(pa.concat_tables(random_cells(3)))
-    counted["learner"] = counted["learner"].cat.reorder_categories(["b", "a"])
-    groups = [group for group, _ in each_group(counted)]
-    assert [group.learner for group in groups] == ["b"] * 6 + ["a"] * 6
-    assert [group.protocol for group in groups[:6]] == ["human"] * 3 + ["loops"] * 3
-    assert [group.condition for group in groups[:3]] == ["CE4", "CC3-CC4", "own"]
 
 
 def test_protocols_that_stop_when_solved_are_left_out(tmp_path):

@@ -4,7 +4,6 @@ import inspect
 import warnings
 from dataclasses import replace
 from functools import cache
-from itertools import combinations, pairwise
 from types import SimpleNamespace
 
 import matplotlib as mpl
@@ -12,7 +11,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pyarrow as pa
 import pytest
-from matplotlib.collections import PathCollection
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 
@@ -350,28 +348,6 @@ def test_a_sweep_of_numbers_has_them_as_its_axis_and_a_line_for_whatever_else_di
             ask()
 
 
-@pytest.mark.parametrize(
-    ("parameter", "values"),
-    [
-        ("policy", ["solve_and_learn", "solve", "learn_attempt", "learn_action", "thompson"]),
-        ("lapse", [0.0001, 0.05, 0.1, 0.123456, 0.5]),
-    ],
-)
-def test_names_at_the_axis_of_a_sweep_never_touch(parameter, values):
-    results = played_results.played(sweep("bayes", **{parameter: values}), ["CC3", "CE3"], 1)
-    panels = plot_sweep(results)
-    panels[0].figure.canvas.draw()
-    for axes in panels:
-        labels = [one for one in axes.get_xticklabels() if one.get_text()]
-        assert len(labels) >= 2
-        for one, other in pairwise(labels):
-            gap = other.get_window_extent().x1 - one.get_window_extent().x1
-            high = one.get_fontsize() * axes.figure.dpi / 72
-            slope = np.sin(np.radians(one.get_rotation()))
-            beside = one.get_window_extent().x1 < other.get_window_extent().x0
-            assert gap * slope > high or beside
-
-
 # -- where things lie -----------------------------------------------------------------------------
 
 LONG = "a_learner_with_a_name_that_no_panel_can_hold"
@@ -463,26 +439,6 @@ def test_panels_are_wide_enough_for_their_titles(learners, columns):
             assert title.get_window_extent().y0 >= detail.get_window_extent().y1
 
 
-@pytest.mark.parametrize("conditions", [["CC4"], None])
-def test_circles_of_subjects_cover_neither_one_another_nor_what_is_around_them(conditions):
-    figure = Figure()
-    panels = draw("subjects", conditions=conditions, ax=figure)
-    assert len({axes.get_position().y0 for axes in panels}) == 1  # side by side
-    with style.settings():
-        figure.draw_without_rendering()
-    for axes in panels:
-        box, scale = axes.get_window_extent(), figure.dpi / 72
-        drawn = [one for one in axes.collections if isinstance(one, PathCollection)]
-        assert len(drawn) == len(axes.get_xticks())
-        for place, circles in enumerate(drawn):
-            offsets = axes.transData.transform(circles.get_offsets())
-            radius = circles.get_sizes().max() ** 0.5 / 2 * scale
-            assert offsets[:, 1].min() - radius >= box.y0
-            assert offsets[:, 1].max() + radius <= box.y1
-            means = axes.transData.transform((place + 0.08, 0))[0]
-            assert offsets[0, 0] + radius < means
-
-
 # -- the report's figures -------------------------------------------------------------------------
 
 
@@ -557,43 +513,3 @@ def test_a_style_holds_for_a_while_or_from_now_on():
     finally:
         ol.plot_style(STYLE)
     assert style.current() == STYLE
-
-
-# Machado, Oliveira & Fernandes (2009), severity 1: linear RGB as it is seen without one kind of
-# cone.
-SEEN = {
-    "all": np.eye(3),
-    "protanopia": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216],
-                   [-0.003882, -0.048116, 1.051998]],
-    "deuteranopia": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413],
-                     [-0.011820, 0.042940, 0.968881]],
-    "tritanopia": [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602],
-                   [0.004733, 0.691367, 0.303900]],
-}  # fmt: skip
-XYZ = np.array([[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750],
-                [0.0193339, 0.1191920, 0.9503041]])  # fmt: skip
-
-
-def lab(colour, seen):
-    """A colour in CIELAB (D65), as somebody sees it."""
-    rgb = np.array(to_rgb(colour))
-    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
-    t = XYZ @ np.clip(SEEN[seen] @ linear, 0, 1) / XYZ.sum(axis=1)
-    f = np.where(t > (6 / 29) ** 3, np.cbrt(t), t * (29 / 6) ** 2 / 3 + 4 / 29)
-    return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
-
-
-@pytest.mark.parametrize("seen", SEEN)
-def test_colours_can_be_distinguished_without_one_kind_of_cone(seen):
-    assert lab("#FF0000", "all") == pytest.approx([53.24, 80.09, 67.20], abs=0.02)
-
-    def least(*colours):
-        places = [lab(colour, seen) for colour in colours]
-        return min(float(np.linalg.norm(a - b)) for a, b in combinations(places, 2))
-
-    assert least(STYLE.common_cause, STYLE.common_effect) > 50
-    assert least(*STYLE.others) > 15
-    assert least(*STYLE.categories) > 8
-    lightness = [lab(colour, seen)[0] for colour in STYLE.categories]
-    assert lightness == sorted(lightness, reverse=True)  # on a black-and-white printer, too
-    assert len(STYLE.categories) == len(CATEGORIES)

@@ -228,19 +228,6 @@ def test_the_memory_of_rl2_is_read_beside_its_controls():
             ol.probe_structure(*asked, subjects=1)
 
 
-@pytest.mark.slow
-def test_a_memory_without_training_reads_as_well_where_the_documentation_says_so():
-    def mistakes(*schemas):
-        return ol.probe_structure("rl2", *schemas, subjects=10).groupby("probe")["shd"].mean()
-
-    same = mistakes(["CC4", "CE4"])
-    assert same["memory"] == same["untrained"] == 0
-    fewer = mistakes(["CC4", "CE4"], ["CC3", "CE3"])
-    assert abs(fewer["memory"] - fewer["untrained"]) < 0.25
-    other = mistakes(["CC3"], ["CE3"])
-    assert other["memory"] > other["rates"] - 0.25
-
-
 # -- regret ---------------------------------------------------------------------------------------
 
 
