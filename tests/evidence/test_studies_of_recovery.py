@@ -1,17 +1,13 @@
 """Studies that ask which learners, and which parameters, are found again."""
 
-from __future__ import annotations
-
 import shutil
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-import causal_openlock.evidence.recovery_runs as recovering
-from causal_openlock.errors import EvidenceError, FileError
+from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.checking import check, write
 from causal_openlock.evidence.confusions import (
     recovery_of,
@@ -35,13 +31,13 @@ seed: 4
 subjects: 5
 protocol: brief
 conditions: [CC3]
-protocols: {brief: {attempt_limit: 8, stop_when_solved: true, baseline_trials: 2}}
+protocols: {brief: {attempt_limit: 6, stop_when_solved: true, baseline_trials: 2}}
 learners:
   - random
   - win_stay
   - {learner: bayes, name: thompson, parameters: {policy: thompson, forgets: failures}}
 """
-STUDY = """
+RECOVERY = """
 title: Whether three learners are told apart
 experiment: experiment.yaml
 measured: recovery
@@ -54,94 +50,13 @@ claims:
     contrasts:
       single: {measure: single, of: {learner: everyone}, minus: 0.5, expected: more}
       halves: {measure: halves, of: {learner: everyone}, minus: 0.5, expected: more}
-      win_stay in CC3: {measure: single, of: {learner: win_stay, condition: CC3}, minus: 0.3, expected: more}
   parameters:
     text: Forgetting is recovered
     contrasts:
-      forgetting: {measure: r, of: {learner: thompson, parameter: forgetting}, minus: 0.7, expected: more}
-tables:
-  r: {measure: r, interval: true, columns: [parameter forgetting, parameter directness], rows: {thompson: Thompson}}
+      forgetting:
+        {measure: r, of: {learner: thompson, parameter: forgetting}, minus: 0.7, expected: more}
 figures: [derived]
-"""  # noqa: E501
-
-
-@pytest.fixture
-def root(tmp_path: Path) -> Path:
-    folder = tmp_path / "evidence" / "small"
-    folder.mkdir(parents=True)
-    (folder / "study.yaml").write_text(STUDY)
-    (folder / "experiment.yaml").write_text(EXPERIMENT)
-    return tmp_path / "evidence"
-
-
-def test_a_study_of_recovery_from_the_run_to_its_page(
-    root: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(
-        "causal_openlock.fitting.recovering.ActionPlan", partial(ActionPlan, moves=1)
-    )
-    study, results = read_study(root / "small"), root.parent / "results"
-    assert not study.faults()
-    with monkeypatch.context() as patched:
-        patched.setattr(recovering, "parameters_recovered", _stopped)
-        with pytest.raises(KeyboardInterrupt):
-            run_study(study, results, Watched(workers=0))
-    assert not read_run(study)["complete"]
-    assert Evidence(study).text("claim parameters verdict") == "undecided"
-    assert len(read_units(study)) == 3 * (5 + 1 + 2)  # subjects, groups, halves
-
-    with monkeypatch.context() as patched:  # what is scored is not scored again
-        patched.setattr("causal_openlock.scoring.teacher_forcing.score_part", None)
-        patched.setattr(recovering, "parameters_recovered", _stopped)
-        with pytest.raises(KeyboardInterrupt):
-            run_study(study, results, Watched(workers=0))
-    spent = read_run(study)["parts"]["played"]["seconds"]
-    shutil.copytree(results, root / "part")
-    shutil.rmtree(results)  # on another machine, for instance
-    with monkeypatch.context() as patched:
-        patched.setattr(recovering, "predicted", None)
-        run_study(study, results, Watched(workers=0))
-    assert read_run(study)["parts"]["played"]["seconds"] >= spent
-    found = Evidence(study)
-    assert found.complete
-    units = read_units(study)
-    assert len(units) == 3 * (5 + 1 + 2) + 4 * 4
-    assert found.text("claim told_apart verdict") == "holds"
-    assert float(found.text("single win_stay")) > 0.8
-    assert found.text("groups everyone units") == "3"
-    # Of one candidate everything comes out the same.
-    assert found.text("claim parameters verdict") == "undecided"
-    assert "comes out the same, whatever made subjects" in found.block("claims")
-    assert found.text("derived win_stay win_stay") == found.text("single win_stay").replace(
-        ".", "0.", 1
-    ).replace("10.", "1.")
-    shown = found.block("derived").splitlines()
-    assert shown[0] == "|  | random | win_stay | thompson | groups | taken for | bits |"
-    assert found.derived.loc["random", "bits"] == pytest.approx(np.log2(15))
-
-    changed, faults = write(root)
-    assert not faults
-    assert not check(root)
-    names = {path.name for path in changed}
-    assert names == {"README.md", "verdicts.csv", "derived.svg"}
-    page = (root / "small" / "README.md").read_text()
-    assert "lets every learner predict every subject" in page
-    assert "parameters" in (root / "small" / "verdicts.csv").read_text()
-    assert "| Thompson | – | – | – |" in page
-
-    before = read_units(study)
-    shutil.rmtree(results)
-    shutil.move(root / "part", results)  # parameters are stored, and their records gone
-    with monkeypatch.context() as patched:
-        patched.setattr(recovering, "parameters_recovered", _stopped)
-        run_study(study, results, Watched(workers=0))
-    pd.testing.assert_frame_equal(read_units(study)[list(before)], before)
-    shutil.rmtree(results)
-    run_study(study, results, Watched(workers=0))  # all is stored: nothing is run
-    assert not results.exists()
-    pd.testing.assert_frame_equal(read_units(study), before)
-
-
+"""
 DESIGN = """
 title: Whether two learners are told apart
 experiment: experiment.yaml
@@ -157,65 +72,92 @@ claims:
   by_the_minute:
     text: Visits tell as much a minute, whoever makes them
     contrasts:
-      rooms: {measure: per_minute, of: {learner: random}, minus: {learner: win_stay}, expected: same, smallest: 9}
+      rooms:
+        {measure: per_minute, of: {learner: random}, minus: {learner: win_stay}, expected: same,
+         smallest: 9}
 tables:
-  information: {measure: information, interval: true, columns: [CC3], rows: {everyone: everyone, random: "`random`"}}
   certain: {measure: certain, columns: [CC3], rows: {thompson: Thompson}}
-figures: [derived, information]
-"""  # noqa: E501
+figures: [derived]
+"""
 
 
-def test_a_study_of_unknown_parameters_from_the_run_to_its_page(
-    root: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (root / "small" / "study.yaml").write_text(DESIGN)
-    study, results = read_study(root / "small"), root.parent / "results"
+@pytest.fixture
+def study_of(tmp_path):
+    """Make a study of a text."""
+
+    def made(text):
+        folder = tmp_path / "evidence" / "small"
+        folder.mkdir(parents=True)
+        (folder / "study.yaml").write_text(text)
+        (folder / "experiment.yaml").write_text(EXPERIMENT)
+        return read_study(folder)
+
+    return made
+
+
+def test_a_study_of_recovery_from_the_run_to_its_page(study_of, tmp_path, monkeypatch):
+    quick = partial(ActionPlan, moves=1)  # a study has no setting for it
+    monkeypatch.setattr("causal_openlock.fitting.recovering.ActionPlan", quick)
+    study, results = study_of(RECOVERY), tmp_path / "results"
     assert not study.faults()
+    run_study(study, results, Watched(workers=0))
+    found, units = Evidence(study), read_units(study)
+    assert found.complete
+    assert len(units) == 3 * (5 + 1 + 2) + 4 * 4  # subjects, groups, halves; parameters of sets
+    assert found.text("claim told_apart verdict") == "holds"
+    assert float(found.text("single win_stay")) > 0.8
+    assert found.text("groups everyone units") == "3"
+    single = float(found.text("single win_stay"))
+    assert float(found.text("derived win_stay win_stay")) == pytest.approx(single)
+    head = found.block("derived").splitlines()[0]
+    assert head == "|  | random | win_stay | thompson | groups | taken for | bits |"
+    assert found.derived.loc["random", "bits"] == pytest.approx(np.log2(15))
+    changed, faults = write(tmp_path / "evidence")
+    assert not faults
+    assert {path.name for path in changed} == {"README.md", "verdicts.csv", "derived.svg"}
+    assert not check(tmp_path / "evidence")
+    shutil.rmtree(results)
+    run_study(study, results, Watched(workers=0))  # all is stored: nothing is run
+    assert not results.exists()
+    pd.testing.assert_frame_equal(read_units(study), units)
+    assert read_run(study)["complete"]
+
+
+def test_a_study_of_unknown_parameters_from_the_run_to_its_page(study_of, tmp_path):
+    study, results = study_of(DESIGN), tmp_path / "results"
     run_study(study, results, Watched(workers=0))
     found, units = Evidence(study), read_units(study)
     assert found.complete
     assert len(units) == 3 * 5 + 2 * (1 + 2)  # subjects; groups and halves of the two theories
     own = units.dropna(subset="information")
     assert set(own["learner"]) == {"random", "win_stay"}
-    assert found.text("information everyone units") == "10"
-    assert float(found.text("information everyone")) == pytest.approx(
-        own["information"].mean(), abs=0.006
-    )
-    mean = found.estimates["by_the_minute", "rooms"][0]
-    assert mean.units == (5,)  # in the same rooms, so in pairs
+    information = float(found.text("information everyone"))
+    assert information == pytest.approx(own["information"].mean(), abs=0.006)
+    assert found.estimates["by_the_minute", "rooms"][0].units == (5,)  # same rooms, so in pairs
     assert found.text("claim told_apart verdict") == "holds"
     assert found.text("certain thompson units") == "5"
     assert units["unlike"].isna().all()  # of too few subjects to say
-    assert not write(root)[1]
-    assert not check(root)
-    page = (root / "small" / "README.md").read_text()
-    assert "lets every theory predict every subject, its parameters unknown" in page
-    assert "| Thompson |" in page
+    assert not write(tmp_path / "evidence")[1]
+    assert not check(tmp_path / "evidence")
     shutil.rmtree(results)
     run_study(study, results, Watched(workers=0))  # all is stored: nothing is run
     assert not results.exists()
 
 
-def _stopped(*_: object) -> None:
-    raise KeyboardInterrupt
-
-
-def made_up(chances: dict[str, list[float]]) -> pd.DataFrame:
+def made_up(chances):
     """By maker, by how many nats the learner `a` predicts each subject better than `b`."""
+    one = {"condition": "CC3", "protocol": "human", "experiment": "e", "seed": 1}
     return pd.DataFrame(
-        [
-            {"scored": scored, "learner": maker, "condition": "CC3", "protocol": "human",
-             "experiment": "e", "seed": 1, "subject": subject, "trial": trial,
-             "log_probability": value / 2}
-            for maker, differences in chances.items()
-            for subject, difference in enumerate(differences)
-            for trial in (1, 2)
-            for scored, value in (("a", -9.0 + difference), ("b", -9.0))
-        ]
-    )  # fmt: skip
+        {"scored": scored, "learner": maker, "subject": subject, "trial": trial, **one}
+        | {"log_probability": value / 2}
+        for maker, differences in chances.items()
+        for subject, difference in enumerate(differences)
+        for trial in (1, 2)
+        for scored, value in (("a", -9.0 + difference), ("b", -9.0))
+    )
 
 
-def test_units_hold_all_that_the_confusion_needs() -> None:
+def test_units_hold_all_that_the_confusion_needs():
     actions = made_up({"a": [3, 3, 3, -1, 0], "b": [-2, -2, -2, -2, -2]})
     units = units_of_recovery(actions)
     assert units.query("learner == 'a'")["single"].dropna().tolist() == [1, 1, 1, 0, 0.5]
@@ -229,7 +171,7 @@ def test_units_hold_all_that_the_confusion_needs() -> None:
     pd.testing.assert_frame_equal(again.bits, plain.bits, check_names=False)
 
 
-def test_a_group_counts_once_however_many_subjects_it_has() -> None:
+def test_a_group_counts_once_however_many_subjects_it_has():
     """Forty-eight groups that are all right cannot show 19 in 20, and their halves can."""
     ones = pd.DataFrame({"groups": np.ones(48), "halves": 1.0, "subjects": 40, "learner": "a"})
     everyone = Selection(learner="everyone")
@@ -239,16 +181,12 @@ def test_a_group_counts_once_however_many_subjects_it_has() -> None:
         assert [low > 0.95, high] == [shown, 1.0]
 
 
-def test_correlations_are_of_what_was_searched() -> None:
-    space = bundled_search("theory_based")
-    pairs = pd.DataFrame(
-        [
-            {"set": number, "parameter": "local_gain", "true": true, "fitted": true**2}
-            for number, true in enumerate((0.1, 0.2, 0.3, 0.5, 0.9))
-        ]
-    )
-    units = units_of_parameters("thompson", pairs, space)
-    assert np.exp(units["true"]).tolist() == pytest.approx([0.1, 0.2, 0.3, 0.5, 0.9])
+def test_correlations_are_on_the_scale_that_was_searched():
+    truth = (0.1, 0.2, 0.3, 0.5, 0.9)
+    pairs = pd.DataFrame({"set": range(5), "parameter": "local_gain", "true": truth})
+    pairs["fitted"] = pairs["true"] ** 2
+    units = units_of_parameters("thompson", pairs, bundled_search("theory_based"))
+    assert np.exp(units["true"]).tolist() == pytest.approx(truth)
     one = Selection.parse(["thompson", "parameter", "local_gain"])
     units["fitted"] += [0.5, -0.5, 0.2, 0.4, -0.1]
     found = correlation(units, one)
@@ -259,33 +197,5 @@ def test_correlations_are_of_what_was_searched() -> None:
     assert found.n == "5"
     contrast = Contrast(measure="r", of=one, minus=0.2, expected="more")
     assert compared(units, contrast, "subject")(1.0).value == pytest.approx(r - 0.2)
-    with pytest.raises(EvidenceError, match="of too few sets"):
+    with pytest.raises(EvidenceError, match="too few"):
         correlation(units[:3], one)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (
-            ("minus: 0.5", "smallest: 0.1, minus: {learner: random}"),
-            "minus: of a recovery is a number",
-        ),
-        (("measured: recovery\n", ""), "derived: confusion is of measured: recovery"),
-        (("derived: confusion\n", "derived: learning_costs\n"), "derives only confusion"),
-    ],
-)
-def test_what_makes_no_sense_is_refused(root: Path, change: tuple[str, str], message: str) -> None:
-    path = root / "small" / "study.yaml"
-    path.write_text(path.read_text().replace(*change).replace("figures: [derived]\n", ""))
-    with pytest.raises(FileError, match=message):
-        read_study(root / "small")
-
-
-def test_what_is_not_played_is_named_before_the_run(root: Path) -> None:
-    path = root / "small" / "study.yaml"
-    path.write_text(path.read_text().replace("of: {learner: everyone}", "of: {learner: everyon}"))
-    with pytest.raises(EvidenceError, match="'everyon' is not played; did you mean everyone"):
-        run_study(read_study(root / "small"), root.parent / "results", Watched(workers=0))
-    path.write_text(STUDY.replace("measure: r, of", "measure: single, of"))
-    with pytest.raises(EvidenceError, match="r is of a parameter, and nothing else is"):
-        run_study(read_study(root / "small"), root.parent / "results", Watched(workers=0))
