@@ -36,6 +36,11 @@ def every_field(events):
     return sum(getattr(events, name) * 2.0**power for power, name in enumerate(FIELDS))
 
 
+def late(events):
+    """A reward that only the second solution makes a difference to."""
+    return 3.0 * (events.found >= 2)
+
+
 def rules_at(schema, layout):
     return Rules.of(schema).at(dict(zip(schema.levers, layout.places, strict=True)))
 
@@ -65,7 +70,7 @@ class Subject:
         }
 
     def step(self, action, luck, terms, weights):
-        """What is paid, and what the reward of every field would be."""
+        """What an action did, and what is paid: by terms, or by one of the functions above."""
         room, before = self.room, [self.rules.solution(each) for each in self.room.found]
         event = room.step(action, luck)
         verb, node = room.named(action)
@@ -77,18 +82,21 @@ class Subject:
             event.repeated, stands is not None and stands not in before,
             bool(self.begun() & {*before}), len(before),
         ]  # fmt: skip
-        told = sum(value * 2.0**power for power, value in enumerate(fields))
-        return event, told if terms is None else reward(event, terms, weights)
+        if terms == "every_field":
+            return event, sum(value * 2.0**power for power, value in enumerate(fields))
+        return event, 3.0 * (len(before) >= 2) if terms == "late" else reward(event, terms, weights)
 
     def useful(self, generator):
-        """An action: those on active levers and the door more often than chance would have it."""
-        room, positions = self.room, self.room.positions
-        if self.rules.holds(DOOR, room.pushed) and generator.random() < 0.5:
-            return 2 * positions
+        """An action: those that lead to a solution more often than chance would have it."""
+        room, positions, found = self.room, self.room.positions, self.room.found
         if generator.random() < 0.15 and room.previous is not None:
             return room.previous
         if generator.random() < 0.7:
-            could = [p for p in self.rules.levers if p not in room.pushed]
+            if self.rules.holds(DOOR, room.pushed):
+                return 2 * positions
+            left = [s for s in self.solutions if room.pushed <= s and s not in found]
+            goal = left[generator.integers(len(left))] if left else set(self.rules.levers)
+            could = sorted(p for p in goal - room.pushed if self.rules.holds(p, room.pushed))
             return could[generator.integers(len(could))] if could else 2 * positions
         return int(generator.integers(2 * positions + 1))
 
@@ -103,12 +111,13 @@ def play(rooms, positions, generator, put_back, stop_when_solved, steps=40):
     drawn = {name: float(generator.integers(-5, 9)) for name in WEIGHTS}
     own = {name: value for name, value in drawn.items()
            if name in terms or (name in ("unlock", "open") and "basic" in terms)}  # fmt: skip
-    payers = [(terms, WEIGHTS), (terms, WEIGHTS | own), (None, None)]
-    functions = [find_reward(terms), find_reward({"terms": terms, **own}), find_reward(every_field)]
-    size, limit = 2 * len(rooms), 3
+    payers = [(terms, WEIGHTS), (terms, WEIGHTS | own), ("every_field", None), ("late", None)]
+    forms = [terms, {"terms": terms, **own}, every_field, late]
+    functions = [*map(find_reward, forms)]
+    size, limit = 2 * len(rooms), 4
     batch = RoomBatch(tables, functions, size, limit, stop_when_solved=stop_when_solved,
                       put_back=put_back)  # fmt: skip
-    batch.reward[:] = np.arange(size) % 3
+    batch.reward[:] = np.arange(size) % 4
     subjects = [None] * size
 
     def begin(which):
@@ -141,7 +150,7 @@ def play(rooms, positions, generator, put_back, stop_when_solved, steps=40):
                 room.begin()
                 subject.done = []
             else:
-                payer = payers[row % 3]
+                payer = payers[row % 4]
                 event, paid = subject.step(int(action[row]), luck[row], *payer)
                 new = event.opens and event.new
                 every = len(room.found) == len(subject.solutions)
