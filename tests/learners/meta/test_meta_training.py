@@ -1,25 +1,18 @@
 """Meta-training of rl2: the rooms it draws, and that it trains and goes on where it was."""
 
-from __future__ import annotations
-
-import re
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
-from causal_openlock.contract.learner import Step
 from causal_openlock.contract.registry import create
 from causal_openlock.envs import OpenLockEnv
 from causal_openlock.errors import (
     ExperimentError,
-    FileError,
     Interrupted,
     LearnerError,
-    OpenLockError,
 )
 from causal_openlock.experiment.protocol import Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
@@ -44,7 +37,7 @@ PROTOCOL = Protocol("t", attempt_limit=12, stop_when_solved=False, baseline_tria
 
 
 @pytest.fixture(autouse=True)
-def one_thread() -> None:
+def one_thread():
     torch.set_num_threads(1)
 
 
@@ -54,12 +47,12 @@ def one_thread() -> None:
 REWARDS = ("unique_solutions", "paper", "negative_repeat")
 
 
-def test_its_rooms_are_as_the_environment_in_the_same_layouts() -> None:
+def test_its_rooms_are_as_the_environment_in_the_same_layouts():
     schemas = (CC3, CE4, *random_schemas(4, [3, 4], seed=2))
     known = Distribution(schemas, (1.0,) * 6, REWARDS, attempt_limit=4, trials=(1, 3))
     rooms, generator = MetaRooms(known, 30, rng()), rng(1)
 
-    def beside(room: int) -> OpenLockEnv:
+    def beside(room):
         schema = schemas[rooms.schema[room]]
         places = [rooms.layout[room].tolist().index(lever) for lever in range(len(schema.levers))]
         reward = REWARDS[rooms._batch.reward[room]]
@@ -97,11 +90,11 @@ def test_its_rooms_are_as_the_environment_in_the_same_layouts() -> None:
     assert solved > 10
 
 
-def grey_sets(rooms: MetaRooms) -> set[frozenset[int]]:
+def grey_sets(rooms):
     return {frozenset(np.flatnonzero(row >= 0).tolist()) for row in rooms.layout}
 
 
-def test_no_room_has_its_levers_where_a_published_layout_has_them() -> None:
+def test_no_room_has_its_levers_where_a_published_layout_has_them():
     published = {
         frozenset(PAPER_POSITIONS.index(place) for place in layout.values())
         for layout in room_facts()["layouts"].values()
@@ -117,7 +110,7 @@ def test_no_room_has_its_levers_where_a_published_layout_has_them() -> None:
     assert len(met) == 70 - len(published)
 
 
-def test_where_levers_stand_in_few_ways_they_stand_in_no_others() -> None:
+def test_where_levers_stand_in_few_ways_they_stand_in_no_others():
     known = Distribution((CC3, CE4), (1, 1), attempt_limit=1, placements=2)
     rooms, met = MetaRooms(known, 50, rng()), set()
     for _ in range(60):
@@ -126,7 +119,7 @@ def test_where_levers_stand_in_few_ways_they_stand_in_no_others() -> None:
     assert sorted(max(row) + 1 for row in met) == [3, 3, 4, 4]
 
 
-def test_the_bundled_training_leaves_out_every_layout_that_is_tested() -> None:
+def test_the_bundled_training_leaves_out_every_layout_that_is_tested():
     file = read_training(bundled("experiments") / "meta_training" / "rl2.yaml")
     known = file.distribution(Path())
     tested = {
@@ -138,7 +131,7 @@ def test_the_bundled_training_leaves_out_every_layout_that_is_tested() -> None:
     assert tested <= known.excluded
 
 
-def test_a_life_keeps_its_schema_unless_it_changes() -> None:
+def test_a_life_keeps_its_schema_unless_it_changes():
     schemas = (CC3, CE4)
     for change, expected in ((0.0, 0.0), (1.0, 0.5)):
         known = Distribution(schemas, (1, 1), attempt_limit=1, trials=(3, 3), change=change)
@@ -157,7 +150,7 @@ def test_a_life_keeps_its_schema_unless_it_changes() -> None:
         assert np.mean(changed) == pytest.approx(expected, abs=0.05)
 
 
-def test_random_schemas_are_different_and_can_be_solved() -> None:
+def test_random_schemas_are_different_and_can_be_solved():
     schemas = random_schemas(40, [3, 4], seed=3)
     assert len({str(schema.as_dict() | {"name": ""}) for schema in schemas}) == 40
     assert all(schema.least_action_limit <= 3 for schema in schemas)
@@ -168,7 +161,7 @@ def test_random_schemas_are_different_and_can_be_solved() -> None:
     ]
 
 
-def test_schemas_that_do_the_same_under_other_names_are_told_and_can_be_left_out() -> None:
+def test_schemas_that_do_the_same_under_other_names_can_be_left_out():
     one = Schema("one", ["A", "B", "C"], {"C": ["A", "B"], "A": ["door"], "B": ["door"]})
     assert behaviour(one) == behaviour(CC3)
     known = [find_schema(name) for name in ("CC3", "CE3", "CC4", "CE4", "chain3")]
@@ -176,8 +169,9 @@ def test_schemas_that_do_the_same_under_other_names_are_told_and_can_be_left_out
     assert len(forms) == 5
     drawn = random_schemas(300, [3, 4], 1)
     assert any(behaviour(schema) in forms for schema in drawn)
-    others = random_schemas(300, [3, 4], 1, known)
-    assert not any(behaviour(schema) in forms for schema in others)
+    shaped = random_schemas(20, [3, 4], 1, known, solutions={3: 2, 4: 3})
+    assert not any(behaviour(schema) in forms for schema in shaped)
+    assert {(len(schema.levers), len(schema.solutions)) for schema in shaped} == {(3, 2), (4, 3)}
 
 
 # -- meta-training --------------------------------------------------------------------------------
@@ -198,22 +192,20 @@ minibatches: 2
 """
 
 
-def small(tmp_path: Path, actions: int = 960, kind: str = "levers") -> Path:
+def small(tmp_path, actions=960, kind="levers"):
     path = tmp_path / "small.yaml"
     path.write_text(SMALL.format(actions=actions, kind=kind))
     return path
 
 
-def test_an_interrupted_training_ends_with_the_same_weights(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_interrupted_training_ends_with_the_same_weights(tmp_path, monkeypatch):
     file, whole, parts = small(tmp_path), tmp_path / "whole.npz", tmp_path / "parts.npz"
     train(file, whole)
 
     monkeypatch.setattr("openlock_learners.meta.training.LOG_EVERY", 0.0)
     update = MetaTraining.update
 
-    def interrupted(self: MetaTraining) -> dict[str, float]:
+    def interrupted(self):
         if self.updates == 4:
             raise KeyboardInterrupt
         return update(self)
@@ -234,7 +226,7 @@ def test_an_interrupted_training_ends_with_the_same_weights(
 
 
 @pytest.mark.parametrize("kind", ["levers", "flat"])
-def test_a_trained_network_plays(tmp_path: Path, kind: str) -> None:
+def test_a_trained_network_plays(tmp_path, kind):
     out = tmp_path / "net.npz"
     train(small(tmp_path, 96, kind), out)
     assert np.array(1e-310) / 10 > 0  # denormal numbers are there again
@@ -246,7 +238,7 @@ def test_a_trained_network_plays(tmp_path: Path, kind: str) -> None:
             create("rl2", {"checkpoint": str(out)}).begin(large)
 
 
-def test_returns_end_with_the_trial_or_with_the_life(tmp_path: Path) -> None:
+def test_returns_end_with_the_trial_or_with_the_life(tmp_path):
     declared = read_training(small(tmp_path))
     ends = {}
     for credit in ("trial", "life"):
@@ -258,7 +250,7 @@ def test_returns_end_with_the_trial_or_with_the_life(tmp_path: Path) -> None:
     assert ends["trial"].sum() > ends["life"].sum()
 
 
-def test_schemas_can_be_drawn_by_the_seed_of_the_training(tmp_path: Path) -> None:
+def test_schemas_can_be_drawn_by_the_seed_of_the_training(tmp_path):
     path = small(tmp_path)
     path.write_text(path.read_text().replace("levers: [3]}", "levers: [3], seed: null}"))
     declared = read_training(path)
@@ -269,7 +261,7 @@ def test_schemas_can_be_drawn_by_the_seed_of_the_training(tmp_path: Path) -> Non
     assert list(drawn[1][1:]) == random_schemas(5, [3], 2) != list(drawn[0][1:])
 
 
-def test_meta_training_improves_its_play() -> None:
+def test_meta_training_improves_its_play():
     file = TrainingFile.model_validate(
         {
             "rooms": {
@@ -290,70 +282,23 @@ def test_meta_training_improves_its_play() -> None:
     found = []
     step = training.rooms.step
 
-    def counted(action: Any) -> Step:
+    def counted(action):
         taken = step(action)
         found.append(taken.new_solution.sum())
         return taken
 
-    training.rooms.step = counted  # type: ignore[method-assign]
+    training.rooms.step = counted
     while not training.over:
         training.update()
     early, late = np.sum(found[:150]), np.sum(found[-150:])
     assert late > 10 * early + 50, (early, late)
 
 
-def test_a_spoiled_state_of_a_training_is_one_sentence(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_spoiled_state_of_a_training_is_named(tmp_path):
     path, left = small(tmp_path), tmp_path / "net.npz.training"
     state = MetaTraining(read_training(path)).state_dict()
     for spoiled in ([], {"file": 1}, {**state, "fresh": np.ones(3)}, {**state, "trainer": {}}):
         with left.open("wb") as file:
             write_state(file, spoiled)
-        with pytest.raises(ExperimentError, match=r"net\.npz\.training .*remove it"):
+        with pytest.raises(ExperimentError, match=r"net\.npz\.training"):
             train(path, tmp_path / "net.npz")
-
-
-def test_a_fault_in_the_file_has_its_line(tmp_path: Path) -> None:
-    path = small(tmp_path)
-    path.write_text(path.read_text().replace("at_once: 16", "at_ones: 16"))
-    with pytest.raises(FileError, match=r"small.yaml:7:1: 'at_ones' is not a key .* at_once"):
-        read_training(path)
-
-
-@pytest.mark.parametrize(
-    ("out", "says"),
-    [
-        ("", "is a folder; give --out the name"),
-        ("net", "net is a folder"),
-        ("f/net.npz", "f is a file"),
-    ],
-)
-def test_where_no_network_can_be_written_none_is_trained(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, out: str, says: str
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "net").mkdir()
-    (tmp_path / "f").touch()
-    with pytest.raises(OpenLockError, match=says):
-        train(small(tmp_path), Path(out))
-    assert not list(tmp_path.glob("*.training"))
-
-
-@pytest.mark.parametrize(
-    ("was", "now", "says"),
-    [
-        ("attempt_limit: 4", "excluded_layouts: [trial77]", "no layout 'trial77'; did you mean"),
-        ("[1, 3]", "[3, 1]", "fewest and the most"),
-        ("[paper, basic]", "[papper]", "no reward 'papper'"),
-        ("{CC3: 1}", "{CC33: 1}", "no schema 'CC33'"),
-    ],
-)
-def test_what_does_not_fit_is_one_sentence_and_no_training(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], was: str, now: str, says: str
-) -> None:
-    path = small(tmp_path)
-    path.write_text(path.read_text().replace(was, now))
-    with pytest.raises(OpenLockError, match=re.escape(says)):
-        train(path, tmp_path / "net.npz")
-    assert not list(tmp_path.glob("net*"))

@@ -1,7 +1,5 @@
 """Sequences for replay: whole, in order, and never across a reset of the memory."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -17,9 +15,7 @@ from openlock_learners.networks.sequence_buffer import SequenceBuffer
     burn_in=st.integers(0, 3),
     unroll=st.integers(1, 4),
 )
-def test_sequences_never_cross_a_reset(
-    lengths: list[int], open_end: int, capacity: int, burn_in: int, unroll: int
-) -> None:
+def test_sequences_never_cross_a_reset(lengths, open_end, capacity, burn_in, unroll):
     segments = np.repeat(np.arange(len(lengths) + 1), [*lengths, open_end])
     total = len(segments)
     replay = SequenceBuffer(2, capacity, burn_in, unroll, 1, 1)
@@ -32,7 +28,7 @@ def test_sequences_never_cross_a_reset(
             replay.add(np.array([who]), number, -number, *([[step]] * 2), not_done, resets)
     drawn = np.random.default_rng(0).random((2, 2 * 300))
     batch = replay.sample(drawn)
-    learned: set[int] = set()
+    learned = set()
     for who, sequence in np.ndindex(2, 300 if total > 1 else 0):
         seen = batch.inputs[who, :, sequence, 0].astype(int) - 1000 * who
         start = seen[burn_in]
