@@ -18,11 +18,9 @@ from causal_openlock.paper.exploration import (
     log_linear_fit,
     offset_fit,
     people_over_trials,
-    random_actions,
     schedules,
     steps_until,
 )
-from openlock_learners.ddqn import DDQNParameters
 from support.fabricated_courses import around, course, described
 from support.made_up_experiments import material_of
 from support.topics import section_on
@@ -54,20 +52,6 @@ def test_people_in_training_decay_near_the_papers_rate_by_one_form_alone():
     assert found["trials"].tolist() == [6] * 9 + [5] * 6
 
 
-def test_the_papers_decay_ends_exploration_within_16_steps():
-    assert [steps_until(decay) for decay in (PAPER_MEAN, PAPER_MEDIAN, 0.995)] == [16, 8, 919]
-    assert steps_until(PAPER_MEAN, start=0.5) == 14
-    with pytest.raises(ValueError, match="never"):
-        steps_until(1.0)
-
-
-def test_expected_random_actions_are_the_sum_of_epsilon():
-    parameters = DDQNParameters(epsilon_decay=0.8, epsilon_after_trial=0.5)
-    first = sum(max(0.8**k, 0.01) for k in range(21))
-    later = sum(max(0.5 * 0.8**k, 0.01) for k in range(21))
-    assert random_actions(vars(parameters), 7, 3) == pytest.approx((first, later))
-
-
 def test_the_section_tells_fast_exploration_from_a_usual_decay(tmp_path):
     experiment = described(
         tmp_path,
@@ -76,6 +60,7 @@ def test_the_section_tells_fast_exploration_from_a_usual_decay(tmp_path):
     )
     own = schedules(experiment).set_index("learner")
     assert own["steps"].to_dict() == {"usual": 919, "fast": 16}
+    assert [steps_until(decay) for decay in (PAPER_MEAN, PAPER_MEDIAN)] == [16, 8]
     # .743 ** k adds up to 3.86 down to .01, which the rest of 900 actions then keep.
     geometric = math.fsum(0.743**k for k in range(16)) + 884 * 0.01
     assert own.loc["fast", "first_trial"] == pytest.approx(geometric)
