@@ -16,7 +16,6 @@ from playwright.sync_api import Page, sync_playwright
 from causal_openlock.analysis.report.writing import make_report
 from support import browsers
 from support.accessibility import violations
-from support.figures import drawn
 from support.paper_play import material, play, same, scattered
 
 pytestmark = pytest.mark.browser
@@ -33,9 +32,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
     names = ("perfect", "quick", "slow", "never")
     made = (same(3), scattered(1), scattered(2, 9.0), same(30))
     rows = [row for name, way in zip(names, made, strict=True) for row in play(name, way, 6)]
-    with drawn():
-        held = material(rows, names)
-        path = make_report(held, tmp_path_factory.mktemp("browser")).path
+    path = make_report(material(rows, names), tmp_path_factory.mktemp("browser")).path
     with sync_playwright() as playwright:
         browser = browsers.launch(playwright)
         opened = browser.new_page(viewport={"width": 1200, "height": 850})
