@@ -27,3 +27,15 @@ def test_a_stored_text_that_differs_fails_with_the_lines_that_differ(project):
 def test_a_text_that_is_not_stored_fails(project):
     project.runpytest().assert_outcomes(failed=1)
     assert not (project.path / "golden").exists()
+
+
+def test_a_text_that_is_stored_for_other_processors_is_skipped_with_the_command(project):
+    project.makepyfile("def test_a(golden):\n    golden('a.txt', 'one', processor=True)\n")
+    result = project.runpytest("-rs")
+    result.assert_outcomes(skipped=1)
+    result.stdout.fnmatch_lines(["*git worktree add*"])
+    project.runpytest("--golden").assert_outcomes(passed=1)
+    (stored,) = (project.path / "golden").iterdir()
+    assert stored.name.startswith("a.")
+    stored.write_text("two\n")
+    project.runpytest().assert_outcomes(failed=1)
