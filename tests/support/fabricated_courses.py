@@ -1,30 +1,15 @@
 """Long courses made up for tests: how often a visit's attempts open the door, chosen freely."""
 
-from __future__ import annotations
-
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pyarrow as pa
 
 from causal_openlock.experiment.record import CATEGORIES, record_schema
-from causal_openlock.schemas.fsm import FloatArray
-from causal_openlock.storage.stored import StoredExperiment
 from support.made_up_experiments import declared
 
 ATTEMPTS = 20
 
 
-def course(
-    opens: Any,
-    *,
-    finds_all: Any = False,
-    other: Any = 1.0,
-    attempts: int = ATTEMPTS,
-    trials: int = 5,
-    **names: str,
-) -> pa.Table:
+def course(opens, *, finds_all=False, other=1.0, attempts=ATTEMPTS, trials=5, **names):
     """A record of n subjects in V visits each; a visit's openings are its last attempts.
 
     Args:
@@ -59,7 +44,7 @@ def course(
         "layout": "trial7",
         **names,
     }
-    columns: dict[str, Any] = {
+    columns = {
         **{
             name: pa.DictionaryArray.from_arrays(np.zeros(rows, np.int32), [value])
             for name, value in given.items()
@@ -91,15 +76,14 @@ def course(
     )
 
 
-def around(means: Any, subjects: int = 10, spread: float = 0.02, seed: int = 0) -> FloatArray:
+def around(means, subjects=10, spread=0.02, seed=0):
     """``[n, V]`` shares of subjects that differ a little around ``[V]`` means."""
     rng = np.random.default_rng(seed)
     means = np.asarray(means, float)
     own = rng.normal(0, spread, (subjects, 1)) + rng.normal(0, spread, (subjects, len(means)))
-    shares: FloatArray = np.clip(means + own, 0, 1)
-    return shares
+    return np.clip(means + own, 0, 1)
 
 
-def described(folder: Path, text: str) -> StoredExperiment:
+def described(folder, text):
     """The experiment of an experiment file under ``rl``, as a results folder holds it."""
     return declared(folder, f"protocol: rl\n{text}")

@@ -11,12 +11,14 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pytest
+from matplotlib.figure import Figure
 
 import causal_openlock as ol
 from causal_openlock.analysis.report.what_was_run import edges
 from causal_openlock.analysis.report.writing import make_report, write_report
+from causal_openlock.analysis.section import Section, SectionPlot
 from causal_openlock.analysis.table import Table, printed
-from causal_openlock.analysis.topic import all_topics, columns_of, sections_of
+from causal_openlock.analysis.topic import Topic, all_topics, columns_of, sections_of
 from causal_openlock.analysis.topics.belief_traces import TOPIC as BELIEFS
 from causal_openlock.errors import OpenLockError
 from causal_openlock.schemas.schema_file import schema_from_dict
@@ -25,12 +27,30 @@ from support.command import at_once
 from support.fabricated_records import random_cells, table, trial_rows
 from support.html_page import Page
 from support.made_up_experiments import NOBODY, experiment_of, material_of, stored
-from support.section_of_ours import TOPIC as OURS
 from support.topics import section_on, topics_called
 from support.whole_report import lines_of, whole_material
 
 pytestmark = pytest.mark.slow
 
+
+def paid_section(material, _):
+    """How much each learner was paid: a section as somebody might add it."""
+    if not material.record.num_rows:
+        return None
+    names = sorted(material.trials["learner"].astype(str).unique())
+    values = {"share": 0.125, "better": True, "per_1000": 1234567.0, "nothing": float("nan")}
+    paid = pd.DataFrame({"learner": names, "reward": 0.0}).assign(**values)
+    figure = Figure(figsize=(3, 2))
+    figure.subplots().plot([0, 1], [0, 1])
+    formats = {"reward": "+.3f", "share": ".1%", "per_1000": ",.0f", "nothing": ".2f"}
+    about = "Means over attempts ± nothing, 100% of them."
+    table = Table("paid", "Pay & <reward>", paid, formats, about)
+    plot = SectionPlot("paid", "Pay", "A line.", figure)
+    text = f"{len(paid)} learners & one < two."
+    return Section("paid", "What was paid", (text,), (table,), (plot,))
+
+
+OURS = Topic("paid", 1, paid_section, columns=("reward",))
 SOLVED = trial_rows([1, 2, 3])
 KINDS = ("pdf", "png", "svg")
 
