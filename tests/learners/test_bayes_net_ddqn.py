@@ -1,26 +1,23 @@
 """A DDQN that explores by expected information, beside one that explores by chance."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 from scipy.stats import chisquare
 
 from causal_openlock.contract.registry import create
-from causal_openlock.experiment.protocol import Condition, Protocol
+from causal_openlock.experiment.protocol import Protocol
 from causal_openlock.experiment.session import Session
 from openlock_learners.bayes_net_ddqn import BayesNetDDQN, BayesNetDDQNParameters
 from openlock_learners.ddqn import DDQN, DDQNParameters
 from support.checkpoints import same
-from support.session_play import HUMAN, Scripted, named, one_room
+from support.session_play import HUMAN, named, one_room
 
 pytestmark = pytest.mark.slow
 
-SMALL: dict[str, Any] = {
+SMALL = {
     "hidden_layers": 1,
     "hidden_units": 8,
     "batch_size": 8,
@@ -30,35 +27,19 @@ SMALL: dict[str, Any] = {
 ON = Protocol("on", 60, stop_when_solved=False, baseline_trials=2)
 
 
-def guided(**parameters: Any) -> BayesNetDDQN:
+def guided(**parameters):
     return BayesNetDDQN(BayesNetDDQNParameters(**SMALL, **parameters))
 
 
-def plain(**parameters: Any) -> DDQN:
+def plain(**parameters):
     return DDQN(DDQNParameters(**SMALL, **parameters))
 
 
-def begun(learner: DDQN, condition: str | Condition, protocol: Protocol, subjects: int) -> Session:
+def begun(learner, condition, protocol, subjects):
     condition = named(condition) if isinstance(condition, str) else condition
     session = Session(condition, protocol, subjects, seed=1)
     learner.begin(session.brief)
     return session
-
-
-def test_without_exploration_the_two_play_and_train_alike():
-    never = {"epsilon_start": 0.0, "epsilon_min": 0.0, "epsilon_after_trial": None}
-    courses = []
-    for learner in (guided(**never), plain(**never)):
-        session = begun(learner, "CC3-CE4", replace(HUMAN, attempt_limit=5), 3)
-        actions = []
-        while not session.over:
-            actions.append(learner.act(session.view).tolist())
-            learner.learn(session.step(np.array(actions[-1])))
-        state = learner.state_dict()
-        state.pop("beliefs", None)
-        courses.append((actions, state))
-    assert courses[0][0] == courses[1][0]
-    assert same(courses[0][1], courses[1][1])
 
 
 def test_only_what_it_explores_is_different_and_only_while_there_is_something_to_learn():
@@ -67,14 +48,14 @@ def test_only_what_it_explores_is_different_and_only_while_there_is_something_to
     room = one_room("CC3", "trial1", 2)
     session = begun(learner, room, ON, 3)
     begun(shadow, room, ON, 3)
-    explores: list[np.ndarray] = []
+    explores = []
 
     def watched(view, who, draw):
         explores.append(who)
         return BayesNetDDQN._explore(learner, view, who, draw)
 
     learner._explore = watched
-    told = Counter[str]()
+    told = Counter()
     while not session.over:
         view = session.view
         actions, others = learner.act(view), shadow.act(view)
@@ -122,18 +103,6 @@ def test_while_there_is_something_to_learn_it_explores_in_proportion_to_the_gain
     alive = expected > 0
     assert chisquare(counts[alive], expected[alive]).pvalue > 1e-3
     assert chisquare(counts[alive]).pvalue < 1e-3  # which all alike would not be
-
-
-def test_finished_subjects_are_not_asked_for_their_beliefs():
-    learner = guided(epsilon_min=1.0)
-    session = begun(learner, one_room("CC3", "trial1"), replace(HUMAN, attempt_limit=3), 2)
-    places = session.truth.rooms[0].layout.places
-    script = Scripted([places[0], places[1], 14, places[0], places[2], 14], [0] * 9)
-    script.begin(session.brief)
-    while not session.over:
-        learner.act(session.view)
-        learner.learn(session.step(script.act(session.view)))
-    assert learner.beliefs.of == [None, None]
 
 
 def test_what_the_structure_learner_believes_at_first_is_a_parameter():

@@ -1,15 +1,11 @@
 """The simple rivals, against their rules worked out by hand."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
 from dataclasses import replace
 from itertools import permutations, product
 
 import numpy as np
 import pytest
 
-from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.registry import create
 from causal_openlock.experiment.protocol import Condition
 from causal_openlock.experiment.session import Session
@@ -19,7 +15,7 @@ from support.session_play import HUMAN, one_room, play
 LAYOUT = "trial1"  # CC3: UPPERRIGHT 0 frees LOWERLEFT 4 and LOWER 5, which unlock the door
 
 
-def shown(learner: Learner, actions: Sequence[int], schema: str = "CC3") -> Session:
+def shown(learner, actions, schema="CC3"):
     """A session in one room whose only subject learns from these actions, whatever it wants."""
     session = Session(one_room(schema, LAYOUT), HUMAN, 1, seed=1)
     session.begin(learner)
@@ -29,7 +25,7 @@ def shown(learner: Learner, actions: Sequence[int], schema: str = "CC3") -> Sess
     return session
 
 
-def levers_of_cc3() -> tuple[int, int, int]:
+def levers_of_cc3():
     room = Session(one_room("CC3", LAYOUT), HUMAN, 1).truth.rooms[0]
     (first, one, _), (_, other, _) = (room.action_of(own) for own in room.schema.solutions)
     return first, one, other
@@ -39,7 +35,7 @@ def levers_of_cc3() -> tuple[int, int, int]:
 
 
 @pytest.mark.parametrize("grey_only", [False, True])
-def test_it_never_carries_out_a_sequence_twice_in_a_room(grey_only: bool) -> None:
+def test_it_never_carries_out_a_sequence_twice_in_a_room(grey_only):
     record = play(create("win_stay", {"grey_only": grey_only}), "CC4", subjects=12)
     for _, rows in record.groupby(["subject", "trial"]):
         done = [tuple(actions) for actions in rows["actions"]]
@@ -51,7 +47,7 @@ def test_it_never_carries_out_a_sequence_twice_in_a_room(grey_only: bool) -> Non
     assert (lengths.max() <= 12) == grey_only
 
 
-def test_after_a_success_it_keeps_one_of_the_two_levers_in_its_place() -> None:
+def test_after_a_success_it_keeps_one_of_the_two_levers_in_its_place():
     first, one, other = levers_of_cc3()
     learner = create("win_stay")
     shown(learner, [])
@@ -62,7 +58,7 @@ def test_after_a_success_it_keeps_one_of_the_two_levers_in_its_place() -> None:
     assert tried == {(a, b) for a, b in permutations(range(7), 2) if (a == first) != (b == one)}
 
 
-def test_it_pushes_grey_levers_when_it_starts_over() -> None:
+def test_it_pushes_grey_levers_when_it_starts_over():
     learner = create("win_stay", {"grey_only": True})
     session = shown(learner, [])
     grey = session.view.observation[0, 7:14] == 1
@@ -71,7 +67,7 @@ def test_it_pushes_grey_levers_when_it_starts_over() -> None:
     assert {tuple(pair) for pair in again} == {*permutations(np.flatnonzero(grey), 2)}
 
 
-def test_what_worked_in_a_room_is_tried_first_in_the_next() -> None:
+def test_what_worked_in_a_room_is_tried_first_in_the_next():
     room = one_room("CC3", LAYOUT, trials=2)
     for across, wanted in ((True, 1.0), (False, 0.2)):
         learner = create("win_stay", {"across_rooms": across})
@@ -84,7 +80,7 @@ def test_what_worked_in_a_room_is_tried_first_in_the_next() -> None:
 # -- Rescorla-Wagner -------------------------------------------------------------------------------
 
 
-def test_a_prediction_error_is_shared_by_the_cues_that_are_present() -> None:
+def test_a_prediction_error_is_shared_by_the_cues_that_are_present():
     first, one, _ = levers_of_cc3()
     given = {"lever": 0.3, "position": 0.1, "colour": 0.2, "partial": 0.5}
     learner = create("associative", given)
@@ -101,7 +97,7 @@ def test_a_prediction_error_is_shared_by_the_cues_that_are_present() -> None:
     assert learner.strength(session.view.observation)[0, 14] == pytest.approx(0.3 + 0.1)  # locked
 
 
-def test_levers_of_another_room_are_new_and_colours_are_not() -> None:
+def test_levers_of_another_room_are_new_and_colours_are_not():
     learner = create("associative")
     record = play(learner, "CC3", subjects=3)
     assert record["solutions_found"].max() > 0
@@ -109,10 +105,10 @@ def test_levers_of_another_room_are_new_and_colours_are_not() -> None:
     assert learner.colour.any(axis=1).all()
 
 
-def test_what_is_seen_to_be_impossible_is_not_done() -> None:
+def test_what_is_seen_to_be_impossible_is_not_done():
     record = play(create("associative", {"temperature": 50.0}), "two_of_four", subjects=6)
     for actions, moved in zip(record["actions"], record["moved"], strict=True):
-        out: set[int] = set()
+        out = set()
         for action, did in zip(actions, moved, strict=True):
             assert action not in out
             assert action == 14 or action < 7 or action - 7 in out
@@ -123,13 +119,13 @@ def test_what_is_seen_to_be_impossible_is_not_done() -> None:
 # -- tabular Q -------------------------------------------------------------------------------------
 
 
-def test_q_values_are_watkins_own() -> None:
+def test_q_values_are_watkins_own():
     first, one, _ = levers_of_cc3()
     learner = create("tabular_q", {"learning_rate": 0.5, "gamma": 0.8})
     session = shown(learner, [])
     start = session.view.observation
 
-    def attempt(last: int = 14) -> list[float]:
+    def attempt(last=14):
         values = []
         for action in (first, one, last):
             before = session.view.observation
@@ -145,7 +141,7 @@ def test_q_values_are_watkins_own() -> None:
     assert np.flatnonzero(learner.values(start)[0]).tolist() == [first]
 
 
-def test_a_greedy_one_draws_among_equals_and_its_epsilon_follows_the_paper() -> None:
+def test_a_greedy_one_draws_among_equals_and_its_epsilon_follows_the_paper():
     learner = create("tabular_q", {"epsilon_start": 0.0, "epsilon_min": 0.0, "gamma": 0.0,
                                    "learning_rate": 0.0, "epsilon_after_trial": None})  # fmt: skip
     record = play(learner, "CC3", subjects=20)
@@ -161,7 +157,7 @@ def test_a_greedy_one_draws_among_equals_and_its_epsilon_follows_the_paper() -> 
 # -- posterior sampling ----------------------------------------------------------------------------
 
 
-def test_the_posterior_is_the_prior_and_what_was_counted() -> None:
+def test_the_posterior_is_the_prior_and_what_was_counted():
     first, one, _ = levers_of_cc3()
     learner = create("posterior_sampling", {"concentration": 0.4, "by_look": False})
     session = shown(learner, [first, one, 14, first])
@@ -182,8 +178,8 @@ def test_the_posterior_is_the_prior_and_what_was_counted() -> None:
     assert model[after, 1, 14].tolist() == pytest.approx([0.14, 0.14, 0.14, 0.28])  # opened once
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_who_has_seen_all_that_can_happen_solves_the_room_at_once(seed: int) -> None:
+@pytest.mark.parametrize("seed", range(2))
+def test_who_has_seen_all_that_can_happen_solves_the_room_at_once(seed):
     levers = levers_of_cc3()
     learner = create("posterior_sampling", {"concentration": 1e-3, "by_look": False})
     session = Session(one_room("CC3", LAYOUT), replace(HUMAN, attempt_limit=300), 1, seed=seed)
@@ -201,8 +197,8 @@ def test_who_has_seen_all_that_can_happen_solves_the_room_at_once(seed: int) -> 
     assert session.over
 
 
-def test_the_table_grows_with_what_is_met() -> None:
+def test_the_table_grows_with_what_is_met():
     condition = Condition.named("CE3-CE4", find_schema)
     learner = create("tabular_q")
     Session(condition, HUMAN, 100, seed=2018).play(learner)
-    assert learner._values.shape[1] > 64  # type: ignore[attr-defined]
+    assert learner._values.shape[1] > 64

@@ -1,7 +1,5 @@
 """The theory-based model: its spaces, its equations by plain enumeration, and its two papers."""
 
-from __future__ import annotations
-
 from itertools import combinations, permutations, product
 
 import numpy as np
@@ -9,7 +7,6 @@ import pytest
 
 from causal_openlock.analysis.measures import attempts_to_solve
 from causal_openlock.contract.registry import create
-from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from causal_openlock.experiment.session import Session
 from causal_openlock.fitting.objective import joined, score
@@ -25,7 +22,7 @@ PLAIN = {"beliefs": "mean", "local_gain": 1.0, "global_gain": 2.0, "schema_gain"
          "edit_weight": 0.7}  # fmt: skip
 
 
-def shown(actions: list[int], **parameters: object) -> tuple[TheoryBased, Session]:
+def shown(actions, **parameters):
     """A subject in a room of CC3 that has learned from these actions."""
     learner = create("theory_based", {**PLAIN, **parameters})
     assert isinstance(learner, TheoryBased)
@@ -37,7 +34,7 @@ def shown(actions: list[int], **parameters: object) -> tuple[TheoryBased, Sessio
     return learner, session
 
 
-def levers() -> tuple[int, int, int, int]:
+def levers():
     """The cause, its two effects, and a white lever."""
     room = Session(one_room("CC3", "trial1"), HUMAN, 1).truth.rooms[0]
     (first, one, _), (_, other, _) = (room.action_of(own) for own in room.schema.solutions)
@@ -71,14 +68,12 @@ def test_abstract_schemas_are_the_ways_to_share_levers():
         assert schemas.distance.shape == (abstract, 3)
         assert schemas.paths.shape == (solutions, instances)
     assert schemas_of(7, 2, 6) is None
-    with pytest.raises(LearnerError, match="leave this learner or this schema out"):
-        chains_of(12, 5)
 
 
 # -- top-down -------------------------------------------------------------------------------------
 
 
-def kind(paths: tuple[tuple[int, int], ...]) -> frozenset:
+def kind(paths):
     """An abstract schema, by its arrows under the best of all names."""
     nodes = sorted({lever for path in paths for lever in path})
     renamed = (dict(zip(nodes, order, strict=True)) for order in permutations(range(len(nodes))))
@@ -93,7 +88,7 @@ def test_chains_are_as_likely_as_the_schemas_that_they_complete(with_solution):
     room = learner._rooms[0]
     found = (first, one) if with_solution else None
 
-    def removed(chain) -> bool:
+    def removed(chain):
         return chain[0] in (white, other) or chain[:2] == (first, white)
 
     paths = [*permutations(range(7), 2)]
@@ -102,7 +97,7 @@ def test_chains_are_as_likely_as_the_schemas_that_they_complete(with_solution):
     left = {path: [one for one in own if not removed(one)] for path, own in chains.items()}
     if found:
         left[found] = [found]
-    by_kind: dict[frozenset, list] = {}
+    by_kind = {}
     for pair in combinations(paths, 2):
         if found is None or found in pair:
             by_kind.setdefault(kind(pair), []).extend(product(*(left[path] for path in pair)))
@@ -140,7 +135,7 @@ def test_a_solved_room_favours_the_nearest_atomic_schema():
 def test_nothing_that_failed_is_begun_with_again():
     record = play(create("theory_based"), "CE4", subjects=8)
     for _, rows in record.groupby(["subject", "trial"]):
-        dead: set[tuple[int, ...]] = set()
+        dead = set()
         for actions, moved in zip(rows["actions"], rows["moved"], strict=True):
             begins = [tuple(actions[:length].tolist()) for length in (1, 2, 3)]
             assert not dead & {*begins}
@@ -180,15 +175,6 @@ def test_local_beliefs_begin_between_one_and_ten():
 
 
 # -- the papers -----------------------------------------------------------------------------------
-
-
-def test_the_form_of_2019_pushes_whole_chains():
-    learner = create("theory_based", {"form": "cogsci_2019"})
-    record = play(learner, "CC3-CC4", subjects=3)
-    assert all(len({*actions}) == 3 and actions[-1] == 14 and max(actions[:2]) < 7
-               for actions in record["actions"])  # fmt: skip
-    # What it believes of schemas of two solutions is no belief about three.
-    assert {key for beliefs in learner._abstract for key in beliefs} == {(2, 2), (2, 3)}
 
 
 def test_it_does_what_was_published_of_the_model():
