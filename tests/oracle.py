@@ -1,8 +1,8 @@
 """What rooms, rewards, beliefs and plans must be, in plain sets and dicts: slow and by definition.
 
-Written from the paper, `DESIGN.md` (rulings 1, 2, 5, 6, 13), `docs/decisions.md` and
-`docs/structure_learner.md`, not from the package's code, none of which it calls: of a schema it
-reads the levers, the edges and the gates. Tests compare the package with it.
+Written from the paper, `docs/decisions.md` (what it leaves open) and `docs/structure_learner.md`,
+not from the package's code, none of which it calls: of a schema it reads the levers, the edges and
+the gates. Tests compare the package with it; `support/authors_program.py` is a second witness.
 
 Levers have any names: roles, positions or slots. An action is ``(verb, node)``: push or pull a
 lever, or push the door. Where only what can do something matters, the node is enough: a pulled
