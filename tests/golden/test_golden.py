@@ -1,6 +1,7 @@
 """The fixture ``golden``: what is stored is compared, and written only where one asks for it."""
 
 import pytest
+import torch  # noqa: F401 - pytester forgets what a run imports, and torch cannot be imported twice
 
 pytest_plugins = ["pytester"]
 
