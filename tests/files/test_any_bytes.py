@@ -1,0 +1,274 @@
+"""Any bytes are read, or refused in a sentence, by every reader of files.
+
+Good files of each kind are changed at random, half of the time with checksums that fit again, as
+somebody could send them on purpose. ``TIMES=100`` before the command tries a hundred times as many.
+"""
+
+import csv
+import io
+import json
+import os
+import shutil
+import zipfile
+import zlib
+from functools import partial
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+
+from causal_openlock.analysis.topics.language_models import _counts
+from causal_openlock.cli.status import status
+from causal_openlock.contract.registry import create
+from causal_openlock.errors import OpenLockError
+from causal_openlock.evidence.study import read_study
+from causal_openlock.evidence.study_files import read_run, read_units
+from causal_openlock.experiment.answers import Answer, read_answers, write_answers
+from causal_openlock.experiment.building import make_experiment
+from causal_openlock.experiment.file import read_experiment
+from causal_openlock.experiment.protocol import PROTOCOLS, Condition, Protocol
+from causal_openlock.experiment.reactions import read_reactions
+from causal_openlock.experiment.session import Session
+from causal_openlock.export.as_csv import write_csv
+from causal_openlock.files.checksums import BLANK, IN_JSON, IN_PARQUET, fill_in
+from causal_openlock.files.state import write_state
+from causal_openlock.fitting.actions import FILE as FITS
+from causal_openlock.fitting.actions import ActionPlan, fit_all, jobs_of
+from causal_openlock.fitting.predicting import read_fit
+from causal_openlock.fitting.search import Range, read_search, search_space
+from causal_openlock.importing.folder import import_files
+from causal_openlock.play.people import People
+from causal_openlock.running.checkpoint import Checkpoint
+from causal_openlock.running.runner import run
+from causal_openlock.schemas.finding import find_schema
+from causal_openlock.schemas.graphs import FORMATS, export_schema, read_schema
+from causal_openlock.scoring.scores import ACTIONS, FOLDER, Scores, score_learners
+from causal_openlock.scoring.teacher_forcing import recorded_subjects
+from causal_openlock.storage.store import Store
+from openlock_learners.language.kept_replies import Replay
+from openlock_learners.meta.training import MetaTraining, resume
+from openlock_learners.meta.training_file import TrainingFile, read_training
+from openlock_learners.networks.network_file import read_network, write_network
+from openlock_learners.networks.recurrent_policy import Sizes, make_policy
+from support.places import ROOT
+
+pytestmark = pytest.mark.slow
+
+TIMES = int(os.environ.get("TIMES", "1"))
+PIECES = [b"", b"\0", b"\xff", b"0", b"-1", b"1e999", b"NaN", b"9" * 400, b"[" * 3000, b"{a: "]
+PIECES += [b'"', b"'", b"\n", b"\n  ", b"\t", b": ", b"- ", b"*a", b"&a ", b"!!python/name:os "]
+PIECES += [b"null", b"true", b"[]", b"{}", b"\\ud800", b"\xc3\xa9", b"\x1b[2J", b"->", b"--", b"<-"]
+PIECES += [b"../../outside/x", b"/dev/null", b"C:\\x", b"a" * 300, b"door", b"CC4", b"digraph {"]
+
+
+@st.composite
+def edits(draw, content):
+    """The content with some pieces removed, repeated, or replaced by others."""
+    for _ in range(draw(st.integers(1, 2))):
+        at = draw(st.integers(0, len(content)))
+        end = at + draw(st.sampled_from([0, 0, 1, 2, 8, 40, len(content)]))
+        piece = draw(st.one_of(st.sampled_from([*PIECES, content[at:end] * 2]), st.binary()))
+        content = content[:at] + piece + content[end:]
+    return content
+
+
+def changed(draw, content, name):
+    """Changed content, whose checksums fit."""
+    if content[:2] == b"PK":
+        with zipfile.ZipFile(io.BytesIO(content)) as packed:
+            members = {one: packed.read(one) for one in packed.namelist()}
+        member = draw(st.sampled_from([*members]))
+        members[member] = draw(edits(members[member]))
+        made = io.BytesIO()
+        with zipfile.ZipFile(made, "w") as packed:
+            for one, held in members.items():
+                packed.writestr(one, held)
+        return made.getvalue()
+    if name in ("people/log.jsonl", "people/recruited.jsonl"):
+        lines = content.splitlines()
+        at = draw(st.integers(0, len(lines) - 1))
+        text = draw(edits(lines[at].rpartition(b"\t")[0]))
+        lines[at] = b"%b\t%08x" % (text, zlib.crc32(text))
+        return b"\n".join([*lines, b""])
+    for before in (IN_JSON, IN_PARQUET):
+        if before in content:
+            place = content.rindex(before) + len(before)
+            blank = draw(edits(content[:place] + BLANK + content[place + len(BLANK) :]))
+            return fill_in(blank, before) if before + BLANK in blank else blank
+    return draw(edits(content))
+
+
+def readers(work):
+    """The readers of files, by the place of a good file in the folder of the work."""
+    condition, human = Condition.named("CC3-CC4", find_schema), PROTOCOLS["human"]
+    kinds = {name: kind for name, kind in FORMATS.items() if kind.read}
+    for part in ("experiments", "schemas"):
+        shutil.copytree(ROOT / part, work / part)
+    shutil.copytree(ROOT / "docs" / "example_play", work / "played")
+    (work / "played" / "log.jsonl").unlink()
+    study = next((ROOT / "evidence").glob("*/units.parquet")).parent
+    shutil.copytree(study, work / "evidence" / study.name)
+    brief = Protocol("brief", 4, stop_when_solved=True, baseline_trials=2)
+    made = make_experiment(["CC3"], ["associative"], subjects=2, protocol=brief, seed=5)
+    run(made, work / "out", workers=0)
+    shutil.copytree(work / "out", work / "playing")
+    cell, playing = (next((work / one / "cells").iterdir()) for one in ("out", "playing"))
+    playing.unlink()
+    playing.with_suffix(".progress").write_text("0.2500 12.5")
+    score_learners(*Store(work / "out").record(), made.learners).save(work / "out" / FOLDER)
+    space = search_space("associative", {"temperature": Range(0.02, 2.0, log=True)})
+    plan = ActionPlan(space, candidates=2, restarts=1, moves=0)
+    fit_all(jobs_of(recorded_subjects(*Store(work / "out").record()), plan, False), work / "fit")
+    answers = [Answer("person", "CC3", 0, 1, (0, 3, 5), frozenset({(0, 7)}), 2.5)]
+    write_answers(work / "asked" / "structures" / "one.parquet", answers, 7)
+    for name, kind in kinds.items():
+        text = export_schema(find_schema("CC4"), name)
+        (work / f"schema{kind.suffixes[0]}").write_text(text)
+    sizes = Sizes(lever=4, room=4, reader=4)
+    network = make_policy(sizes, 7, [np.random.default_rng(1)])
+    write_network(work / "net.npz", network, 7, {"actions": 10})
+    rooms = {"schemas": {"CC3": 1.0}, "rewards": ["paper"]}
+    training = MetaTraining(TrainingFile.model_validate({"rooms": rooms, "at_once": 2}))
+    with (work / "net.npz.training").open("wb") as file:
+        write_state(file, training.state_dict())
+
+    def checkpoint():
+        session, learner = Session(condition, human, 2, seed=1), create("bayes")
+        made_with = {"identity": "0", "Python": "3"}
+        return Checkpoint(work / "kept" / "cell.parquet", made_with, 0.0), session, learner
+
+    kept, session, learner = checkpoint()
+    kept.path.parent.mkdir()
+    session.begin(learner)
+    for _ in range(8):
+        learner.learn(session.step(learner.act(session.view)))
+    kept.save(session, learner)
+
+    def resumed(_):
+        kept, session, learner = checkpoint()
+        return kept.resume(session, learner)
+
+    def people(_):
+        return People(work / "people", [condition], human, recruiting=["PID"], clock=lambda: 1e9)
+
+    opened = people(0)
+    name = opened.join(recruited={"PID": "person"})
+    for turn in range(4):
+        opened.act(name, turn, turn, 500)
+    opened.close()
+    write_csv(Store(work / "played"), work / "data.csv")
+    with (work / "data.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))[:3]
+    names = ("subject", "condition", "trial", "attempt", "layout")
+    screens = [
+        {"trial_type": "openlock", "rt": 250, "action": action, "moved": moved}
+        | {name: row[name] for name in names}
+        for row in rows
+        for action, moved in zip(row["actions"].split(), row["moved"].split(), strict=True)
+    ]
+    (work / "data.json").write_text(json.dumps(screens))
+
+    def imported(path):
+        shutil.rmtree(work / "imported", ignore_errors=True)
+        return import_files([path], work / "imported")
+
+    about = {"finish": "stop", "model": "m", "server": "s", "fingerprint": None, "retries": 0}
+    said = {"content": "Push oak."}
+    replies = Replay(work / "replies")
+    replies.put("1", {"message": said, **about, "tokens": [90, 9], "latency": 0.5})
+    counts = {"answers": 4, "tokens": [90, 9], "latency": 0.5, "faults": {"no action": 1}}
+    lines = [{"subject": 0, "role": "assistant", **said}, {"subject": 0, **counts}]
+    (work / "spoken.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+
+    def replayed(path):
+        found = Replay(path.parent)
+        found.refresh()
+        return found.get("1"), found.spent
+
+    def studied(path):
+        found = read_study(path.parent)
+        return found.faults(), read_run(found), read_units(found)
+
+    spaces = ROOT / "causal_openlock" / "fitting"
+    shutil.copy(next(spaces.glob("*.yaml")), work / "space.yaml")
+    record = lambda path, up=1: Store(path.parents[up]).record()  # noqa: E731
+    return {
+        **{f"schema{kind.suffixes[0]}": read_schema for kind in kinds.values()},
+        "schemas/CC3.yaml": read_schema,
+        "experiments/default.yaml": read_experiment,
+        "experiments/meta_training/rl2.yaml": read_training,
+        "space.yaml": read_search,
+        **{f"evidence/{study.name}/{one}": studied for one in ("study.yaml", "run.json")},
+        f"evidence/{study.name}/units.parquet": studied,
+        "net.npz": read_network,
+        "net.npz.training": partial(resume, training),
+        "kept/cell.checkpoint": resumed,
+        "kept/cell.attempts": resumed,
+        "out/experiment.json": partial(record, up=0),
+        f"out/cells/{cell.name}": record,
+        f"playing/cells/{playing.stem}.progress": lambda path: status(path.parents[1]),
+        f"out/{FOLDER}/{ACTIONS}": lambda path: Scores.read(path.parent),
+        f"fit/{FITS}": lambda path: read_fit(path.parent, ["associative"]),
+        "asked/structures/one.parquet": lambda path: read_answers(work / "asked"),
+        f"played/reactions/{next((work / 'played' / 'reactions').iterdir()).name}": (
+            lambda path: read_reactions(work / "played")
+        ),
+        "people/log.jsonl": lambda path: people(0).close(),
+        "people/recruited.jsonl": lambda path: people(0).close(),
+        "data.csv": imported,
+        "data.json": imported,
+        next((work / "replies").iterdir()).relative_to(work).as_posix(): replayed,
+        "spoken.jsonl": lambda path: list(_counts(path)),
+    }
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("work")
+    (folder / "outside").mkdir()
+    (folder / "outside" / "mine").write_text("mine")
+    return folder / "in" / "here"
+
+
+@pytest.fixture(scope="module")
+def known(work):
+    work.mkdir(parents=True)
+    return {place: (read, (work / place).read_bytes()) for place, read in readers(work).items()}
+
+
+def test_the_files_that_are_changed_are_read_as_they_are(known, work):
+    for place, (read, _) in known.items():
+        read(work / place)
+
+
+@settings(
+    max_examples=300 * TIMES,
+    deadline=None,
+    derandomize=TIMES == 1,
+    phases=[Phase.generate],
+    suppress_health_check=list(HealthCheck),
+)
+@given(data=st.data())
+def test_any_bytes_are_read_or_refused_in_a_sentence(known, work, data):
+    place = data.draw(st.sampled_from([*known]))
+    read, content = known[place]
+    kind = data.draw(st.sampled_from(["changed", "changed", "edited", "any"]))
+    if kind == "changed":
+        content = changed(data.draw, content, place)
+    else:
+        content = data.draw(edits(content) if kind == "edited" else st.binary())
+    path = work / place
+    whole = path.read_bytes()
+    path.write_bytes(content)
+    said = "read"
+    try:
+        read(path)
+    except OpenLockError as error:
+        said = str(error)
+    finally:
+        path.write_bytes(whole)
+    assert 0 < len(said.splitlines()) < 20, said
+    assert len(said) < 10_000
+    around = [path for path in work.parents[1].glob("*/*") if path != work]
+    assert [(path.name, path.read_text()) for path in around] == [("mine", "mine")]
