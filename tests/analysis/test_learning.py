@@ -28,7 +28,6 @@ from causal_openlock.analysis.topics.learning import (
     judge,
     progress,
 )
-from causal_openlock.analysis.topics.reward_study import reward_terms, rewards_of
 from causal_openlock.schemas.finding import find_schema
 from support.fabricated_courses import around, course, described
 from support.fabricated_records import table, trial_rows
@@ -264,32 +263,6 @@ def study(experiment, finds_all=(), **both):
         ]
     )
     return section_on(reward_study.TOPIC, material_of(record, experiment))
-
-
-def test_terms_of_sums_and_of_ladders(tmp_path):
-    rewards = rewards_of(described(tmp_path, REWARDS))
-    assert {name: sorted(reward_terms(one)) for name, one in rewards.items()} == {
-        "basic": [],
-        "unique": ["unique_solutions"],
-        "unique18": ["state_change", "unique_solutions"],
-        "best": ["negative_immovable", "partial_sequence", "solution_multiplier"],
-    }
-
-
-def test_what_the_paper_says_of_rewards_is_recognised(tmp_path):
-    shares_ = {"basic": (0.3, 0.0), "best": (0.6, 0.6)}
-    nothing = dict.fromkeys(("random", "unique", "unique18"), (0.0, 0.0))
-    found = study(described(tmp_path, REWARDS), ("best",), **shares_, **nothing)
-    visits, doors, best, _ = found.text
-    for unique in (visits, doors):
-        assert ": the same, in every condition. Does not learn: unique (CC4, CE4); u" in unique
-    assert best.count("none of the others finds every solution more often") == 2
-    frame = found.tables[0].frame
-    assert frame["learner"].tolist() == ["best", "basic", "unique", "unique18"]
-    assert frame["door CC4"].tolist()[:2] == ["learns"] * 2
-    assert frame["door CE4"].tolist()[:2] == ["learns", "does not learn"]
-    assert frame.loc[0, "door"] == pytest.approx(0.6, abs=0.03)
-    assert frame.loc[2, "terms"] == "unique_solutions"
 
 
 def test_the_contrary_of_what_the_paper_says_is_recognised(tmp_path):

@@ -26,7 +26,7 @@ from causal_openlock.analysis.effects import (
     weighted_difference,
 )
 from causal_openlock.analysis.statistics import bootstrap_interval, mean_interval, mean_intervals
-from causal_openlock.paper.significance import INTERACTION, contrast_test, t_test
+from causal_openlock.paper.significance import t_test
 
 
 def seeded(seed):
@@ -113,21 +113,6 @@ def test_strata_are_resampled_among_themselves():
     )
     middle = (9 + 500.5) / 19
     assert middle - 0.1 < low < high < middle + 0.1
-
-
-def test_batches_make_no_difference_to_what_is_drawn(monkeypatch):
-    groups, sizes = [np.arange(6.0), np.arange(8.0) ** 2], []
-
-    def counted(one, other):
-        sizes.append(len(one))
-        return gap(one, other)
-
-    whole = bootstrap_interval(gap, groups, seeded(0), resamples=1000)
-    monkeypatch.setattr("causal_openlock.analysis.statistics._BATCH", 14 * 300)
-    low, high = bootstrap_interval(counted, groups, seeded(0), resamples=1000)
-    assert sizes[1:] == [300, 300, 300, 100]  # after the subjects themselves
-    assert low < 2.5 - 17.5 < high
-    assert (low, high) == pytest.approx(whole, abs=1.5)
 
 
 def test_counts_of_equal_values_are_resampled_as_the_values_are():
@@ -273,16 +258,6 @@ def test_power_is_that_of_statsmodels():
     assert power_of_contrast(0.5**2 / 2, 30, 2) == pytest.approx(power_of_t(0.5, 30))
     assert [power_of_t(d, 40) for d in (2.0, 3.0, 8.0)] == pytest.approx([1.0, 1.0, 1.0])
     assert np.isnan(power_of_t(float("nan"), 40))
-
-
-def test_power_of_a_contrast_is_how_often_it_finds_the_interaction():
-    rng, found = seeded(2), 0
-    means = np.array([[0.7, 0.0], [0.0, 0.7]])
-    for _ in range(1500):
-        cells = rng.normal(means[..., None], 1, (2, 2, 15))
-        found += contrast_test([*cells.reshape(4, -1)], INTERACTION).p < 0.05
-    # Halves of the diagonals; F / n is its square over the sum of weights squared.
-    assert power_of_contrast(0.7**2, 15, 4) == pytest.approx(found / 1500, abs=0.04)
 
 
 def test_subjects_needed_are_those_of_cohens_tables():

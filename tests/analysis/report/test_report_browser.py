@@ -4,14 +4,11 @@ Chromium, without a display. Where there is none these tests are skipped, except
 ``OPENLOCK_BROWSER=required`` says that there must be one, as ``.ci/run`` does.
 """
 
-from __future__ import annotations
-
 import os
 import re
-from collections.abc import Iterator
 
 import pytest
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import sync_playwright
 
 from causal_openlock.analysis.report.writing import make_report
 from support import browsers
@@ -27,7 +24,7 @@ MOST_PAGES = 12
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+def page(tmp_path_factory):
     """The report of learners of every kind, with all sections that people's results give it."""
     names = ("perfect", "quick", "slow", "never")
     made = (same(3), scattered(1), scattered(2, 9.0), same(30))
@@ -41,12 +38,12 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
         browser.close()
 
 
-def test_it_prints_on_a_few_pages(page: Page) -> None:
+def test_it_prints_on_a_few_pages(page):
     printed = page.pdf(prefer_css_page_size=True)
     assert 1 < len(re.findall(rb"/Type\s*/Page\b", printed)) <= MOST_PAGES
 
 
-def test_the_first_screen_has_the_answer_and_the_figure(page: Page) -> None:
+def test_the_first_screen_has_the_answer_and_the_figure(page):
     page.set_viewport_size({"width": 1200, "height": 850})
     figure = page.locator("#results figure .sheet").first.bounding_box()
     assert figure is not None
@@ -56,6 +53,6 @@ def test_the_first_screen_has_the_answer_and_the_figure(page: Page) -> None:
     assert table["y"] < 1000
 
 
-def test_axe_finds_nothing_with_every_fold_open(page: Page) -> None:
+def test_axe_finds_nothing_with_every_fold_open(page):
     page.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
     assert violations(page) == []
