@@ -19,7 +19,7 @@ from causal_openlock.testing import schemas
 from causal_openlock.testing.learner_contract import NINE
 from openlock_learners import bayes
 from openlock_learners.bayes import Bayes, BayesParameters
-from support.session_play import HUMAN, named, one_room, play, trials_of
+from support.session_play import HUMAN, SCHEMAS, named, one_room, play, trials_of
 
 pytestmark = pytest.mark.slow
 
@@ -91,11 +91,6 @@ def test_a_room_that_does_not_always_obey_is_solved(noise):
     assert solved(own)
     # Who knows which lever does what needs k / s^2 = 3.12.
     assert mean(own, "train", 5) < 5.5
-
-
-def test_a_room_of_seven_active_levers_is_solved():
-    own = trials_of(play(learner(), "seven", replace(ONE_TRIAL, layouts="random"), 1))
-    assert solved(own)
 
 
 # -- rules compared ------------------------------------------------------------------------------
@@ -173,31 +168,25 @@ def of_levers(levers, needed):
     return Schema("quorum", names, {name: ["door"] for name in names}, gates=door)
 
 
-MANY = [of_levers(6, 1), of_levers(5, 3)]
-FIVE = Condition("five", (Trials(MANY[1]),))
+CHAIN = [f"L{i}" for i in range(7)]
+CHAIN = Schema("chain7", CHAIN, {one: [other] for one, other in pairwise([*CHAIN, "door"])})
+FIVE = Condition("five", (Trials(of_levers(5, 3)),))
 
 
-@pytest.mark.parametrize("schema", MANY, ids=["any of 6", "3 of 5"])
-@pytest.mark.parametrize("policy", ["solve_and_learn", "thompson", "random_consistent"])
-def test_what_five_levers_and_more_do_is_found_out(schema, policy):
-    own = trials_of(play(learner(policy=policy), Condition("own", (Trials(schema),)), ONE_TRIAL, 1))
-    assert solved(own)
-
-
-@pytest.mark.parametrize("levers", [5, 7])
-def test_a_quorum_of_many_levers_is_never_taken_for_noise(levers):
-    condition = Condition("quorum", (Trials(of_levers(levers, 3)),))
-    session, player = Session(condition, replace(ONE_TRIAL, attempt_limit=8), 3), learner()
-    session.play(player)
+@pytest.mark.parametrize(
+    ("schema", "policy"),
+    [
+        (SCHEMAS["seven"], "solve_and_learn"),
+        # The tree of all plans is too large here; what could still be solved stands for its depths.
+        (CHAIN, "solve_and_learn"),
+        (of_levers(6, 1), "thompson"),
+        *((of_levers(5, 3), p) for p in ("solve_and_learn", "thompson", "random_consistent")),
+    ],
+)
+def test_what_five_levers_and_more_do_is_found_out_and_never_taken_for_noise(schema, policy):
+    protocol, player = replace(ONE_TRIAL, layouts="random"), learner(policy=policy)
+    assert solved(trials_of(play(player, Condition("own", (Trials(schema),)), protocol, 1)))
     assert not player.beliefs.unsure.any()
-
-
-def test_a_chain_of_seven_levers_is_solved_in_attempts_of_eight_actions():
-    """The tree of all plans is too large here; what could still be solved stands for its depths."""
-    names = [f"L{i}" for i in range(7)]
-    edges = {cause: [effect] for cause, effect in pairwise([*names, "door"])}
-    chain = Condition("chain7", (Trials(Schema("chain7", names, edges)),))
-    assert solved(trials_of(play(learner(), chain, ONE_TRIAL, 1)))
 
 
 @settings(max_examples=8, deadline=None)
@@ -265,22 +254,6 @@ def test_lapses_are_random_actions_and_have_their_share():
     )  # it pulls nothing but in a lapse
     expected, error = 0.3 * 7 / 15, (0.14 * 0.86 / len(pulls)) ** 0.5
     assert pulls.mean() == pytest.approx(expected, abs=4 * error)
-
-
-def test_who_decides_by_noise_alone_pushes_whatever_can_be_pushed():
-    player = witness("CC3", FEW, 60, temperature=1e9)
-    surprises = []
-    for view, actions in player.seen:
-        for row in np.flatnonzero(view.playing).tolist():
-            seen, action = view.observation[row], int(actions[row])
-            options = np.flatnonzero(seen[:7] == 0).tolist() + [14] * int(seen[-2] == 0)
-            assert action in options
-            # Uniform over the options: where in their list the action stands, from 0 to 1.
-            at = [p for p in range(len(options)) if options[p] == action]
-            surprises.append((at[0] + 0.5) / len(options))
-    assert np.mean(surprises) == pytest.approx(0.5, abs=4 * 0.29 / len(surprises) ** 0.5)
-    first = np.concatenate([a[v.playing] for v, a in player.seen if (v.attempt == 1).all()][:1])
-    assert set(first.tolist()) == set(range(7))
 
 
 def test_noise_makes_better_actions_more_probable_by_their_value():
