@@ -33,11 +33,8 @@ class Expected:
     """
 
     def __init__(self, schema, terms, episode, attempts, actions, positions=7):
-        self.rules, self.terms, self.whole_trial = (
-            oracle.Rules.of(schema),
-            terms,
-            episode == "trial",
-        )
+        self.rules, self.terms = oracle.Rules.of(schema), terms
+        self.whole_trial = episode == "trial"
         self.attempts, self.actions, self.positions = attempts, actions, positions
         self.left, self.ended, self.layout = 0, True, None
 
