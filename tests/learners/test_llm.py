@@ -25,7 +25,6 @@ from causal_openlock.world.room import Layout
 from openlock_learners.language import offered_actions, server
 from openlock_learners.language.kept_replies import BUDGET, FOLDER, Replay, key_of
 from openlock_learners.language.offered_actions import read_answer, read_structure
-from openlock_learners.language.reply import was_cut
 from openlock_learners.language.server import HEADERS, KEY, TRUSTED
 from support.scripted_model import URL, ScriptedModel, call, choices, completion, says, some_action
 from support.topics import section_on
@@ -55,14 +54,19 @@ def scripted(script=some_action):
     return server.TRANSPORT
 
 
+def session_of(subjects, attempts=2, rooms=1):
+    condition = Condition("rooms", (Trials(CC3, tuple(ROOMS[:rooms]), shuffle=False),))
+    protocol = Protocol("t", attempts, stop_when_solved=True, baseline_trials=rooms)
+    return Session(condition, protocol, subjects, learner="llm")
+
+
 def play(script=some_action, *, subjects=1, attempts=2, rooms=1, **parameters):
     """The model, the record as rows, the transcripts and the remarks."""
     model = scripted(script)
     learner = create("llm", {"model": "scripted", "base_url": URL, **parameters})
-    condition = Condition("rooms", (Trials(CC3, tuple(ROOMS[:rooms]), shuffle=False),))
-    protocol = Protocol("t", attempts, stop_when_solved=True, baseline_trials=rooms)
-    session = Session(condition, protocol, subjects, learner="llm")
-    record = session.play(learner).drop_columns(["wall_time"]).to_pylist()
+    record = (
+        session_of(subjects, attempts, rooms).play(learner).drop_columns(["wall_time"]).to_pylist()
+    )
     account = learner.account()
     return model, record, [*account.transcripts], account.remarks
 
@@ -108,14 +112,6 @@ def test_it_is_told_what_a_person_is_told_and_its_calls_are_its_actions():
     told = [message["content"] for line in said[1:] for message in line["told"]]
     assert len(told) == 7
     assert told[0] == first["content"]
-
-
-def test_names_and_order_and_stories_differ_between_subjects():
-    _, _, said, _ = play(subjects=12, attempts=1)
-    heads = [head for head, *_ in said]
-    assert {head["story"] for head in heads} == {"levers", "switches", "symbols"}
-    assert len({tuple(head["names"]) for head in heads}) == 12
-    assert len({tuple(head["order"]) for head in heads}) == 12
 
 
 def first(body):
@@ -222,8 +218,7 @@ def test_in_the_place_of_another_it_is_told_what_that_one_did(tools):
             )
         )
         learner = create("llm", {"model": "m", "base_url": URL, "story": "levers", "tools": tools})
-        room = Condition("room", (Trials(CC3, (ROOMS[0],)),))
-        session = Session(room, Protocol("t", 2, True, 1), 1, learner="llm")
+        session = session_of(1)
         learner.begin(session.brief)
         answers = []
         for moment, action in enumerate(done):
@@ -345,9 +340,8 @@ def test_no_part_of_a_secret_is_kept_however_it_comes_back(said, of, monkeypatch
     monkeypatch.setenv(TRUSTED, URL)
     model = scripted(lambda *_: said)
     learner = create("llm", {"model": "m", "base_url": URL, "retries": 1, "unanswered": 0})
-    session = Session(Condition("room", (Trials(CC3, (ROOMS[0],)),)), Protocol("t", 2, True, 1), 1)
     with pytest.raises(LearnerError) as raised:
-        session.play(learner)
+        session_of(1).play(learner)
     assert SECRET in str([*model.requests[0].headers.items()])
     kept = json.dumps([learner.account().transcripts, learner.state_dict()])
     kept += "".join(path.read_text() for path in tmp_path.rglob("*.jsonl"))
@@ -355,14 +349,14 @@ def test_no_part_of_a_secret_is_kept_however_it_comes_back(said, of, monkeypatch
     assert ("[key]" in kept) == (said[0] == 200)
 
 
-@pytest.mark.parametrize("key", ["sk-very\nsecret", "sk-very\x1bsecret", "sk-very-sécret"])
-def test_a_key_that_no_header_can_hold_is_not_shown(key, monkeypatch):
+def test_a_key_that_no_header_can_hold_is_not_shown(monkeypatch):
     monkeypatch.setenv(TRUSTED, URL)
-    monkeypatch.setenv(KEY, key)
-    said, model = refused()
-    assert KEY in said
-    assert "cret" not in said
-    assert not model.asked
+    for key in ("sk-very\nsecret", "sk-very\x1bsecret", "sk-very-sécret"):
+        monkeypatch.setenv(KEY, key)
+        said, model = refused()
+        assert KEY in said
+        assert "cret" not in said
+        assert not model.asked
     monkeypatch.setenv(KEY, f"{SECRET}\n")  # as a file ends
     assert play()[0].keys == {f"Bearer {SECRET}"}
 
@@ -451,38 +445,23 @@ def test_fields_of_a_call_go_back_unless_the_server_refuses_them():
             assert ["extra" in one for one in calls] == [wanted] * 5
 
 
-GROWING = range(2000, 20000, 1000)
-
-
-@pytest.mark.parametrize(
-    ("tokens", "cut"),
-    [
-        ([min(2048, size // 4) for size in GROWING], True),
-        ([size // 4 for size in GROWING], False),
-        ([5 for size in GROWING], False),  # nothing is counted
-        ([500, *(40 for size in GROWING[1:])], False),  # what is new is counted
-    ],
-)
-def test_prompts_that_a_server_cuts_are_noticed(tokens, cut):
-    assert was_cut([*zip(GROWING, tokens, strict=True)]) is cut
-
-
-def test_a_server_that_cuts_prompts_is_named():
-    def script(body, _):
+@pytest.mark.parametrize(("counted", "cut"), [(700, True), (10**6, False), (40, False)])
+def test_a_server_that_cuts_prompts_is_named(counted, cut):
+    def script(body, number):
         read = sum(len(str(one["content"])) for one in body["messages"]) // 4
-        return completion(says(f"{'Well. ' * 300}\n{first(body)}"), "stop", min(700, read))
+        tokens = min(counted, read) if number else read  # some servers count what is new alone
+        return completion(says(f"{'Well. ' * 300}\n{first(body)}"), "stop", tokens)
 
-    assert any("recent" in remark for remark in play(script)[3])
+    assert any("recent" in remark for remark in play(script)[3]) == cut
 
 
 def test_a_proxy_that_is_in_the_way_is_named_without_its_password(monkeypatch):
     monkeypatch.setenv("HTTP_PROXY", "http://me:secret@127.0.0.1:9")
     for name in ("NO_PROXY", "no_proxy", "http_proxy"):
         monkeypatch.delenv(name, raising=False)
-    room = Condition("room", (Trials(CC3, (ROOMS[0],)),))
     learner = create("llm", {"model": "m", "base_url": "http://models.invalid/v1", "retries": 0})
     with pytest.raises(LearnerError, match=r"127.0.0.1:9") as told:
-        Session(room, Protocol("t", 1, True, 1), 1).play(learner)
+        session_of(1).play(learner)
     assert "secret" not in str(told.value)
 
 
@@ -584,8 +563,13 @@ def test_a_budget_counts_what_others_spent_when_a_request_has_its_turn(monkeypat
     assert BUDGET in said
 
 
-def test_no_more_requests_than_the_limit_are_under_way():
-    assert play(subjects=6, attempts=1, requests=3)[0].most == 3
+def test_requests_are_limited_and_names_order_and_stories_differ_between_subjects():
+    model, _, said, _ = play(subjects=12, attempts=1, requests=3)
+    assert model.most == 3
+    heads = [head for head, *_ in said]
+    assert {head["story"] for head in heads} == {"levers", "switches", "symbols"}
+    assert len({tuple(head["names"]) for head in heads}) == 12
+    assert len({tuple(head["order"]) for head in heads}) == 12
 
 
 def declared(folder, **parameters):
