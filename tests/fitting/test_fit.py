@@ -1,7 +1,7 @@
 """Fits to published means: what can be searched, and what a fit comes to however it is run."""
 
 import json
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -34,8 +34,6 @@ from causal_openlock.fitting.search import (
     Range,
     bundled_search,
     changed,
-    parse_range,
-    parse_setting,
     read_search,
     search_space,
 )
@@ -104,13 +102,6 @@ def played(lapse, conditions, subjects, seed):
 # -- what is searched -----------------------------------------------------------------------------
 
 
-def test_ranges_and_settings_are_read_as_they_are_written():
-    assert parse_range("lapse=0.1:0.5") == ("lapse", Range(0.1, 0.5))
-    assert parse_range("c=1:100:log") == ("c", Range(1, 100, log=True))
-    assert parse_setting("policy=solve") == ("policy", "solve")
-    assert parse_setting("planned=3") == ("planned", 3)
-
-
 def test_whole_parameters_stay_whole():
     space = search_space(ME, {"whole": Range(1, 9), "lapse": Range(0, 1)}, {"mood": "bad"})
     assert space.ranges["whole"].whole
@@ -129,7 +120,9 @@ def test_the_command_line_replaces_ranges_and_adds_settings(tmp_path):
     assert set(space.ranges) == {"lapse", "whole"}
     fewer = changed(space, ME, [], ["whole=5"])
     assert (set(fewer.ranges), dict(fewer.fixed)) == ({"lapse"}, {"mood": "bad", "whole": 5})
-    assert changed(space, ME, ["lapse=0.2:0.3"], []).ranges == {"lapse": Range(0.2, 0.3)}
+    narrow = changed(space, ME, ["lapse=0.2:0.3:log"], ["mood=good"])
+    assert narrow.ranges == {"lapse": Range(0.2, 0.3, log=True)}
+    assert dict(narrow.fixed) == {"mood": "good"}
 
 
 def test_the_bundled_search_of_bayes_is_what_its_fitted_experiment_varies():
@@ -178,9 +171,6 @@ def test_the_score_takes_the_points_apart_as_they_are_held_out():
     # Who makes no mistake needs three attempts everywhere.
     assert found.all == pytest.approx(np.sqrt(((points_of_people()["mean"] - 3.0) ** 2).mean()))
     assert np.isnan(score(points[points["condition"].isin(["CC4", "CE4"])], "transfer").held_out)
-
-
-def test_a_fit_can_aim_at_the_published_model():
     assert score(points_of_model(), "transfer", target="model").all == 0
     people = score(points_of_people(), "none", target="model")
     assert people.all == score(points_of_model(), "none").all == pytest.approx(3.057, abs=1e-3)
@@ -390,12 +380,6 @@ def test_a_learner_that_forgets_failures_keeps_what_successes_told():
     assert seen["everything"] == pytest.approx(start)
     assert seen["failures"].sum() == pytest.approx(1.0)
     assert (seen["failures"] > 0).sum() < 0.6 * (seen["everything"] > 0).sum()
-
-
-def test_bounded_rationality_is_off_by_default():
-    defaults = {field.name: field.default for field in fields(Prior)}
-    assert (defaults["forgetting"], defaults["directness"]) == (0.0, 0.0)
-    assert defaults["forgets"] == "everything"
 
 
 class TestBayesLikePeople(LearnerContract):

@@ -18,11 +18,9 @@ from causal_openlock.fitting.group import Group, Peak, derivatives, evidence_of,
 from causal_openlock.fitting.group_progress import PROGRESS
 from causal_openlock.fitting.hierarchical import GroupFit
 from causal_openlock.fitting.kept import fitting_in, keep_fit
-from causal_openlock.fitting.mixture import mixture_of
 from causal_openlock.fitting.predicting import read_fit
 from causal_openlock.fitting.search import Range, search_beside, search_space
 from causal_openlock.running.runner import run
-from causal_openlock.scoring.model_selection import frequencies_of
 from causal_openlock.scoring.teacher_forcing import recorded_subjects
 from causal_openlock.storage.store import Store
 from support.command import at_once
@@ -233,20 +231,6 @@ def test_a_learner_without_exact_probabilities_is_not_fitted_hierarchically(fold
     with pytest.raises(LearnerError, match="posterior_sampling"):
         GroupFit(parts(folder), {"own": PLAN, "asked": asked}, tmp_path / "asked").run()
     assert not (tmp_path / "asked").exists()
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_the_shares_of_a_mixture_agree_with_its_prices(seed):
-    """A price that fewer followers share drives them away, and does not bring them back."""
-    generator = np.random.default_rng(seed)
-    for _ in range(10):
-        subjects, learners = generator.integers(1, 9), generator.integers(2, 5)
-        evidence = generator.normal(-100, generator.choice([1, 4, 20]), (subjects, learners))
-        actions = generator.integers(50, 190, subjects)
-        found = mixture_of(evidence, actions, generator.choice([0, 2, 8], learners))
-        assert found.followed.sum(axis=1) == pytest.approx(1)
-        # With the price that it states, the same comes out.
-        assert frequencies_of(-found.bic / 2)[1] == pytest.approx(found.followed, abs=1e-4)
 
 
 def test_a_mixture_finds_the_followers_of_each_learner(tmp_path):

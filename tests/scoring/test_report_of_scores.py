@@ -17,7 +17,6 @@ from causal_openlock.experiment.protocol import Condition
 from causal_openlock.files.checksums import read_table, table_bytes
 from causal_openlock.scoring.score_table import PLAYED, write_scores
 from causal_openlock.scoring.scores import (
-    BY_SUBJECT,
     FOLDER,
     FOLLOWED,
     SUBJECT,
@@ -150,14 +149,6 @@ def test_scores_of_an_earlier_version_are_not_shown(other):
         _ = ol.open_results(other).scores
 
 
-def test_the_derived_tables_are_not_read(folder, other):
-    for name in (BY_SUBJECT, FOLLOWED):  # as a kill between two files, or an editor, leaves them
-        (other / FOLDER / name).write_text("scored\nnobody\n")
-    here, there = (ol.open_results(one).scores for one in (folder, other))
-    pd.testing.assert_frame_equal(here.subjects, there.subjects)
-    pd.testing.assert_frame_equal(here.attributed, there.attributed)
-
-
 def test_scores_of_actions_that_were_played_again_are_left_out(folder, other):
     _, results = compared(other, lapse=0.2)
     (section,) = sections_of(results, topics_called("scores"))
@@ -206,18 +197,12 @@ def test_subjects_count_alike_and_an_impossible_action_has_no_interval():
     assert (whole["bits"], whole["subjects"], whole["actions"]) == (1.75, 2, 9)
     assert whole["expected"] == pytest.approx(1.0)
     assert (whole["ci_low"], whole["ci_high"]) == pytest.approx((1.5, 2.0))
+    by_part = failures(table, {"CC3": 7}).set_index("part")["beyond"]
+    assert by_part["second attempts"] == pytest.approx(1.0)
+    assert worst_attempts(table, {"CC3": 7})["attempt"].iloc[0] == 2
     never = over(made_up([[1, 1], [np.inf, 1]]), ["trial"]).iloc[0]
     assert np.isinf(never["bits"])
     assert np.isnan(never["ci_low"])
-
-
-def test_failures_are_ordered_by_bits_beyond_those_expected():
-    # It has every third action of a second attempt wrong, and one first action.
-    table = made_up([[1, 1, 1, 1, 1, 6], [1, 1, 1, 1, 1, 6], [5, 1, 1, 1, 1, 6]])
-    by_part = failures(table, {"CC3": 7}).set_index("part")["beyond"]
-    assert by_part["second attempts"] == pytest.approx(5 / 3)
-    worst = worst_attempts(table, {"CC3": 7})
-    assert worst[["subject", "attempt"]].iloc[0].tolist() == [0, 2]
 
 
 def test_the_figure_has_a_line_for_each_learner_at_the_numbers_of_the_table(folder):
