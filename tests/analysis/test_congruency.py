@@ -133,6 +133,10 @@ def test_the_section_shows_people_first_and_names_who_is_helped(played):
     assert shown.loc["people", "CC4: more than people"] == "–"
     for name, named in (("good", True), ("never", False), ("always", False)):
         assert (f"{name} (" in section.answer) == named
+    assert "unsolved" not in section.answer  # who solved nothing is no matter of the limit
+    more = ("CE3-CC4", "CC3-CE4")
+    rows = play("one", lambda condition, phase, *_: 4 + (phase == "test" and condition in more))
+    assert "one (1.00 in CC4 and 1.00 in CE4)" in section_of(material(rows, ("one",))).answer
     # Published people stand beside nobody who did something else.
     parts = played.record, played.experiment, played.trials, played.learners
     section = section_of(Material(*parts, frozenset(), {}))
