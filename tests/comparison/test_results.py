@@ -120,7 +120,10 @@ def test_report_is_written_where_it_is_asked_for_and_shown(tmp_path):
     results = played(tmp_path / "r", ["CC3"], ["oracle"])
     page = results.report(tmp_path / "page")
     assert page.path == tmp_path / "page" / "report.html"
-    assert (tmp_path / "page" / "summary.csv").is_file()
+    assert sorted(path.name for path in page.path.parent.iterdir()) == [
+        "report.html",
+        "summary.csv",
+    ]
     shown = report_html(page)
     assert shown.startswith("<iframe")
     assert "<table" not in shown  # it is quoted inside the frame
