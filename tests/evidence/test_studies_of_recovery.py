@@ -9,11 +9,7 @@ import pytest
 
 from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.checking import check, write
-from causal_openlock.evidence.confusions import (
-    recovery_of,
-    units_of_parameters,
-    units_of_recovery,
-)
+from causal_openlock.evidence.confusions import recovery_of, units_of_parameters, units_of_recovery
 from causal_openlock.evidence.keeping import Watched
 from causal_openlock.evidence.measured import Evidence
 from causal_openlock.evidence.running import run_study

@@ -335,51 +335,20 @@ def test_the_command_fits_by_a_plan_that_options_override(tmp_path):
 # -- the bounded rationality that is fitted -------------------------------------------------------
 
 
-def believing(played, **prior):
-    """Beliefs of one subject about the room it is in."""
-    prior = Prior(by_colour=0.999, hypothesis_limit=600, **prior)
-    beliefs = Beliefs(played.brief, prior, played.brief.generators)
-    beliefs.enter(played.view)
-    return beliefs
-
-
-def cc4():
-    return Session(Condition.named("CC4", find_schema), PROTOCOLS["human"], 1, seed=0)
-
-
 def test_directness_weighs_each_lever_that_acts_on_the_door():
-    plain, direct = (believing(cc4(), directness=nats).of[0] for nats in (0.0, 0.7))
+    def belief(nats):
+        cc4 = Condition.named("CC4", find_schema)
+        played = Session(cc4, PROTOCOLS["human"], 1, seed=0)
+        prior = Prior(by_colour=0.999, hypothesis_limit=600, directness=nats)
+        beliefs = Beliefs(played.brief, prior, played.brief.generators)
+        beliefs.enter(played.view)
+        return beliefs.of[0]
+
+    plain, direct = belief(0.0), belief(0.7)
     many = np.bitwise_count(plain.space.hypotheses.causes[plain.which, -1])
     assert len(set(many.tolist())) > 1
     expected = plain.weight * np.exp(0.7 * many)
     assert direct.weight == pytest.approx(expected / expected.sum())
-
-
-def attempt(played, beliefs, actions):
-    for action in actions:
-        beliefs.enter(played.view)
-        beliefs.update(played.step(np.array([action])))
-
-
-def test_a_learner_that_forgets_failures_keeps_what_successes_told():
-    seen = {}
-    for forgets in ("everything", "failures"):
-        played = cc4()
-        beliefs = believing(played, forgetting=1.0, forgets=forgets)
-        belief = beliefs.of[0]
-        start = belief.weight.copy()
-        room = played.truth.rooms[int(played.truth.room[0])]
-        works = [int(a) for a in room.action_of(room.schema.solutions[0])]
-        white = int(np.flatnonzero(played.view.observation[0, 7:14] == 0)[0])
-        attempt(played, beliefs, [white, white, works[0]])
-        assert belief.weight == pytest.approx(start)  # a failure, forgotten at once
-        attempt(played, beliefs, works)  # a new solution
-        seen[forgets] = belief.weight.copy()
-        attempt(played, beliefs, [white, white, white])
-        assert belief.weight == pytest.approx(seen[forgets])
-    assert seen["everything"] == pytest.approx(start)
-    assert seen["failures"].sum() == pytest.approx(1.0)
-    assert (seen["failures"] > 0).sum() < 0.6 * (seen["everything"] > 0).sum()
 
 
 class TestBayesLikePeople(LearnerContract):

@@ -16,14 +16,7 @@ from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.protocol import Condition
 from causal_openlock.files.checksums import read_table, table_bytes
 from causal_openlock.scoring.score_table import PLAYED, write_scores
-from causal_openlock.scoring.scores import (
-    FOLDER,
-    FOLLOWED,
-    SUBJECT,
-    Scores,
-    attributed,
-    over,
-)
+from causal_openlock.scoring.scores import FOLDER, FOLLOWED, SUBJECT, Scores, attributed, over
 from causal_openlock.scoring.teacher_forcing import ATTEMPT, digests_of
 from causal_openlock.scoring.worst_predicted import failures, worst_attempts
 from causal_openlock.storage.store import Store
