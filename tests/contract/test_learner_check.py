@@ -46,13 +46,6 @@ class Seeds(Tidy):
         random.seed(5)  # other tests seed with 0
 
 
-class DrawsFromTorch(Tidy):
-    def act(self, view):
-        import torch
-
-        return torch.randint(self.brief.actions, (self.brief.subjects,)).numpy()
-
-
 class WritesLater(Tidy):
     """Keeps what it is shown and changes it afterwards, in a way that NumPy does not notice."""
 
@@ -90,7 +83,6 @@ def cell_of(learner, folder):
         (Draws, ["numpy.random"]),
         (DrawsForOne, ["numbers of random,"]),
         (Seeds, ["numbers of random,"]),
-        (DrawsFromTorch, ["torch.Generator().manual_seed"]),
         (WritesLater, ["learn changes an array that it is given (reward)"]),
         (DoesBoth, ["learn changes an array", "numpy.random"]),
         (Fails, []),

@@ -267,11 +267,6 @@ class DrawsItsOwnSeed(Dice):
         self.streams = Streams([np.random.default_rng() for _ in brief.generators])
 
 
-class SharesOneGenerator(Dice):
-    def act(self, view):
-        return self.brief.generators[0].integers(self.brief.actions, size=self.brief.subjects)
-
-
 class RemembersInItsClass(Dice):
     played = 0
 
@@ -325,11 +320,6 @@ class TurnsBits(Dice):
     def act(self, view):
         view.observation[0, 0] ^= 1
         return super().act(view)
-
-
-class ClearsRewards(Dice):
-    def learn(self, step):
-        step.reward[:] = 0
 
 
 class TurnsBitsThroughTorch(Dice):
@@ -434,7 +424,6 @@ class TestDice(LearnerContract):
         (KnowsOnlyTheSmallRoom, ANSWERS, "7 positions.* 0 to 14"),
         (AnswersFloats, ANSWERS, "float64"),
         (DrawsItsOwnSeed, "the_same_seed_gives_the_same_record", "row 0: actions"),
-        (SharesOneGenerator, "a_subject_does_not_depend_on_its_batch", "subject 0"),
         (RemembersInItsClass, "a_subject_does_not_depend_on_its_batch", "row 0: actions"),
         (LearnsFromTheFinished, FINISHED, "step.view.playing"),
         (DrawsGlobally, GLOBAL, "numpy.random"),
@@ -443,7 +432,6 @@ class TestDice(LearnerContract):
         (LooksBehindTheScenes, "it_sees_nothing_latent", "levers"),
         (ReadsTheCallStack, "it_acts_only_on_what_it_sees", "action 1"),
         (TurnsBits, GIVEN, "act"),
-        (ClearsRewards, GIVEN, "learn"),
         (TurnsBitsThroughTorch, GIVEN, "act"),
         (NeedsToAct, OTHERS, "AttributeError"),
         (Forgets, RESUMES, "agree for"),

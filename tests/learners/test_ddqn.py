@@ -170,16 +170,6 @@ def test_epsilon_has_a_floor_and_may_shrink_more_seldom(settings, course):
     assert seen == pytest.approx(course)
 
 
-def test_the_bias_of_priorities_is_undone_more_and_more():
-    settings = DDQNParameters(
-        prioritised=True, importance_start=0.4, importance_actions=9, hidden_units=4, batch_size=8
-    )
-    learner, session = begun(settings, subjects=2)
-    for action in range(12):
-        assert learner.importance == pytest.approx([min(0.4 + 0.6 * action / 9, 1.0)] * 2)
-        play(learner, session, [14])
-
-
 def test_training_begins_when_there_is_a_batch_and_follows_every_action():
     learner, session = begun(DDQNParameters(batch_size=5, hidden_units=4, gradient_steps=3))
     updates = []
@@ -192,8 +182,7 @@ def test_training_begins_when_there_is_a_batch_and_follows_every_action():
 def test_units_that_nothing_switches_on_are_counted_as_dead():
     settings = DDQNParameters(hidden_layers=2, hidden_units=8, batch_size=4)
     learner, session = begun(settings, subjects=2)
-    for _ in range(12):
-        learner.learn(session.step(learner.act(session.view)))
+    play(learner, session, [14] * 12)
     with torch.no_grad():
         learner.q.online.parameters.zero_()
         for bias in learner.q.online.biases[:-1]:
@@ -202,15 +191,6 @@ def test_units_that_nothing_switches_on_are_counted_as_dead():
         # Three of eight units in one of two layers, for one of two subjects.
         learner.q.online.biases[0][1, 0, :3] = -1.0
     assert learner.metrics()["dead_units"] == 3 / 32
-
-
-def test_epsilon_is_the_share_of_random_actions():
-    settings = DDQNParameters(epsilon_start=0.3, hidden_units=4, hidden_layers=1)
-    learner, session = begun(settings, subjects=200)
-    best = learner.q.greedy(session.view.observation)
-    # A random action is the best one by chance once in 15.
-    shares = [(learner.act(session.view) != best).mean() for _ in range(50)]
-    assert np.mean(shares) == pytest.approx(0.3 * 14 / 15, abs=0.015)
 
 
 def test_a_subject_that_has_finished_learns_no_more():

@@ -101,6 +101,11 @@ def test_it_runs_as_the_plain_network_and_has_its_gradients(sizes, positions, st
     for found, part in zip(compiled(*at), expected, strict=True):
         assert found.shape == part.shape
         assert (found - part).abs().max() <= TOLERANCE * part.abs().max()
+    state = at.state
+    for moment in range(steps):  # step by step it does exactly the same
+        logits, _, state = compiled.step(at.inputs[:, moment], state, at.fresh[:, moment])
+        assert torch.equal(logits, compiled(*at)[0][:, moment])
+    assert torch.equal(state, compiled(*at)[2])
 
     rollout, which = learned(at, plain), torch.from_numpy(rng(3).permutation(rooms)[1:])
     better = advantages(rollout, 0.9, 0.9)
@@ -116,17 +121,3 @@ def test_it_runs_as_the_plain_network_and_has_its_gradients(sizes, positions, st
     for name, gradient in gradients_of(plain).items():
         assert gradient.norm() > 0, name
         assert (gradients[name] - gradient).norm() <= TOLERANCE * gradient.norm(), name
-
-
-def test_step_by_step_it_does_the_same():
-    _, compiled = pair()
-    at = given(7, 3, 2 * ROOMS + 1, compiled.state_size(7))
-    whole = compiled(*at)
-    state, steps = at.state, []
-    for seen, fresh in zip(at.inputs.unbind(1), at.fresh.unbind(1), strict=True):
-        logits, values, state = compiled.step(seen, state, fresh)
-        steps.append((logits, values))
-    logits, values = (torch.stack(parts, dim=1) for parts in zip(*steps, strict=True))
-    for found, part in zip((logits, values, state), whole, strict=True):
-        assert not found.requires_grad
-        assert torch.equal(found, part)

@@ -140,21 +140,6 @@ def test_the_first_step_follows_the_plain_policy_gradient():
     assert torch.allclose(weights_of(network, 0) - before, up, atol=1e-9)
 
 
-def test_no_action_moves_further_than_the_clip():
-    settings = PPOSettings(value_weight=0.0, minibatches=1, epochs=1, clip=0.05)
-    rollout = made_up(1)._replace(log_prob=torch.full((1, 6, 4), -9.0).double())
-    network = network_of("levers")
-    trainer = PPO(network, settings)
-    rollout = rollout._replace(reward=torch.ones(1, 6, 4).double() + rollout.reward)
-    before = weights_of(network, 0)
-    told = trainer.update(rollout, entropy_weight=0.0)
-    assert told["clipped"] == 1.0
-    # Actions far likelier than they were are not made likelier still, only less.
-    better = advantages(rollout, settings.gamma, settings.gae_lambda)
-    assert (better[rollout.mask] < better[rollout.mask].mean()).any()
-    assert not torch.equal(weights_of(network, 0), before)
-
-
 def test_what_did_not_happen_teaches_nothing_and_networks_learn_alone():
     rollout = made_up(2)
     settings = PPOSettings(minibatches=2)
