@@ -80,6 +80,10 @@ def at(low, high):
         (1.1, 2.0, "same", "does not hold"),
         (-3.0, -1.1, "same", "does not hold"),
         (0.5, 2.0, "same", "undecided"),
+        (1.0, 2.0, "more", "holds"),  # at the margin, or at 0
+        (0.1, 1.0, "more", "in part"),
+        (0.0, 2.0, "more", "undecided"),
+        (1.0, 3.0, "same", "undecided"),
     ],
 )
 def test_the_table_of_verdicts(low, high, expected, wanted):
