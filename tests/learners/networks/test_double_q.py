@@ -15,6 +15,8 @@ from openlock_learners.networks.double_q import StackedDoubleQ, find_device
 from openlock_learners.networks.double_q_compiled import CompiledDoubleQ
 from openlock_learners.networks.replay_buffer import Batch
 
+pytestmark = pytest.mark.slow
+
 SIZES = [16, 24, 40, 24, 15]
 AGENTS = 4
 
