@@ -1,17 +1,13 @@
-"""How far a comparison is: by work and not by cells, on a terminal and in a file."""
-
-from __future__ import annotations
+"""The progress of a comparison: by work and not by cells, on a terminal and in a file."""
 
 import itertools
 import re
 import time
-from pathlib import Path
 
 import pytest
 
 from causal_openlock.comparison import progress_bar
 from causal_openlock.comparison.progress_bar import LINE_EVERY, Lines, duration, shown_steps
-from causal_openlock.experiment.experiment import Cell
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.running.progress import Playing, ProgressEstimator, RunProgress, work
 
@@ -26,17 +22,14 @@ protocols: {long: {attempt_limit: 300, baseline_trials: 5}}
 
 
 @pytest.fixture
-def cells(tmp_path: Path) -> list[Cell]:
+def cells(tmp_path):
     path = tmp_path / "e.yaml"
     path.write_text(TEXT, encoding="utf-8")
     return list(read_experiment(path).cells())
 
 
-def test_work_is_counted_in_attempts(cells: list[Cell]) -> None:
+def test_time_left_follows_from_attempts_and_from_what_each_learner_takes(cells):
     assert [work(cell) for cell in cells] == [2 * 5 * 30] * 2 + [2 * 5 * 300] * 2
-
-
-def test_time_left_is_told_by_work_and_by_what_each_learner_takes(cells: list[Cell]) -> None:
     course = ProgressEstimator(cells, workers=1)
     before = course.standing(0.0, cells)
     assert (before.share, before.left, before.done) == (0, None, 0)
@@ -62,7 +55,7 @@ def test_time_left_is_told_by_work_and_by_what_each_learner_takes(cells: list[Ce
     assert (over.done, over.failed, over.share, over.left) == (3, 1, 1, 0)
 
 
-def test_a_cell_that_is_silent_is_known(cells: list[Cell]) -> None:
+def test_a_cell_that_is_silent_is_known(cells):
     course = ProgressEstimator(cells, 1)
     course.began(cells[0], 10.0)
     course.heard(cells[0], 1, 0.1, 20.0)
@@ -73,63 +66,51 @@ def test_a_cell_that_is_silent_is_known(cells: list[Cell]) -> None:
     assert course.playing(101.0)[0].still == 0
 
 
-def test_lines_are_regular_and_name_what_hangs(cells: list[Cell]) -> None:
+def test_lines_are_regular_and_name_what_hangs(cells):
     now, said = [0.0], []
     lines = Lines("e", lambda line: said.append((now[0], line)), clock=lambda: now[0])
-    silent = {"since": 0.0}
     while now[0] < 400:
-        playing = (Playing(cells[2], 0.25, now[0], now[0] - silent["since"]),)
+        playing = (Playing(cells[2], 0.25, now[0], now[0]),)
         lines(RunProgress(4, 1, 0, playing, 0.3, 90.0))
         now[0] += 1.0
     times = [at for at, line in said if line.startswith("e:")]
     assert times[0] == 0
-    assert max(later - at for at, later in itertools.pairwise(times)) <= 30
-    assert said[0][1] == (
-        "e: 1 of 4 cells done, 30% of the work, about 2 min left; "
-        "playing slow in CC3, subjects 0-1 (25%)"
-    )
+    assert max(later - at for at, later in itertools.pairwise(times)) <= LINE_EVERY + 1 <= 30
+    assert "1 of 4 cells done, 30% of the work, about 2 min left" in said[0][1]
+    assert "slow in CC3, subjects 0-1 (25%)" in said[0][1]
     hanging = [line for _, line in said if line.startswith("no step")]
-    assert hanging == [
-        f"no step for {time}: learner slow in CC3, subjects 0-1"
-        for time in ("60 s", "2 min", "4 min")
+    assert [re.findall(r"\d+ s|\d+ min", line) for line in hanging] == [
+        ["60 s"],
+        ["2 min"],
+        ["4 min"],
     ]
+    assert all("slow in CC3, subjects 0-1" in line for line in hanging)
     for _ in range(3):
         lines(RunProgress(4, 3, 1, (), 1.0, 0.0))
     assert [line for _, line in said][-1] == "e: 3 of 4 cells done, 1 failed, in 7 min"
     assert sum("in 7 min" in line for _, line in said) == 1
-    assert LINE_EVERY < 29
 
 
 @pytest.mark.parametrize(
     ("seconds", "words"), [(0.2, "0 s"), (89, "89 s"), (100, "2 min"), (7799, "2 h 10 min")]
 )
-def test_durations_are_told_in_words(seconds: float, words: str) -> None:
+def test_durations_are_told_in_words(seconds, words):
     assert duration(seconds) == words
 
 
-def test_a_long_task_names_its_step_in_a_file_and_a_quick_one_says_nothing(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_long_task_names_its_step_and_a_quick_one_says_nothing(monkeypatch, capsys):
     with shown_steps("report") as begin:
         begin("reading")
     assert capsys.readouterr() == ("", "")
     monkeypatch.setattr(progress_bar, "FIRST_AFTER", 0.05)
-    with shown_steps("report") as begin:
-        begin("reading")
-        begin("computing [transfer]")
-        time.sleep(0.5)
-    assert capsys.readouterr() == ("", "report: computing [transfer]\n")
-
-
-def test_on_a_terminal_the_step_is_a_line_that_disappears(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setenv("TERM", "xterm")
-    with shown_steps("report") as begin:
-        begin("drawing [survival]")
-        time.sleep(0.5)
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert "report: drawing [survival]" in re.sub(r"\x1b\[[\d;?]*\w", "", err)
-    assert err.endswith("\x1b[2K")
+    for terminal in (False, True):
+        if terminal:
+            monkeypatch.setenv("FORCE_COLOR", "1")
+            monkeypatch.setenv("TERM", "xterm")
+        with shown_steps("report") as begin:
+            begin("computing [transfer]")
+            time.sleep(0.5)
+        out, err = capsys.readouterr()
+        assert out == ""
+        assert "report: computing [transfer]" in re.sub(r"\x1b\[[\d;?]*\w", "", err)
+        assert err.endswith("\x1b[2K" if terminal else "\n")  # there the line disappears
