@@ -7,6 +7,7 @@ package within the row's expression, as in ``of("causal_openlock.world.room", "L
 from __future__ import annotations
 
 import importlib
+import json
 import shlex
 from pathlib import Path
 from typing import Any
@@ -159,3 +160,21 @@ def trained(old: str, new: str, out: str = "net.npz") -> None:
         train(file("changed/small.yaml", changed("small.yaml", old, new)), Path(out))
     finally:
         assert not [*Path().rglob("*net*")]
+
+
+def new_schema(**changes: Any) -> Any:
+    """Make a schema in Python: one in which A unlocks the door, but for what is changed."""
+    given = {"name": "X", "levers": ["A"], "edges": {"A": ["door"]}, **changes}
+    return of("causal_openlock.schemas.schema", "Schema")(**given)
+
+
+def schema_text(text: str, format: str) -> Any:
+    """Read a schema from a text in a format."""
+    return of("causal_openlock.schemas.graphs", "import_schema")(text, format)
+
+
+def node_link(nodes: str, edge: str = "", **changes: Any) -> Any:
+    """Read a node-link graph of these nodes and, perhaps, an edge from one to another."""
+    ends = [dict(zip(("source", "target"), edge.split(), strict=True))] if edge else []
+    graph = {"nodes": [{"id": node} for node in nodes.split()], "links": ends, **changes}
+    return schema_text(json.dumps(graph), "node-link")
