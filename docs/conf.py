@@ -1,16 +1,19 @@
-"""How Sphinx builds the site from this folder; ``make docs`` calls it."""
+"""How Sphinx builds the site; ``make docs`` calls it.
+
+The folder of sources is the project's own, so that pages, lessons (``notebooks/``) and studies
+(``evidence/``) lead to each other on the site as they do on a forge.
+"""
 
 from __future__ import annotations
 
-import gc
+import re
 import sys
 from pathlib import Path
 
 from sphinx.application import Sphinx
 
 HERE = Path(__file__).parent
-gc.set_threshold(100_000, 50, 100)  # millions of nodes, which stay: a tenth of the time
-sys.path[:0] = [str(HERE / "_extensions")]
+sys.path.append(str(HERE))
 
 from causal_openlock import __version__  # noqa: E402  (the package that is documented)
 
@@ -19,27 +22,20 @@ author = "The causal_openlock authors"
 copyright = "2026, the causal_openlock authors"
 version = release = __version__
 
-extensions = [
-    "myst_nb",
-    "sphinx.ext.autodoc",
-    "sphinx.ext.napoleon",
-    "example_report",  # in _extensions: plays what the example report is of
-    "from_the_program",  # in _extensions: help texts, file formats, parameters
-    "links_into_the_code",  # in _extensions: relative links of the pages and lessons
-    "reference",  # in _extensions: what autodoc leaves out
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "from_the_program"]
+root_doc = "docs/index"
+include_patterns = ["docs/**", "notebooks/0*.ipynb", "evidence/**.md"]
+exclude_patterns = ["docs/_build", "docs/example_play", ".venv*", ".git", "results", "learners"]
+exclude_patterns += ["causal_openlock", "tests", "dist", "build"]
+suppress_warnings = [
+    "ref.python",  # two modules may each have a class of one name, such as Table
+    "toc.not_included",  # a study is reached from the page of all studies
 ]
-exclude_patterns = ["_build", "_extensions", "example_play", "figures"]
-exclude_patterns += ["lessons/template.ipynb"]  # nothing to read in it yet
-# Two modules may each have a class of one name, such as Table.
-suppress_warnings = ["ref.python"]
 
-# -- Markdown ---------------------------------------------------------------------------------
+# -- Markdown and lessons -----------------------------------------------------------------------
 myst_enable_extensions = ["colon_fence", "deflist"]
 myst_heading_anchors = 3
-
-# -- the lessons ------------------------------------------------------------------------------
-# The folder lessons is a link to notebooks, which are stored with what they put out: make lessons.
-nb_execution_mode = "off"
+nb_execution_mode = "off"  # they are stored with what they put out: make lessons
 
 # -- the reference ----------------------------------------------------------------------------
 autodoc_default_options = {"members": True, "member-order": "bysource", "show-inheritance": True}
@@ -60,17 +56,30 @@ napoleon_use_ivar = True  # attributes of a dataclass are described once, in its
 html_theme = "furo"
 html_title = "causal_openlock"
 html_static_path = ["_static"]
+html_extra_path = ["_static/index.html"]  # leads to docs/index.html
 html_css_files = ["site.css"]
 html_copy_source = False
 html_show_sphinx = False
 html_theme_options = {"navigation_with_keys": True}
 
+LINK_TO_CODE = re.compile(
+    r"\[(?P<text>[^\]]*)\]\((?:\.\./)+(?:learners/)?"
+    r"(?P<module>(?:causal_openlock|openlock_learners)[\w/]*)(?:\.py)?(?:\s+\"[^\"]*\")?\)"
+)
+LINK_TO_FOLDER = re.compile(r"\[([^\]]*)\]\((?:\.\./)*(?:experiments|schemas|example_play)/?\)")
 
-def setup(app: Sphinx) -> None:
-    """Keep the lessons' pictures inside the build, which myst-nb puts beside it."""
 
-    def keep_inside(app: Sphinx) -> None:
-        folder = str(app.doctreedir / "lessons")
-        app.env.mystnb_config = app.env.mystnb_config.copy(output_folder=folder)
+def lead_to_reference(app: Sphinx, page: str, source: list[str]) -> None:
+    """Let links to modules lead to their place in the reference, and links to folders nowhere."""
 
-    app.connect("builder-inited", keep_inside, priority=900)  # after myst-nb itself
+    def link(found: re.Match[str]) -> str:
+        module = found["module"].strip("/").removesuffix("/__init__").replace("/", ".")
+        return f"{{py:mod}}`{found['text'].strip('`')} <{module}>`"
+
+    source[0] = LINK_TO_FOLDER.sub(r"\1", LINK_TO_CODE.sub(link, source[0]))
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Connect with the steps of Sphinx."""
+    app.connect("source-read", lead_to_reference)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

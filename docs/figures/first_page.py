@@ -43,11 +43,7 @@ def graphs() -> Figure:
 
 
 def people_and_learners(units: pd.DataFrame) -> Figure:
-    """Mean attempts in each trial of the baselines and in the four tests of transfer.
-
-    Args:
-        units: The ``units.parquet`` of a study.
-    """
+    """Mean attempts in each trial of the baselines and in the four tests of transfer."""
     own = units[units["learner"].isin(LEARNERS)].rename(columns={"unit": "subject"})
     played = points_of(own.assign(experiment="default", seed=0, loop=1))
     means = pd.concat([points_of_people(), played], ignore_index=True)
@@ -96,11 +92,7 @@ def _course(axes: Axes, points: pd.DataFrame, condition: str, look: dict[str, An
 
 
 def costs(table: pd.DataFrame) -> Figure:
-    """What learning costs each subject, all training counted.
-
-    Args:
-        table: The ``costs.parquet`` of a study.
-    """
+    """What learning costs each subject, all training counted."""
     figure = Figure()
     shown = ["ideal", *LEARNERS]
     draw_costs(table[table["learner"].isin(shown)], shown, figure)
