@@ -1,11 +1,7 @@
 """What is compiled is kept, and what is kept is not trusted."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -17,12 +13,12 @@ CODE = "def twice(number):\n    return 2 * number\n"
 
 
 @pytest.fixture
-def twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[], Any]:
+def twice(tmp_path, monkeypatch):
     """A function in a file of its own, imported anew each time and not compiled yet."""
     path = tmp_path / "loops_of_a_test.py"
     path.write_text(CODE)
 
-    def fresh() -> Any:
+    def fresh():
         spec = importlib.util.spec_from_file_location(path.stem, path)
         assert spec
         assert spec.loader
@@ -34,20 +30,18 @@ def twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[], Any]:
     return fresh
 
 
-def kept(folder: Path, suffix: str) -> Path:
+def kept(folder, suffix):
     (found,) = (folder / "__pycache__").glob(f"*{suffix}")
     return found
 
 
-def hits(function: Any) -> int:
+def hits(function):
     return sum(function.stats.cache_hits.values())
 
 
 @pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
 @pytest.mark.parametrize("damage", ["cut", "empty", "other", "flipped", "text"])
-def test_what_is_damaged_is_compiled_anew(
-    twice: Callable[[], Any], tmp_path: Path, suffix: str, damage: str
-) -> None:
+def test_what_is_damaged_is_compiled_anew(twice, tmp_path, suffix, damage):
     assert twice()(4) == 8
     whole = twice()
     assert (whole(4), hits(whole)) == (8, 1)
@@ -70,7 +64,7 @@ def test_what_is_damaged_is_compiled_anew(
     assert (last(4), hits(last)) == (8, 1)  # it is whole again
 
 
-def test_where_nothing_can_be_kept_it_is_said_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_nothing_can_be_kept_it_is_said_once(monkeypatch):
     monkeypatch.setattr(compiling, "_said", [])
     nowhere: dict[str, Any] = {}
     exec(compile(CODE, "<nowhere>", "exec"), nowhere)
@@ -81,7 +75,7 @@ def test_where_nothing_can_be_kept_it_is_said_once(monkeypatch: pytest.MonkeyPat
     assert len(without_cache()) == 1
 
 
-def test_machine_code_is_that_for_arguments_like_those_given(twice: Callable[[], Any]) -> None:
+def test_machine_code_is_that_for_arguments_like_those_given(twice):
     function = twice()
     assert function(2.5) == 5.0  # another version
     assert direct(function, 3)(4) == 8

@@ -1,22 +1,16 @@
 """JSON of which a key is there twice is refused by whatever reads it."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 
-from causal_openlock.errors import StoreError
-from causal_openlock.files.checksums import BLANK, IN_JSON, ChecksumError, fill_in, read_json
+from causal_openlock.files.checksums import BLANK, IN_JSON, fill_in
 from causal_openlock.files.json_text import DoubledKeyError, parse_json
-from causal_openlock.fitting.kept import kept_fit
 from causal_openlock.render.words import Wording
 from openlock_learners.language.offered_actions import read_structure
 
 DOUBLED = fill_in(b'{"a": 1, "a": 2, "sha256": "%b"}' % BLANK, IN_JSON)
 
 
-def test_a_doubled_key_is_named() -> None:
+def test_a_doubled_key_is_named():
     with pytest.raises(DoubledKeyError, match="the key 'b' is there twice"):
         parse_json('{"a": {"b": 1, "b": 1}}')
     many = ",".join(f'"a{number}":0' for number in range(50_000))
@@ -26,15 +20,7 @@ def test_a_doubled_key_is_named() -> None:
         parse_json("[NaN]")
 
 
-def test_files_with_a_checksum_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(ChecksumError, match="it is not JSON"):
-        read_json(DOUBLED)
-    (tmp_path / "fit.json").write_bytes(DOUBLED)
-    with pytest.raises(StoreError, match="this is not a fit"):
-        kept_fit(tmp_path / "fit.json", dict)
-
-
-def test_a_structure_that_is_answered_twice_is_none() -> None:
+def test_a_structure_that_is_answered_twice_is_none():
     words = Wording("levers", ("oak", "elm", "fir"), (0, 1, 2))
     said = '{"enables": [], "enables": [{"cause": "oak", "effect": "the door"}]}'
     assert read_structure({"content": said}, words, ("P0", "P1", "P2", "door")) is None

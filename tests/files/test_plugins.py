@@ -1,11 +1,7 @@
 """What other packages add: commands, topics of a report, methods of results."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
@@ -16,15 +12,13 @@ from support.packages import register
 
 
 @pytest.fixture
-def guests(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def guests(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     yield tmp_path
     sys.modules.pop("a_guest", None)
 
 
-def test_a_command_of_another_package_is_found_and_one_that_breaks_harms_none(
-    guests: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_command_of_another_package_is_found_and_one_that_breaks_harms_none(guests, capsys):
     from typer import Typer
     from typer.testing import CliRunner
 
@@ -41,7 +35,7 @@ def test_a_command_of_another_package_is_found_and_one_that_breaks_harms_none(
     assert runner.invoke(app, ["score", "--help"]).exit_code == 0
 
 
-def test_results_have_what_packages_register(guests: Path) -> None:
+def test_results_have_what_packages_register(guests):
     results = ol.compare("CC3", ["oracle"], subjects=1, workers=1)
     assert {"score", "scores", "plot"} <= set(dir(results))
     with pytest.raises(AttributeError, match="Results has no attribute 'skores'"):
@@ -51,7 +45,7 @@ def test_results_have_what_packages_register(guests: Path) -> None:
     assert results.many(3) == 6
 
 
-def test_a_name_that_two_packages_register_is_an_error(guests: Path) -> None:
+def test_a_name_that_two_packages_register_is_an_error(guests):
     register(guests, "one", COMMANDS, twin="one:a")
     register(guests, "two", COMMANDS, twin="two:b")
     with pytest.raises(OpenLockError, match="the command 'twin' is registered twice"):
@@ -59,7 +53,7 @@ def test_a_name_that_two_packages_register_is_an_error(guests: Path) -> None:
     assert "random" in registered(LEARNERS)
 
 
-def test_the_core_is_loaded_without_its_guests() -> None:
+def test_the_core_is_loaded_without_its_guests():
     code = (
         "import sys, causal_openlock as ol; ol.compare\n"
         "guests = ('paper', 'fitting', 'scoring', 'play', 'importing', 'evidence')\n"
@@ -71,7 +65,7 @@ def test_the_core_is_loaded_without_its_guests() -> None:
     assert done.stdout == "[]\n"
 
 
-def test_what_cannot_be_loaded_is_named_with_its_package(guests: Path) -> None:
+def test_what_cannot_be_loaded_is_named_with_its_package(guests):
     register(guests, "broken", "causal_openlock.topics", pay="no_such_guest:TOPIC")
     with pytest.raises(
         OpenLockError, match=r"the topic 'pay', no_such_guest:TOPIC by broken, cann"

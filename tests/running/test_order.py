@@ -1,10 +1,6 @@
 """The order in which cells are given to workers."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from concurrent.futures import Executor, Future
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -17,10 +13,10 @@ from causal_openlock.running.workers import ExternalExecutor
 class Noting(Executor):
     """Notes cells and plays none."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.given: list[str] = []
 
-    def submit(self, job: Callable[..., Any], /, *arguments: Any, **_: Any) -> Future[Any]:
+    def submit(self, job, /, *arguments, **_):
         self.given.append(arguments[0].spec.name)
         future: Future[Any] = Future()
         future.set_result([])
@@ -36,8 +32,8 @@ class Noting(Executor):
     ],
 )
 def test_one_cell_compiles_while_others_play_what_needs_no_compiling(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, workers: int, order: list[str]
-) -> None:
+    tmp_path, monkeypatch, workers, order
+):
     file = tmp_path / "order.yaml"
     file.write_text(
         "name: order\nconditions: [CC3]\nsubjects: 1\n"
@@ -47,10 +43,10 @@ def test_one_cell_compiles_while_others_play_what_needs_no_compiling(
     ended: list[Future[Any]] = []
     done = ExternalExecutor.done
 
-    def free(_: ExternalExecutor) -> bool:
+    def free(_):
         return len(noting.given) - len(ended) < workers
 
-    def note(self: ExternalExecutor, future: Future[Any]) -> str:
+    def note(self, future):
         ended.append(future)
         return done(self, future)
 

@@ -1,11 +1,7 @@
 """What counts as the code of a learner or a reward, and when it has changed."""
 
-from __future__ import annotations
-
 import importlib
 import sys
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
@@ -17,7 +13,7 @@ from support.command import modules_of
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def folder(tmp_path, monkeypatch):
     """An empty folder that modules are imported from, and around it one for others."""
     here = tmp_path / "here"
     here.mkdir()
@@ -27,13 +23,13 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         yield here
 
 
-def write(folder: Path, files: dict[str, str]) -> None:
+def write(folder, files):
     for inside, text in files.items():
         (folder / inside).parent.mkdir(parents=True, exist_ok=True)
         (folder / inside).write_text(text)
 
 
-def of(module: str) -> str:
+def of(module):
     source = module_source(module)
     assert source is not None
     return code_digest(source, [module])
@@ -65,9 +61,7 @@ def of(module: str) -> str:
     ],
     ids=lambda value: ", ".join(value) if isinstance(value, dict) else value,
 )  # fmt: skip
-def test_a_module_of_the_user_that_is_imported_counts(
-    folder: Path, module: str, files: dict[str, str]
-) -> None:
+def test_a_module_of_the_user_that_is_imported_counts(folder, module, files):
     write(folder, {name: text or "other = 0" for name, text in files.items()})
     sys.path.append(str(folder.parent / "away"))
     before = of(module)
@@ -77,7 +71,7 @@ def test_a_module_of_the_user_that_is_imported_counts(
     assert of(module) != before
 
 
-def test_what_is_not_imported_or_not_the_users_does_not_count(folder: Path) -> None:
+def test_what_is_not_imported_or_not_the_users_does_not_count(folder):
     text = "import json, numpy, ruamel.yaml, openlock_learners.random\n"
     text += "from causal_openlock import Learner\n"
     write(folder, {"a_mine.py": text, "a_stranger.py": "", "ruamel/notes.py": "x = 1"})
@@ -90,7 +84,7 @@ def test_what_is_not_imported_or_not_the_users_does_not_count(folder: Path) -> N
         sys.path.pop()
 
 
-def test_a_file_that_a_link_leads_to_counts(folder: Path) -> None:
+def test_a_file_that_a_link_leads_to_counts(folder):
     write(folder, {"a_mine.py": "import a_linked", "../away/code.py": "x = 1"})
     (folder / "a_linked.py").symlink_to("../away/code.py")
     before = of("a_mine")
@@ -98,7 +92,7 @@ def test_a_file_that_a_link_leads_to_counts(folder: Path) -> None:
     assert of("a_mine") != before
 
 
-def test_the_hash_does_not_depend_on_where_files_are(folder: Path) -> None:
+def test_the_hash_does_not_depend_on_where_files_are(folder):
     files = {"a_mine.py": "import a_other", "a_other.py": "x = 1"}
     write(folder, files)
     before = of("a_mine")
@@ -110,7 +104,7 @@ def test_the_hash_does_not_depend_on_where_files_are(folder: Path) -> None:
     assert of("a_mine") == before
 
 
-def test_a_module_that_is_not_python_is_named(folder: Path) -> None:
+def test_a_module_that_is_not_python_is_named(folder):
     write(folder, {"a_mine.py": "import a_other", "a_other.py": "def"})
     with pytest.raises(
         OpenLockError, match=r"a_other\.py is imported and cannot be read as Python"
@@ -118,7 +112,7 @@ def test_a_module_that_is_not_python_is_named(folder: Path) -> None:
         of("a_mine")
 
 
-def test_what_a_process_imported_is_known_until_it_is_imported_anew(folder: Path) -> None:
+def test_what_a_process_imported_is_known_until_it_is_imported_anew(folder):
     write(folder, {"a_mine.py": "import a_other", "a_other.py": "x = 1"})
     module = importlib.import_module("a_mine")
     source = folder / "a_mine.py"

@@ -1,7 +1,5 @@
 """Classes of a running notebook: what goes to workers, and what is kept as source."""
 
-from __future__ import annotations
-
 import linecache
 import os
 import subprocess
@@ -10,7 +8,6 @@ import textwrap
 import zipfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from types import ModuleType
 
 import pytest
@@ -58,29 +55,40 @@ Run = Callable[[str], None]
 
 
 @pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch) -> Run:
+def run(monkeypatch):
     """Runs a cell in a notebook's ``__main__``."""
     main = ModuleType("__main__")
     monkeypatch.setitem(sys.modules, "__main__", main)
     number = 0
 
-    def run_cell(text: str) -> None:
+    def run_cells(*texts):
         nonlocal number
-        number += 1
-        name = f"/tmp/ipykernel_1/{number}.py"
-        monkeypatch.setitem(
-            linecache.cache, name, (len(text), None, text.splitlines(keepends=True), name)
-        )
-        exec(compile(text, name, "exec"), vars(main))
+        for text in texts:
+            number += 1
+            name = f"/tmp/ipykernel_1/{number}.py"
+            lines = text.splitlines(keepends=True)
+            monkeypatch.setitem(linecache.cache, name, (len(text), None, lines, name))
+            exec(compile(text, name, "exec"), vars(main))
 
-    return run_cell
+    return run_cells
 
 
-def test_the_source_is_a_module_of_all_that_is_used(
-    run: Run, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for cell in (HEAD, HELPERS, LEARNER):
-        run(cell)
+@pytest.fixture
+def arrive(monkeypatch):
+    """Unpacks what was packed in another process; returns its ``__main__``."""
+
+    def in_worker(content):
+        worker = ModuleType("__main__")
+        monkeypatch.setitem(sys.modules, "__main__", worker)
+        monkeypatch.setattr(session_code, "_OWN", "another process")
+        unpack(content)
+        return worker
+
+    return in_worker
+
+
+def test_the_source_is_a_module_of_all_that_is_used(run, monkeypatch):
+    run(HEAD, HELPERS, LEARNER)
     source = session_source(NAME)
     assert "\nresults = " not in source  # a local name; the global one is something else
     module = ModuleType("kept")
@@ -90,9 +98,8 @@ def test_the_source_is_a_module_of_all_that_is_used(
     assert module.Node(2).value == 2
 
 
-def test_a_class_that_is_defined_anew_is_another_one(run: Run) -> None:
-    for cell in (HEAD, HELPERS, LEARNER):
-        run(cell)
+def test_a_class_that_is_defined_anew_is_another_one(run):
+    run(HEAD, HELPERS, LEARNER)
     first, kind = origin(NAME), learner_class(NAME)
     assert name_of(kind) == NAME
     run(LEARNER)
@@ -106,26 +113,23 @@ def test_a_class_that_is_defined_anew_is_another_one(run: Run) -> None:
     assert origin(NAME) != first
 
 
-def test_a_worker_defines_what_was_packed(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    for cell in (HEAD, HELPERS, LEARNER):
-        run(cell)
+def test_a_worker_defines_what_was_packed(run, monkeypatch, arrive):
+    run(HEAD, HELPERS, LEARNER)
     content = packed([NAME, "ddqn"])
-    worker = ModuleType("__main__")
-    monkeypatch.setitem(sys.modules, "__main__", worker)
+    here = ModuleType("__main__")
+    monkeypatch.setitem(sys.modules, "__main__", here)
     with pytest.raises(LearnerError, match="cannot be imported"):
         ol.create(NAME)
     unpack(content)
-    assert "Mine" not in vars(worker)  # nothing is done where it was packed
-    monkeypatch.setattr(session_code, "_OWN", "another process")
-    unpack(content)
+    assert "Mine" not in vars(here)  # nothing is done where it was packed
+    worker = arrive(content)
     assert {"Mine", "Node", "pick"} <= vars(worker).keys()
     assert "results" not in vars(worker)
     assert packed(["ddqn"]) == b""
 
 
-def test_parameters_arrive_whole(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    for cell in (HEAD, HELPERS, LEARNER, PARAMETERS):
-        run(cell)
+def test_parameters_arrive_whole(run, monkeypatch):
+    run(HEAD, HELPERS, LEARNER, PARAMETERS)
     content = packed([NAME])
     unpack(content)
     assert [row.default for row in parameter_table(NAME)] == [0.5]
@@ -134,11 +138,8 @@ def test_parameters_arrive_whole(run: Run, monkeypatch: pytest.MonkeyPatch) -> N
     assert [row.default for row in parameter_table(NAME)] == [0.5]
 
 
-def test_results_keep_the_source_and_need_no_class(
-    run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    for cell in (HEAD, HELPERS, LEARNER):
-        run(cell)
+def test_results_keep_the_source_and_need_no_class(run, monkeypatch, tmp_path):
+    run(HEAD, HELPERS, LEARNER)
     experiment = ol.make_experiment(["CC3"], [learner_class(NAME)], subjects=2)
     with ThreadPoolExecutor(1) as executor:
         ol.run(experiment, tmp_path / "r", executor=executor)
@@ -148,9 +149,8 @@ def test_results_keep_the_source_and_need_no_class(
     assert ol.open_results(tmp_path / "r").learners == ("Mine",)
 
 
-def test_a_bundle_has_the_source_as_a_module(run: Run, tmp_path: Path) -> None:
-    for cell in (HEAD, HELPERS, LEARNER):
-        run(cell)
+def test_a_bundle_has_the_source_as_a_module(run, tmp_path):
+    run(HEAD, HELPERS, LEARNER)
     experiment = ol.make_experiment(["CC3"], [learner_class(NAME)], subjects=1)
     with ThreadPoolExecutor(1) as executor:
         store = ol.run(experiment, tmp_path / "r", executor=executor)
@@ -174,9 +174,7 @@ def eager(events):
 """
 
 
-def test_a_function_of_a_cell_is_a_reward_here_in_workers_and_in_results(
-    run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_function_of_a_cell_is_a_reward_in_workers_and_in_results(run, arrive, tmp_path):
     run(HEAD + REWARD)
     eager = vars(sys.modules["__main__"])["eager"]
     room = ol.OpenLockEnv("CC3", layout="trial1", reward=eager, episode="trial")
@@ -202,11 +200,7 @@ def test_a_function_of_a_cell_is_a_reward_here_in_workers_and_in_results(
     again = ol.read_experiment(tmp_path / "again" / "comparison" / "experiment.yaml")
     assert again.learners[0].reward.name == f"{kept.stem}:eager"
 
-    content = packed([reward.name, "ddqn"])
-    worker = ModuleType("__main__")
-    monkeypatch.setitem(sys.modules, "__main__", worker)
-    monkeypatch.setattr(session_code, "_OWN", "another process")
-    unpack(content)
+    worker = arrive(packed([reward.name, "ddqn"]))
     assert {"eager", "SCALE"} <= vars(worker).keys()
     reward_code.forget()
     elsewhere = ol.OpenLockEnv("CC3", layout="trial1", reward=reward, episode="trial")
@@ -214,7 +208,7 @@ def test_a_function_of_a_cell_is_a_reward_here_in_workers_and_in_results(
     assert elsewhere.step(14)[1] == pytest.approx(-0.1)
 
 
-def test_a_reward_that_is_defined_anew_is_another_one(run: Run, tmp_path: Path) -> None:
+def test_a_reward_that_is_defined_anew_is_another_one(run, tmp_path):
     run(HEAD + REWARD)
     main = vars(sys.modules["__main__"])
     before = ol.find_reward(main["eager"])
@@ -225,17 +219,14 @@ def test_a_reward_that_is_defined_anew_is_another_one(run: Run, tmp_path: Path) 
         ol.run(declared, tmp_path, workers=0)
 
 
-def test_a_function_that_workers_could_not_find_is_refused(run: Run) -> None:
+def test_a_function_that_workers_could_not_find_is_refused(run):
     run("def outer():\n    def inner(events):\n        return events.opens\n    return inner\n")
     main = vars(sys.modules["__main__"])
-    for reward in (lambda events: events.opens, main["outer"](), len):
-        with pytest.raises(RewardError):
-            ol.find_reward(reward)
     with pytest.raises(RewardError, match="define it with def at the top level of a notebook"):
         ol.find_reward(main["outer"]())
 
 
-def test_what_has_no_source_is_refused(run: Run) -> None:
+def test_what_has_no_source_is_refused(run):
     run(HEAD)
     scope = vars(sys.modules["__main__"])
     exec(LEARNER, scope)
@@ -243,7 +234,7 @@ def test_what_has_no_source_is_refused(run: Run) -> None:
         origin(NAME)
 
 
-def test_cells_with_magic_commands_are_passed_over(run: Run) -> None:
+def test_cells_with_magic_commands_are_passed_over(run):
     run(HEAD)
     run("class Mine(ol.OneSubjectLearner):\n    act = None\n")
     linecache.cache["/tmp/ipykernel_1/99.py"] = (5, None, ["%matplotlib inline\n"], "x")
@@ -290,16 +281,15 @@ class Mine(ol.OneSubjectLearner):
         "SCALE = 8",
     ],
 )
-def test_what_decides_its_play_is_in_the_hash(run: Run, change: str) -> None:
-    for cell in (HEAD, VALUES, USES):
-        run(cell)
+def test_what_decides_its_play_is_in_the_hash(run, change):
+    run(HEAD, VALUES, USES)
     before = origin(NAME)
     assert origin(NAME) == before
     run(change)
     assert origin(NAME) != before
 
 
-def test_the_hash_is_the_same_in_every_process(tmp_path: Path) -> None:
+def test_the_hash_is_the_same_in_every_process(tmp_path):
     script = tmp_path / "script.py"
     last = "from causal_openlock.contract.registry import origin\nprint(origin('__main__:Mine'))\n"
     script.write_text(HEAD + VALUES + USES + last)
@@ -316,24 +306,16 @@ def test_the_hash_is_the_same_in_every_process(tmp_path: Path) -> None:
     assert len(found) == 1
 
 
-def test_functions_with_a_cache_and_without_a_name_arrive(
-    run: Run, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for cell in (HEAD, VALUES, USES):
-        run(cell)
-    content = packed([NAME])
-    worker = ModuleType("__main__")
-    monkeypatch.setitem(sys.modules, "__main__", worker)
-    monkeypatch.setattr(session_code, "_OWN", "another process")
-    unpack(content)
-    player = worker.Mine()  # type: ignore[attr-defined]
+def test_functions_with_a_cache_and_without_a_name_arrive(run, arrive):
+    run(HEAD, VALUES, USES)
+    worker = arrive(packed([NAME]))
+    player = worker.Mine()
     assert player.act(None) == 0
-    assert worker.table.cache_info().currsize == 1  # type: ignore[attr-defined]
+    assert worker.table.cache_info().currsize == 1
 
 
-def test_what_cannot_be_sent_is_named(run: Run) -> None:
-    for cell in (HEAD, "import threading\nLOCK = threading.Lock()\n"):
-        run(cell)
+def test_what_cannot_be_sent_is_named(run):
+    run(HEAD, "import threading\nLOCK = threading.Lock()\n")
     run("class Mine(ol.OneSubjectLearner):\n    def act(self, seen):\n        return bool(LOCK)\n")
     with pytest.raises(LearnerError, match=r"LOCK, which .* cannot be sent .* workers=0"):
         packed([NAME])
@@ -346,15 +328,13 @@ def test_what_cannot_be_sent_is_named(run: Run) -> None:
         "class Outer:\n" + textwrap.indent(LEARNER, "    ") + "Mine = Outer.Mine\n",
     ],
 )
-def test_a_class_may_be_inside_a_block(run: Run, cell: str) -> None:
-    for one in (HEAD, HELPERS, cell):
-        run(one)
+def test_a_class_may_be_inside_a_block(run, cell):
+    run(HEAD, HELPERS, cell)
     compile(session_source(NAME), "kept", "exec")
 
 
-def test_a_class_that_changes_after_it_was_declared_does_not_play(run: Run, tmp_path: Path) -> None:
-    for cell in (HEAD, HELPERS, LEARNER):
-        run(cell)
+def test_a_class_that_changes_after_it_was_declared_does_not_play(run, tmp_path):
+    run(HEAD, HELPERS, LEARNER)
     experiment = ol.make_experiment(["CC3"], [learner_class(NAME)], subjects=1)
     assert experiment.identity
     run("SCALE = 9\n")
