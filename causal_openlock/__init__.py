@@ -31,11 +31,11 @@ def __getattr__(name: str) -> Any:
     """Load a public name; one that stood here until 0.2 comes with a warning that says where."""
     if name not in __all__ and not name.startswith("_"):
         for line in Path(__file__).with_name("moved.txt").read_text(encoding="utf-8").splitlines():
-            moved, module = line.split()
+            moved, module, now = line.split()
             if moved == name:
-                said = f"causal_openlock.{name} will go; write: from {module} import {name}"
+                said = f"causal_openlock.{name} will go; write: from {module} import {now}"
                 warnings.warn(said, DeprecationWarning, stacklevel=2)
-                return getattr(import_module(module), name)
+                return getattr(import_module(module), now)
     return _public(name)
 
 

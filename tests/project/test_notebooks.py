@@ -7,6 +7,7 @@ import os
 import re
 import sys
 from base64 import b64decode
+from importlib import import_module
 
 import nbformat
 import pytest
@@ -146,6 +147,15 @@ def test_what_notebooks_use_is_at_the_top_and_little_else():
     for path in NOTEBOOKS:
         used |= {*re.findall(r"\bol\.(\w+)", path.read_text(encoding="utf-8"))}
     assert used <= {*names}
-    with pytest.warns(DeprecationWarning, match=r"from causal_openlock.world.tables import Room"):
-        assert ol.RoomTables
     assert not hasattr(ol, "nothing_of_this_name")
+
+
+@pytest.mark.parametrize(
+    "line", (ROOT / "causal_openlock" / "moved.txt").read_text(encoding="utf-8").splitlines()
+)
+def test_a_name_that_has_moved_says_where_it_stands(line):
+    import causal_openlock as ol
+
+    name, module, now = line.split()
+    with pytest.warns(DeprecationWarning, match=f"from {module} import {now}$"):
+        assert getattr(ol, name) is getattr(import_module(module), now)
