@@ -88,6 +88,8 @@ def at(low, high):
 )
 def test_the_table_of_verdicts(low, high, expected, wanted):
     assert verdict(at(low, high), expected, 1.0) == wanted
+    within = Estimate(0.0, {LEVEL: (-2.0, 2.0), EQUIVALENCE: (-1.0, 1.0)}, (1000,))
+    assert verdict(within, "same", 1.0) == "holds"
 
 
 def test_one_unit_and_two_decide_nothing():
