@@ -309,14 +309,6 @@ def test_commands_of_other_packages_come_last_and_hidden_ones_not_at_all():
 # -- single commands -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("format", ["yaml", "node-link", "gml", "dot", "dagitty"])
-def test_exported_schema_is_read_again(format):
-    text = here("schema", "export", "noisy_CC3", "--format", format)
-    name = "copy." + {"node-link": "json"}.get(format, format)
-    Path(name).write_text(text, encoding="utf-8")
-    assert here("schema", "export", name) == here("schema", "export", "noisy_CC3")
-
-
 def test_notebook_begins_as_the_template_or_as_a_lesson_that_was_never_run():
     lessons = sorted((ROOT / "notebooks").glob("0*.ipynb"))
     here("notebook", "my vault")
