@@ -132,6 +132,20 @@ def test_a_solved_room_favours_the_nearest_atomic_schema():
     assert (likely == 0).sum() == 4  # the chains of the path that was found
 
 
+def test_its_structure_holds_what_was_found_and_shares_the_rest_by_its_schemas():
+    first, one, other, _ = levers()
+    learner, _ = shown([first, one, 14])
+    learner._atomic[0] = 1e9, 1.0, 1.0  # it is all but sure of a common cause
+    sure = learner.structure(0).edges
+    assert sure[[first, one], [one, -1]] == pytest.approx([1.0, 1.0])
+    learner._atomic[0] = 1.0, 1.0, 1e9
+    unsure = learner.structure(0).edges
+    assert sure[first, other] > unsure[first, other]
+    assert sure[other, one] < unsure[other, one]
+    form, _ = shown([], form="cogsci_2019")
+    assert form.structure(0) is None
+
+
 def test_nothing_that_failed_is_begun_with_again():
     record = play(create("theory_based"), "CE4", subjects=8)
     for _, rows in record.groupby(["subject", "trial"]):
