@@ -60,7 +60,7 @@ FORMS = {
     "more subjects": (5, 5, THREE),
     "one learner less": (5, 4, "bayes, tabular_q"),
     "another parameter": (5, 4, "bayes, {learner: tabular_q, parameters: {learning_rate: 0.3}}"),
-    "with a network": (5, 4, f"{DDQN}, tabular_q"),
+    "with a network": (5, 4, f"bayes, {DDQN}"),
     "another seed": (6, 4, "tabular_q"),
 }
 FULL = "a full disk"
@@ -202,16 +202,10 @@ class Folder(RuleBasedStateMachine):
         excuses, said = self.excuses(name), []
         done = {path.name for path in files_of(self.folder, ".parquet")}
         must = "another" in str(excuses) and done and not done & set(undisturbed(name))
-        must &= form(name).seed != 5 or "seed 6" in str(excuses)
         before = {path: path.read_bytes() for path in files_of(self.folder, ".parquet", ".json")}
         try:
-            run(
-                form(name),
-                self.folder,
-                workers=0,
-                warn=said.append,
-                allow_version=allow_version,
-            )
+            options = {"warn": said.append, "allow_version": allow_version}
+            run(form(name), self.folder, workers=0, **options)
         except OpenLockError as error:
             said.append(f"error: {error}")
         if self.check_said(said, excuses):
@@ -222,11 +216,7 @@ class Folder(RuleBasedStateMachine):
             assert not must
             self.check_played(name)
 
-    @rule(
-        name=st.sampled_from([*FORMS]),
-        end=st.sampled_from(ENDS),
-        syncs=st.integers(1, 60),
-    )
+    @rule(name=st.sampled_from([*FORMS]), end=st.sampled_from(ENDS), syncs=st.integers(1, 60))
     def end(self, name, end, syncs):
         excuses = self.excuses(name)
         self.told.unlink(missing_ok=True)
@@ -237,7 +227,8 @@ class Folder(RuleBasedStateMachine):
             return
         if end == FULL:
             excuses.append("No space left on device")
-        if not self.check_said(self.told.read_text().splitlines(), excuses) or end == FULL:
+        said = self.told.read_text().splitlines()
+        if not self.check_said(said, excuses) or "No space" in said[-1]:  # and it tidied up
             assert not files_of(self.folder, ".partial")
 
     @rule(
@@ -336,7 +327,7 @@ def test_whatever_happens_to_a_folder_its_record_is_undisturbed(tmp_path, monkey
     run_state_machine_as_test(
         Folder,
         settings=settings(
-            max_examples=30 * TIMES,
+            max_examples=25 * TIMES,
             stateful_step_count=8,
             deadline=None,
             derandomize=TIMES == 1,

@@ -1,7 +1,5 @@
 """Results in an object store: played here, stored there, one place for machines without a disk."""
 
-import os
-
 import fsspec
 import pytest
 
@@ -113,27 +111,12 @@ def test_a_store_that_is_lost_keeps_what_was_played_here(place, tmp_path, monkey
     assert len(stored("/cells")) == 4
 
 
-def test_what_is_whole_replaces_what_is_cut_off_and_brings_what_stands_beside(
-    place, tmp_path, moved
-):
-    play(read_experiment(tmp_path / "far.yaml"), place)
-    files, remote = fsspec.filesystem("memory"), stored("/cells")[0]
-    here = local_folder(place) / "cells" / os.path.basename(remote)  # noqa: PTH119
-    whole = here.read_bytes()
-    files.pipe_file(remote, whole[:100])
-    beside = [f"transcripts/{here.stem}.jsonl", f"reactions/{here.stem}.parquet"]
-    with kept(place) as (folder, send):
-        assert here.read_bytes() == whole
-        for name in beside:
-            (folder / name).parent.mkdir()
-            (folder / name).write_bytes(b"said")
-        send()
-    assert files.cat_file(remote) == whole
-    here.write_bytes(whole[:100])  # and the other way round
-    downloaded(place)
-    assert here.read_bytes() == whole
-    moved("two")
-    assert all((downloaded(place) / name).read_bytes() == b"said" for name in beside)
+def test_a_password_in_an_address_is_not_shown():
+    for place in ("nosuch://me:secret@host/far", "nosuch://me:secret@host"):
+        assert "secret" not in str(local_folder(place))
+        with pytest.raises(StoreError, match="cannot be reached") as raised:
+            downloaded(place)
+        assert "secret" not in str(raised.value)
 
 
 def test_a_store_of_s3_is_filled_and_read_elsewhere(tmp_path, monkeypatch, moved):

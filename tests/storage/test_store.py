@@ -15,8 +15,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from causal_openlock.analysis.results.reading import read_results
-from causal_openlock.analysis.results.summary import summary_table
-from causal_openlock.analysis.table import write_table
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.record import compact
@@ -62,14 +60,13 @@ def test_any_executor_gives_the_same_record(experiment, tmp_path, monkeypatch):
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path)
     expected = contents(play(experiment, "here"))
-    ours = runner.run(experiment, "ours", workers=1)
     with ThreadPoolExecutor(2) as executor:
         threads = runner.run(experiment, "threads", executor=executor)
     with ProcessPoolExecutor(
         2, mp_context=prepared(), initializer=os.chdir, initargs=(tmp_path / "elsewhere",)
     ) as executor:
         processes = runner.run(experiment, "processes", executor=executor)
-    for store in (ours, threads, processes):
+    for store in (threads, processes):
         assert contents(store).equals(expected)
     assert not list((tmp_path / "elsewhere").iterdir())
 
@@ -167,24 +164,16 @@ def test_a_damaged_description_is_named_and_made_again(experiment, tmp_path):
     content = path.read_bytes()
     whole = read_json(content)
     learner = whole["learners"][0]
-    protocol = learner["protocol"]
     deep = []
     for _ in range(800):
         deep = [deep]
-    limit = {**protocol, "attempt_limit": "3"}
+    limit = {**learner["protocol"], "attempt_limit": "3"}
     odd = {
         "checksum": content.replace(b'"seed": 3', b'"seed": 4'),
         "no checksum": json.dumps({**whole, "seed": "3"}).encode(),
-        "seed": json_bytes({**whole, "seed": "3"}),
         "learners.0": json_bytes({**whole, "learners": [7]}),
-        "conditions": json_bytes({**whole, "conditions": {}}),
-        "cells": json_bytes({**whole, "cells": {}}),
         "Unicode": json_bytes({**whole, "title": "a lone surrogate \ud800"}),
-        "": json_bytes({**whole, "learners": [{**learner, "parameters": {"deep": deep}}]}),
-        "reward": json_bytes(
-            {**whole, "learners": [{**learner, "reward": {"name": "x", "terms": ["y"]}}]}
-        ),
-        "odd": json_bytes({**whole, "learners": [{**learner, "protocol": {**protocol, "odd": 1}}]}),
+        "deep": json_bytes({**whole, "learners": [{**learner, "parameters": {"deep": deep}}]}),
         "learners.0.protocol.attempt_limit": json_bytes(
             {**whole, "learners": [{**learner, "protocol": limit}]}
         ),
@@ -302,13 +291,6 @@ def test_a_disk_that_cannot_be_written_is_named(experiment, tmp_path, monkeypatc
         play(experiment, tmp_path / "new")
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="a read-only folder does not stop root")
-def test_a_read_only_folder_is_named(experiment, tmp_path):
-    (tmp_path / "locked").mkdir(mode=0o500)
-    with pytest.raises(StoreError, match="locked/out cannot be written"):
-        play(experiment, tmp_path / "locked" / "out")
-
-
 def test_other_versions_complete_a_folder_only_if_that_is_allowed(experiment, tmp_path):
     """And then it says so, also if its description is damaged: its cells say it as well."""
     here = dict(versions())
@@ -348,13 +330,3 @@ def test_cells_can_be_read_by_others_as_the_system_is_set(experiment, tmp_path):
     finally:
         os.umask(before)
     assert {path.stat().st_mode & 0o777 for path in store.cells.iterdir()} == {0o644}
-
-
-def test_the_summary_does_not_depend_on_the_order_of_the_cells(experiment, tmp_path):
-    store = play(experiment, tmp_path / "out")
-    tables = [
-        store.read(store.path(cell)).replace_schema_metadata(None) for cell in experiment.cells()
-    ]
-    for name, parts in {"forwards": tables, "backwards": tables[::-1]}.items():
-        write_table(summary_table(pa.concat_tables(parts)), tmp_path / name)
-    assert (tmp_path / "forwards").read_bytes() == (tmp_path / "backwards").read_bytes()
