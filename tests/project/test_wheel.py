@@ -1,16 +1,8 @@
-"""The wheel carries everything: schemas, experiments, reference data and learners.
-
-What it says and writes is looked at here, too, since this is the one comparison among the tests
-that is played by a process of its own and has all its figures drawn.
-"""
-
-from __future__ import annotations
+"""The wheel carries everything: schemas, experiments, lessons, reference data and learners."""
 
 import os
 import subprocess
 import sys
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -27,56 +19,37 @@ assert openlock_learners.__file__.startswith(home), openlock_learners.__file__
 assert str(bundled("schemas")).startswith(home)
 assert {"CC3", "CE3", "CC4", "CE4"} < set(bundled_schemas())
 assert (bundled("notebooks") / "template.ipynb").is_file()
-lessons = [path.read_text() for path in bundled("notebooks").glob("0*.ipynb")]
-assert len(lessons) == 9 and not any("image/png" in text for text in lessons)
+assert len(list(bundled("notebooks").glob("0*.ipynb"))) == 9
 """
 
 
-def run(*words: object, **options: Any) -> str:
+def run(*words, **options):
     done = subprocess.run(
         [*map(str, words)], capture_output=True, text=True, check=False, timeout=180, **options
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    return str(done.stdout)
+    return done.stdout
 
 
-@pytest.fixture(scope="module")
-def compared(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
-    """What a comparison in an empty folder said, and the folder; it takes over ten seconds."""
-    pytest.importorskip("hatchling")
-    folder = tmp_path_factory.mktemp("wheel")
-    home, empty = folder / "site", folder / "empty"
+def test_the_wheel_compares_the_bundled_experiment_from_an_empty_folder(tmp_path):
+    """People's first trial of CC4 is in the summary, as reference data travel too."""
+    home, empty = tmp_path / "site", tmp_path / "empty"
     empty.mkdir()
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check"]
     offline = ["--no-deps", "--no-index", "--no-build-isolation"]
-    run(*pip, "wheel", *offline, "--wheel-dir", folder, ROOT)
-    (wheel,) = folder.glob("causal_openlock-*.whl")
+    run(*pip, "wheel", *offline, "--wheel-dir", tmp_path, ROOT)
+    (wheel,) = tmp_path.glob("causal_openlock-*.whl")
     run(*pip, "install", *offline, "--no-compile", "--target", home, wheel)
     there = {"cwd": empty, "env": {**os.environ, "PYTHONPATH": str(home)}}
     run(sys.executable, "-c", PROBE, home, **there)
-    words = ("default", "--learner", "oracle", "--learner", "random", "--subjects", 3)
-    words += ("--workers", 1)  # each would compile the same, here where nothing is compiled yet
-    conditions = ("--condition", "CC4", "--condition", "CC3-CC4")
-    return run(
-        sys.executable, "-m", "causal_openlock", "compare", *words, *conditions, **there
-    ), empty
-
-
-def test_the_wheel_compares_the_bundled_experiment_from_an_empty_folder(
-    compared: tuple[str, Path],
-) -> None:
-    said, empty = compared
-    (results,) = (empty / "results").iterdir()
-    assert f"report: results/{results.name}/report.html" in said
-    for name in ("report.html", "summary.csv", "experiment.json"):
-        assert (results / name).is_file()
-    assert "<svg" in (results / "report.html").read_text(encoding="utf-8")
-    # The reference data travel too: people's first CC4 trial is in the summary.
-    assert "19.375" in (results / "summary.csv").read_text(encoding="utf-8")
-
-
-def test_compare_prints_the_table(compared: tuple[str, Path]) -> None:
-    rows = {line.split()[0]: line.split() for line in compared[0].splitlines() if line.split()}
-    assert rows["people"][1:2] == ["5.99"]  # the mean of 6.45 and 5.53
-    assert rows["oracle"][1:2] == ["3.00"]
+    words = ["default", "--learner", "oracle", "--learner", "random", "--subjects", 3]
+    words += ["--workers", 1, "--condition", "CC4", "--condition", "CC3-CC4", "--out", "out"]
+    said = run(sys.executable, "-m", "causal_openlock", "compare", *words, **there)
+    assert "report: out/report.html" in said
+    rows = {line.split()[0]: line.split() for line in said.splitlines() if line.split()}
+    assert rows["people"][1] == "5.99"  # the mean of 6.45 and 5.53
+    assert rows["oracle"][1] == "3.00"
     assert rows["random"][1:3] == [">", "30"]
+    assert (empty / "out" / "experiment.json").is_file()
+    assert "<svg" in (empty / "out" / "report.html").read_text(encoding="utf-8")
+    assert "19.375" in (empty / "out" / "summary.csv").read_text(encoding="utf-8")
