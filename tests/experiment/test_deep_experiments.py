@@ -1,123 +1,88 @@
 """The experiments on deep learners: that they are what their comments and the paper say."""
 
-from __future__ import annotations
-
-import re
-from pathlib import Path
-
 import numpy as np
-import pytest
 
-from causal_openlock.analysis.topics.reward_study import (
-    BEST_OF_PAPER,
-    reward_terms,
-    rewards_of,
-)
-from causal_openlock.experiment.experiment import Experiment, LearnerSpec
+from causal_openlock.analysis.topics.reward_study import BEST_OF_PAPER, reward_terms, rewards_of
 from causal_openlock.experiment.file import find_experiment, read_experiment
-from causal_openlock.experiment.protocol import PAPER_CONDITIONS, PROTOCOLS, Condition, plan
+from causal_openlock.experiment.protocol import PAPER_CONDITIONS, PROTOCOLS, plan
 from causal_openlock.paper.exploration import USUAL, schedules
 from causal_openlock.world.rewards import PRESETS, TERMS
-
-NAMES = ("paper_rl", "deep_quick", "exploration_decay", "reward_study")
-STUDY = Path(__file__).parents[2] / "evidence" / "figure6" / "experiment.yaml"
+from support.places import ROOT
 
 
-@pytest.fixture(scope="module")
-def experiments() -> dict[str, Experiment]:
-    return {name: read_experiment(find_experiment(name)) for name in NAMES}
+def read(name):
+    experiment = read_experiment(find_experiment(name))
+    assert experiment.learners[0].learner == "random"  # beside all others
+    assert not experiment.warnings()
+    return experiment
 
 
-def entry(experiment: Experiment, name: str) -> LearnerSpec:
-    return next(one for one in experiment.learners if one.name == name)
+def by_name(things):
+    return {one.name: one for one in things}
 
 
-def actions(one: LearnerSpec, condition: Condition) -> int:
+def actions(one, condition):
     """The most actions that a subject takes."""
     visits = plan(condition, one.protocol, np.random.default_rng(0))
     return len(visits) * one.protocol.attempt_limit * 3
 
 
-def of(experiment: Experiment, name: str) -> Condition:
-    return next(one for one in experiment.conditions if one.name == name)
-
-
-def said(name: str) -> str:
-    return re.sub(r"\s*\n#\s*", " ", find_experiment(name).read_text())
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_all_have_a_random_learner_beside(experiments: dict[str, Experiment], name: str) -> None:
-    assert experiments[name].learners[0].learner == "random"
-    assert not experiments[name].warnings()
-
-
-def test_paper_rl_is_the_papers_protocol_at_full_budget(
-    experiments: dict[str, Experiment],
-) -> None:
-    experiment = experiments["paper_rl"]
-    assert tuple(one.name for one in experiment.conditions) == PAPER_CONDITIONS
-    for one in experiment.learners:
-        assert one.protocol == PROTOCOLS["rl"]
-        assert one.subjects >= 10
-    ddqn, text = entry(experiment, "ddqn"), said("paper_rl")
-    assert actions(ddqn, of(experiment, "CC4")) == 45_000
-    assert actions(ddqn, of(experiment, "CC3-CC4")) == 585_000
-    total = sum(actions(ddqn, condition) for condition in experiment.conditions)
-    assert total == 2_430_000
-    assert "45,000 actions in a baseline and 585,000 in a transfer, so 2.43 million" in text
-    assert len(experiment.learners) * 10 * total / 3 == 32.4e6
-    assert "The record has 32 million attempts" in text
-    authors = entry(experiment, "ddqn_authors")
+def test_paper_rl_is_the_papers_protocol_at_full_budget():
+    experiment = read("paper_rl")
+    assert tuple(by_name(experiment.conditions)) == PAPER_CONDITIONS
+    assert {one.protocol for one in experiment.learners} == {PROTOCOLS["rl"]}
+    assert all(one.subjects >= 10 for one in experiment.learners)
+    ddqn, authors = (by_name(experiment.learners)[name] for name in ("ddqn", "ddqn_authors"))
+    counts = {name: actions(ddqn, one) for name, one in by_name(experiment.conditions).items()}
+    assert (counts["CC4"], counts["CC3-CC4"], sum(counts.values())) == (45_000, 585_000, 2_430_000)
+    text = find_experiment("paper_rl").read_text().replace("\n# ", " ")
+    for said in ("45,000 actions", "585,000", "2.43 million", "32 million attempts"):
+        assert said in text
+    assert len(experiment.learners) * 10 * sum(counts.values()) / 3 == 32.4e6
     assert authors.parameters["target_period"] is None
     assert authors.parameters["bootstrap_over_attempts"]
     assert authors.reward == PRESETS["authors_2018"]
 
 
-def test_figure6_has_the_attempts_of_the_papers_axis() -> None:
-    experiment = read_experiment(STUDY)
+def test_figure6_has_the_attempts_of_the_papers_axis():
+    experiment = read_experiment(ROOT / "evidence" / "figure6" / "experiment.yaml")
     for condition in experiment.conditions:
         assert actions(experiment.learners[0], condition) == 3 * 150_000
-    usual = entry(experiment, "rate_001").parameters
+    usual = by_name(experiment.learners)["rate_001"].parameters
     changed = {
         one.name: {key for key, value in one.parameters.items() if value != usual[key]}
         | ({"reward"} if one.reward.name != "paper" else set())
         for one in experiment.learners
     }
     both = {"target_period", "bootstrap_over_attempts"}
-    slow = {"epsilon_decay", "epsilon_after_trial"}
-    rate = {"learning_rate"}
     assert changed == {
         "rate_001": set(),
-        "rate_0025": rate,
-        "rate_005": rate,
+        "rate_0025": {"learning_rate"},
+        "rate_005": {"learning_rate"},
         "target_never": {"target_period"},
         "over_attempts": {"bootstrap_over_attempts"},
         "never_and_over": both,
-        "authors_program": both | slow | {"reward"} | rate,
+        "authors_program": both
+        | {"epsilon_decay", "epsilon_after_trial", "reward", "learning_rate"},
     }
 
 
-def test_reward_study_has_every_reward_and_the_papers_combinations(
-    experiments: dict[str, Experiment],
-) -> None:
-    experiment = experiments["reward_study"]
+def test_reward_study_has_every_reward_and_the_papers_combinations():
+    experiment = read("reward_study")
     played = {one.reward.name for one in experiment.learners}
     assert set(TERMS) <= played
     ladders = {name for name in PRESETS if name.startswith("authors_2018_")}
+    # The whole ladder goes by its short name.
     full = "authors_2018_negative_immovable_partial_action_seq_solution_multiplier"
-    assert ladders - {full} <= played
-    assert "authors_2018" in played  # the same ladder by its short name
+    assert (ladders - {full}) | {"authors_2018"} <= played
     terms = [reward_terms(one) for one in rewards_of(experiment).values()]
     assert BEST_OF_PAPER in terms
     assert BEST_OF_PAPER | {"unique_solutions"} in terms
     assert actions(experiment.learners[0], experiment.conditions[0]) == 9_000
 
 
-def test_exploration_decay_has_peoples_decays_in_every_way(
-    experiments: dict[str, Experiment],
-) -> None:
-    found = schedules(experiments["exploration_decay"])
+def test_exploration_decay_has_peoples_decays_in_every_way():
+    found = schedules(read("exploration_decay"))
     ways = set(found[["decay", "shrinks_with"]].itertuples(index=False, name=None))
     for decay in (0.548, 0.743):
         assert {(decay, way) for way in ("action", "attempt", "trial")} <= ways
@@ -127,14 +92,15 @@ def test_exploration_decay_has_peoples_decays_in_every_way(
     assert found["first_trial"].max() == 900
 
 
-def test_deep_quick_is_quick_and_has_every_form(experiments: dict[str, Experiment]) -> None:
-    experiment = experiments["deep_quick"]
-    assert tuple(one.name for one in experiment.conditions) == PAPER_CONDITIONS
-    learners = {one.learner for one in experiment.learners}
-    assert learners == {"random", "ddqn", "semi_markov_ddqn", "recurrent", "rl2"}
-    ddqn = entry(experiment, "ddqn")
-    assert actions(ddqn, of(experiment, "CE4")) == 9_000
-    assert actions(ddqn, of(experiment, "CE3-CE4")) == 7_200
+def test_deep_quick_is_quick_and_has_every_form():
+    experiment = read("deep_quick")
+    conditions, learners = by_name(experiment.conditions), by_name(experiment.learners)
+    assert tuple(conditions) == PAPER_CONDITIONS
+    played = {one.learner for one in experiment.learners}
+    assert played == {"random", "ddqn", "semi_markov_ddqn", "recurrent", "rl2"}
+    assert actions(learners["ddqn"], conditions["CE4"]) == 9_000
+    assert actions(learners["ddqn"], conditions["CE3-CE4"]) == 7_200
     # Ten baseline visits make five blocks of two; and somebody plays as people do.
-    assert len(plan(of(experiment, "CC4"), ddqn.protocol, np.random.default_rng(0))) == 10
-    assert entry(experiment, "rl2_human").protocol == PROTOCOLS["human"]
+    generator = np.random.default_rng(0)
+    assert len(plan(conditions["CC4"], learners["ddqn"].protocol, generator)) == 10
+    assert learners["rl2_human"].protocol == PROTOCOLS["human"]

@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib
 import json
 import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -178,3 +179,21 @@ def node_link(nodes: str, edge: str = "", **changes: Any) -> Any:
     ends = [dict(zip(("source", "target"), edge.split(), strict=True))] if edge else []
     graph = {"nodes": [{"id": node} for node in nodes.split()], "links": ends, **changes}
     return schema_text(json.dumps(graph), "node-link")
+
+
+def session(condition: Any = "CC3", subjects: Any = 2, **settings: Any) -> Any:
+    """Begin a session of a condition, under the protocol of people with some settings changed."""
+    module = "causal_openlock.experiment.protocol"
+    if isinstance(condition, str):
+        condition = of(module, "Condition").named(condition, ol.find_schema)
+    protocol = replace(of(module, "PROTOCOLS")["human"], **settings)
+    return of("causal_openlock.experiment.session", "Session")(condition, protocol, subjects)
+
+
+def trials(number: int, layouts: Any = None) -> Any:
+    """A condition of so many trials in rooms of CC3."""
+    module, cc3 = "causal_openlock.experiment.protocol", ol.find_schema("CC3")
+    if isinstance(layouts, list):
+        placed = of("causal_openlock.world.room", "Layout").of
+        layouts = tuple(placed(cc3, layout) for layout in layouts)
+    return of(module, "Condition")("mine", (of(module, "Trials")(cc3, layouts, number),))

@@ -1,0 +1,267 @@
+"""Sessions against the oracle's room: what is seen, what ends when, and what the record says."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from causal_openlock.experiment.protocol import PAPER_CONDITIONS, Condition, Protocol, Trials
+from causal_openlock.experiment.record import compact, record_schema, with_times
+from causal_openlock.experiment.session import Session
+from causal_openlock.schemas.schema import Gate, Schema
+from causal_openlock.world.rewards import PRESETS
+from causal_openlock.world.room import Layout
+from openlock_learners.oracle import Oracle
+from openlock_learners.random import RandomLearner
+from oracle import Room, Rules
+from oracle import reward as paid
+from support.cc4_in_trial7 import DOOR, L0, L1, L2, L3, WHITE
+from support.session_play import (
+    HUMAN,
+    SCHEMAS,
+    Curious,
+    Scripted,
+    named,
+    one_room,
+    play,
+    trials_of,
+)
+
+EIGHT = Schema("eight", [f"A{i}" for i in range(8)], {f"A{i}": ["door"] for i in range(8)})
+LOCK = Schema(
+    "lock",
+    ["A", "B", "C", "D"],
+    {"A": {"B": 0.7, "door": 1.0}, "B": {"C": 1.0, "door": 0.6}, "D": ["door"]},
+    gates={"door": Gate("at_least", 2)},
+    inert=["C"],
+)
+MIXED = Condition(
+    "mixed",
+    (Trials(SCHEMAS["chain3"], number=2), Trials(LOCK, "random", 2)),
+    (Trials(EIGHT, number=1), Trials(SCHEMAS["two_of_four"], number=1)),
+)
+
+
+class Restless(Curious):
+    """Mostly pushes a grey lever or the door, and else does anything."""
+
+    def act(self, view):
+        anything = (self.streams.uniform() * (2 * self.positions + 1)).astype(int)
+        return np.where(self.streams.uniform() < 0.25, anything, super().act(view))
+
+
+def places_of(layout, schema, positions):
+    """Where a layout puts the levers; random layouts are called by the names of positions."""
+    if not layout.startswith("trial"):
+        layout = dict(zip(schema.levers, layout.split(), strict=True))
+    return Layout.of(schema, layout, positions).places
+
+
+@pytest.mark.parametrize(
+    ("condition", "protocol", "reward"),
+    [
+        ("CC3-CE4", replace(HUMAN, attempt_limit=25, test_trials=2), "paper"),
+        ("CC4", Protocol("on", 30, False, baseline_trials=2, baseline_loops=2), "paper"),
+        ("CC3", Protocol("wide", 20, True, action_limit=5), "negative_repeat"),
+        ("noisy_CC3-CC3", replace(HUMAN, layouts="random"), "unique_solutions"),
+        (MIXED, Protocol("mine", 12, True, action_limit=5, train_loops=2), "negative_repeat"),
+    ],
+    ids=["people", "goes on when solved", "long attempts", "random layouts", "mixed rooms"],
+)
+def test_a_session_is_the_oracles_room_action_by_action(condition, protocol, reward):
+    learner, subjects = Restless(), 6
+    condition = named(condition) if isinstance(condition, str) else condition
+    session = Session(condition, protocol, subjects, seed=3, reward=reward)
+    record, terms = session.play(learner).to_pandas(), PRESETS[reward].terms
+    schemas = {schema.name: schema for schema in condition.schemas}
+    assert record.new_solution.sum() > 5
+    for number, (_, attempts) in enumerate(record.groupby("subject")):
+        steps, trials = iter(learner.steps), 0
+        for _, trial in attempts.groupby(["phase", "loop", "trial"], observed=True, sort=False):
+            schema = schemas[trial.schema.iloc[0]]
+            places = places_of(trial.layout.iloc[0], schema, session.brief.positions)
+            rules = Rules.of(schema).at(dict(zip(schema.levers, places, strict=True)))
+            limit = protocol.action_limit or max(3, 1 + max(map(len, rules.solutions)))
+            room, trials = Room(rules, session.brief.positions, limit), trials + 1
+            for attempt, row in enumerate(trial.itertuples(), 1):
+                room.begin()
+                total = 0.0
+                for action, moved in zip(row.actions, row.moved, strict=True):
+                    step, found = next(steps), len(room.found)
+                    view, console = step.view, step.view.console
+                    assert view.playing[number]
+                    assert view.observation[number].tolist() == room.observation()
+                    assert (view.trial[number], view.attempt[number]) == (trials, attempt)
+                    assert console.solutions_found[number] == found
+                    assert console.solutions_left[number] == len(rules.solutions) - found
+                    assert console.attempts_left[number] == protocol.attempt_limit + 1 - attempt
+                    assert console.actions_left[number] == limit - room.used
+                    event = room.step(int(action), luck=0.0 if moved else 0.9999)
+                    assert step.action[number] == action
+                    assert event.moved == moved
+                    assert step.outcome[number].tolist() == room.observation()
+                    assert step.reward[number] == pytest.approx(paid(event, terms))
+                    assert step.attempt_over[number] == room.over
+                    assert step.new_solution[number] == room.new
+                    total += paid(event, terms)
+                solution = rules.solution(room.pushed) if room.opened else None
+                levers = {places[i]: lever for i, lever in enumerate(schema.levers)}
+                roles = solution and frozenset(map(levers.get, solution))
+                sets = [*map(frozenset, schema.solutions)]
+                assert room.over
+                assert row.attempt == attempt
+                assert row.unlocked == room.was_unlocked
+                assert row.opened == room.opened
+                assert row.solution == (sets.index(roles) if solution else -1)
+                assert row.new_solution == room.new
+                assert row.solutions_found == len(room.found)
+                assert row.solutions == len(rules.solutions)
+                assert row.category == room.category
+                assert row.reward == pytest.approx(total)
+                solved = protocol.stop_when_solved and len(room.found) == len(rules.solutions)
+                assert step.trial_over[number] == (solved or attempt == protocol.attempt_limit)
+            assert step.trial_over[number]
+        assert trials == session.brief.trials
+        for rest in steps:
+            view = rest.view
+            assert not view.playing[number]
+            for told in (rest.attempt_over, rest.trial_over, rest.new_solution):
+                assert not told[number]
+    for before, after in pairwise(learner.steps):
+        assert before.next is after.view
+
+
+BY_HAND = [
+    # actions, moved, unlocked, opened, solution, new, found so far, category, the paper's reward
+    ([L1, L0, DOOR], [0, 1, 0], 0, 0, -1, 0, 0, "else", -0.5 - 0.5),
+    ([L0, L1, WHITE], [1, 1, 0], 1, 0, -1, 0, 0, "unlock", 1 + 10 - 0.5),
+    ([L0, L2, DOOR], [1, 1, 1], 1, 1, 1, 1, 1, "open1", 1 + 10 + 50),
+    ([L0, L2, DOOR], [1, 1, 1], 1, 1, 1, 0, 1, "open1", 1 + 10 + 50),
+    ([L0, L3, L3 + 7], [1, 1, 1], 1, 0, -1, 0, 1, "unlock", 1 + 15),
+    ([L0, L3, DOOR], [1, 1, 1], 1, 1, 2, 1, 2, "open2", 1 + 15 + 75),
+    ([L0, L0, L1], [1, 0, 1], 1, 0, -1, 0, 2, "unlock", 1 - 0.5 + 22.5),
+    ([L0, L1, DOOR], [1, 1, 1], 1, 1, 0, 1, 3, "open3", 1 + 22.5 + 112.5),
+    ([L0, L3, DOOR], [1, 1, 1], 1, 1, 2, 0, 3, "open1", 1 + 10 + 50),
+]
+
+
+def test_a_record_by_hand():
+    script = [action for actions, *_ in BY_HAND for action in actions]
+    protocol = Protocol("mine", attempt_limit=len(BY_HAND), stop_when_solved=False)
+    names = {"learner": "scripted", "experiment": "by hand"}
+    learner, condition = Scripted(script, [WHITE] * len(script)), one_room("CC4", "trial7")
+    record = play(learner, condition, protocol, [9, 4], seed=11, **names)
+    columns = ["unlocked", "opened", "solution", "new_solution", "solutions_found", "category"]
+    assert record.subject.tolist() == [4] * 9 + [9] * 9
+    mine, other = record[record.subject == 9], record[record.subject == 4]
+    for row, (actions, moved, *rest, reward) in zip(mine.itertuples(), BY_HAND, strict=True):
+        assert row.actions.tolist() == actions
+        assert row.moved.tolist() == moved
+        assert [getattr(row, column) for column in columns] == rest
+        assert row.reward == reward
+    assert set(other.reward) == {-1.5}
+    constant = {
+        **names, "condition": "room", "protocol": "mine", "seed": 11, "phase": "train", "loop": 1,
+        "trial": 1, "schema": "CC4", "layout": "trial7", "solutions": 3,
+    }  # fmt: skip
+    assert {column: set(record[column]) for column in constant} == {
+        column: {value} for column, value in constant.items()
+    }
+    assert mine.wall_time.is_monotonic_increasing
+    assert record.wall_time.between(0, 60).all()
+
+
+@pytest.mark.parametrize("condition", PAPER_CONDITIONS)
+def test_the_oracle_needs_as_many_attempts_as_there_are_solutions(condition):
+    trials = trials_of(play(Oracle(), condition, subjects=12))
+    assert len(trials) == 12 * (5 if "-" not in condition else 7)
+    assert (trials.attempts == trials.solutions).all()
+    assert (trials.solutions == np.where(trials.schema.isin(["CC3", "CE3"]), 2, 3)).all()
+    assert (trials.found == trials.solutions).all()
+
+
+def test_the_random_learner_almost_never_solves_a_trial():
+    record = play(RandomLearner(), "CC4", subjects=100)
+    trials = trials_of(record)
+    assert (trials.found == trials.solutions).mean() < 0.01
+    # Three of the 3,375 sequences open the door.
+    assert record.opened.mean() == pytest.approx(3 / 3375, abs=5 * np.sqrt(3 / 3375 / len(record)))
+
+
+@pytest.mark.parametrize("reward", PRESETS)
+def test_a_reward_by_name_is_the_reward_itself(reward):
+    by_name = play(Curious(), "CE4", subjects=3, reward=reward)
+    as_object = play(Curious(), "CE4", subjects=3, reward=PRESETS[reward])
+    assert by_name.reward.tolist() == as_object.reward.tolist()
+
+
+# -- the table -------------------------------------------------------------------------------------
+
+
+def test_a_record_has_the_columns_of_the_contract_each_with_its_meaning():
+    session = Session(named("CC4"), HUMAN, 3)
+    assert session.record().num_rows == 0
+    for _ in range(7):
+        session.step(np.zeros(3, int))
+    table = session.record()  # while the session goes on
+    assert table.num_rows == 6
+    assert table.schema.equals(record_schema(), check_metadata=True)
+    assert all(field.metadata[b"meaning"] for field in table.schema)
+    assert table.column_names == [
+        *("experiment", "learner", "condition", "protocol", "subject", "seed", "phase", "loop"),
+        *("trial", "schema", "layout", "attempt", "actions", "moved", "unlocked", "opened"),
+        *("solution", "new_solution", "solutions_found", "solutions", "reward", "category"),
+        "wall_time",
+    ]
+    assert not any(column.null_count for column in table.columns)
+    timed = with_times(table, [1.5, None, 2, 3, 4, 5])
+    assert timed["wall_time"].to_pylist() == [1.5, 0, 2, 3, 4, 5]
+    assert timed.drop_columns("wall_time") == table.drop_columns("wall_time")
+    assert timed.schema.equals(table.schema, check_metadata=True)
+
+
+def test_compact_records_of_any_cells_can_be_put_together():
+    protocol = Protocol("many", 1, True, baseline_trials=40, layouts="random")
+    cells = [
+        Session(named(name), protocol, subjects, learner=f"learner{subjects}").play(RandomLearner())
+        for name, subjects in [("CC4", 9), ("CC3-CE4", 1), ("CE3", 2)]
+    ]
+    together = pa.concat_tables([compact(cell) for cell in cells])
+    assert together.to_pylist() == pa.concat_tables(cells).to_pylist()
+    assert len(together["layout"].unique()) > 300
+    assert compact(cells[0].slice(0, 0)).schema == together.schema
+    bits = {
+        name: together.schema.field(name).type.index_type.bit_width
+        for name in ("layout", "phase", "learner")
+    }
+    assert bits == {"layout": 32, "phase": 8, "learner": 16}
+
+
+# -- answers ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", [np.int8, np.uint8, np.int32, np.uint64, list])
+def test_any_integers_are_an_answer(kind):
+    session = Session(one_room("CC4", "trial7"), HUMAN, 2)
+    actions = [L0, DOOR] if kind is list else np.array([L0, DOOR], dtype=kind)
+    assert session.step(actions).action.tolist() == [L0, DOOR]
+
+
+def test_actions_of_subjects_that_have_finished_are_ignored():
+    solve = [L0, L1, DOOR, L0, L2, DOOR, L0, L3, DOOR]
+    learner = Scripted(solve, [WHITE] * 90, afterwards=-1)  # no action at all
+    record = play(learner, one_room("CC4", "trial7"), HUMAN, 2)
+    assert record.subject.value_counts().to_dict() == {0: 3, 1: 30}
+
+
+def test_a_session_by_hand_is_the_same_as_one_that_is_played():
+    learner = Curious()
+    session = Session(named("CE3"), HUMAN, 4, seed=2)
+    learner.begin(session.brief)
+    while not session.over:
+        learner.learn(session.step(learner.act(session.view)))
+    by_hand = session.record().drop_columns("wall_time").to_pylist()
+    played = Session(named("CE3"), HUMAN, 4, seed=2).play(Curious())
+    assert by_hand == played.drop_columns("wall_time").to_pylist()
