@@ -1,8 +1,7 @@
-"""What is compiled is kept, and what is kept is not trusted."""
+"""What is compiled is stored, and what is stored is not trusted."""
 
 import importlib.util
 import sys
-from typing import Any
 
 import pytest
 
@@ -20,8 +19,6 @@ def twice(tmp_path, monkeypatch):
 
     def fresh():
         spec = importlib.util.spec_from_file_location(path.stem, path)
-        assert spec
-        assert spec.loader
         module = importlib.util.module_from_spec(spec)
         monkeypatch.setitem(sys.modules, path.stem, module)
         spec.loader.exec_module(module)
@@ -30,43 +27,31 @@ def twice(tmp_path, monkeypatch):
     return fresh
 
 
-def kept(folder, suffix):
-    (found,) = (folder / "__pycache__").glob(f"*{suffix}")
-    return found
-
-
 def hits(function):
     return sum(function.stats.cache_hits.values())
 
 
 @pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
-@pytest.mark.parametrize("damage", ["cut", "empty", "other", "flipped", "text"])
+@pytest.mark.parametrize("damage", ["cut", "empty", "flipped"])
 def test_what_is_damaged_is_compiled_anew(twice, tmp_path, suffix, damage):
     assert twice()(4) == 8
     whole = twice()
     assert (whole(4), hits(whole)) == (8, 1)
-    path = kept(tmp_path, suffix)
+    (path,) = (tmp_path / "__pycache__").glob(f"*{suffix}")
     content = path.read_bytes()
     middle = len(content) // 2
-    spoiled = {
-        "cut": content[:middle],
-        "empty": b"",
-        "other": b"\x80\x04N.",
-        "flipped": content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :],
-        "text": b"a text",
-    }
-    path.write_bytes(spoiled[damage])
+    flipped = content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
+    path.write_bytes({"cut": content[:middle], "empty": b"", "flipped": flipped}[damage])
     again = twice()
     assert again(4) == 8
-    if suffix == ".nbc":
-        assert hits(again) == 0
+    assert hits(again) == 0 or suffix == ".nbi"
     last = twice()
     assert (last(4), hits(last)) == (8, 1)  # it is whole again
 
 
-def test_where_nothing_can_be_kept_it_is_said_once(monkeypatch):
+def test_where_nothing_can_be_stored_it_is_said_once(monkeypatch):
     monkeypatch.setattr(compiling, "_said", [])
-    nowhere: dict[str, Any] = {}
+    nowhere = {}
     exec(compile(CODE, "<nowhere>", "exec"), nowhere)
     with pytest.warns(UserWarning, match="NUMBA_CACHE_DIR") as told:
         functions = [compiled(nowhere["twice"]) for _ in range(2)]

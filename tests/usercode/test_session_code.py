@@ -7,7 +7,6 @@ import sys
 import textwrap
 import zipfile
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from types import ModuleType
 
 import pytest
@@ -138,29 +137,21 @@ def test_parameters_arrive_whole(run, monkeypatch):
     assert [row.default for row in parameter_table(NAME)] == [0.5]
 
 
-def test_results_keep_the_source_and_need_no_class(run, monkeypatch, tmp_path):
+def test_results_and_bundles_have_the_source_and_need_no_class(run, monkeypatch, tmp_path):
     run(HEAD, HELPERS, LEARNER)
-    experiment = ol.make_experiment(["CC3"], [learner_class(NAME)], subjects=2)
-    with ThreadPoolExecutor(1) as executor:
-        ol.run(experiment, tmp_path / "r", executor=executor)
+    source = session_source(NAME)
+    experiment = ol.make_experiment(["CC3"], [learner_class(NAME)], subjects=1)
+    store = ol.run(experiment, tmp_path / "r", workers=0)
     (kept,) = (tmp_path / "r" / "code").iterdir()
-    assert kept.read_text() == session_source(NAME)
+    assert kept.read_text() == source
     monkeypatch.setitem(sys.modules, "__main__", ModuleType("__main__"))
     assert ol.open_results(tmp_path / "r").learners == ("Mine",)
-
-
-def test_a_bundle_has_the_source_as_a_module(run, tmp_path):
-    run(HEAD, HELPERS, LEARNER)
-    experiment = ol.make_experiment(["CC3"], [learner_class(NAME)], subjects=1)
-    with ThreadPoolExecutor(1) as executor:
-        store = ol.run(experiment, tmp_path / "r", executor=executor)
     ol.open_results(tmp_path / "r").report()
     assert "defined in a notebook" in write_bundle(store, tmp_path / "b.zip")[0]
-    (kept,) = (tmp_path / "r" / "code").iterdir()
     with zipfile.ZipFile(tmp_path / "b.zip") as bundle:
         bundle.extractall(tmp_path / "again")
     folder = tmp_path / "again" / "comparison"
-    assert (folder / kept.name).read_text() == session_source(NAME)
+    assert (folder / kept.name).read_text() == source
     (spec,) = ol.read_experiment(folder / "experiment.yaml").learners
     assert learner_class(spec.learner).__name__ == "Mine"
     kept.write_text("import os\n")
@@ -208,30 +199,34 @@ def test_a_function_of_a_cell_is_a_reward_in_workers_and_in_results(run, arrive,
     assert elsewhere.step(14)[1] == pytest.approx(-0.1)
 
 
-def test_a_reward_that_is_defined_anew_is_another_one(run, tmp_path):
-    run(HEAD + REWARD)
+def test_what_changes_after_it_was_declared_does_not_play(run, tmp_path):
+    run(HEAD, REWARD, HELPERS, LEARNER)
     main = vars(sys.modules["__main__"])
     before = ol.find_reward(main["eager"])
-    declared = ol.make_experiment(["CC3"], ["random"], subjects=1, reward=main["eager"])
+    rewarded = ol.make_experiment(["CC3"], ["random"], subjects=1, reward=main["eager"])
+    experiment = ol.make_experiment(["CC3"], [learner_class(NAME)], subjects=1)
+    assert experiment.identity
     run(REWARD.replace("0.1", "0.2"))
     assert ol.find_reward(main["eager"]) != before
-    with pytest.raises(LearnerError, match="the reward __main__:eager has changed since"):
-        ol.run(declared, tmp_path, workers=0)
+    run("SCALE = 9\n")
+    for declared, named in ((rewarded, "the reward __main__:eager"), (experiment, "Mine")):
+        with pytest.raises(LearnerError, match=f"{named} has changed since"):
+            ol.run(declared, tmp_path / "r", workers=0)
+    assert not (tmp_path / "r").exists()
 
 
-def test_a_function_that_workers_could_not_find_is_refused(run):
+def test_what_workers_could_not_find_or_get_is_refused(run):
     run("def outer():\n    def inner(events):\n        return events.opens\n    return inner\n")
     main = vars(sys.modules["__main__"])
     with pytest.raises(RewardError, match="define it with def at the top level of a notebook"):
         ol.find_reward(main["outer"]())
-
-
-def test_what_has_no_source_is_refused(run):
-    run(HEAD)
-    scope = vars(sys.modules["__main__"])
-    exec(LEARNER, scope)
+    run(HEAD, "import threading\nLOCK = threading.Lock()\n")
+    exec(LEARNER, main)
     with pytest.raises(LearnerError, match="the source of Mine cannot be found"):
         origin(NAME)
+    run("class Mine(ol.OneSubjectLearner):\n    def act(self, seen):\n        return bool(LOCK)\n")
+    with pytest.raises(LearnerError, match=r"LOCK, which .* cannot be sent .* workers=0"):
+        packed([NAME])
 
 
 def test_cells_with_magic_commands_are_passed_over(run):
@@ -314,13 +309,6 @@ def test_functions_with_a_cache_and_without_a_name_arrive(run, arrive):
     assert worker.table.cache_info().currsize == 1
 
 
-def test_what_cannot_be_sent_is_named(run):
-    run(HEAD, "import threading\nLOCK = threading.Lock()\n")
-    run("class Mine(ol.OneSubjectLearner):\n    def act(self, seen):\n        return bool(LOCK)\n")
-    with pytest.raises(LearnerError, match=r"LOCK, which .* cannot be sent .* workers=0"):
-        packed([NAME])
-
-
 @pytest.mark.parametrize(
     "cell",
     [
@@ -331,13 +319,3 @@ def test_what_cannot_be_sent_is_named(run):
 def test_a_class_may_be_inside_a_block(run, cell):
     run(HEAD, HELPERS, cell)
     compile(session_source(NAME), "kept", "exec")
-
-
-def test_a_class_that_changes_after_it_was_declared_does_not_play(run, tmp_path):
-    run(HEAD, HELPERS, LEARNER)
-    experiment = ol.make_experiment(["CC3"], [learner_class(NAME)], subjects=1)
-    assert experiment.identity
-    run("SCALE = 9\n")
-    with pytest.raises(LearnerError, match="Mine has changed since"):
-        ol.run(experiment, tmp_path / "r", workers=0)
-    assert not (tmp_path / "r").exists()
