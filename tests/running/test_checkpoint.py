@@ -473,18 +473,13 @@ def curves(folder):
     }
 
 
-@pytest.mark.parametrize(
-    ("learner", "own"),
-    [
-        ("random", set()),
-        (
-            "ddqn",
-            {"epsilon", "loss", "max_q", "dead_units", "differing_pairs", "differing_transitions"},
-        ),
-        ("recurrent", {"epsilon", "loss", "max_q"}),
-    ],
-)
-def test_curves_show_what_the_record_holds_and_change_nothing(learner, own, tmp_path):
+DEEP = {"epsilon", "loss", "max_q"}
+OWN = {"random": set(), "recurrent": DEEP}
+OWN["ddqn"] = {*DEEP, "dead_units", "differing_pairs", "differing_transitions"}
+
+
+@pytest.mark.parametrize("learner", [*OWN])
+def test_curves_show_what_the_record_holds_and_change_nothing(learner, tmp_path):
     cell = cell_of(tmp_path, learner, "noisy_CC3")
     play_cell(cell, str(tmp_path / "watched"), Watching(tensorboard=str(tmp_path / "logs")))
     assert contents(cell, tmp_path / "watched").equals(undisturbed(cell, tmp_path))
@@ -496,7 +491,7 @@ def test_curves_show_what_the_record_holds_and_change_nothing(learner, own, tmp_
     assert shown["attempts/reward"][-1][0] == len(record) // 3
     assert len(shown["trials/attempts"]) == len(shown["trials/solved_share"]) == 2
     told = {tag.removeprefix("learner/") for tag in shown if tag.startswith("learner/")}
-    assert told == own
+    assert told == OWN[learner]
 
 
 def test_curves_continue_from_a_checkpoint(tmp_path):
