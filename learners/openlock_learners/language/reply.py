@@ -47,7 +47,7 @@ def was_cut(sizes: Sequence[tuple[int, int]]) -> bool:
     it was not read. Servers that count only what is new, and not what they remember, count few
     tokens of each; that does not count as a cut.
 
-    >>> was_cut([(2000, 500), (9000, 600), (18000, 600)]), was_cut([(2000, 500), (18000, 4400)])
+    >>> was_cut([(2000, 500), (9000, 1000), (18000, 1000)]), was_cut([(2000, 500), (18000, 4400)])
     (True, False)
     >>> was_cut([(2000, 500), (9000, 40), (18000, 35)])
     False
