@@ -35,9 +35,6 @@ def test_paper_rl_is_the_papers_protocol_at_full_budget():
     ddqn, authors = (by_name(experiment.learners)[name] for name in ("ddqn", "ddqn_authors"))
     counts = {name: actions(ddqn, one) for name, one in by_name(experiment.conditions).items()}
     assert (counts["CC4"], counts["CC3-CC4"], sum(counts.values())) == (45_000, 585_000, 2_430_000)
-    text = find_experiment("paper_rl").read_text().replace("\n# ", " ")
-    for said in ("45,000 actions", "585,000", "2.43 million", "32 million attempts"):
-        assert said in text
     assert len(experiment.learners) * 10 * sum(counts.values()) / 3 == 32.4e6
     assert authors.parameters["target_period"] is None
     assert authors.parameters["bootstrap_over_attempts"]

@@ -190,13 +190,6 @@ def test_the_random_learner_almost_never_solves_a_trial():
     assert record.opened.mean() == pytest.approx(3 / 3375, abs=5 * np.sqrt(3 / 3375 / len(record)))
 
 
-@pytest.mark.parametrize("reward", PRESETS)
-def test_a_reward_by_name_is_the_reward_itself(reward):
-    by_name = play(Curious(), "CE4", subjects=3, reward=reward)
-    as_object = play(Curious(), "CE4", subjects=3, reward=PRESETS[reward])
-    assert by_name.reward.tolist() == as_object.reward.tolist()
-
-
 # -- the table -------------------------------------------------------------------------------------
 
 
