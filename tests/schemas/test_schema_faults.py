@@ -131,7 +131,7 @@ def rows_of_form():
             yield pytest.param(part, row.partition(" ⇒ ")[0], id=row[:60])
 
 
-@pytest.mark.parametrize(("part", "asked"), rows_of_form())
+@pytest.mark.parametrize(("part", "asked"), [*rows_of_form()])
 def test_an_editor_refuses_what_the_reader_refuses_for_its_form(part, asked, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(OpenLockError):
