@@ -136,8 +136,9 @@ def test_cells_that_fail_are_named_and_the_others_are_played(folder, kind):
 
 def test_a_learner_that_kills_its_process_takes_no_other_cell_with_it(folder):
     experiment = declared(folder, *WITH_ITS_PROCESS, "Fine", "Raises")
-    seen = []
-    error = fails(experiment, folder / "out", workers=2, progress=seen.append)
+    seen, told = [], []
+    error = fails(experiment, folder / "out", workers=2, progress=seen.append, warn=told.append)
+    assert sum("it is tried again" in one for one in told) == 4 * 2
     for name, why in WITH_ITS_PROCESS.items():
         mine = [reason for reason in error.reasons if f"learner {name} in" in reason]
         assert len(mine) == 2
@@ -156,10 +157,10 @@ def test_a_learner_that_kills_its_process_takes_no_other_cell_with_it(folder):
 
 def test_a_cell_that_hangs_is_named_and_ended_at_its_time_limit(folder):
     experiment = declared(folder, "Hangs", "Fine")
-    seen = []
-    error = fails(
-        experiment, folder / "out", workers=2, time_limit=np.int64(1), progress=seen.append
-    )
+    seen, warnings = [], []
+    options = {"time_limit": np.int64(1), "progress": seen.append, "warn": warnings.append}
+    error = fails(experiment, folder / "out", workers=2, **options)
+    assert not warnings
     # On a machine that has much else to do, the others may take too long as well.
     assert [one.partition("; see")[0] for one in error.reasons if " Hangs " in one] == [
         f"the learner Hangs in CC3, subjects {numbers}, was ended after 1 s"
@@ -167,10 +168,11 @@ def test_a_cell_that_hangs_is_named_and_ended_at_its_time_limit(folder):
     ]
     assert seen[-1].done + seen[-1].failed == 4
     assert max(one.still for progress in seen for one in progress.playing) > 0.5
-    warnings = []
     fine = declared(folder, "Fine")
-    runner.run(fine, folder / "here", workers=0, time_limit=1, warn=warnings.append)
-    assert "is ignored" in warnings[0]
+    with ThreadPoolExecutor(1) as executor:
+        for where in ({"workers": 0}, {"executor": executor}):
+            runner.run(fine, folder / "fine", time_limit=1, warn=warnings.append, **where)
+    assert ["is ignored" in one for one in warnings] == [True, True]
 
 
 def test_a_repaired_learner_alone_is_played_again_and_one_taken_out_leaves_the_rest(folder):
