@@ -68,7 +68,7 @@ def test_a_posterior_over_active_levers_is_that_of_enumeration():
 # -- the truth -------------------------------------------------------------------------------------
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(schemas(max_levers=4, stochastic=True), st.integers(0, 99), st.sampled_from([0.0, 0.3]))
 def test_the_truth_is_never_ruled_out(schema, subject, noise):
     prior = Prior(hypothesis_limit=300, noise=noise, by_colour=0.5)

@@ -18,6 +18,7 @@ from causal_openlock.export.bundle import write_bundle
 from causal_openlock.usercode import session_code
 from causal_openlock.usercode.session_code import packed, session_source, unpack
 from causal_openlock.world import reward_code
+from causal_openlock.world.rewards import find_reward
 
 HEAD = """\
 import numpy as np
@@ -202,12 +203,12 @@ def test_a_function_of_a_cell_is_a_reward_in_workers_and_in_results(run, arrive,
 def test_what_changes_after_it_was_declared_does_not_play(run, tmp_path):
     run(HEAD, REWARD, HELPERS, LEARNER)
     main = vars(sys.modules["__main__"])
-    before = ol.find_reward(main["eager"])
+    before = find_reward(main["eager"])
     rewarded = ol.make_experiment(["CC3"], ["random"], subjects=1, reward=main["eager"])
     experiment = ol.make_experiment(["CC3"], [learner_class(NAME)], subjects=1)
     assert experiment.identity
     run(REWARD.replace("0.1", "0.2"))
-    assert ol.find_reward(main["eager"]) != before
+    assert find_reward(main["eager"]) != before
     run("SCALE = 9\n")
     for declared, named in ((rewarded, "the reward __main__:eager"), (experiment, "Mine")):
         with pytest.raises(LearnerError, match=f"{named} has changed since"):
@@ -219,7 +220,7 @@ def test_what_workers_could_not_find_or_get_is_refused(run):
     run("def outer():\n    def inner(events):\n        return events.opens\n    return inner\n")
     main = vars(sys.modules["__main__"])
     with pytest.raises(RewardError, match="define it with def at the top level of a notebook"):
-        ol.find_reward(main["outer"]())
+        find_reward(main["outer"]())
     run(HEAD, "import threading\nLOCK = threading.Lock()\n")
     exec(LEARNER, main)
     with pytest.raises(LearnerError, match="the source of Mine cannot be found"):
