@@ -2,7 +2,8 @@
 
 Both are processes, timed in seconds of the processor. The peer is another checkout of this project
 (``--against``), run by the same Python, so that a change is measured in one run; without one, it is
-as many figures as a report has, drawn by matplotlib alone.
+24 figures, about as many as a report has, drawn by matplotlib alone. Entry points stay those of the
+installed checkout, so the other one has to have the same learners and commands.
 """
 
 from __future__ import annotations

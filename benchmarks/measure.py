@@ -58,7 +58,7 @@ def in_turns(
 
 @contextmanager
 def stopwatch() -> Iterator[Callable[[], float]]:
-    """Tell the processor's seconds since the block began, without garbage of what ran before it."""
+    """Yield a function that returns the processor's seconds since the block began."""
     gc.collect()
     began = time.process_time()
     yield lambda: time.process_time() - began

@@ -25,7 +25,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--only", metavar="NAME", nargs="+", choices=HOMES, default=list(HOMES))
     parser.add_argument("--turns", metavar="N", type=int, default=3, help="turns (default 3)")
-    parser.add_argument("--against", metavar="FOLDER", type=Path, help="another checkout, as peer")
+    parser.add_argument(
+        "--against", metavar="FOLDER", type=Path, help="another checkout, as peer of commands"
+    )
     parser.add_argument("--json", metavar="FILE", type=Path, help="write every measurement here")
     chosen = parser.parse_args(arguments)
     if chosen.turns < 1:

@@ -28,7 +28,7 @@ _public, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
 def __getattr__(name: str) -> Any:
-    """Load a public name; one that stood here until 0.2 comes with a warning that says where."""
+    """Load a public name; one that stood here before comes with a warning that says where."""
     if name not in __all__ and not name.startswith("_"):
         for line in Path(__file__).with_name("moved.txt").read_text(encoding="utf-8").splitlines():
             moved, module, now = line.split()
@@ -40,6 +40,8 @@ def __getattr__(name: str) -> Any:
 
 
 ENV_ID = "causal_openlock/OpenLock-v0"
+MIXED_ID = "causal_openlock/MixedRooms-v0"
+TEXT_ID = "causal_openlock/OpenLockText-v0"
 
 if ENV_ID not in registry:
     register(
@@ -47,10 +49,8 @@ if ENV_ID not in registry:
         entry_point="causal_openlock.envs:OpenLockEnv",
         vector_entry_point="causal_openlock.envs:OpenLockVectorEnv",
     )
-    register(id="causal_openlock/MixedRooms-v0", entry_point="causal_openlock.envs:MixedRoomsEnv")
-    register(
-        id="causal_openlock/OpenLockText-v0", entry_point="causal_openlock.envs:OpenLockTextEnv"
-    )
+    register(id=MIXED_ID, entry_point="causal_openlock.envs:MixedRoomsEnv")
+    register(id=TEXT_ID, entry_point="causal_openlock.envs:OpenLockTextEnv")
 
 if "IPython" in sys.modules:
     from causal_openlock.notebook import register_formatters

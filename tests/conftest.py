@@ -26,10 +26,10 @@ sys.dont_write_bytecode = False
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers() -> int:
-    """One worker more than there are cores: browsers, servers and processes are waited for."""
+    """Two workers more than there are cores: browsers, servers and processes are waited for."""
     from causal_openlock.running.workers import available_cores
 
-    return available_cores() + 1
+    return available_cores() + 2
 
 
 def pytest_configure() -> None:
@@ -50,9 +50,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 GOLDEN = Path(__file__).parent / "golden"
 WRITE_THEM = """\
-no digests are stored for processors like this one ({kind}); to write them from the last tag:
-  git worktree add ../last v0.2.0
-  PYTHONPATH=../last:../last/learners .venv/bin/pytest --golden tests/golden/test_cells.py"""
+no digests are stored for processors like this one ({kind}); to write them by the code that wrote
+those that are stored:
+  git worktree add ../last $(git log -1 --format=%h -- tests/golden/cells)
+  PYTHONPATH=../last:../last/learners .venv/bin/pytest --golden tests/golden -k networks"""
 
 
 @pytest.fixture

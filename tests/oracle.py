@@ -20,7 +20,7 @@ NOTHING = frozenset()
 
 
 class Seen(NamedTuple):
-    """What there is to see after an action: the room, and whether the console counts on."""
+    """What there is to see after an action: the room, and whether it was a new solution."""
 
     moved: bool
     pushed: frozenset

@@ -331,7 +331,7 @@ class Evidence:
         return f"{markdown(head, rows)}\n\n{note}\n"
 
     def _solved_none(self, chosen: Selection) -> bool:
-        """Whether no unit solved a trial: its attempts are then the limit, and no mean."""
+        """Return whether no selected unit solved a trial; all attempts then equal the limit."""
         try:
             solved, _ = of_side(self.units, chosen, "solved")
         except EvidenceError:  # published means have no shares

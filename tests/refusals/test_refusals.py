@@ -36,7 +36,8 @@ def rows() -> Iterator[pytest.param]:
                 written = line.removeprefix("[file ").removesuffix("]")
                 files[written] = ""
             elif line and not line.startswith("#"):
-                asked, _, named = line.partition(" ⇒ ")
+                asked, arrow, named = line.partition(" ⇒ ")
+                assert arrow, f"{table.name}:{number} names nothing"
                 yield pytest.param(
                     asked.strip(), named.split(" | "), dict(files), id=f"{table.stem}:{number}"
                 )
