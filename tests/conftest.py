@@ -26,10 +26,10 @@ sys.dont_write_bytecode = False
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers() -> int:
-    """Two workers more than there are cores: browsers, servers and processes are waited for."""
+    """One worker more than there are cores: browsers, servers and processes are waited for."""
     from causal_openlock.running.workers import available_cores
 
-    return available_cores() + 2
+    return available_cores() + 1
 
 
 def pytest_configure() -> None:

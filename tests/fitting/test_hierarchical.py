@@ -18,7 +18,6 @@ from causal_openlock.fitting.group import Group, Peak, derivatives, evidence_of,
 from causal_openlock.fitting.group_progress import PROGRESS
 from causal_openlock.fitting.hierarchical import GroupFit
 from causal_openlock.fitting.kept import fitting_in, keep_fit
-from causal_openlock.fitting.predicting import read_fit
 from causal_openlock.fitting.search import Range, search_beside, search_space
 from causal_openlock.running.runner import run
 from causal_openlock.scoring.teacher_forcing import recorded_subjects
@@ -231,21 +230,3 @@ def test_a_learner_without_exact_probabilities_is_not_fitted_hierarchically(fold
     with pytest.raises(LearnerError, match="posterior_sampling"):
         GroupFit(parts(folder), {"own": PLAN, "asked": asked}, tmp_path / "asked").run()
     assert not (tmp_path / "asked").exists()
-
-
-def test_a_mixture_finds_the_followers_of_each_learner(tmp_path):
-    """Four subjects learn by association, all with one temperature; two act at random."""
-    cold = ol.learner("associative", label="cold", subjects=4, temperature=0.1)
-    play(tmp_path / "played", [cold, ol.learner("random", subjects=2)], 8, 5)
-    words = ["fit", "associative", "--to", tmp_path / "played", "--hierarchical", "--or", "random"]
-    words += [*WORDS, "--folds", 2, "--hold-out", "subjects", "--out", tmp_path / "fit"]
-    done = at_once(*words)
-    assert done.status == 0, done.stderr
-    table = pd.read_csv(tmp_path / "fit" / "fits.csv")
-    own = table[(table["learner"] == "associative") & (table["who"] != "group")]
-    assert (own["followed"] > 0.9).tolist() == own["who"].str.startswith("cold").tolist()
-    groups = table[table["who"] == "group"].set_index("learner")
-    assert groups.loc["associative", "followed"] == pytest.approx(5 / 8, abs=0.01)
-    assert groups.loc["mixture", "held_out_bits"] < groups["held_out_bits"][:2].min()
-    with pytest.raises(StoreError, match="mixture of learners"):
-        read_fit(tmp_path / "fit")
