@@ -13,6 +13,7 @@ import pytest
 
 import causal_openlock as ol
 from causal_openlock.contract.registry import learner_class, name_of, origin, parameter_table
+from causal_openlock.envs.single import OpenLockEnv
 from causal_openlock.errors import LearnerError, RewardError, StoreError
 from causal_openlock.export.bundle import write_bundle
 from causal_openlock.usercode import session_code
@@ -169,7 +170,7 @@ def eager(events):
 def test_a_function_of_a_cell_is_a_reward_in_workers_and_in_results(run, arrive, tmp_path):
     run(HEAD + REWARD)
     eager = vars(sys.modules["__main__"])["eager"]
-    room = ol.OpenLockEnv("CC3", layout="trial1", reward=eager, episode="trial")
+    room = OpenLockEnv("CC3", layout="trial1", reward=eager, episode="trial")
     room.reset(seed=0)
     assert room.step(14)[1] == pytest.approx(-0.1)
     learners = ["ddqn", ol.learner("ddqn", reward=eager, label="own")]
@@ -195,7 +196,7 @@ def test_a_function_of_a_cell_is_a_reward_in_workers_and_in_results(run, arrive,
     worker = arrive(packed([reward.name, "ddqn"]))
     assert {"eager", "SCALE"} <= vars(worker).keys()
     reward_code.forget()
-    elsewhere = ol.OpenLockEnv("CC3", layout="trial1", reward=reward, episode="trial")
+    elsewhere = OpenLockEnv("CC3", layout="trial1", reward=reward, episode="trial")
     elsewhere.reset(seed=0)
     assert elsewhere.step(14)[1] == pytest.approx(-0.1)
 
