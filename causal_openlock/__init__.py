@@ -14,7 +14,6 @@ it registers the environments ``causal_openlock/OpenLock-v0``, ``OpenLockText-v0
 from __future__ import annotations
 
 import sys
-import warnings
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from typing import Any
 import lazy_loader
 from gymnasium.envs.registration import register, registry
 
+from causal_openlock.errors import renamed
 from causal_openlock.version import __version__ as __version__
 
 _public, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
@@ -33,8 +33,7 @@ def __getattr__(name: str) -> Any:
         for line in Path(__file__).with_name("moved.txt").read_text(encoding="utf-8").splitlines():
             moved, module, now = line.split()
             if moved == name:
-                said = f"causal_openlock.{name} will go; write: from {module} import {now}"
-                warnings.warn(said, DeprecationWarning, stacklevel=2)
+                renamed(f"causal_openlock.{name}", f"imported by: from {module} import {now}")
                 return getattr(import_module(module), now)
     return _public(name)
 
