@@ -24,8 +24,10 @@ def _first(lines: Sequence[str], before: str = "", after: str = "") -> list[str]
     return [*lines[:MOST_LISTED], *([f"{before}and {left:,} more{after}"] if left > 0 else [])]
 
 
-class OpenLockError(Exception):
+class OpenLockError(ValueError):
     """Base of all errors that a user of the toolkit can cause and fix.
+
+    As a ``ValueError``, it is collected by pydantic with the faults that pydantic finds itself.
 
     Args:
         message: What is wrong and what to do about it.

@@ -29,11 +29,12 @@ def folder_at(place: Path | str) -> Path:
         raise StoreError(f"a folder is given by its path, not by {type(place).__name__}")
     try:
         Path(place).resolve()  # fails at links in a circle, which exists() takes for nothing
-        for path in (Path(place), *Path(place).parents):
-            if path.exists() and not path.is_dir():
-                raise StoreError(f"{path} is a file; choose a folder")
+        path = next(path for path in (Path(place), *Path(place).parents) if path.exists())
+        is_folder = path.is_dir()
     except (OSError, RuntimeError, ValueError):
         raise StoreError(f"{str(place)[:80]!r} cannot be a folder; choose another") from None
+    if not is_folder:
+        raise StoreError(f"{path} is a file; choose a folder")
     return Path(place)
 
 

@@ -120,6 +120,10 @@ def faults_of(error: ValidationError, model: type[BaseModel]) -> list[tuple[Wher
     """Faults that Pydantic found: the path of each, and a sentence with a remedy."""
     found = []
     for fault in error.errors(include_url=False):
+        raised = fault.get("ctx", {}).get("error")
+        if isinstance(raised, OpenLockError):
+            found += [((*fault["loc"], *part.at), str(part)) for part in raised.parts]
+            continue
         # <name>, <list>, <mapping>: the arm of a union, no key of the file.
         *above, last = fault["loc"] or ("",)
         arm = str(last)[:1] == "<" and fault["type"] != "extra_forbidden"

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
-from causal_openlock.errors import StoreError
+from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.files.atomic import sweep, write_bytes
 from causal_openlock.files.checksums import IN_JSON, ChecksumError, check, json_bytes
 from causal_openlock.files.json_text import each_once
@@ -64,6 +64,8 @@ def kept_fit(
         return read(json.loads(content, parse_constant=_number, object_pairs_hook=each_once))
     except ChecksumError as error:
         raise StoreError(f"{path}: this is not a fit ({error}); {remedy}") from None
+    except OpenLockError:
+        raise
     except (ValueError, OSError, TypeError, LookupError, ArithmeticError, RecursionError):
         raise StoreError(f"{path}: this is not a fit; {remedy}") from None
 

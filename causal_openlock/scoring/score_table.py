@@ -76,7 +76,7 @@ def read_scores(path: Path) -> pd.DataFrame:
         if not table.schema.equals(score_schema()):
             raise ValueError("its columns are of other types")
         return _checked(table)
-    except FileNotFoundError:
+    except (FileNotFoundError, OutdatedError):
         raise
     except (OSError, ValueError, TypeError, LookupError, ChecksumError) as error:
         raise StoreError(

@@ -86,12 +86,14 @@ class RL2(Checkpointed, Learner):
 
         path = Path(parameters.checkpoint or BUNDLED)
         try:
-            if path.exists() and not (path.is_file() and path.stat().st_size <= MOST_BYTES):
-                raise LearnerError(f"{path} is not a checkpoint of rl2; name a file of its weights")
-            return digest(path.read_bytes())
+            fits = not path.exists() or (path.is_file() and path.stat().st_size <= MOST_BYTES)
+            weights = path.read_bytes() if fits else b""
         except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or error
             raise LearnerError(f"the network of rl2 cannot be read: {path}: {reason}") from None
+        if not fits:
+            raise LearnerError(f"{path} is not a checkpoint of rl2; name a file of its weights")
+        return digest(weights)
 
     @classmethod
     def prior_attempts(cls, parameters: RL2Parameters) -> int:
