@@ -15,7 +15,6 @@ from openlock_learners.ddqn import (
     SemiMarkovDDQN,
     SemiMarkovDDQNParameters,
 )
-from support.checkpoints import kept_and_resumed, same
 from support.plain_ddqn import PlainDDQN, distance, plain_network
 from support.session_play import one_room
 
@@ -209,15 +208,6 @@ def test_a_subject_that_has_finished_learns_no_more():
     assert learner._replay.length.tolist() == [6, 15]
     assert learner.epsilon[0] == epsilon[0] == 0.5
     assert learner.epsilon[1] == pytest.approx(epsilon[1] * 0.995**9)
-
-
-def test_a_checkpoint_resumed_gives_the_same_weights():
-    settings = DDQNParameters(batch_size=8, hidden_units=8, replay_size=20, target_period=5)
-    protocol = replace(HUMAN, attempt_limit=12, stop_when_solved=False)
-    sessions = [Session(ROOM, protocol, 3) for _ in range(2)]
-    first, second = (DDQN(settings) for _ in sessions)
-    kept = kept_and_resumed(first, second, sessions, steps=30)
-    assert not same(kept, first.state_dict())
 
 
 @pytest.mark.parametrize("prioritised", [False, True])

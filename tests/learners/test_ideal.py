@@ -11,7 +11,6 @@ from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.schemas.schema import Gate, Schema
 from oracle import least_attempts
-from support.checkpoints import same
 from support.session_play import named, play, trials_of
 
 pytestmark = pytest.mark.slow
@@ -82,19 +81,3 @@ def test_it_is_told_no_layout():
         return actions
 
     assert told(hide=True) == told(hide=False)
-
-
-def test_a_checkpoint_is_a_copy():
-    session = Session(named("CC4"), Protocol("p", 8, True), 3)
-    learner = create("ideal")
-    learner.begin(session.brief)
-    learner.inform(session.truth)
-    learner.learn(session.step(learner.act(session.view)))
-    kept = learner.state_dict()
-    assert same(kept["draws"]["drawn"], learner.state_dict()["draws"]["drawn"])
-    weights = [room["weight"].copy() for room in kept["rooms"]]
-    found = [room["found"] for room in kept["rooms"]]
-    while not session.over and session.view.trial.max() == 1:
-        learner.learn(session.step(learner.act(session.view)))
-    assert same(weights, [room["weight"] for room in kept["rooms"]])
-    assert found == [room["found"] for room in kept["rooms"]]

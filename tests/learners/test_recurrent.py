@@ -11,7 +11,6 @@ from causal_openlock.experiment.protocol import Condition, Protocol
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.finding import find_schema
 from openlock_learners.recurrent import Recurrent, RecurrentParameters
-from support.checkpoints import kept_and_resumed, same
 from support.plain_recurrent import PlainNetwork, PlainRecurrent
 from support.session_play import one_room
 
@@ -205,12 +204,3 @@ def test_a_subject_that_has_finished_learns_no_more():
     assert learner._replay.count.tolist() == [6, 15]
     assert learner.epsilon[0] == epsilon[0] == 0.5
     assert learner.epsilon[1] < epsilon[1]
-
-
-@pytest.mark.parametrize("cell", ["gru", "lstm"])
-def test_a_checkpoint_resumed_gives_the_same_weights(cell):
-    sessions = [Session(ROOM, PROTOCOL, 3) for _ in range(2)]
-    first, second = (Recurrent(replace(SMALL, cell=cell)) for _ in sessions)
-    # In the midst of an attempt, between two gradient steps.
-    kept = kept_and_resumed(first, second, sessions, steps=29)
-    assert not same(kept["q"], first.state_dict()["q"])
