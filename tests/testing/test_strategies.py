@@ -6,9 +6,7 @@ from pathlib import Path
 
 from hypothesis import given, settings
 
-from causal_openlock.contract.registry import create, parameter_table
 from causal_openlock.experiment.file import read_experiment
-from causal_openlock.experiment.session import Session
 from causal_openlock.export.experiment_file import experiment_file
 from causal_openlock.files.yaml_file import dump_yaml
 from causal_openlock.storage.stored import parse_experiment
@@ -28,26 +26,3 @@ def test_an_experiment_is_the_same_from_its_file_and_from_its_folder(drawn):
         assert read_experiment(path).identity == drawn.identity
     kept = {"identity": drawn.identity, **drawn.as_dict(), "cells": []}
     assert parse_experiment(json.loads(json.dumps(kept))).as_dict() == drawn.as_dict()
-
-
-@settings(max_examples=10, deadline=None)
-@given(experiments(max_levers=3))
-def test_every_cell_of_an_experiment_can_be_played(drawn):
-    for cell in drawn.cells()[:2]:
-        session = Session(cell.condition, cell.spec.protocol, cell.subjects, seed=cell.seed)
-        record = session.play(create(cell.spec.learner, cell.spec.parameters))
-        assert record["subject"].unique().to_pylist() == [*range(cell.subjects)]
-
-
-def test_learners_have_any_parameters_in_their_ranges():
-    met = set()
-
-    @settings(max_examples=200, deadline=None, derandomize=True, database=None)
-    @given(learners(("ddqn", "bayes")))
-    def collect(drawn):
-        create(drawn.learner, drawn.parameters)
-        met.update((drawn.learner, name) for name in drawn.parameters)
-
-    collect()
-    known = {(one, row.name) for one in ("ddqn", "bayes") for row in parameter_table(one)}
-    assert met == known

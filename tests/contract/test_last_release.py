@@ -1,4 +1,4 @@
-"""Results, bundles and names of the release before, in which the learners' package had another."""
+"""Results and bundles of the last release open, are reported and played on."""
 
 import json
 import shutil
@@ -9,9 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from causal_openlock import compare, open_results
-from causal_openlock.contract.former_names import present_name
-from causal_openlock.experiment.building import make_experiment
+from causal_openlock import open_results
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.running.runner import run
 from causal_openlock.storage.store import Store
@@ -58,20 +56,6 @@ def test_a_bundle_of_the_last_release_runs(tmp_path, monkeypatch):
     run(read_experiment(Path("experiment.yaml")), Path("results"), workers=1)
     now = {path.name for path in Path("results", "cells").glob("*.parquet")}
     assert set(held["cells"]) == now
-
-
-def test_former_names_are_the_bundled_learners_unless_they_are_ones_own(tmp_path, monkeypatch):
-    made = make_experiment(["CC3"], ["learners.ddqn:DDQN"])
-    assert [spec.learner for spec in made.learners] == ["openlock_learners.ddqn:DDQN"]
-    assert compare("CC3", "learners.oracle:Oracle", subjects=1, workers=1).trials["solved"].all()
-    own = tmp_path / "learners"
-    own.mkdir()
-    (own / "__init__.py").touch()
-    (own / "random.py").write_text("class RandomLearner: pass\n")
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.delitem(sys.modules, "learners", raising=False)  # a folder of these tests
-    assert present_name("learners.random:RandomLearner") == "learners.random:RandomLearner"
-    assert present_name("learners.oracle:Oracle") == "openlock_learners.oracle:Oracle"
 
 
 def test_packages_of_common_names_beside_a_script_do_no_harm(tmp_path):
