@@ -117,27 +117,27 @@ def _show_states(fsm: FSM) -> None:
 def check(
     names: Annotated[list[str], typer.Argument(help="Names of schemas, or paths of files.")],
 ) -> None:
-    """Check schemas: their faults, and which learners are slow."""
-    from causal_openlock.contract.expected_cost import expected_cost
+    """Check schemas: their faults, and which learners cannot play them."""
+    from causal_openlock.contract.registry import learner_class
     from causal_openlock.experiment.protocol import default_action_limit
 
     faults = []
-    for name in names:
+    for given in names:
         try:
-            schema = _read(name)
+            schema = _read(given)
         except OpenLockError as error:
             faults.append(str(error))
             continue
         levers = counted(len(schema.levers), "lever")
         solutions = counted(len(schema.solutions), "solution")
         say(
-            f"{name}: good: {levers}, {solutions}, attempts of at least "
+            f"{given}: good: {levers}, {solutions}, attempts of at least "
             f"{schema.least_action_limit} actions"
         )
-        for learner in ("bayes", "ideal"):
-            cost = expected_cost(learner, {}, schema, default_action_limit(schema))
-            if cost is not None:
-                say(f"  the learner {learner} {cost}")
+        for name in ("ideal", "theory_based"):
+            kind = learner_class(name)
+            if why := kind.cannot_play(kind.Parameters(), schema, default_action_limit(schema)):
+                say(f"  the learner {name} cannot play it: {why}")
     if faults:
         raise OpenLockError("\n".join(faults))
 

@@ -32,7 +32,6 @@ from causal_openlock.experiment.experiment import Cell, Experiment
 from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.protocol import Condition
 from causal_openlock.files.atomic import folder_at
-from causal_openlock.running.expected_cost import cost_warnings
 from causal_openlock.running.runner import run
 from causal_openlock.running.worker import Watching
 from causal_openlock.schemas.finding import find_schema
@@ -184,7 +183,7 @@ def play(
         OpenLockError: If what is asked for cannot be done.
     """
     reasons = experiment.reasons if experiment.cells() else ()  # else it is an error
-    for warning in [*experiment.warnings(), *reasons, *cost_warnings(experiment)]:
+    for warning in [*experiment.warnings(), *reasons]:
         warn(warning)
     try:
         run(

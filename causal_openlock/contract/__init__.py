@@ -5,7 +5,6 @@
 ``one_subject``    Learners written for one subject, and the adapter that plays many of them.
 ``registry``       Finds learners, declared in ``pyproject.toml``, by name; checks their parameters.
 ``parameters``     Types of hyper-parameters with ranges.
-``expected_cost``  What a learner will cost in a room, and whether it can play there.
 ``probes``         Checks of learners, for the contract tests and ``learner_check``.
 ``own_randomness`` Global generators of one's own, for a library that draws from the global ones.
 ``former_names``   What bundled learners were called in releases before.

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from causal_openlock.errors import LearnerError
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.room import Room
 
 Observations = NDArray[np.int8]
@@ -170,21 +171,15 @@ class NoParameters:
     """The parameters of a learner that has none."""
 
 
-class Learner(ABC):
-    """A learner. Subclasses define hyper-parameters in a frozen dataclass ``Parameters``.
+class LearnerBase:
+    """What a class of learners says of itself before it plays, for many subjects or for one.
 
     Args:
         parameters: An instance of the class's ``Parameters``; by default their defaults.
-
-    Example:
-        >>> class PushesTheDoor(Learner):
-        ...     def begin(self, brief):
-        ...         self.brief = brief
-        ...     def act(self, view):
-        ...         return np.full(self.brief.subjects, self.brief.actions - 1)
     """
 
     Parameters: ClassVar[type] = NoParameters
+    """A frozen dataclass of hyper-parameters."""
     learns_from_others: ClassVar[bool] = True
     """Whether ``learn`` can be given what another subject did.
 
@@ -205,12 +200,37 @@ class Learner(ABC):
         return ""
 
     @classmethod
-    def prior_attempts(cls, parameters: Any) -> int:
-        """Attempts of training before the experiment, such as meta-training.
+    def prior_attempts(cls, parameters: Any) -> int | None:
+        """Attempts of training before the experiment, such as meta-training; None if unknown.
 
         The cost of learning counts them.
         """
         return 0
+
+    @classmethod
+    def cannot_play(cls, parameters: Any, schema: Schema, action_limit: int) -> str:
+        """Reason why it cannot play in rooms of a schema, such as their size; empty if it can.
+
+        A comparison leaves its cells out and states the reason once.
+
+        Args:
+            parameters: An instance of the class's ``Parameters``.
+            schema: The schema of the rooms.
+            action_limit: The most actions of an attempt.
+        """
+        return ""
+
+
+class Learner(LearnerBase, ABC):
+    """A learner that plays B subjects at once.
+
+    Example:
+        >>> class PushesTheDoor(Learner):
+        ...     def begin(self, brief):
+        ...         self.brief = brief
+        ...     def act(self, view):
+        ...         return np.full(self.brief.subjects, self.brief.actions - 1)
+    """
 
     @abstractmethod
     def begin(self, brief: Brief) -> None:

@@ -15,14 +15,14 @@ import operator
 import pickle
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from causal_openlock.contract.learner import (
     Brief,
     Learner,
-    NoParameters,
+    LearnerBase,
     Observations,
     Step,
     View,
@@ -57,14 +57,11 @@ class Moment:
     solutions_left: int
 
 
-class OneSubjectLearner(ABC):
+class OneSubjectLearner(LearnerBase, ABC):
     """A learner written for a single subject; each subject gets an instance of its own.
 
     ``self.brief``, for this subject alone, and ``self.generator``, its only source of randomness,
     are set before :meth:`begin` is called.
-
-    Args:
-        parameters: An instance of the class's ``Parameters``; by default their defaults.
 
     Example:
         >>> class Dice(OneSubjectLearner):
@@ -73,17 +70,8 @@ class OneSubjectLearner(ABC):
         >>> learner = PerSubjectAdapter(Dice)  # plays many subjects, each with its own Dice
     """
 
-    Parameters: ClassVar[type] = NoParameters
     brief: Brief
     generator: np.random.Generator
-
-    def __init__(self, parameters: Any = None) -> None:
-        self.parameters = self.Parameters() if parameters is None else parameters
-
-    @classmethod
-    def artifact_hash(cls, parameters: Any) -> str:
-        """See :meth:`Learner.artifact_hash <causal_openlock.contract.learner.Learner>`."""
-        return ""
 
     def begin(self) -> None:
         """Get ready to play."""
@@ -99,9 +87,11 @@ class OneSubjectLearner(ABC):
 class PerSubjectAdapter(Learner):
     """Plays B instances of a :class:`OneSubjectLearner` as one learner."""
 
+    learns_from_others: bool  # type: ignore[misc]  # as the class of its players says
+
     def __init__(self, single: type[OneSubjectLearner], parameters: Any = None) -> None:
         super().__init__(single.Parameters() if parameters is None else parameters)
-        self.single = single
+        self.single, self.learns_from_others = single, single.learns_from_others
         self._players: list[OneSubjectLearner] = []
 
     def begin(self, brief: Brief) -> None:

@@ -17,17 +17,17 @@ explains them to users.
 
 from __future__ import annotations
 
-import inspect
 import json
 from collections.abc import Mapping
 from dataclasses import MISSING, asdict, fields
 from functools import cache, lru_cache
 from importlib.metadata import Distribution, EntryPoint
+from inspect import getsourcefile, isabstract
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
 
 from causal_openlock.contract.former_names import FORMER_PACKAGE, PACKAGE, TOOLKIT
-from causal_openlock.contract.learner import Learner
+from causal_openlock.contract.learner import Learner, LearnerBase
 from causal_openlock.contract.one_subject import OneSubjectLearner, PerSubjectAdapter
 from causal_openlock.errors import Faults, LearnerError
 from causal_openlock.files.plugins import LEARNERS, registered
@@ -101,7 +101,7 @@ def origin(name: str, *, imported: bool = False) -> str:
     if is_of_session(name):
         return session_origin(name)
     kind = learner_class(name)
-    source = inspect.getsourcefile(kind)
+    source = getsourcefile(kind)
     if source is None:
         return "unknown"
     # The class may be in another module than the one that it is named by.
@@ -134,7 +134,7 @@ def file_that_runs(name: str, beside: Path, role: str = "learner") -> str | None
     return f"{source.name} in {source.parent} will run as {role} {kind}"
 
 
-def learner_class(name: str) -> type[Learner] | type[OneSubjectLearner]:
+def learner_class(name: str) -> type[LearnerBase]:
     """A learner's class by its registered name, or by ``module:Class``.
 
     Raises:
@@ -144,7 +144,7 @@ def learner_class(name: str) -> type[Learner] | type[OneSubjectLearner]:
     return _load(name) if is_of_session(name) else _learner_class(name)
 
 
-def _load(name: str) -> type[Learner] | type[OneSubjectLearner]:
+def _load(name: str) -> type[LearnerBase]:
     if ":" in name:
         if not MODULE_AND_NAME.fullmatch(name):
             raise LearnerError(f"{name!r} names no learner; write it like my_module:MyLearner")
@@ -169,12 +169,20 @@ def _load(name: str) -> type[Learner] | type[OneSubjectLearner]:
         if isinstance(error, ModuleNotFoundError) and _is_in(error.name or "", FORMER_PACKAGE):
             message += f"; the bundled learners are in the package {PACKAGE} now"
         raise LearnerError(message) from error
-    if not (isinstance(loaded, type) and issubclass(loaded, Learner | OneSubjectLearner)):
+    if not (isinstance(loaded, type) and issubclass(loaded, LearnerBase)):
         raise LearnerError(
             f"the learner {name!r} ({entry.value}) is not a subclass of Learner or "
             "OneSubjectLearner"
         )
+    _require_methods(loaded, entry.value)
     return loaded
+
+
+def _require_methods(kind: Any, name: str) -> None:
+    """Raise LearnerError if a class of learners lacks a method that it has to define."""
+    if isabstract(kind):
+        missing = " and ".join(sorted(kind.__abstractmethods__))
+        raise LearnerError(f"the learner {name} has no {missing}; define it in the class")
 
 
 def _is_in(module: str, package: str) -> bool:
@@ -182,11 +190,10 @@ def _is_in(module: str, package: str) -> bool:
 
 
 def _is_learner(value: Any) -> bool:
-    kinds = Learner, OneSubjectLearner
-    return isinstance(value, type) and issubclass(value, kinds) and value not in kinds
+    return isinstance(value, type) and issubclass(value, LearnerBase) and not isabstract(value)
 
 
-def name_of(kind: type[Learner] | type[OneSubjectLearner]) -> str:
+def name_of(kind: type[LearnerBase]) -> str:
     """The name by which a class is found: its registered one, or ``module:Class``.
 
     >>> name_of(learner_class("ddqn"))
@@ -196,6 +203,7 @@ def name_of(kind: type[Learner] | type[OneSubjectLearner]) -> str:
         LearnerError: If it cannot be found by a name, such as a class defined in a function.
     """
     written = f"{kind.__module__}:{kind.__qualname__}"
+    _require_methods(kind, written)
     name = next((name for name, entry in registry().items() if entry.value == written), written)
     found = _load(name) if MODULE_AND_NAME.fullmatch(written) else None
     if found is not None and found is not learner_class(name):  # its module was loaded again
@@ -232,7 +240,10 @@ def create(name: str, parameters: Mapping[str, Any] | None = None) -> Learner:
     """
     kind = learner_class(name)
     checked = parse_parameters(name, parameters or {})
-    return kind(checked) if issubclass(kind, Learner) else PerSubjectAdapter(kind, checked)
+    if issubclass(kind, OneSubjectLearner):
+        return PerSubjectAdapter(kind, checked)
+    learner: Learner = kind(checked)  # type: ignore[assignment]
+    return learner
 
 
 def parse_parameters(name: str, parameters: Mapping[str, Any]) -> Any:

@@ -451,8 +451,6 @@ def as_learner(learner: LearnerForm) -> LearnerFile:
             f"{learner!r} is not a learner; give a name, a class of learners, an instance of one, "
             "or learner(NAME, parameter=value)"
         )
-    if lacking := sorted(kind.__abstractmethods__):
-        raise LearnerError(f"{kind.__name__} has no method {lacking[0]}; define it")
     name = name_of(kind)
     given = asdict(parameters) if is_dataclass(parameters) else {}  # type: ignore[arg-type]
     # What has its default can still be swept.

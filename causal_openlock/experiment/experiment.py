@@ -14,9 +14,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from causal_openlock.contract.expected_cost import Cost, expected_cost
 from causal_openlock.contract.former_names import in_identities, parameters_in_identities
-from causal_openlock.contract.learner import InformedLearner, Learner
+from causal_openlock.contract.learner import InformedLearner
 from causal_openlock.contract.registry import learner_class, origin, parse_parameters
 from causal_openlock.errors import LearnerError, OpenLockError, in_short
 from causal_openlock.experiment.protocol import Condition, Protocol
@@ -42,7 +41,7 @@ class Origin:
         package: Its package and version; or its file, and a hash of it and of what it imports of
             the user's.
         artifact_hash: Hash of files that its parameters name, such as trained weights; or empty.
-        prior_attempts: Attempts that it was trained with before the experiment.
+        prior_attempts: Attempts that it was trained with before the experiment; None if unknown.
         informed: Whether it is given what subjects cannot perceive.
         about: What it is, in a line: the first of its docstring.
     """
@@ -50,7 +49,7 @@ class Origin:
     class_name: str
     package: str
     artifact_hash: str = ""
-    prior_attempts: int = 0
+    prior_attempts: int | None = 0
     informed: bool = False
     about: str = ""
 
@@ -63,30 +62,34 @@ def origin_of(learner: str, parameters: Mapping[str, Any]) -> Origin:
     """
     kind = learner_class(learner)
     given = parse_parameters(learner, parameters)
-    name, package = f"{kind.__module__}:{kind.__qualname__}", origin(learner)
+    return Origin(
+        class_name=f"{kind.__module__}:{kind.__qualname__}",
+        package=origin(learner),
+        artifact_hash=_answer(learner, "artifact_hash", str, given),
+        prior_attempts=_answer(learner, "prior_attempts", int | None, given),
+        informed=issubclass(kind, InformedLearner),
+        about=first_line(kind.__doc__),
+    )
+
+
+def _answer(learner: str, method: str, wanted: Any, *given: Any) -> Any:
+    """Answer of a class of learners, which may be a user's, to a question about itself.
+
+    Raises:
+        LearnerError: If the method fails, or returns something else than is wanted.
+    """
     try:
-        made_of = kind.artifact_hash(given)
+        answer = getattr(learner_class(learner), method)(*given)
     except OpenLockError:
         raise
     except Exception as error:  # a user's code can fail in any way
         raise LearnerError(
-            f"artifact_hash of {learner} fails ({type(error).__name__}: {in_short(error)})"
+            f"{method} of {learner} fails ({type(error).__name__}: {in_short(error)})"
         ) from error
-    if not isinstance(made_of, str):
-        raise LearnerError(
-            f"artifact_hash of {learner} has to return a text, and returned {made_of!r}"
-        )
-    about = first_line(kind.__doc__)
-    if not issubclass(kind, Learner):
-        return Origin(name, package, made_of, about=about)
-    return Origin(
-        name,
-        package,
-        made_of,
-        kind.prior_attempts(given),
-        issubclass(kind, InformedLearner),
-        about,
-    )
+    if not isinstance(answer, wanted) or (isinstance(answer, int) and answer < 0):
+        what = "a text" if wanted is str else "a whole number of attempts, or None if unknown"
+        raise LearnerError(f"{method} of {learner} has to return {what}, and returned {answer!r}")
+    return answer
 
 
 @dataclass(frozen=True)
@@ -129,6 +132,8 @@ class LearnerSpec:
     def as_dict(self) -> dict[str, Any]:
         """The learner as plain data, with its origin."""
         known = {name: getattr(self.origin, name) or None for name in _NOTES}
+        if self.origin.prior_attempts is None:
+            known["prior_attempts"] = "unknown"
         return present(
             {
                 "name": self.name,
@@ -241,25 +246,15 @@ class Experiment:
     def not_applicable(self) -> Mapping[str, Mapping[str, str]]:
         """Reasons why learners cannot play conditions, by learner and condition, in a sentence.
 
-        Learners say so themselves (:mod:`~causal_openlock.contract.expected_cost`).
+        Learners say so themselves, in ``cannot_play``.
         """
         found: dict[str, dict[str, str]] = {}
         for spec in self.learners:
             for condition in self.conditions:
                 for schema in condition.schemas:
-                    cost = self.costs[spec.name, schema]
-                    if why := _cannot_play(spec, condition, schema, cost):
+                    if why := _cannot_play(spec, condition, schema):
                         found.setdefault(spec.name, {})[condition.name] = why
         return found
-
-    @cached_property
-    def costs(self) -> Mapping[tuple[str, Schema], Cost | str | None]:
-        """Expected cost by learner and schema, if it is high, or why the estimate failed."""
-        return {
-            (spec.name, schema): _cost(spec, schema)
-            for spec in self.learners
-            for schema in self.schemas
-        }
 
     def without_any(self, protocol: str) -> list[str]:
         """Labels of the learners under a protocol that can play none of the conditions."""
@@ -337,27 +332,16 @@ class Experiment:
         return _digest(asked)
 
 
-def _cost(spec: LearnerSpec, schema: Schema) -> Cost | str | None:
-    if spec.recorded is not None:  # its code need not be installed
-        return None
-    try:
-        limit = spec.protocol.actions_for(schema)
-        return expected_cost(spec.learner, spec.parameters, schema, limit)
-    except Exception as error:  # of a user's code; an estimate is no reason not to play
-        return f"{type(error).__name__}: {error}"
-
-
-def _cannot_play(
-    spec: LearnerSpec, condition: Condition, schema: Schema, cost: Cost | str | None
-) -> str:
-    """Reason why a learner cannot play a condition's rooms of a schema; empty if none is known."""
+def _cannot_play(spec: LearnerSpec, condition: Condition, schema: Schema) -> str:
+    """Reason why a learner cannot play a condition's rooms of a schema; empty if it can."""
     if spec.recorded is not None:  # its code need not be installed
         return ""
-    if condition.shown and not getattr(learner_class(spec.learner), "learns_from_others", True):
+    if condition.shown and not learner_class(spec.learner).learns_from_others:
         return f"{spec.name} learns from its own actions alone, so nothing can be shown to it"
-    if not isinstance(cost, Cost) or cost.applicable:
-        return ""
-    return f"{spec.name} cannot play in rooms of {schema.name}: {cost.work}"
+    limit = spec.protocol.actions_for(schema)
+    parameters = parse_parameters(spec.learner, spec.parameters)
+    why = _answer(spec.learner, "cannot_play", str, parameters, schema, limit)
+    return why and f"{spec.name} cannot play in rooms of {schema.name}: {why}"
 
 
 def _deciding(learner: dict[str, Any]) -> dict[str, Any]:

@@ -297,7 +297,7 @@ def _check(theories: Sequence[LearnerSpec], experiment: Experiment) -> None:
                 + (f", as {names} can be anything in its range" if names else "")
                 + "; leave one of them out"
             )
-        if not getattr(learner_class(one.learner), "learns_from_others", True):
+        if not learner_class(one.learner).learns_from_others:
             raise LearnerError(
                 f"{one.name} learns from its own actions alone, so that it cannot predict others; "
                 f"leave it out, or give --outside {one.name}"

@@ -104,7 +104,7 @@ def predicted(
         LearnerError: If a learner cannot be put in another's place.
     """
     for spec in experiment.learners:  # before hours of work
-        if not getattr(learner_class(spec.learner), "learns_from_others", True):
+        if not learner_class(spec.learner).learns_from_others:
             raise LearnerError(
                 f"{spec.name} learns from its own actions alone, so that it cannot predict others; "
                 "leave it out"

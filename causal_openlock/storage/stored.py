@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, ValidationError
 
@@ -188,7 +188,7 @@ class _Learner(StrictModel):
     reward: _Reward
     subjects: Count
     cell_size: Count | None = None
-    prior_attempts: Annotated[int, Field(ge=0)] = 0
+    prior_attempts: Annotated[int, Field(ge=0)] | Literal["unknown"] = 0
     informed: bool = False
     about: str = ""
 
@@ -206,7 +206,7 @@ class _Learner(StrictModel):
                 present_class(self.class_, self.package),
                 self.package,
                 self.material,
-                self.prior_attempts,
+                None if self.prior_attempts == "unknown" else self.prior_attempts,
                 self.informed,
                 self.about,
             ),

@@ -31,7 +31,6 @@ from pydantic import Field
 
 from causal_openlock.belief.belief_learner import BeliefLearner
 from causal_openlock.belief.beliefs import Belief, Beliefs
-from causal_openlock.belief.catalogue import FREE_FORM_LEVERS, TABLE_BYTES
 from causal_openlock.belief.hypotheses import Space
 from causal_openlock.belief.intentions import Intention, Intentions, courses, drawn_solutions
 from causal_openlock.belief.knowledge import Prior
@@ -43,13 +42,10 @@ from causal_openlock.belief.planning import (
     sample_solution,
     thinned,
 )
-from causal_openlock.belief.sampling import DRAWS, LISTED_CAUSES, ROUNDS
-from causal_openlock.belief.structures import Hypotheses, behaviour_bytes
-from causal_openlock.contract.expected_cost import Cost
+from causal_openlock.belief.structures import Hypotheses
 from causal_openlock.contract.learner import Brief, Step, View
 from causal_openlock.contract.parameters import Count, Share
 from causal_openlock.schemas.fsm import FloatArray, IntArray
-from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.randomness import Streams, pick
 from openlock_learners.checkpointed import Checkpointed
 
@@ -59,11 +55,6 @@ Policy = Literal[
 _PLANS: WeakKeyDictionary[Space, dict[Any, FloatArray]] = WeakKeyDictionary()
 """Plans made in this process; subjects with the same posterior share them."""
 MOST_PLANS = 50_000
-SAMPLINGS, SAMPLINGS_A_SOLUTION = 8, 1.5
-"""Times that hypotheses are sampled in a trial with many levers (measured)."""
-SECONDS_A_NODE = 2e-6
-"""Seconds to check a structure, for each lever (measured)."""
-COPIES = 4
 ALMOST_NOTHING = 1e-6
 
 
@@ -91,20 +82,6 @@ class Bayes(Checkpointed, BeliefLearner):
         "intended": "_plans",
         "tried": "_tried",
     }
-
-    @classmethod
-    def expected_cost(cls, parameters: BayesParameters, schema: Schema, action_limit: int) -> Cost:
-        """Cost of a room: repeated sampling of hypotheses, and tables to compare them."""
-        levers = len(schema.levers)
-        if levers <= FREE_FORM_LEVERS:
-            return Cost(0.1, "every structure is listed")
-        large = levers > LISTED_CAUSES + 1
-        looked_at = parameters.effort if large else ROUNDS * DRAWS // 3
-        times = SAMPLINGS + SAMPLINGS_A_SOLUTION * len(schema.solutions)
-        work = f"about {times:.0f} times {looked_at:,} structures of {levers} levers are looked at"
-        seconds = times * looked_at * SECONDS_A_NODE * levers
-        many = min(parameters.hypothesis_limit * behaviour_bytes(levers, action_limit), TABLE_BYTES)
-        return Cost(seconds, work, COPIES * many / 1e6)
 
     def begin(self, brief: Brief) -> None:
         """Set the priors before the first room."""

@@ -24,7 +24,7 @@ import numpy as np
 from causal_openlock.belief.hypotheses import Strengths, at_least, strengths
 from causal_openlock.belief.likelihoods import Event, informative, likelihood, observed
 from causal_openlock.belief.marginals import expected_structure
-from causal_openlock.belief.optimal import HYPOTHESIS_LIMIT, NODE_LIMIT, Optimum, Point, bits
+from causal_openlock.belief.optimal import Optimum, Point, bits
 from causal_openlock.belief.placements import (
     TABLE_LIMIT,
     TooLargeError,
@@ -32,7 +32,6 @@ from causal_openlock.belief.placements import (
     ways_to_place,
 )
 from causal_openlock.belief.planning import TIE, Objective, Planner, Situation, thinned
-from causal_openlock.contract.expected_cost import Cost
 from causal_openlock.contract.learner import (
     Brief,
     InformedLearner,
@@ -48,8 +47,6 @@ from causal_openlock.world.randomness import Streams
 
 PLANNED = 600
 """The most hypotheses that a plan takes into account."""
-SECONDS_A_STATE, SECONDS_A_PLAN = 3e-4, 2e-4
-"""Seconds for a state of the search and for a placement in planning (measured)."""
 
 
 @dataclass(eq=False)
@@ -66,19 +63,12 @@ class Ideal(InformedLearner):
     """Knows the schema and not the layout; solves rooms in the fewest expected attempts."""
 
     @classmethod
-    def expected_cost(cls, parameters: Any, schema: Schema, action_limit: int) -> Cost:
-        """Cost of a room: a list of all placements, and an exact search that may be long."""
+    def cannot_play(cls, parameters: Any, schema: Schema, action_limit: int) -> str:
+        """Refuse rooms with more placements than a table can list."""
         many = ways_to_place(schema)
         if many << len(schema.levers) > TABLE_LIMIT:
-            return Cost(math.inf, f"its levers can be placed in {many:,} ways, too many to list")
-        if not schema.deterministic or many > HYPOTHESIS_LIMIT:
-            return Cost(many * SECONDS_A_PLAN, f"plans over {many:,} placements")
-        states = min(NODE_LIMIT, many * len(schema.solutions) * len(schema.levers))
-        return Cost(
-            states * SECONDS_A_STATE,
-            f"an exact search over {many:,} placements, of some {states:,} states before the first "
-            "action, and without a bound after it",
-        )
+            return f"its levers can be placed in {many:,} ways, too many to list"
+        return ""
 
     def begin(self, brief: Brief) -> None:
         """Open one stream of numbers for each subject."""

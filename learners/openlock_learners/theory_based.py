@@ -49,7 +49,6 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from causal_openlock.contract.expected_cost import Cost
 from causal_openlock.contract.learner import Brief, Learner, Step, Structure, View
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.schemas.schema import Schema
@@ -111,14 +110,14 @@ class TheoryBased(Checkpointed, Learner):
     }
 
     @classmethod
-    def expected_cost(
+    def cannot_play(
         cls, parameters: TheoryBasedParameters, schema: Schema, action_limit: int
-    ) -> Cost | None:
-        """Cost of a room: all chains are listed; unplayable if there are too many."""
+    ) -> str:
+        """Refuse rooms with more chains of levers than can be listed."""
         many = number_of_chains(positions_for(schema), action_limit - 1)
         if many <= CHAIN_LIMIT:
-            return None
-        return Cost(float("inf"), f"it would have to list {many:,} chains of levers, too many")
+            return ""
+        return f"it would have to list {many:,} chains of levers, too many"
 
     def begin(self, brief: Brief) -> None:
         """Begin with the same belief in everything."""

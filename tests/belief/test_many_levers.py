@@ -11,10 +11,7 @@ from causal_openlock.belief.catalogue import TABLE_BYTES, catalogue, distance, f
 from causal_openlock.belief.hypotheses import RoomSight
 from causal_openlock.belief.sampling import Sampler, metropolis, sampled
 from causal_openlock.belief.structures import behaviour_bytes
-from causal_openlock.contract.expected_cost import expected_cost
-from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.protocol import PROTOCOLS
-from causal_openlock.running.expected_cost import cost_warnings
 from causal_openlock.schemas.schema import Schema
 from openlock_learners.bayes import Bayes, BayesParameters
 from oracle import structure
@@ -125,21 +122,8 @@ def test_few_structures_are_listed_where_attempts_are_long():
     assert TABLE_BYTES // behaviour_bytes(7, 8) > 20_000  # never in rooms of seven
 
 
-def test_who_cannot_play_a_room_and_who_takes_long_is_said_beforehand(tmp_path):
-    def cost(learner, schema):
-        return expected_cost(learner, {}, schema, schema.least_action_limit)
-
-    assert cost("bayes", pairs(8, 3)).seconds < cost("bayes", TWELVE).seconds
-    assert "29,937,600 ways" in str(cost("ideal", TWELVE))
-    for learner, schema in (("bayes", pairs(4, 1)), ("ideal", pairs(4, 1)), ("random", TWELVE)):
-        assert cost(learner, schema) is None
+def test_who_cannot_play_a_room_is_said_beforehand(tmp_path):
     (tmp_path / "pairs12.yaml").write_text(TWELVE.to_yaml(), encoding="utf-8")
-    (tmp_path / "mine.yaml").write_text(
-        "name: mine\nseed: 1\nsubjects: 1\nconditions: [pairs12.yaml, CC3]\n"
-        "learners: [bayes, random]\n",
-        encoding="utf-8",
-    )
-    (caution,) = cost_warnings(read_experiment(tmp_path / "mine.yaml"))
-    assert caution.startswith("in pairs12, bayes takes about 4 s")
     said = at_once("schema", "check", "pairs12.yaml", "CC4", cwd=tmp_path).stdout
-    assert said.count("bayes takes about 4 s") == said.count("ideal cannot play it") == 1
+    assert said.count("ideal cannot play it") == 1
+    assert "29,937,600 ways" in said

@@ -6,11 +6,9 @@ import warnings
 import pytest
 
 import causal_openlock as ol
-from causal_openlock.contract.expected_cost import Cost
-from causal_openlock.experiment import experiment as experiment_module
+from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.files.digest import digest
-from causal_openlock.running.expected_cost import cost_warnings
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.storage.store import Store
 from support.command import at_once, modules_of
@@ -36,12 +34,11 @@ learners: [random, ideal]
 """
 LIMITED = """\
 from causal_openlock import OneSubjectLearner
-from causal_openlock.contract.expected_cost import Cost
 
 class Limited(OneSubjectLearner):
     @classmethod
-    def expected_cost(cls, parameters, schema, action_limit):
-        return Cost(float("inf"), "it has a table of 7") if len(schema.levers) > 7 else None
+    def cannot_play(cls, parameters, schema, action_limit):
+        return "it has a table of 7" if len(schema.levers) > 7 else ""
 
     def act(self, observation):
         return 0
@@ -106,38 +103,29 @@ def test_others_of_its_conditions_are_played():
     assert made.reasons == (WHY,)
 
 
-def test_each_learner_is_asked_once_for_its_cost_in_a_schema(monkeypatch):
-    asked = []
+def read_with(folder, monkeypatch, code):
+    """The experiment of FILE with a learner of one's own in place of ``ideal``."""
+    module = f"limits_{digest(code)}"
+    (folder / f"{module}.py").write_text(code, encoding="utf-8")
+    monkeypatch.syspath_prepend(folder)
+    return read_experiment(written(folder, FILE.replace("ideal", f"{module}:Limited")))
 
-    def cost(learner, parameters, schema, limit):
-        asked.append((learner, schema.name))
-        return Cost(float("inf") if schema.name == "CC3" else 3600.0, "a table of 7")
 
-    monkeypatch.setattr(experiment_module, "expected_cost", cost)
-    made = ol.make_experiment(["CC3", "CC4", "CE3-CC4"], ["random", "bayes"])
-    assert {*made.not_applicable["bayes"]} == {"CC3"}
-    assert [one.partition(" takes")[0] for one in cost_warnings(made)] == [
-        f"in {schema}, {name}" for name in ("random", "bayes") for schema in ("CC4", "CE3")
-    ]
-    assert len(made.cells()) == 4
-    assert len(asked) == len(set(asked)) == 6
+def test_a_learner_of_ones_own_says_it_too(tmp_path, monkeypatch):
+    with modules_of(tmp_path):
+        read = read_with(tmp_path, monkeypatch, LIMITED)
+        assert read.reasons == ("Limited cannot play in rooms of tree10: it has a table of 7",)
+        assert len(read.cells()) == 1
 
 
 @pytest.mark.parametrize(
-    ("code", "reasons"),
-    [
-        (LIMITED, ["Limited cannot play in rooms of tree10: it has a table of 7"]),
-        (LIMITED.replace("return Cost", "1 / 0; Cost"), []),  # a fault there stops nobody
-    ],
+    ("answer", "fault"), [("1 / 0", "fails.*ZeroDivision"), ("None", "has to return a text")]
 )
-def test_a_learner_of_ones_own_says_it_too(code, reasons, tmp_path, monkeypatch):
-    module = f"limits_{digest(code)}"
-    (tmp_path / f"{module}.py").write_text(code, encoding="utf-8")
-    monkeypatch.syspath_prepend(tmp_path)
-    file = written(tmp_path, FILE.replace("ideal", f"{module}:Limited"))
+def test_a_learner_that_fails_to_say_it_is_named(answer, fault, tmp_path, monkeypatch):
     with modules_of(tmp_path):
-        read = read_experiment(file)
-        assert (list(read.reasons), len(read.cells())) == (reasons, 2 - len(reasons))
+        read = read_with(tmp_path, monkeypatch, LIMITED.replace("return ", f"return {answer}  # "))
+        with pytest.raises(LearnerError, match=f"cannot_play of .*Limited {fault}"):
+            read.cells()
 
 
 def test_python_warns_at_once():
