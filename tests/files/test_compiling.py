@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from causal_openlock.files import compiling
-from causal_openlock.files.compiling import compiled, direct, without_cache
+from causal_openlock.files.compiling import compiled, without_cache
 
 CODE = "def twice(number):\n    return 2 * number\n"
 
@@ -58,10 +58,3 @@ def test_where_nothing_can_be_stored_it_is_said_once(monkeypatch):
     assert len(told) == 1
     assert [one(4) for one in functions] == [8, 8]
     assert len(without_cache()) == 1
-
-
-def test_machine_code_is_that_for_arguments_like_those_given(twice):
-    function = twice()
-    assert function(2.5) == 5.0  # another version
-    assert direct(function, 3)(4) == 8
-    assert isinstance(direct(function, 3)(4), int)

@@ -1,4 +1,4 @@
-"""What other packages add: commands, topics of a report, methods of results."""
+"""What other packages add: commands, topics of a report."""
 
 import subprocess
 import sys
@@ -33,16 +33,6 @@ def test_a_command_of_another_package_is_found_and_one_that_breaks_harms_none(gu
     runner = CliRunner()
     assert runner.invoke(app, ["greet", "you"]).stdout == "hello you\n"
     assert runner.invoke(app, ["score", "--help"]).exit_code == 0
-
-
-def test_results_have_what_packages_register(guests):
-    results = ol.compare("CC3", ["oracle"], subjects=1, workers=1)
-    assert {"score", "scores", "plot"} <= set(dir(results))
-    with pytest.raises(AttributeError, match="Results has no attribute 'skores'"):
-        _ = results.skores
-    (guests / "a_guest.py").write_text("def many(results, times):\n    return times * 2\n")
-    register(guests, "guest", "causal_openlock.results", many="a_guest:many")
-    assert results.many(3) == 6
 
 
 def test_a_name_that_two_packages_register_is_an_error(guests):
