@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -13,9 +13,6 @@ from causal_openlock.cli.report import report_store
 from causal_openlock.cli.stopping import resumable
 from causal_openlock.comparison.progress_bar import shown
 from causal_openlock.errors import OpenLockError
-
-if TYPE_CHECKING:
-    from causal_openlock.experiment.experiment import Cell
 
 
 def compare(
@@ -27,7 +24,7 @@ def compare(
         typer.Option(
             "--out",
             "-o",
-            help="Folder for the results; by default one of its own in results/. Or s3://...",
+            help="Folder for the results; by default one of its own in results/.",
         ),
     ] = None,
     condition: Annotated[
@@ -88,8 +85,8 @@ def compare(
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.experiment.building import Changes
     from causal_openlock.experiment.file import find_experiment, read_experiment
+    from causal_openlock.files.atomic import folder_at
     from causal_openlock.running.worker import Watching
-    from causal_openlock.storage.remote import kept, without_password
     from causal_openlock.storage.shard import Shard
     from causal_openlock.storage.store import Store
 
@@ -103,15 +100,10 @@ def compare(
     # A changed experiment is another one, and has results of its own.
     own = "" if changes == Changes() else f"-{chosen.identity[:8]}"
     before: list[bool] = []
-    with resumable(), kept(out or Path("results") / f"{chosen.name}{own}") as (folder, send):
+    folder = folder_at(out or Path("results") / f"{chosen.name}{own}")
+    with resumable():
         if own and (name := Store(folder).name):  # other learners, say: one comparison all the same
             chosen = replace(chosen, name=name)
-
-        def done(_: Cell, was_there: bool) -> None:
-            before.append(was_there)
-            if not was_there:
-                send()
-
         with shown(chosen.name, console) as show:
             failed = play(
                 chosen,
@@ -123,7 +115,7 @@ def compare(
                 shard=part,
                 retry_failed=retry_failed,
                 allow_version=allow_version,
-                done=done,
+                done=lambda _, was_there: before.append(was_there),
                 watching=Watching(checkpoint_every, str(tensorboard) if tensorboard else None),
                 time_limit=time_limit,
             )
@@ -133,10 +125,8 @@ def compare(
             report_store(folder, console, references=references, reasons=False)
         else:
             console.print_line(
-                f"shard {part} is done; when all shards are: causal-openlock report "
-                f"{without_password(out or folder)}"
+                f"shard {part} is done; when all shards are: causal-openlock report {folder}"
             )
-        send()
     if failed:
         error = OpenLockError(failed.summary)  # which cells they are was printed above
         error.status = failed.status

@@ -17,9 +17,9 @@ ConditionName = Annotated[str, typer.Argument(help="What is played: CC4, CC3-CC4
 
 
 def _results_folder(place: str) -> Path:
-    from causal_openlock.storage.remote import downloaded
+    from causal_openlock.files.atomic import folder_at
 
-    return downloaded(place)
+    return folder_at(place)
 
 
 ReferenceFolders = Annotated[
@@ -38,9 +38,7 @@ Exclude = Annotated[
 ]
 ResultsFolder = Annotated[
     Path,
-    typer.Argument(
-        help="Folder that compare or play wrote to; or a store, s3://...", parser=_results_folder
-    ),
+    typer.Argument(help="Folder that compare or play wrote to.", parser=_results_folder),
 ]
 SubjectNumber = Annotated[
     int, typer.Option("--subject", min=0, max=2**31 - 1, help="Number of the subject.")

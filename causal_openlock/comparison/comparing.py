@@ -35,7 +35,6 @@ from causal_openlock.files.atomic import folder_at
 from causal_openlock.running.runner import run
 from causal_openlock.running.worker import Watching
 from causal_openlock.schemas.finding import find_schema
-from causal_openlock.storage.remote import kept
 from causal_openlock.storage.store import Store
 from causal_openlock.storage.stored import StoredExperiment
 from causal_openlock.world.rewards import RewardForm
@@ -88,8 +87,7 @@ def compare(
         title: A line for the report; by default who plays what.
         cell_size: Most subjects in a unit of work; by default 40.
         out: Folder for the results; one that holds a part of this comparison is completed. By
-            default they are kept until Python ends, or :meth:`Results.save` keeps them. Or an
-            object store, ``"s3://bucket/name"``.
+            default they are kept until Python ends, or :meth:`Results.save` keeps them.
         workers: Number of processes; by default one for each core. With 0 this process plays, one
             cell after another: small comparisons need not wait for another one to start.
         cluster: Address of a Dask scheduler whose workers play, ``"tcp://host:8786"``; or
@@ -125,16 +123,9 @@ def compare(
     references = find_references(reference)  # before anything is played: one may be misspelt
     done: list[Cell] = []
 
-    def note(cell: Cell, was_there: bool) -> None:
-        done.append(cell)
-        if not was_there:
-            send()
-
+    folder = _temporary_folder(experiment) if out is None else folder_at(out)
     try:
-        with (
-            kept(_temporary_folder(experiment) if out is None else out) as (folder, send),
-            shown_here(experiment.name) as show,
-        ):
+        with shown_here(experiment.name) as show:
             play(
                 experiment,
                 folder,
@@ -143,12 +134,11 @@ def compare(
                 cluster=cluster,
                 retry_failed=retry_failed,
                 allow_version=allow_version,
-                done=note,
+                done=lambda cell, _: done.append(cell),
                 progress=show,
                 watching=Watching(checkpoint_every, str(tensorboard) if tensorboard else None),
                 time_limit=time_limit,
             )
-            send()
     except KeyboardInterrupt:
         cells = len(experiment.cells())
         raise Interrupted(

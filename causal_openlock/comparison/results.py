@@ -37,7 +37,6 @@ from causal_openlock.files.atomic import folder_at
 from causal_openlock.files.plugins import RESULT_METHODS, attribute_of, registered
 from causal_openlock.storage.containment import check_inside
 from causal_openlock.storage.folder_lock import LOCK
-from causal_openlock.storage.remote import downloaded
 from causal_openlock.storage.store import Store
 from causal_openlock.storage.stored import StoredExperiment
 from causal_openlock.wording import counted
@@ -380,7 +379,7 @@ def open_results(
     """The results in a folder that :func:`compare` or the command line wrote.
 
     Args:
-        folder: The folder, or an object store: ``"s3://bucket/name"``.
+        folder: The folder.
         *others: Further ones, whose results are in the same table.
         reference: What learners are compared with in every table and figure, besides what is
             published: a results folder of one's own people, perhaps with a name
@@ -392,6 +391,6 @@ def open_results(
         StoreError: If a folder holds no results, one is damaged, nobody is left, or they cannot be
             compared.
     """
-    places = map(downloaded, (folder, *others))
+    places = map(folder_at, (folder, *others))
     references = find_references(reference, exclude)
     return Results.read(*places, references=references, exclude=exclude)

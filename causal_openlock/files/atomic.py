@@ -8,6 +8,7 @@ a dot and ends with ``.partial``; :func:`sweep` removes those.
 from __future__ import annotations
 
 import os
+import re
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -27,6 +28,11 @@ def folder_at(place: Path | str) -> Path:
     """
     if not isinstance(place, str | Path):
         raise StoreError(f"a folder is given by its path, not by {type(place).__name__}")
+    if re.match(r"[A-Za-z][A-Za-z0-9+.-]+:/", str(place)):
+        raise StoreError(
+            f"{str(place).rpartition('@')[2]} is not a folder of this machine; write into a folder "
+            "and copy it before and after, for S3 with: aws s3 sync s3://BUCKET/NAME results/NAME"
+        )
     try:
         Path(place).resolve()  # fails at links in a circle, which exists() takes for nothing
         path = next(path for path in (Path(place), *Path(place).parents) if path.exists())

@@ -10,6 +10,5 @@
 ``folder_lock``   One process at a time works in a folder, or one for each shard.
 ``shard``         A fixed share of the cells, for a job array.
 ``containment``   Check that no path or link in a results folder points outside it.
-``remote``        Folders in object stores, such as ``s3://``.
 ================= =================================================================================
 """

@@ -28,9 +28,9 @@ from causal_openlock.analysis.results.reading import Exclusion, read_results
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.experiment import PERSON, Experiment, LearnerSpec
 from causal_openlock.experiment.protocol import HUMAN_PROTOCOL, Condition, Protocol, plan
+from causal_openlock.files.atomic import folder_at
 from causal_openlock.files.plugins import REFERENCES, loaded, registered
 from causal_openlock.schemas.fsm import BoolArray
-from causal_openlock.storage.remote import downloaded
 from causal_openlock.storage.store import Store
 from causal_openlock.storage.stored import StoredExperiment
 from causal_openlock.wording import counted, file_names
@@ -305,7 +305,7 @@ def reference_of(folder: Path | str, exclude: Exclusion | None = None) -> list[R
     as many of them, under the same budgets. Where the levers stand makes no difference.
 
     Args:
-        folder: The folder, or an object store; with a name before it: ``"mine=results/people"``.
+        folder: The folder, perhaps with a name before it: ``"mine=results/people"``.
             Without, the folder's name is taken.
         exclude: The rule by which people are left out; ``detail`` says how many are.
 
@@ -315,7 +315,7 @@ def reference_of(folder: Path | str, exclude: Exclusion | None = None) -> list[R
     name, found, place = str(folder).partition("=")
     if not found or "/" in name:
         name, place = "", str(folder)
-    path = Path(downloaded(place))
+    path = folder_at(place)
     record, experiment = read_results(Store(path), exclude=exclude)
     counts = count(record)
     people = [spec.name for spec in experiment.learners if spec.learner == PERSON]
