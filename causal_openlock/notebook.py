@@ -1,10 +1,9 @@
-"""HTML that notebooks show for schemas, rooms, records, experiments and learners.
+"""HTML that notebooks show for schemas, rooms, trials, experiments, learners and results.
 
 IPython keeps formatters by the name of a type and loads nothing for them, so nothing else in the
 package knows about display: importing :mod:`causal_openlock` where IPython runs registers what
-is here (:func:`register_formatters`). A record is an Arrow table; other tables stay as they
-are. Everything shown is one piece of HTML: pictures are inline SVG, nothing is loaded from
-elsewhere.
+is here (:func:`register_formatters`). Everything shown is one piece of HTML: pictures are inline
+SVG, nothing is loaded from elsewhere.
 """
 
 from __future__ import annotations
@@ -13,14 +12,11 @@ import io
 import re
 from collections.abc import Iterable, Sequence
 from html import escape
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from causal_openlock.wording import counted, first_line
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from causal_openlock.analysis.report.writing import Report
     from causal_openlock.comparison.results import Results
     from causal_openlock.contract.learner import Learner
@@ -32,14 +28,9 @@ if TYPE_CHECKING:
     from causal_openlock.world.room import Room
 
 MOST_SOLUTIONS = 12
-ENDS = 5
-"""Rows of a long record that are shown at its beginning, and at its end."""
-
 LARGEST = 600_000
 """Characters of a strip of pictures after which no more pictures are added to it."""
 
-CONSTANTS = ("experiment", "learner", "condition", "protocol", "seed")
-SHOWN = ("subject", "phase", "loop", "trial", "schema", "layout", "attempt")
 _CARD = "display:inline-block;background:#fff;color:#000;padding:0.6em;max-width:100%"
 _ROW = "display:flex;flex-wrap:wrap;gap:0.5em;align-items:flex-start"
 _LEFT = "text-align:left;vertical-align:top"
@@ -103,36 +94,6 @@ def watched_html(watched: WatchedTrial) -> str:
     return _card(watched.title, f'<div style="{_ROW}">{body}</div>', _legend(watched))
 
 
-def watched_widgets(watched: WatchedTrial) -> dict[str, Any] | None:
-    """A trial with a slider over its moments, and a button that plays them.
-
-    Returns:
-        What a notebook shows, by media type; ``None`` without ipywidgets, or outside of a notebook.
-    """
-    from causal_openlock.comparison.progress_bar import in_notebook
-
-    if not in_notebook():
-        return None
-    try:
-        widgets: Any = import_module("ipywidgets")
-    except ImportError:
-        return None
-    pictures = [
-        widgets.HTML(_card(watched.title, _moment(watched, shot), _legend(watched)))
-        for shot in watched.shots
-    ]
-    # Linked in the browser, so that the slider moves in saved pages and without a kernel too.
-    stack = widgets.Stack(pictures, selected_index=0, layout={"min_height": "26em"})
-    last = len(pictures) - 1
-    slider = widgets.IntSlider(0, 0, last, description="moment", layout={"width": "30em"})
-    player = widgets.Play(min=0, max=last, interval=800, show_repeat=False)
-    widgets.jslink((player, "value"), (slider, "value"))
-    widgets.jslink((slider, "value"), (stack, "selected_index"))
-    whole = widgets.VBox([widgets.HBox([player, slider]), stack])
-    bundle: dict[str, Any] = whole._repr_mimebundle_()
-    return {**bundle, "text/plain": repr(watched)}
-
-
 def _legend(watched: WatchedTrial) -> str:
     words = "Arrows are what it believes, the darker the more probable; dashed: the true schema."
     return f"<small>{words}</small>" if watched.trace else ""
@@ -156,51 +117,6 @@ def _moment(watched: WatchedTrial, shot: Shot, small: bool = False) -> str:
     caption = f"<figcaption>{escape(words)}</figcaption>"
     style = f"margin:0.3em;width:{15 * len(parts)}em;font-size:80%" if small else "margin:0"
     return f'<figure style="{style}">{pictures}{caption}</figure>'
-
-
-def record_html(record: pa.Table) -> str | None:
-    """A record: what all rows share, then the first rows and the last.
-
-    Actions are indices; those that moved something are bold.
-
-    Args:
-        record: Any Arrow table.
-
-    Returns:
-        The HTML, or ``None`` if the table is not a record.
-    """
-    from causal_openlock.experiment.record import record_schema
-
-    if not set(record_schema().names) <= set(record.column_names):
-        return None
-    shared = {}
-    for name in (*CONSTANTS, *SHOWN):
-        values = record.column(name).unique()
-        if len(values) == 1 and name not in ("subject", "attempt"):
-            shared[name] = values[0].as_py()
-    subjects = len(record.column("subject").unique())
-    about = [counted(record.num_rows, "attempt"), counted(subjects, "subject")]
-    about += [f"{name} {value}" for name, value in shared.items()]
-    columns = [name for name in (*CONSTANTS, *SHOWN) if name not in shared]
-    whole = record.num_rows <= 2 * ENDS + 2
-    rows = (record if whole else record.slice(0, ENDS)).to_pylist()
-    cells = [_record_row(row, columns) for row in rows]
-    if not whole:
-        last = record.slice(record.num_rows - ENDS).to_pylist()
-        cells.append(["…"] * len(cells[0]))
-        cells += [_record_row(row, columns) for row in last]
-    heads = [*columns, "actions", "category", "found", "reward"]
-    return _card("Record", _table(heads, cells), f"<div>{escape(', '.join(about))}</div>")
-
-
-def _record_row(row: dict[str, Any], columns: Iterable[str]) -> list[str]:
-    actions = " ".join(
-        f"<b>{action}</b>" if moved else str(action)
-        for action, moved in zip(row["actions"], row["moved"], strict=True)
-    )
-    found = f"{row['solutions_found']} of {row['solutions']}"
-    rest = [escape(row["category"]), found, f"{row['reward']:g}"]
-    return [*(escape(str(row[name])) for name in columns), actions, *rest]
 
 
 def experiment_html(experiment: Experiment) -> str:
@@ -293,7 +209,6 @@ SHOWN_AS = {
     ("causal_openlock.contract.learner", "Learner"): learner_html,
     ("causal_openlock.comparison.results", "Results"): results_html,
     ("causal_openlock.analysis.report.writing", "Report"): report_html,
-    ("pyarrow.lib", "Table"): record_html,
 }
 """Formatter of the instances of each type and of its subclasses."""
 
@@ -307,8 +222,6 @@ def register_formatters() -> None:
         html = shell.display_formatter.formatters["text/html"]
         for (module, name), formatter in SHOWN_AS.items():
             html.for_type_by_name(module, name, formatter)
-        bundles = shell.display_formatter.mimebundle_formatter
-        bundles.for_type_by_name("causal_openlock.render.watch", "WatchedTrial", watched_widgets)
 
 
 # -- pieces of HTML -------------------------------------------------------------------------------

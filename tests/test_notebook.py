@@ -6,10 +6,8 @@ import sys
 import time
 import warnings
 import xml.etree.ElementTree as ET
-from types import SimpleNamespace
 
 import matplotlib as mpl
-import pyarrow as pa
 import pytest
 
 import causal_openlock as ol
@@ -17,11 +15,9 @@ from causal_openlock.notebook import (
     learner_html,
     opened_html,
     playable_html,
-    record_html,
     room_html,
     schema_html,
     watched_html,
-    watched_widgets,
 )
 from support.html_page import Page
 
@@ -120,38 +116,12 @@ def test_a_moment_is_drawn_in_less_than_50_milliseconds():
     assert min(seconds) < 0.05 * len(watched.shots)
 
 
-def test_slider_goes_over_all_moments_in_the_browser(monkeypatch):
-    links = []
-    monkeypatch.setattr("ipywidgets.jslink", lambda *ends: links.append(ends))
-    monkeypatch.setattr("IPython.core.getipython.get_ipython", lambda: SimpleNamespace(kernel=None))
-    watched = ol.watch("oracle", "CC3")
-    assert watched_widgets(watched)
-    ((player, _), (slider, _)), ((_, moment), (stack, index)) = links
-    assert (moment, index) == ("value", "selected_index")
-    assert (slider.min, slider.max) == (player.min, player.max) == (0, len(watched.shots) - 1)
-    assert stack.selected_index == slider.value == 0
-    for shot, shown in zip(watched.shots, stack.children, strict=True):
-        text = read(shown.value).text
-        assert f"Attempt {shot.attempt} of at most 30" in text
-        assert f"Actions left: {shot.panel.actions_left}" in text
-
-
 IN_A_SHELL = """
-import sys
-from unittest.mock import patch
 from IPython.core.interactiveshell import InteractiveShell
 shell = InteractiveShell.instance()
-import pyarrow as pa
 import causal_openlock as ol
-print("text/html" in shell.display_formatter.format(pa.table({"a": [1]}))[0])
-watched = ol.watch("oracle", "CC3")
-for kernel, there in ((False, True), (True, False), (True, True)):
-    if kernel:
-        shell.kernel = None
-    with patch.dict(sys.modules, {} if there else {"ipywidgets": None}):
-        shown = shell.display_formatter.format(watched)[0]
-    widgets = "application/vnd.jupyter.widget-view+json" in shown
-    print(widgets, shown["text/html"].count("<figure"), shown["text/plain"][:13])
+shown = shell.display_formatter.format(ol.watch("oracle", "CC3"))[0]
+print(shown["text/html"].count("<figure"), shown["text/plain"][:13])
 """
 ELSEWHERE = """
 import sys
@@ -162,31 +132,11 @@ print({"IPython", "matplotlib", "pandas", "pyarrow", "torch"} & set(sys.modules)
 
 @pytest.mark.parametrize(
     ("program", "printed"),
-    [
-        (
-            IN_A_SHELL,
-            "False\nFalse 7 oracle in CC3\nFalse 7 oracle in CC3\nTrue 7 oracle in CC3\n",
-        ),
-        (ELSEWHERE, "set()\n"),
-    ],
+    [(IN_A_SHELL, "7 oracle in CC3\n"), (ELSEWHERE, "set()\n")],
 )
-def test_sliders_in_a_kernel_a_strip_everywhere_and_nothing_loaded_elsewhere(program, printed):
+def test_a_strip_in_a_shell_and_nothing_loaded_elsewhere(program, printed):
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert (done.returncode, done.stdout) == (0, printed), done.stderr
-
-
-def test_short_record_is_shown_whole_and_what_moved_something_is_bold():
-    protocol = ol.Protocol("short", attempt_limit=4, stop_when_solved=True, baseline_trials=2)
-    condition = ol.Condition.named("CC3", ol.find_schema)
-    record = ol.Session(condition, protocol, 1, seed=1).play(ol.create("oracle"))
-    html = record_html(record)
-    assert len(read(html).tables[0]) == 1 + record.num_rows
-    rows = record.to_pylist()
-    moved = [a for row in rows for a, m in zip(row["actions"], row["moved"], strict=True) if m]
-    assert sorted(re.findall("<b>(.*?)</b>", html)[1:]) == sorted(map(str, moved))
-    assert "0 attempts" in read(record_html(record.slice(0, 0))).text
-    assert record_html(record.drop_columns(["actions"])) is None
-    assert record_html(pa.table({"a": [1]})) is None
 
 
 def test_learner_of_ones_own_shows_its_parameters_as_text(tmp_path, monkeypatch):

@@ -1,7 +1,7 @@
 """A trial to look at, moment by moment, next to the learner's beliefs.
 
-A :class:`WatchedTrial` holds what is shown; a notebook shows it with a slider, or as a strip of
-pictures (:mod:`causal_openlock.notebook`), and :meth:`WatchedTrial.save` makes a film of it.
+A :class:`WatchedTrial` holds what is shown; a notebook shows it as a strip of pictures
+(:mod:`causal_openlock.notebook`), and :meth:`WatchedTrial.save` makes a film of them.
 """
 
 from __future__ import annotations

@@ -50,8 +50,6 @@ def test_objects_show_themselves(shown, golden):
     experiment = ol.make_experiment(
         ["CC3", "CC3-CE3"], ["oracle", ol.learner("bayes", lapse=0.25)], subjects=2
     )
-    condition = experiment.conditions[0]
-    short = ol.Protocol("short", attempt_limit=7, stop_when_solved=True, baseline_trials=2)
     things = {
         "schema": ol.schema("vault: key & second -> door; dial (0.5) -> second"),
         "room of a schema": ol.Room.of(ol.find_schema("CC4"), "trial7"),
@@ -59,7 +57,6 @@ def test_objects_show_themselves(shown, golden):
         "what an action did": room.step("UPPERRIGHT"),
         "experiment": experiment,
         "learner": ol.create("bayes", {"lapse": 0.25}),
-        "record": ol.Session(condition, short, 2, seed=1).play(ol.create("random")),
         "trial with beliefs": ol.watch("bayes", "CC3", attempts=2),
         "trial": ol.watch("oracle", "CC3"),
     }
