@@ -1,16 +1,12 @@
-"""Compiling loops with numba: one way for all of them, with a cache that is checked.
+"""Compiling loops with numba, which stores what it has compiled next to the code.
 
-What is compiled is kept on disk, next to the code or in the user's cache folder, so that it is
-compiled once for an installation. The file may be cut off or overwritten: it is kept with a digest,
-and what does not match is dropped and compiled anew. Where no folder can be written to, everything
-is compiled in every process, and :func:`without_cache` says so.
+Numba compares a stored kernel with its own source file alone. So the kernels of one family stand in
+one file together with their constants: a change elsewhere would leave old machine code in use.
 """
 
 from __future__ import annotations
 
-import hashlib
 import multiprocessing
-import pickle
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
@@ -19,18 +15,18 @@ from typing import Any, TypeVar, cast
 
 Compiled = TypeVar("Compiled", bound=Callable[..., Any])
 
-_SLOW = (
+SLOW = (
     "there is no folder for what numba compiles, so every process compiles it again, which takes "
     "up to a minute; set the environment variable NUMBA_CACHE_DIR to a folder that you can write to"
 )
-_said: list[str] = []
+_without_cache: list[str] = []
 
 
 def compiled(function: Compiled, **options: Any) -> Compiled:
     """Compile at the first call, once for each installation.
 
     ``error_model="numpy"`` divides as NumPy does: a check for zero would keep loops from being
-    vectorised.
+    vectorised. With ``NUMBA_DISABLE_JIT=1`` the function stays plain Python, for debugging.
 
     Args:
         function: The function.
@@ -38,15 +34,15 @@ def compiled(function: Compiled, **options: Any) -> Compiled:
     """
     import numba  # takes a while to load
 
-    made = numba.njit(error_model="numpy", **options)(function)
+    kernel = numba.njit(error_model="numpy", **options)(function)
     try:
-        made._cache = _checked_cache()(function)
+        kernel._cache = _cache()(function)
     except RuntimeError:  # numba finds no folder that can be written to
-        if not _said:
-            _said.append(_SLOW)
+        if not _without_cache:
+            _without_cache.append(SLOW)
             if multiprocessing.parent_process() is None:  # a worker's run says it, once for all
-                warnings.warn(_SLOW, stacklevel=2)
-    return cast(Compiled, made)
+                warnings.warn(SLOW, stacklevel=2)
+    return cast(Compiled, kernel)
 
 
 def direct(function: Compiled, *arguments: Any) -> Compiled:
@@ -61,6 +57,8 @@ def direct(function: Compiled, *arguments: Any) -> Compiled:
     """
     import numba  # takes a while to load
 
+    if numba.config.DISABLE_JIT:
+        return function
     function(*arguments)
     versions: Any = function
     return cast(Compiled, versions.overloads[tuple(map(numba.typeof, arguments))].entry_point)
@@ -68,41 +66,25 @@ def direct(function: Compiled, *arguments: Any) -> Compiled:
 
 def without_cache() -> list[str]:
     """A sentence if this process compiles code that it cannot store."""
-    return [*_said]
+    return [*_without_cache]
 
 
 @cache
-def _checked_cache() -> Any:
-    """Numba's cache of a function, which recompiles what it cannot load."""
-    from numba.core.caching import CompileResultCacheImpl, FunctionCache
-    from numba.core.serialize import dumps
+def _cache() -> Any:
+    """Numba's cache of a function, in which what cannot be read counts as missing."""
+    from numba.core.caching import FunctionCache
 
-    class Sealed(CompileResultCacheImpl):
-        """Cached machine code with its digest: code that has changed must never run."""
-
-        def reduce(self, data: Any) -> Any:
-            content = dumps(super().reduce(data))  # type: ignore[no-untyped-call]
-            return hashlib.sha256(content).digest(), content
-
-        def rebuild(self, target_context: Any, payload: Any) -> Any:
-            digest, content = payload
-            if hashlib.sha256(content).digest() != digest:
-                raise ValueError("it is not what was kept")
-            return super().rebuild(target_context, pickle.loads(content))  # type: ignore[no-untyped-call]
-
-    class Checked(FunctionCache):
-        _impl_class = Sealed
-
-        def load_overload(self, sig: Any, target_context: Any) -> Any:
+    class Cache(FunctionCache):
+        def load_overload(self, *key: Any) -> Any:
             try:
-                return super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+                return super().load_overload(*key)  # type: ignore[no-untyped-call]
             except Exception:  # what is no pickle can fail in any way
                 with suppress(OSError):
                     self.flush()  # type: ignore[no-untyped-call]
                 return None
 
-        def save_overload(self, sig: Any, data: Any) -> None:
+        def save_overload(self, *key: Any) -> None:
             with suppress(OSError):  # a full disk, or a folder that has become read-only
-                super().save_overload(sig, data)  # type: ignore[no-untyped-call]
+                super().save_overload(*key)  # type: ignore[no-untyped-call]
 
-    return Checked
+    return Cache

@@ -1,6 +1,8 @@
-"""What is compiled is stored, and what is stored is not trusted."""
+"""What is compiled is stored, compiled anew where it cannot be read, and plain Python on demand."""
 
 import importlib.util
+import os
+import subprocess
 import sys
 
 import pytest
@@ -32,25 +34,22 @@ def hits(function):
 
 
 @pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
-@pytest.mark.parametrize("damage", ["cut", "empty", "flipped"])
-def test_what_is_damaged_is_compiled_anew(twice, tmp_path, suffix, damage):
+@pytest.mark.parametrize("size", [0, 100])
+def test_what_is_cut_off_is_compiled_anew(twice, tmp_path, suffix, size):
     assert twice()(4) == 8
     whole = twice()
     assert (whole(4), hits(whole)) == (8, 1)
     (path,) = (tmp_path / "__pycache__").glob(f"*{suffix}")
-    content = path.read_bytes()
-    middle = len(content) // 2
-    flipped = content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
-    path.write_bytes({"cut": content[:middle], "empty": b"", "flipped": flipped}[damage])
+    path.write_bytes(path.read_bytes()[:size])
     again = twice()
     assert again(4) == 8
-    assert hits(again) == 0 or suffix == ".nbi"
+    assert hits(again) == 0
     last = twice()
     assert (last(4), hits(last)) == (8, 1)  # it is whole again
 
 
 def test_where_nothing_can_be_stored_it_is_said_once(monkeypatch):
-    monkeypatch.setattr(compiling, "_said", [])
+    monkeypatch.setattr(compiling, "_without_cache", [])
     nowhere = {}
     exec(compile(CODE, "<nowhere>", "exec"), nowhere)
     with pytest.warns(UserWarning, match="NUMBA_CACHE_DIR") as told:
@@ -58,3 +57,17 @@ def test_where_nothing_can_be_stored_it_is_said_once(monkeypatch):
     assert len(told) == 1
     assert [one(4) for one in functions] == [8, 8]
     assert len(without_cache()) == 1
+
+
+def test_learners_can_be_debugged_as_plain_python():
+    code = (
+        "import causal_openlock as ol\n"
+        "print(len(ol.compare('CC3', ['random', 'tabular_q'], subjects=1, workers=0).attempts))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
+        capture_output=True,
+        text=True,
+    )
+    assert int(done.stdout) > 10, done.stderr
