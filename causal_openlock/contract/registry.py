@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
 from causal_openlock.contract.former_names import FORMER_PACKAGE, PACKAGE, TOOLKIT
 from causal_openlock.contract.learner import Learner, LearnerBase
 from causal_openlock.contract.one_subject import OneSubjectLearner, PerSubjectAdapter
-from causal_openlock.errors import Faults, LearnerError
+from causal_openlock.errors import LearnerError, in_short, together
 from causal_openlock.files.plugins import LEARNERS, registered
 from causal_openlock.files.validation import plain
 from causal_openlock.usercode.code_digest import code_digest, imported_digest
@@ -44,7 +44,7 @@ from causal_openlock.usercode.session_code import is_of_session, session_origin
 from causal_openlock.wording import nearest
 
 if TYPE_CHECKING:
-    from pydantic import TypeAdapter
+    from pydantic import TypeAdapter, ValidationError
 
 
 def registry() -> Mapping[str, EntryPoint]:
@@ -56,30 +56,16 @@ def registry() -> Mapping[str, EntryPoint]:
     return registered(LEARNERS)
 
 
-class _Package(NamedTuple):
-    """An installed package."""
-
-    name: str
-    version: str
-    files: Distribution
-
-    @property
-    def edited(self) -> bool:
-        """Whether a package other than the toolkit is edited where it lies."""
-        if self.name == TOOLKIT:
-            return False
-        told = json.loads(self.files.read_text("direct_url.json") or "{}")
-        return bool(told.get("dir_info", {}).get("editable"))
+@lru_cache(maxsize=100)
+def _described(package: Distribution) -> tuple[str, str]:
+    """Name and version of a package, whose metadata would be parsed at each access."""
+    return package.name, package.version
 
 
-@lru_cache(maxsize=100)  # its metadata would be parsed at each access
-def _described(package: Distribution) -> _Package:
-    return _Package(package.name, package.version, package)
-
-
-def _package(name: str) -> _Package | None:
-    entry = registry().get(name)
-    return _described(entry.dist) if entry and entry.dist else None
+def _is_edited(package: Distribution) -> bool:
+    """Whether a package is installed to be edited where it lies."""
+    described = json.loads(package.read_text("direct_url.json") or "{}")
+    return bool(described.get("dir_info", {}).get("editable"))
 
 
 def origin(name: str, *, imported: bool = False) -> str:
@@ -95,9 +81,10 @@ def origin(name: str, *, imported: bool = False) -> str:
     Raises:
         OpenLockError: If there is no such learner, or a file that it imports is not valid Python.
     """
-    package = _package(name)
-    if package is not None and not package.edited:
-        return f"{package.name} {package.version}"
+    entry = registry().get(name)
+    package = " ".join(_described(entry.dist)) if entry and entry.dist else ""
+    if entry and entry.dist and (is_ours(name) or not _is_edited(entry.dist)):
+        return package
     if is_of_session(name):
         return session_origin(name)
     kind = learner_class(name)
@@ -107,13 +94,13 @@ def origin(name: str, *, imported: bool = False) -> str:
     # The class may be in another module than the one that it is named by.
     modules = {kind.__module__} if package else {name.partition(":")[0], kind.__module__}
     code = (imported_digest if imported else code_digest)(Path(source), modules)
-    return f"{package.name} {package.version}+{code}" if package else f"{Path(source).name} {code}"
+    return f"{package}+{code}" if package else f"{Path(source).name} {code}"
 
 
 def is_ours(name: str) -> bool:
     """Whether a registered learner comes with the toolkit; ``module:Class`` never counts."""
-    package = _package(name)
-    return package is not None and package.name == TOOLKIT
+    entry = registry().get(name)
+    return bool(entry and entry.dist and _described(entry.dist)[0] == TOOLKIT)
 
 
 def file_that_runs(name: str, beside: Path, role: str = "learner") -> str | None:
@@ -141,9 +128,10 @@ def learner_class(name: str) -> type[LearnerBase]:
         LearnerError: If there is none, it cannot be imported, or it is not a learner.
     """
     # A notebook may define a class again.
-    return _load(name) if is_of_session(name) else _learner_class(name)
+    return _load.__wrapped__(name) if is_of_session(name) else _load(name)
 
 
+@cache
 def _load(name: str) -> type[LearnerBase]:
     if ":" in name:
         if not MODULE_AND_NAME.fullmatch(name):
@@ -205,10 +193,8 @@ def name_of(kind: type[LearnerBase]) -> str:
     written = f"{kind.__module__}:{kind.__qualname__}"
     _require_methods(kind, written)
     name = next((name for name, entry in registry().items() if entry.value == written), written)
-    found = _load(name) if MODULE_AND_NAME.fullmatch(written) else None
-    if found is not None and found is not learner_class(name):  # its module was loaded again
-        _learner_class.cache_clear()
-    if found is not kind:
+    forget()  # its module may have been loaded again
+    if not MODULE_AND_NAME.fullmatch(written) or learner_class(name) is not kind:
         raise LearnerError(
             f"{written} cannot be found by its name, as workers have to; define the class at the "
             "top level of a notebook or of a module"
@@ -216,12 +202,9 @@ def name_of(kind: type[LearnerBase]) -> str:
     return name
 
 
-_learner_class = cache(_load)
-
-
 def forget() -> None:
     """Load every learner again when it is next asked for: its file may have changed."""
-    _learner_class.cache_clear()
+    _load.cache_clear()
 
 
 def create(name: str, parameters: Mapping[str, Any] | None = None) -> Learner:
@@ -253,18 +236,29 @@ def parse_parameters(name: str, parameters: Mapping[str, Any]) -> Any:
     converted, so ``"3"`` is not a number.
 
     Raises:
-        LearnerError: If a parameter is unknown or missing, or its value does not fit.
+        LearnerError: With all faults: parameters that are unknown or missing, values that do not
+            fit. Each has the parameter in its ``at``.
     """
-    declared: Any = learner_class(name).Parameters
-    values, faults = {}, Faults()
-    for key, value in parameters.items():
-        with faults.noted():
-            values[key] = parse_parameter(name, key, value)
-    faults.check()
+    from pydantic import PydanticUndefinedAnnotation, PydanticUserError, ValidationError
+    from pydantic_core import PydanticSerializationError, to_json
+
+    declared = learner_class(name).Parameters
+    given = {key: plain(value) for key, value in parameters.items()}
+    for key, value in given.items():
+        try:
+            to_json(value)
+        except PydanticSerializationError:
+            raise LearnerError(
+                f"the parameter {key} of {name} must be plain data, and this is {value!r}", (key,)
+            ) from None
     try:
-        made = declared(**values)
-    except (TypeError, ValueError) as error:  # one without default, or values at odds
-        raise LearnerError(f"the parameters of {name} do not fit: {error}") from None
+        made = _reader(declared).validate_json(to_json(given, inf_nan_mode="constants"))
+    except ValidationError as error:
+        raise together(_faults(name, error, parameters)) from None
+    except (PydanticUserError, PydanticUndefinedAnnotation) as error:
+        raise LearnerError(
+            f"{declared.__name__} of {name} has a type that no file can have: {in_short(error)}"
+        ) from None
     for key, value in asdict(made).items():
         try:
             json.dumps(value)
@@ -276,44 +270,36 @@ def parse_parameters(name: str, parameters: Mapping[str, Any]) -> Any:
     return made
 
 
-def require_parameter(name: str, key: str) -> None:
-    """Raise LearnerError if a learner has no such parameter."""
-    known = [field.name for field in fields(learner_class(name).Parameters)]
-    if key not in known:
-        message = f"the learner {name} has no parameter {key!r}; {nearest(str(key), known)}"
-        raise LearnerError(message, (key,))
-
-
-def parse_parameter(name: str, key: str, value: Any) -> Any:
-    """One hyper-parameter of a learner; as :func:`parse_parameters`."""
-    from pydantic import ValidationError
-    from pydantic_core import PydanticSerializationError, to_json
-
-    require_parameter(name, key)
-    try:
-        text = to_json(plain(value), inf_nan_mode="constants")
-        return _reader(learner_class(name).Parameters, key).validate_json(text, strict=True)
-    except PydanticSerializationError:
-        raise LearnerError(
-            f"the parameter {key} of {name} must be plain data, and this is {value!r}", (key,)
-        ) from None
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        fault, remedy = first["msg"].removeprefix("Input "), ""
-        if isinstance(value, list | tuple) and not first["loc"]:  # the list, not an item of it
-            remedy = "; to compare values, sweep: them in a file, or with ol.sweep"
-        raise LearnerError(
-            f"the parameter {key} of {name} {fault}, and this is {value!r}{remedy}", (key,)
-        ) from None
-
-
 @lru_cache(maxsize=1024)
-def _reader(declared: type, key: str) -> TypeAdapter[Any]:
-    """Reads values of a parameter; making one takes a hundred times as long as using it."""
-    from pydantic import TypeAdapter
+def _reader(declared: Any) -> TypeAdapter[Any]:
+    """Reads parameters of a class; making one takes a hundred times as long as using it."""
+    from pydantic import ConfigDict, TypeAdapter
 
-    hints = get_type_hints(declared, include_extras=True)
-    return TypeAdapter(hints[key], config={"allow_inf_nan": False})
+    strict = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
+    declared.__pydantic_config__ = strict
+    return TypeAdapter(declared)
+
+
+def _faults(name: str, error: ValidationError, parameters: Mapping[str, Any]) -> list[LearnerError]:
+    """The first fault of each parameter, or the fault of values that are at odds."""
+    faults = {fault["loc"][:1]: fault for fault in reversed(error.errors(include_url=False))}
+    return [LearnerError(_sentence(name, fault, parameters), at) for at, fault in faults.items()]
+
+
+def _sentence(name: str, fault: Mapping[str, Any], parameters: Mapping[str, Any]) -> str:
+    message = fault["msg"].removeprefix("Value error, ").removeprefix("Input ")
+    if not fault["loc"]:
+        return f"the parameters of {name} do not fit: {message}"
+    key = fault["loc"][0]
+    if fault["type"] in ("unexpected_keyword_argument", "extra_forbidden"):
+        known = [row.name for row in parameter_table(name)]
+        return f"the learner {name} has no parameter {key!r}; {nearest(str(key), known)}"
+    if fault["type"].startswith("missing"):
+        return f"the parameter {key} of {name} is missing; it has no default"
+    value, remedy = parameters[key], ""
+    if isinstance(value, list | tuple) and not fault["loc"][1:]:  # the list, not an item of it
+        remedy = "; to compare values, sweep: them in a file, or with ol.sweep"
+    return f"the parameter {key} of {name} {message}, and this is {value!r}{remedy}"
 
 
 class ParameterInfo(NamedTuple):

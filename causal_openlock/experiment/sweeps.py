@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from itertools import islice, product
 from typing import Any
 
-from causal_openlock.contract.registry import learner_class, parse_parameter, require_parameter
+from causal_openlock.contract.registry import learner_class, parameter_table, parse_parameters
 from causal_openlock.errors import Faults, LearnerError
 from causal_openlock.experiment.file_format import NAME_FORM, LearnerFile
 
@@ -53,20 +53,31 @@ def check_parameters(declared: LearnerFile) -> None:
     faults.check()
     for key, value in declared.parameters.items():
         with faults.noted("parameters"):
-            parse_parameter(declared.learner, key, value)
+            _check_value(declared.learner, key, value)
+    known = {row.name for row in parameter_table(declared.learner)}
     for key, values in declared.sweep.items():
         with faults.noted("sweep"):
-            require_parameter(declared.learner, key)
+            if key not in known:
+                _check_value(declared.learner, key, None)  # which names the nearest parameter
             if key in declared.parameters:
                 message = f"{key} is in parameters and in sweep; leave it out of one"
                 raise LearnerError(message, (key,))
             for number, value in enumerate(values):
                 with faults.noted("sweep", key, number):
-                    parse_parameter(declared.learner, key, value)
+                    _check_value(declared.learner, key, value)
     if declared.sweep:
         with faults.noted("sweep"):
             _check_labels(declared)
     faults.check()
+
+
+def _check_value(learner: str, key: str, value: Any) -> None:
+    try:
+        parse_parameters(learner, {key: value})
+    except LearnerError as error:
+        for part in error.parts:
+            if part.at == (key,):  # and not that it does not go with the defaults of others
+                raise part from None
 
 
 def _check_labels(declared: LearnerFile) -> None:

@@ -68,7 +68,7 @@ def test_a_class_of_a_module_is_found_by_its_name():
     assert name_of(Sweeper) == f"{__name__}:Sweeper"
     assert isinstance(create(f"{__name__}:Sweeper"), PerSubjectAdapter)
     with pytest.raises(LearnerError, match="cannot be found by its name"):
-        name_of(type("Sweeper", (OneSubjectLearner,), {"__module__": __name__}))
+        name_of(type("Sweeper", (Sweeper,), {"__module__": __name__}))
 
 
 def test_a_module_of_the_working_directory_is_found(tmp_path, monkeypatch):
@@ -157,6 +157,13 @@ def test_a_default_that_is_no_plain_data_is_refused(monkeypatch, default):
     made = make_dataclass("Odd", [("odd", Any, field(default=default))], frozen=True)
     monkeypatch.setattr(Tuned, "Parameters", made)
     with pytest.raises(LearnerError, match="the parameter odd"):
+        create(TUNED)
+
+
+def test_a_type_that_no_file_can_have_is_refused(monkeypatch):
+    made = make_dataclass("Odd", [("odd", np.ndarray, field(default=None))], frozen=True)
+    monkeypatch.setattr(Tuned, "Parameters", made)
+    with pytest.raises(LearnerError, match=r"Tuned.*ndarray"):
         create(TUNED)
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from causal_openlock.contract.registry import _learner_class
+from causal_openlock.contract.registry import _load
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.building import Changes
 from causal_openlock.experiment.experiment import Origin
@@ -87,7 +87,7 @@ def forget_the_learner():
     ours = re.compile("a_bundled_learner|helping|parts_of_it")
     for name in [*filter(ours.match, [*sys.modules])]:
         del sys.modules[name]
-    _learner_class.cache_clear()
+    _load.cache_clear()
 
 
 def done(*words, **options):
