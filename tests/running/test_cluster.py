@@ -6,22 +6,18 @@ import signal
 import socket
 import sys
 import time
-from pathlib import Path
-from types import SimpleNamespace
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 
 import pytest
 
 from causal_openlock.analysis.results.summary import summary_table
 from causal_openlock.analysis.table import write_table
-from causal_openlock.errors import CellsFailed, LearnerError, OpenLockError, StoreError
+from causal_openlock.errors import CellsFailed, OpenLockError, StoreError
 from causal_openlock.experiment.file import read_experiment
-from causal_openlock.running import cluster as cluster_module
-from causal_openlock.running import runner, worker
-from causal_openlock.running.carried_code import carry, use
-from causal_openlock.running.status import status_of
-from causal_openlock.running.worker import NotAwaitedError, Watching, play_cell
+from causal_openlock.running import runner
+from causal_openlock.running.worker import Watching
 from causal_openlock.storage import folder_lock
-from causal_openlock.storage.running_files import checkpointed
 from causal_openlock.storage.shard import Shard
 from causal_openlock.storage.store import Store
 from support.command import at_once, modules_of
@@ -31,7 +27,8 @@ pytestmark = pytest.mark.cluster
 
 # Its workers begin with everything imported, as those of other tests do.
 os.environ["DASK_DISTRIBUTED__WORKER__MULTIPROCESSING_METHOD"] = "forkserver"
-pytest.importorskip("distributed")
+distributed = pytest.importorskip("distributed")
+import dask  # noqa: E402 - it comes with distributed
 
 MINE = """\
 import os, signal, time
@@ -102,11 +99,28 @@ def declared(folder, *learners, subjects=4):
     return read_experiment(path)
 
 
+@contextmanager
+def cluster_of(workers, threads=1, processes=True):
+    """A cluster as the scripts of ``examples/clusters`` start it."""
+    settings = {"distributed.scheduler.allowed-failures": 0}
+    with (
+        dask.config.set(settings),
+        distributed.LocalCluster(
+            n_workers=workers,
+            threads_per_worker=threads,
+            processes=processes,
+            dashboard_address=":0",
+            silence_logs=50,
+        ) as cluster,
+    ):
+        yield cluster
+
+
 @pytest.fixture(scope="module")
 def address():
-    """A cluster of two workers, as ``local:2`` starts it."""
+    """A cluster of two workers."""
     prepared()
-    with cluster_module._started(2) as cluster:
+    with cluster_of(2) as cluster:
         yield cluster.scheduler_address
 
 
@@ -191,19 +205,11 @@ def test_workers_play_the_code_of_the_comparison(folder, address):
             store = runner.run(experiment, folder / f"out{first}", cluster=address)
         actions = store.record(["subject", "actions"])[0].to_pandas().groupby("subject").first()
         assert [int(each[0]) for each in actions["actions"]] == [first] * 4
-    carried = carry(experiment, folder / "out")
-    assert {*carried.files} == {"mine.py", "my_helper.py"}
-    (Path(carried.folder) / "my_helper.py").write_text("FIRST = 8\n", encoding="utf-8")
-    with pytest.raises(OpenLockError, match=r"my_helper\.py is missing or is not what it was"):
-        use(carried)
-    (folder / "mine.py").write_text(MINE + "\n", encoding="utf-8")
-    with pytest.raises(LearnerError, match="the file of mine:Fine has changed"):
-        carry(experiment, folder / "out")
 
 
 def test_a_lost_scheduler_is_named_and_the_same_command_continues(folder, address):
     experiment = declared(folder, "Slow", "random")
-    with cluster_module._started(1) as other:
+    with cluster_of(1) as other:
 
         def stop(_):
             if (folder / "acts").exists():  # in the midst of a cell
@@ -217,25 +223,13 @@ def test_a_lost_scheduler_is_named_and_the_same_command_continues(folder, addres
 
 
 def test_what_is_wrong_with_a_worker_or_a_scheduler_is_named(folder, monkeypatch):
-    import distributed
-
     experiment = declared(folder, "random")
-    store = Store(folder / "out")
-    store.open(experiment)
-    here = SimpleNamespace(address="tcp://w:1", state=SimpleNamespace(nthreads=2))
-    monkeypatch.setattr(distributed, "get_worker", lambda: here)
-    carried, versions = carry(experiment, store.folder), dict(cluster_module.versions())
-
-    def refuses(sentence, expected, out):
-        with pytest.raises(OpenLockError, match=sentence):
-            cluster_module.play_there(carried, expected, list, experiment.cells()[0], str(out))
-
-    refuses("has 2 threads.* --nthreads 1", versions, store.folder)
-    here.state.nthreads = 1
-    refuses("has numpy .*, and here it is 0.1; install", {**versions, "numpy": "0.1"}, store.folder)
-    refuses("does not see .*elsewhere; give --out a folder", versions, folder / "elsewhere")
-    store.close()
-    monkeypatch.setattr(cluster_module, "PATIENCE", 0.2)
+    with (
+        cluster_of(1, threads=2, processes=False) as other,
+        pytest.raises(OpenLockError, match=r"has 2 threads.* --nthreads 1"),
+    ):
+        runner.run(experiment, folder / "out", cluster=other.scheduler_address)
+    monkeypatch.setattr("causal_openlock.running.cluster.PATIENCE", 0.2)
     with socket.create_server(("127.0.0.1", 0)) as dumb:  # it takes connections, and says nothing
         silent = f"tcp://127.0.0.1:{dumb.getsockname()[1]}"
         for address in (silent, "tcp://127.0.0.1:9", "http://127.0.0.1:9", "tls://x:1", "nonsense"):
@@ -243,16 +237,18 @@ def test_what_is_wrong_with_a_worker_or_a_scheduler_is_named(folder, monkeypatch
                 runner.run(experiment, folder / "out", cluster=address)
 
 
-def test_a_worker_that_nobody_waits_for_takes_a_checkpoint_and_ends(folder, monkeypatch):
-    experiment = declared(folder, "Fine")
-    monkeypatch.setattr(worker, "REPORT_EVERY", 0.0)
-    store, cell = Store(folder / "out"), experiment.cells()[0]
-    store.open(experiment)
-    with pytest.raises(NotAwaitedError):
-        play_cell(cell, str(store.folder), Watching(awaited=str(folder / "gone")))
-    assert checkpointed(store.path(cell))
-    assert not store.failures.of(cell.file_name)[0]
-    assert store.check(cell) == "missing"
+def test_a_worker_that_nobody_waits_for_takes_a_checkpoint_and_ends(folder):
+    experiment = declared(folder, "Slow", subjects=2)
+
+    def stop(_):
+        if (folder / "acts").exists():
+            raise KeyboardInterrupt
+
+    with ThreadPoolExecutor(1) as executor, pytest.raises(KeyboardInterrupt):
+        runner.run(experiment, folder / "out", executor=executor, progress=stop)
+    assert list((folder / "out" / "cells").glob("*.checkpoint"))
+    assert not list((folder / "out" / "cells").glob("*.parquet"))
+    assert not list((folder / "out").glob("errors/*"))
 
 
 def test_shards_share_a_folder_and_nobody_else_gets_in(folder, monkeypatch):
@@ -260,20 +256,12 @@ def test_shards_share_a_folder_and_nobody_else_gets_in(folder, monkeypatch):
     experiment, out = declared(folder, "random", "oracle", subjects=6), folder / "out"
     first, second, other = Store(out), Store(out), Store(out)
     first.open(experiment, shard=Shard(1, 2))
-    half = out / "cells" / ".half.partial"
-    half.write_bytes(b"being written by the first")
     second.open(experiment, shard=Shard(2, 2))
-    assert half.exists(), "only who is alone tidies up"
-    with pytest.raises(StoreError, match=r"the shard 2/2 is being played in .* already"):
-        other.open(experiment, shard=Shard(2, 2))
     with pytest.raises(StoreError, match="in use by another comparison"):
         other.open(experiment)
-    with pytest.raises(StoreError, match="in use by shards of another form"):
-        other.open(declared(folder, "random"), shard=Shard(3, 4))
     first.close()
     second.close()
     other.open(experiment)
-    assert not half.exists()
     with pytest.raises(StoreError, match="in use by another comparison"):
         first.open(experiment, shard=Shard(1, 2))
     other.close()
@@ -292,16 +280,10 @@ def test_status_says_what_is_done_running_silent_and_failed(folder):
         path.write_text("0.2500 10.0", encoding="utf-8")
         os.utime(path, (time.time() - age,) * 2)
     store.failures.record(cells[2], "failed: of itself", "")
-    found = status_of(store)
-    assert (found.progress.done, found.progress.failed, found.progress.cells) == (4, 1, 8)
-    (one,) = found.progress.playing
-    assert (one.cell.in_words, one.share) == (cells[0].in_words, 0.25)
-    assert 9 < one.seconds < 12
-    # Ten seconds for two cells and a quarter; as much is left as one and three quarters take.
-    assert 7 < (found.progress.left or 0) < 11
     said = at_once("status", "out").stdout.splitlines()
     assert said[0].startswith("e: 4 of 8 cells done, 1 running, 1 failed, 2 waiting; ")
     assert said[1:3] == ["running:", f"  {cells[0].in_words}: 25%, for 10 s"]
     assert f"  {cells[1].in_words}: no report for 17 min" in said
     assert f"  the learner {cells[2].in_words}, failed: of itself" in said
-    assert said[-1].startswith("over in about ")
+    # Ten seconds for two cells and a quarter; as much is left as one and three quarters take.
+    assert said[-1].startswith(tuple(f"over in about {seconds} s, at" for seconds in range(7, 12)))

@@ -13,7 +13,6 @@ from causal_openlock.analysis.results.reading import read_results
 from causal_openlock.errors import CellsFailed, OpenLockError
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.running import runner
-from causal_openlock.running.workers import how_ended
 from causal_openlock.storage.store import Store
 from support.command import at_once, modules_of
 from support.processes import prepared, start_prepared
@@ -202,16 +201,6 @@ def test_a_repaired_learner_alone_is_played_again_and_one_taken_out_leaves_the_r
     assert not list((out / "errors").iterdir())
 
 
-def test_the_only_learner_of_an_experiment_may_be_repaired(folder):
-    (folder / "lethal.py").write_text(LETHAL.replace("99", "99 - self.brief.trials"))
-    fails(declared(folder, "Stray"), folder / "out", workers=0)
-    (folder / "lethal.py").write_text(LETHAL.replace("99", "1"))
-    with modules_of(folder):
-        sys.modules.pop("lethal")  # so that it is read anew
-        store = runner.run(declared(folder, "Stray"), folder / "out", workers=0)
-    assert len(store.files()[0]) == 2
-
-
 def test_compare_says_what_is_missing_and_exits_with_1(folder, monkeypatch):
     declared(folder, "Fine", "Raises", "Dies")
     monkeypatch.setenv("COLUMNS", "80")
@@ -259,11 +248,3 @@ def test_a_cell_that_failed_three_times_is_left_out_until_it_is_asked_for(folder
     assert (played[-1].failed, played[-1].over) == (2, True)
     assert "left out" not in fails(experiment, out, workers=0, retry_failed=True).reasons[0]
     assert Store(out).failures.of(experiment.cells()[0].file_name)[0] == 1
-
-
-@pytest.mark.parametrize(
-    ("code", "words"),
-    [(0, "exit status 0"), (-15, "killed by SIGTERM"), (-99, "killed by signal 99"), (None, "how")],
-)
-def test_how_a_process_ended_is_told_in_words(code, words):
-    assert words in how_ended(code)

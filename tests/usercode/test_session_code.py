@@ -4,7 +4,6 @@ import linecache
 import os
 import subprocess
 import sys
-import textwrap
 import zipfile
 from collections.abc import Callable
 from types import ModuleType
@@ -12,7 +11,7 @@ from types import ModuleType
 import pytest
 
 import causal_openlock as ol
-from causal_openlock.contract.registry import learner_class, name_of, origin, parameter_table
+from causal_openlock.contract.registry import learner_class, origin, parameter_table
 from causal_openlock.envs.single import OpenLockEnv
 from causal_openlock.errors import LearnerError, RewardError, StoreError
 from causal_openlock.export.bundle import write_bundle
@@ -86,32 +85,6 @@ def arrive(monkeypatch):
         return worker
 
     return in_worker
-
-
-def test_the_source_is_a_module_of_all_that_is_used(run, monkeypatch):
-    run(HEAD, HELPERS, LEARNER)
-    source = session_source(NAME)
-    assert "\nresults = " not in source  # a local name; the global one is something else
-    module = ModuleType("kept")
-    monkeypatch.setitem(sys.modules, "kept", module)
-    exec(compile(source, "kept.py", "exec"), vars(module))
-    assert issubclass(module.Mine, ol.OneSubjectLearner)
-    assert module.Node(2).value == 2
-
-
-def test_a_class_that_is_defined_anew_is_another_one(run):
-    run(HEAD, HELPERS, LEARNER)
-    first, kind = origin(NAME), learner_class(NAME)
-    assert name_of(kind) == NAME
-    run(LEARNER)
-    assert origin(NAME) == first
-    assert learner_class(NAME) is not kind
-    run(HELPERS.replace("* SCALE //", "* 2 * SCALE //"))
-    assert origin(NAME) != first
-    run(HELPERS)
-    assert origin(NAME) == first
-    run("SCALE = 4\n")
-    assert origin(NAME) != first
 
 
 def test_a_worker_defines_what_was_packed(run, monkeypatch, arrive):
@@ -309,15 +282,3 @@ def test_functions_with_a_cache_and_without_a_name_arrive(run, arrive):
     player = worker.Mine()
     assert player.act(None) == 0
     assert worker.table.cache_info().currsize == 1
-
-
-@pytest.mark.parametrize(
-    "cell",
-    [
-        f"if True:\n{textwrap.indent(LEARNER, '    ')}",
-        "class Outer:\n" + textwrap.indent(LEARNER, "    ") + "Mine = Outer.Mine\n",
-    ],
-)
-def test_a_class_may_be_inside_a_block(run, cell):
-    run(HEAD, HELPERS, cell)
-    compile(session_source(NAME), "kept", "exec")
