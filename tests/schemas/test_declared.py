@@ -1,6 +1,6 @@
-"""Schemas declared in a line of text, as a graph of networkx or as edges, equal those of files.
+"""Schemas as people write them: files, lines of text, graphs of networkx, edges.
 
-That any schema survives as a line of text is tested with the other formats.
+That any schema survives in every format is tested with the formats.
 """
 
 from pathlib import Path
@@ -8,12 +8,15 @@ from pathlib import Path
 import networkx as nx
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import causal_openlock as ol
 from causal_openlock.errors import SchemaError
+from causal_openlock.files.yaml_file import dump_yaml, parse_document, styled
 from causal_openlock.schemas.declared import schema
+from causal_openlock.schemas.finding import bundled_schemas, find_schema
+from causal_openlock.schemas.graphs import write_schema
 from causal_openlock.schemas.one_line import parse_line
 from causal_openlock.schemas.schema import DOOR, Gate, Schema
 from causal_openlock.schemas.schema_file import parse_schema, schema_from_dict
@@ -49,33 +52,6 @@ def test_a_line_can_have_a_name_and_a_title():
     assert (found.name, found.title) == ("safe", 'A "safe": two\nlines')
     assert schema("safe: A -> door", name="vault").name == "vault"
     assert schema("A -> door").name == "schema"
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "A -0.8-> door",  # a strength stands in brackets
-        "A -> B; B & -> door",
-        "A -> B C -> door",
-        "C -> door; A & B -> door",  # all causes stand in one statement
-        "A -> B (0.8) -> door",
-        "A (0.5) -> door (0.5)",
-        "A -> B & C; B -> door",
-        "A -> door; A -> door",
-        "2 of (A, B -> door",
-        "2.5 of (A, B) -> door",
-        "5 of (A, B) -> door",
-        "A -> door; B",  # levers that are listed are all of them
-        "A, B; A, B; A -> door",
-        "A -> door; inert B (0.5)",
-        "A -> door -> B",
-        'x "\\q": A -> door',
-        "A ->",
-    ],
-)
-def test_a_doubtful_line_is_refused(text):
-    with pytest.raises(SchemaError, match=r"^column \d+ of this schema: [^\n]+$"):
-        schema(text)
 
 
 PIECES = ["A", "B", "door", "->", ",", "|", "&", ";", "\n", "(", ")", "2", ".5", "9" * 5000, "of",
@@ -124,6 +100,74 @@ def test_what_a_schema_file_holds_is_a_schema_in_python_too():
     edges = {"A": {"door": {"strength": np.float32(0.5)}}, "B": np.array(["A"])}
     found = schema({"name": "one", "levers": np.array(["B", "A"]), "edges": edges})
     assert found == Schema("one", "BA", {"A": {"door": 0.5}, "B": ["A"]})
+
+
+# -- schema files ----------------------------------------------------------------------------------
+
+# Spaces, signs that YAML heeds and line breaks that only Unicode knows, in texts of many lines.
+HARD = st.text(
+    st.sampled_from("ab  :#'\"\\-\t\xa0\x85\u2028\u2029\u3000,[]{}%@&*!|>?\n\r"), max_size=400
+)
+
+
+@settings(max_examples=50, deadline=None)
+@given(title=HARD | st.lists(st.text("abc", min_size=1)).map("  ".join))
+@example(title="  ".join(["five"] * 18))  # longer than a line, with two spaces where it may break
+@example(title="a\x85b")
+def test_any_text_comes_back_whatever_its_length_and_spaces(title):
+    inside = {"conditions": [{"name": title, "train": [title] * 3}]}
+    for text in (dump_yaml(inside), dump_yaml(styled(inside))):
+        assert parse_document(text).data == inside
+
+
+@pytest.mark.parametrize("name", ["null", "true", "False", "on", "no", "y", "Inf", "e1", "NaN"])
+def test_a_lever_may_be_called_like_a_value_of_yaml(name):
+    schema = Schema(name, [name, "L1"], {name: {"L1": 0.5}, "L1": [DOOR]}, title=name)
+    assert parse_schema(schema.to_yaml()) == schema
+
+
+def test_a_schema_is_written_as_one_writes_it_by_hand():
+    edges = {"A": {"B": 0.5, DOOR: 1.0}, "B": [DOOR]}
+    gates = {DOOR: Gate("at_least", 2)}
+    schema = Schema("S", ["A", "B", "C"], edges, gates=gates, inert=["C"], title="Two")
+    assert schema.to_yaml() == (
+        "name: S\ntitle: Two\nlevers: [A, B, C]\nedges:\n  A: {B: {strength: 0.5}, door: {}}\n"
+        "  B: [door]\ngates:\n  door: {at_least: 2}\ninert: [C]\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("short", "long"),
+    [
+        ("edges: {L0: {L1: 1}, L1: {door: {}}}", "edges: {L0: [L1], L1: [door]}"),
+        (
+            "edges: {L0: {L1: 0.5}, L1: [door]}",
+            "edges: {L0: {L1: {strength: 0.5}}, L1: {door: {}}}",
+        ),
+        (
+            "edges: {L0: [L1], L1: [door]}\ngates: {L1: ANY, door: All}\n...",
+            "edges: {L0: [L1], L1: [door]}\ngates: {door: all}",
+        ),
+        ("edges: {L0: [L1], L1: [door]}  # !\r\n", "edges: {L0: [L1], L1: [door]}"),
+    ],
+)
+def test_what_may_be_written_in_two_ways(short, long):
+    one, other = (f"name: X\nlevers: [L0, L1]\n{edges}" for edges in (short, long))
+    assert parse_schema(f"\ufeff---\n{one}") == parse_schema(other)
+
+
+def test_a_schema_is_found_beside_the_file_that_names_it_before_the_bundled_ones(
+    tmp_path, monkeypatch
+):
+    own = Schema("CC3", ["A"], {"A": [DOOR]})
+    assert find_schema("CC3", beside=[tmp_path]) == bundled_schemas()["CC3"]
+    write_schema(own, tmp_path / "schemas" / "CC3.yaml")
+    assert find_schema("CC3", beside=[tmp_path]) == own
+    assert find_schema("schemas/CC3.yaml", beside=[tmp_path]) == own
+    assert find_schema(own) is own
+    assert find_schema("CC3") == bundled_schemas()["CC3"]
+    monkeypatch.chdir(tmp_path)
+    assert find_schema("CC3") == own
 
 
 def test_files_are_found_by_name_or_path(tmp_path, monkeypatch):

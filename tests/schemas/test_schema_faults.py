@@ -9,17 +9,13 @@ from itertools import pairwise
 
 import jsonschema
 import pytest
-from hypothesis import given as drawn
-from hypothesis import settings
-from hypothesis import strategies as st
 from ruamel.yaml import YAML
 
-from causal_openlock.errors import FileError, OpenLockError, SchemaError
+from causal_openlock.errors import FileError, OpenLockError
 from causal_openlock.experiment import file_format
 from causal_openlock.schemas import schema_file
 from causal_openlock.schemas.finding import bundled
-from causal_openlock.schemas.schema import Schema
-from causal_openlock.schemas.schema_file import parse_schema, schema_from_dict
+from causal_openlock.schemas.schema_file import parse_schema
 from refusals import given
 from support.counted_work import calls
 from support.places import ROOT
@@ -82,13 +78,6 @@ def test_of_many_faults_the_first_twenty_are_told():
     assert "1,481" in lines[20]
 
 
-def test_a_fault_in_plain_data_has_its_path_of_keys():
-    data = {"name": "X", "levers": ["A"], "edges": {"A": {"door": {"strength": 2.0}}}}
-    with pytest.raises(SchemaError) as caught:
-        schema_from_dict(data)
-    assert caught.value.at == ("edges", "A", "door", "strength")
-
-
 @pytest.mark.parametrize(
     "text",
     [
@@ -148,45 +137,3 @@ def test_bundled_files_are_valid_for_editors(part):
         text = path.read_text(encoding="utf-8")
         assert text.startswith("# yaml-language-server: $schema=./schema.json\n")
         editor(part).validate(plain(path))
-
-
-# -- anything at all -------------------------------------------------------------------------------
-
-SEEDS = [
-    GOOD + "title: T # no comment\ngates: {door: {at_least: 1}}\ninert: []\n",
-    *(path.read_text("utf-8") for path in bundled("schemas").glob("*.yaml")),
-]
-PIECES = [
-    *" \n\t:,-?&*!|>%@`#[]{}'\"\\~=_0179",
-    *("\n  ", ": ", "- ", "? ", "<<: ", "*a", "&a ", "!!set ", "!!int ", "---\n", "...\n"),
-    *("null", "true", "on", ".nan", "1e9", "0x", "1_", "door", "L0", "edges", "{}", "[]"),
-    *("\r\n", "\\u", "\\x00", "'\"", "|\n", ">-\n", "\ufeff", "\x85", "\u2028"),
-]
-
-
-@st.composite
-def damaged(draw):
-    """A valid file with a few pieces taken out, doubled, exchanged or put in; or pieces alone."""
-    text = draw(st.sampled_from([*SEEDS, ""]))
-    for _ in range(draw(st.integers(1, 6))):
-        start = draw(st.integers(0, len(text)))
-        end = min(len(text), start + draw(st.integers(0, 12)))
-        piece = draw(st.sampled_from([*PIECES, text[start:end] * 2]) | st.text(max_size=3))
-        text = text[:start] + piece + text[end:]
-    return text
-
-
-@settings(max_examples=400, deadline=None)
-@drawn(text=damaged())
-def test_any_text_is_a_schema_or_has_faults_with_places(text):
-    try:
-        found = parse_schema(text)
-    except FileError as error:
-        found = error
-    if isinstance(found, Schema):
-        assert parse_schema(found.to_yaml()) == found
-    else:
-        lines = len(text.splitlines()) + 1
-        assert found.faults
-        assert all(0 < fault.line <= lines and fault.column > 0 for fault in found.faults)
-        assert len(str(found).splitlines()) == min(len(found.faults), 21)

@@ -1,12 +1,10 @@
 """Schemas in other programs' formats, and the Bayesian network of one push per lever."""
 
-import contextlib
 import json
 from itertools import product
 
 import gymnasium
 import networkx as nx
-import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -25,6 +23,7 @@ from causal_openlock.schemas.graphs import (
     write_schema,
 )
 from causal_openlock.schemas.schema import DOOR, Gate, Schema
+from causal_openlock.schemas.schema_file import schema_from_dict
 from causal_openlock.testing import schemas
 from oracle import Rules
 
@@ -63,6 +62,7 @@ def test_any_schema_survives_every_readable_format(schema, format):
     back = import_schema(export_schema(schema, format), format)
     assert back == schema
     assert back.as_dict() == schema.as_dict()
+    assert schema_from_dict(schema.as_dict()) == schema
 
 
 @pytest.mark.parametrize("title", ["()", "[]", "two\nlines", "1", "true", " ", "\\", '"', "&amp;"])
@@ -70,18 +70,6 @@ def test_any_schema_survives_every_readable_format(schema, format):
 def test_a_title_that_means_something_to_a_format_survives(title, format):
     schema = Schema("a", ["L0"], {"L0": [DOOR]}, title=title)
     assert import_schema(export_schema(schema, format), format).title == title
-
-
-def test_networkx_itself_reads_what_is_written():
-    schema = BUNDLED["seven"]
-    data = json.loads(export_schema(schema, "node-link"))
-    for graph in (
-        nx.node_link_graph(data, edges="edges"),
-        nx.parse_gml(export_schema(schema, "gml")),
-    ):
-        assert set(graph.edges) == set(schema.graph.edges)
-        assert graph.nodes["L2"]["gate"] == "all"
-        assert graph.edges["L0", "L2"]["strength"] == 1.0
 
 
 @pytest.mark.parametrize("format", FORMATS)
@@ -139,28 +127,6 @@ def test_a_graph_from_elsewhere_gets_the_defaults(tmp_path):
     assert import_schema(named, "gml", "my_lock") == expected
 
 
-def test_dot_as_people_write_it():
-    schema = import_schema(
-        """# a comment
-        strict digraph lock { // another
-            rankdir=LR; graph [title="Two &amp; \\"two\\""] /* and
-            another */ edge [strength=0.5]
-            node [color=red]; L1; L0 [shape=box, color="blue"; width=.5]
-            subgraph cluster_a { node [gate=all]; L2; }
-            {L0 L1} -> L2:n -> door [strength=.25]
-            door -> L0 [dir=back]
-        }""",
-        "dot",
-    )
-    assert schema == Schema(
-        "lock",
-        ["L1", "L0", "L2"],
-        {"L0": {"L2": 0.25, DOOR: 0.5}, "L1": {"L2": 0.25}, "L2": {DOOR: 0.25}},
-        gates={"L2": Gate("all")},
-        title='Two & "two"',
-    )
-
-
 def test_dagitty_as_its_web_page_writes_it():
     schema = import_schema(
         """dag {
@@ -179,41 +145,31 @@ def test_dagitty_as_its_web_page_writes_it():
         assert word in text
 
 
-@pytest.mark.parametrize(
-    ("format", "text"),
-    [
-        ("node-link", "[" * 100_000),
-        ("node-link", '{"nodes": [{}], "edges": [{"source": 1}]}'),
-        ("node-link", '{"nodes": [{"id": "A"}, {"id": "door"}], "links": [], "multigraph": true}'),
-        ("gml", "graph [ directed 1 node [ id 0 ] ]"),
-        ("gml", 'graph [ directed 1 node [ id 0 label "A" ] ]'),
-        ("dot", ""),
-        ("dot", "graph { A -- door }"),
-        ("dot", "digraph { A -> door } B"),
-        ("dot", "digraph { A -> door [strength=lots] }"),
-        ("dot", "digraph { A -> door A -> door }"),
-        ("dot", "digraph { A -> door; door [gate=some] }"),
-        ("dot", "digraph { A -> door [dir=none] }"),
-        ("dagitty", "dag { A -> B }"),
-        ("dagitty", "dag { A -> B B -> A A -> door }"),
-        ("dagitty", "dag { A -- door }"),
-    ],
-)  # fmt: skip
-def test_a_doubtful_graph_is_refused(format, text):
-    with pytest.raises(OpenLockError, match=format):
-        import_schema(text, format)
+PIECES = [*" \n\t:,-?&*!|>%@`#[]{}'\"\\~=_0179", "\n  ", ": ", "- ", "<<: ", "*a", "&a ", "!!set "]
+PIECES += ["---\n", "null", "true", ".nan", "1e9", "door", "L2", "->", "\r\n", "\\u", "\ufeff"]
 
 
 @pytest.mark.parametrize("format", READABLE)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(data=st.data())
 def test_damaged_text_is_read_or_refused(format, data):
-    text = export_schema(FULL, format)
-    start = data.draw(st.integers(0, len(text)))
-    end = data.draw(st.integers(start, min(len(text), start + 30)))
-    piece = data.draw(st.text(max_size=5) | st.sampled_from("{}[]\"'=0"))
-    with contextlib.suppress(OpenLockError):
-        import_schema(text[:start] + piece + text[end:], format)
+    text = export_schema(data.draw(st.sampled_from([FULL, *BUNDLED.values()])), format)
+    for _ in range(data.draw(st.integers(1, 4))):
+        start = data.draw(st.integers(0, len(text)))
+        end = data.draw(st.integers(start, min(len(text), start + 30)))
+        piece = data.draw(st.text(max_size=3) | st.sampled_from([*PIECES, text[start:end] * 2]))
+        text = text[:start] + piece + text[end:]
+    try:
+        found = import_schema(text, format)
+    except OpenLockError as caught:
+        error = caught
+    else:
+        assert import_schema(export_schema(found, format), format) == found
+        return
+    lines = len(text.splitlines()) + 1
+    faults = getattr(error, "faults", [])
+    assert all(0 < fault.line <= lines and fault.column > 0 for fault in faults)
+    assert 0 < len(str(error)) < 200 * (len(faults) + 10)
 
 
 # -- the Bayesian network --------------------------------------------------------------------------
@@ -254,28 +210,7 @@ def test_interventions_on_any_schema(data, push):
     assert chance_by_network(schema, do, push) == pytest.approx(expected, abs=1e-9)
 
 
-def test_a_known_noisy_or():
-    # noisy_CC3: L1 and L2 move with 0.8 each; the door opens through each with 0.8.
-    assert chance_by_network(BUNDLED["noisy_CC3"], {}, 1.0) == pytest.approx(1 - (1 - 0.64) ** 2)
-    assert chance_by_network(BUNDLED["noisy_CC3"], {"L0": 0}, 1.0) == 0.0
-
-
 def test_a_network_of_the_lock_leaves_the_strengths_of_the_door_out():
     network = to_bayesian_network(BUNDLED["noisy_CC3"], lock=True)
     assert network.get_cpds(DOOR).values[1].ravel().tolist() == [0, 1, 1, 1]
     assert network.get_cpds("L1").values[1].ravel().tolist() == pytest.approx([0, 0.8])
-
-
-@pytest.mark.parametrize("schema", [FULL, BUNDLED["two_of_four"]], ids=["full", "two_of_four"])
-def test_bif_gives_the_same_tables(schema):
-    from pgmpy.readwrite import BIFReader
-
-    network = to_bayesian_network(schema)
-    back = BIFReader(string=export_schema(schema, "bif")).get_model()
-    assert set(back.nodes) == {*schema.levers, DOOR}
-    assert set(back.edges) == set(schema.graph.edges)
-    for node in network.nodes:
-        ours, theirs = network.get_cpds(node), back.get_cpds(node)
-        assert ours.variables == theirs.variables
-        assert ours.state_names[node] == [0, 1]
-        np.testing.assert_allclose(theirs.values, ours.values, rtol=0, atol=1e-12)
