@@ -41,7 +41,7 @@ from causal_openlock.experiment.file_format import NAME_FORM, Name
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from causal_openlock.files.digest import digest
 from causal_openlock.files.validation import StrictModel
-from causal_openlock.files.yaml_file import plain, read_document
+from causal_openlock.files.yaml_file import read_document
 from causal_openlock.fitting.kept import seeds_of
 from causal_openlock.fitting.recovery import space_of
 from causal_openlock.scoring import LAPSE
@@ -517,7 +517,7 @@ class Study:
     def training(self, label: str) -> str:
         """A hash of a training: its command and the content of its file."""
         assert self.file.networks
-        content = plain(read_document(self.training_files[label]).data)
+        content = read_document(self.training_files[label]).data
         return _digest({"command": self.file.networks.command, "file": content})
 
     def margin(self, name: str) -> str:

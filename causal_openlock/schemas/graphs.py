@@ -46,7 +46,6 @@ from causal_openlock.schemas.schema_file import (
     parse_schema,
     read_schema_file,
     schema_from_dict,
-    write_schema_file,
 )
 from causal_openlock.wording import nearest
 
@@ -117,18 +116,13 @@ def import_schema(text: str, format: str, name: str = "imported") -> Schema:
 def write_schema(schema: Schema, path: Path | str, format: str | None = None) -> None:
     """Write a schema to a file; by default its suffix gives the format.
 
-    In a schema file that is there already only what changed is rewritten; comments, order and
-    spelling of the rest stay.
+    A file that is there already is written over.
 
     Raises:
-        OpenLockError: If the format is unknown, the file cannot be written, or it is a schema file
-            that has faults, which stays unchanged.
+        OpenLockError: If the format is unknown, or the file cannot be written.
     """
     chosen = _format(format or _format_of(path)).name
-    if chosen == "yaml":
-        write_schema_file(schema, path)
-    else:
-        write_text(path, export_schema(schema, chosen))
+    write_text(path, export_schema(schema, chosen))
 
 
 def read_schema(path: Path | str, format: str | None = None) -> Schema:

@@ -1,4 +1,4 @@
-"""Schema files: schemas as YAML, validated with line numbers and written back without loss.
+"""Schema files: schemas as YAML, validated with line numbers.
 
 A schema file looks like this; ``title``, ``gates`` and ``inert`` may be left out::
 
@@ -20,25 +20,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, cast
 
 from pydantic import BeforeValidator, Field, ValidationError, WrapValidator
-from pydantic_core import PydanticCustomError
 
-from causal_openlock.errors import Faults, FileError, SchemaError, together
-from causal_openlock.files.atomic import write_text
+from causal_openlock.errors import SchemaError, together
 from causal_openlock.files.validation import StrictModel, described, faults_of, plain
-from causal_openlock.files.yaml_file import (
-    Document,
-    parse_document,
-    read_document,
-    rewritten,
-)
+from causal_openlock.files.yaml_file import Document, parse_document, read_document
 from causal_openlock.schemas.schema import MAX_LEVERS, NAME, Gate, Schema
 
-PACKAGE = Path(__file__).parents[1]
 JSON_SCHEMA_ID = "https://json-schema.org/draft/2020-12/schema"
-
 
 Strength = Annotated[
     float, Field(gt=0, le=1, description="Probability that an enabled push takes effect.")
@@ -57,54 +48,52 @@ class AtLeast(StrictModel):
     at_least: Annotated[int, Field(ge=1, le=MAX_LEVERS)]
 
 
-def _one_of(what: str) -> WrapValidator:
-    """One message for a union, instead of one for each of its arms."""
-
-    def check(value: Any, handler: Any) -> Any:
-        try:
-            return handler(value)
-        except ValidationError as error:
-            # If the value has the form of one arm, a list or a mapping, report that arm's faults.
-            deep = [fault for fault in error.errors(include_url=False) if len(fault["loc"]) > 1]
-            if not deep:
-                message = f"{what}, and this is {described(value)}"
-                raise PydanticCustomError(
-                    "custom.union", "{message}", {"message": message}
-                ) from None
-            raise ValidationError.from_exception_data(
-                error.title,
-                [
-                    {
-                        "type": fault["type"],
-                        "loc": fault["loc"][1:],
-                        "input": fault["input"],
-                        "ctx": fault.get("ctx", {}),
-                    }
-                    for fault in deep
-                ],
-            ) from None
-
-    return WrapValidator(check)
-
-
-def _as_edge(value: Any) -> Any:
+def _edge(edge: Any) -> Any:
     """A number in place of an edge is its strength."""
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    return {"strength": value} if is_number else value
+    is_number = isinstance(edge, int | float) and not isinstance(edge, bool)
+    return {"strength": edge} if is_number else edge
 
 
+def _effects(effects: Any) -> Any:
+    """A list of effects is a mapping of certain ones."""
+    if isinstance(effects, list):
+        faults = []
+        for index, effect in enumerate(effects):
+            if not isinstance(effect, str):
+                problem = (
+                    f"an effect is a name, and this is {described(effect)}; write it in quotes"
+                )
+                faults.append(SchemaError(problem, (index,)))
+            elif effect in effects[:index]:
+                problem = f"the effect {effect:.64} is listed twice; remove one of them"
+                faults.append(SchemaError(problem, (index,)))
+        if faults:
+            raise together(faults)
+        return {effect: {} for effect in effects}
+    if not isinstance(effects, Mapping):
+        raise SchemaError(
+            "effects are a list like [L1, door] or a mapping like {L1: 0.8}, and this is "
+            f"{described(effects)}"
+        )
+    return effects
+
+
+def _gate(gate: Any, at_least: Any) -> Gate:
+    """A gate from its name, or from the least number of causes."""
+    if isinstance(gate, Mapping):
+        return Gate("at_least", at_least(gate).at_least)
+    if isinstance(gate, str) and gate.lower() in ("any", "all"):
+        return Gate(gate.lower())
+    raise SchemaError(f"a gate is any, all or {{at_least: k}}, and this is {described(gate)}")
+
+
+EdgeForm = Annotated[Edge, BeforeValidator(_edge, json_schema_input_type=Strength | Edge)]
 Effects = Annotated[
-    list[str]
-    | dict[str, Annotated[Edge, BeforeValidator(_as_edge, json_schema_input_type=Strength | Edge)]],
-    _one_of("effects are a list like [L1, door] or a mapping like {L1: 0.8}"),
+    dict[str, EdgeForm],
+    BeforeValidator(_effects, json_schema_input_type=list[str] | dict[str, EdgeForm]),
 ]
-GateName = Annotated[
-    Annotated[
-        Literal["any", "all"],
-        BeforeValidator(lambda name: name.lower() if isinstance(name, str) else name),
-    ]
-    | AtLeast,
-    _one_of("a gate is any, all or {at_least: k}"),
+GateForm = Annotated[
+    AtLeast, WrapValidator(_gate, json_schema_input_type=Literal["any", "all"] | AtLeast)
 ]
 
 
@@ -128,7 +117,7 @@ class SchemaFile(StrictModel):
         Field(description="cause: [effects]; the effect `door` is the door."),
     ]
     gates: Annotated[
-        dict[str, GateName],
+        dict[str, GateForm],
         Field(description="How a node combines its causes; `any` where not given."),
     ] = Field(default_factory=dict)
     inert: Annotated[
@@ -137,28 +126,13 @@ class SchemaFile(StrictModel):
 
     def schema_(self) -> Schema:
         """The schema that this file declares."""
-        edges: dict[str, dict[str, float]] = {}
-        faults = Faults()
-        for cause, effects in self.edges.items():
-            if isinstance(effects, dict):
-                edges[cause] = {effect: edge.strength for effect, edge in effects.items()}
-                continue
-            edges[cause] = {}
-            for index, effect in enumerate(effects):
-                if effect in edges[cause]:
-                    message = f"the edge {cause} -> {effect} is listed twice; remove one of them"
-                    faults.append(SchemaError(message, ("edges", cause, index)))
-                edges[cause][effect] = 1.0
-        gates = {
-            node: Gate("at_least", gate.at_least) if isinstance(gate, AtLeast) else Gate(gate)
-            for node, gate in self.gates.items()
+        edges = {
+            cause: {effect: edge.strength for effect, edge in effects.items()}
+            for cause, effects in self.edges.items()
         }
-        with faults.noted():
-            made = Schema(
-                self.name, self.levers, edges, gates=gates, inert=self.inert, title=self.title
-            )
-        faults.check()
-        return made
+        gates = cast("dict[str, Gate]", self.gates)
+        title, inert = self.title, self.inert
+        return Schema(self.name, self.levers, edges, gates=gates, inert=inert, title=title)
 
 
 def read_schema_file(path: Path | str) -> Schema:
@@ -183,47 +157,21 @@ def schema_from_dict(data: Mapping[str, Any]) -> Schema:
     """A schema from plain data in the form of a schema file.
 
     Raises:
-        SchemaError: If the data are not a schema.
+        SchemaError: If the data are not a schema; its ``parts`` are all faults, each with its
+            path of keys in ``at``.
     """
     try:
         return SchemaFile.model_validate(plain(data)).schema_()
     except ValidationError as error:
         faults = faults_of(error, SchemaFile)
-        raise together([SchemaError(said, where) for where, said in faults]) from None
+        raise together([SchemaError(message, where) for where, message in faults]) from None
 
 
 def _schema_of(document: Document) -> Schema:
-    declared = document.validate(SchemaFile)
     try:
-        return declared.schema_()
+        return document.validate(SchemaFile).schema_()
     except SchemaError as error:
         raise document.error(error) from None
-
-
-def write_schema_file(schema: Schema, path: Path | str) -> None:
-    """Write a schema file.
-
-    If the file already holds a schema, only what changed is rewritten; comments, order and spelling
-    of the rest stay.
-
-    Raises:
-        FileError: If there is already a file, with faults; it stays unchanged.
-        OpenLockError: If the file cannot be written.
-    """
-    path = Path(path)
-    if not path.exists():
-        write_text(path, schema.to_yaml())
-        return
-    document = read_document(path)
-    before = _schema_of(document)
-    if before == schema:
-        return
-    text = rewritten(document.text, before.as_dict(), schema.as_dict())
-    try:
-        faithful = parse_schema(text) == schema
-    except FileError:
-        faithful = False
-    write_text(path, text if faithful else schema.to_yaml())
 
 
 def json_schema() -> dict[str, Any]:
