@@ -76,7 +76,8 @@ def written(root: Path, trusted: Collection[str] = ()) -> Written:
     for study in studies:
         found = pages.evidence(study.name)
         try:
-            made.faults += [f"{study.folder / FILE}: {fault}" for fault in study.faults()]
+            if not study.file.published:
+                made.faults += [f"{study.folder / FILE}: {fault}" for fault in study.faults()]
             if found.was_run:
                 _ = found.units  # a damaged file is a fault, and nothing is written from it
                 made.faults += _changed(found)
@@ -123,11 +124,11 @@ def write(root: Path, trusted: Collection[str] = ()) -> tuple[list[Path], list[s
 def _changed(found: Evidence) -> list[str]:
     """Whether what is declared has changed since it was run."""
     study = found.study
-    if found.run["declared"] == study.declared:
+    if found.stands:
         return []
     return [
         f"{study.folder}: {study.experiment.name}, or what it names, has changed since it was run; "
-        f"run it again with: causal-openlock evidence {study.name}"
+        f"run it again with: causal-openlock evidence {study.name}, or see --stamp"
     ]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -35,6 +36,17 @@ def evidence(
         Path, typer.Option(help="Folder for records and networks, which are not kept.")
     ] = Path("results/evidence"),
     workers: Workers = None,
+    stamp: Annotated[
+        str,
+        typer.Option(
+            help="Store this study with the hash of its present declaration, if its learners do "
+            "the same by the code before; needs --before and --reason."
+        ),
+    ] = "",
+    before: Annotated[
+        Path | None, typer.Option(help="Checkout of the code before the change.")
+    ] = None,
+    reason: Annotated[str, typer.Option(help="Why the declaration is written otherwise.")] = "",
     anew: Annotated[
         bool, typer.Option("--anew", help="Also play cells that are stored with the studies.")
     ] = False,
@@ -51,11 +63,23 @@ def evidence(
     """
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.evidence import checking
+    from causal_openlock.evidence.measured import Evidence
     from causal_openlock.evidence.study import read_studies
 
     console = Terminal()
-    if check and (names or every or write):
+    if check and (names or every or write or stamp):
         raise EvidenceError("--check looks at everything and changes nothing; give it alone")
+    if stamp:
+        from causal_openlock.evidence.stamping import stamp as stamp_study
+
+        if not (before and reason):
+            raise EvidenceError(
+                "--stamp needs the code before the change and why: --before CHECKOUT "
+                "--reason 'A sentence.'"
+            )
+        (study,) = read_studies(folder, (stamp,), console.print_line)
+        stamp_study(study, before, reason, console.print_line)
+        write, trust = True, [*(trust or ()), stamp]
     if not (check or write or names or every):
         for study in read_studies(folder):
             for line in _in_words(study):
@@ -66,6 +90,8 @@ def evidence(
     else:
         if names or every:
             studies = read_studies(folder, tuple(names or ()), console.print_line)
+            if not names:
+                studies = [study for study in studies if not study.file.published]
             _run(studies, results, workers, anew, console)
             trust = [*(trust or ()), *(study.name for study in studies)]
         changed, faults = checking.write(folder, trust or ())
@@ -81,6 +107,9 @@ def evidence(
         error.status = 1
         raise error
     if check:
+        told = Counter(filter(None, (Evidence(one).played_with for one in read_studies(folder))))
+        for played_with, number in told.items():
+            console.print_line(f"{counted(number, 'study', 'studies')}: {played_with}")
         console.print("all numbers and verdicts follow from the stored units")
 
 
@@ -111,7 +140,9 @@ def _in_words(study: Study) -> list[str]:
         _ = found.units
         parts = "networks" if study.file.networks else "cells"
         state = "complete" if found.complete else f"{found.run['cells']} {parts}"
-        if found.run["declared"] != study.declared:
+        if study.file.published:
+            state = f"published with version {study.file.published}"
+        elif not found.stands:
             state = "changed since it was run"
     except OpenLockError as error:
         state = "not run" if not found.was_run else str(error)

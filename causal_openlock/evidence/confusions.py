@@ -25,6 +25,7 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.evidence.study import Study
+from causal_openlock.evidence.study_files import read_run
 from causal_openlock.fitting.design import NATS, informed
 from causal_openlock.fitting.recovery import Recovery, attributed, attributed_rows, recovery
 from causal_openlock.fitting.search import SearchSpace
@@ -125,7 +126,7 @@ def confusion(study: Study, units: pd.DataFrame) -> pd.DataFrame:
     share of groups that are attributed to the learner that made them, and ``taken for``, what else
     they are attributed to; ``bits`` per action, as the learner that made them predicts subjects.
     """
-    found = recovery_of(units, study.asked.seed)
+    found = recovery_of(units, read_run(study)["seed"])
     table = found.single.rename_axis(index="learner").reset_index()
     names = list(found.single.index)
     taken: dict[str, list[str]] = {name: [] for name in names}

@@ -11,10 +11,10 @@ from causal_openlock.analysis.topics.learning_cost import costs_by_learner
 from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.confusions import confusion
 from causal_openlock.evidence.study import Study
-from causal_openlock.evidence.study_files import COSTS, read_units
+from causal_openlock.evidence.study_files import COSTS, read_run, read_units
 from causal_openlock.fitting.objective import score
 from causal_openlock.paper.likeness import Likeness, likeness
-from causal_openlock.paper.noise_ceiling import beside_null_models, chosen_settings
+from causal_openlock.paper.noise_ceiling import beside_null_models
 from causal_openlock.paper.references import people
 
 
@@ -30,7 +30,7 @@ def distances_from_people(study: Study, units: pd.DataFrame) -> pd.DataFrame:
     """
     trials, like = beside_people(study, units)
     played = trials[trials["learner"].isin(like.points)]
-    settings = chosen_settings(study.asked.learners)
+    settings = read_run(study)["settings"]
     table = beside_null_models(like, played, settings, study.file.fitted)
     effects = like.table[["learner", "shown"]].rename(columns={"shown": "effects"})
     table = table.merge(effects.astype({"effects": "Int64"}), on="learner", how="left")
@@ -59,8 +59,7 @@ def learning_costs(study: Study, units: pd.DataFrame) -> pd.DataFrame:
     the share of subjects that reached this; ``attempts``, the median, in words.
     """
     table = costs_by_learner(read_units(study, COSTS))
-    learners = [spec.name for spec in study.asked.learners]
-    place = table["learner"].map({name: at for at, name in enumerate(learners)})
+    place = table["learner"].map({name: i for i, name in enumerate(units["learner"].unique())})
     table = table.assign(place=place).sort_values("place", kind="stable")
     needs = [
         _needs(*row)

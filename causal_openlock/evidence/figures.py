@@ -86,7 +86,7 @@ def drawn(evidence: Evidence, name: str) -> str:
 
     figure = Figure()
     if name == OF_ALL and evidence.study.file.derived == "confusion":
-        figure = draw_recovery(recovery_of(evidence.own_units, evidence.study.asked.seed))
+        figure = draw_recovery(recovery_of(evidence.own_units, evidence.run["seed"]))
     elif name == OF_ALL:
         draw_distances(evidence, figure)
     else:

@@ -17,8 +17,15 @@ import pandas as pd
 from causal_openlock.comparison.progress_bar import Show
 from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.study import Study
-from causal_openlock.evidence.study_files import UNITS, read_run, read_units, write_run
+from causal_openlock.evidence.study_files import (
+    UNITS,
+    older_results,
+    read_run,
+    read_units,
+    write_run,
+)
 from causal_openlock.files.json_text import present
+from causal_openlock.paper.noise_ceiling import chosen_settings
 from causal_openlock.storage.versions import merged_versions
 from causal_openlock.wording import joined
 
@@ -111,7 +118,7 @@ def of_this_run(study: Study, last: float, versions: Mapping[str, Any]) -> dict[
     return {
         "date": [datetime.fromtimestamp(last, UTC).date().isoformat()],
         "machine": [_machine()],
-        "commit": [_commit(study.folder)],
+        "commit": [commit_of(study.folder)],
         "versions": [dict(versions)],
     }
 
@@ -122,7 +129,7 @@ def stored_whole(study: Study) -> Measured | None:
         run, units = read_run(study), read_units(study)
     except EvidenceError:
         return None
-    if run["declared"] != study.declared:
+    if run["declared"] != study.declared or older_results(run):
         return None
     held = run["parts"][parts_of(study)[0].name]
     return Measured(
@@ -166,6 +173,15 @@ def each_once(values: list[Any]) -> list[Any]:
     return [value for i, value in enumerate(values) if value not in values[:i]]
 
 
+def as_declared(study: Study) -> dict[str, Any]:
+    """Return what ``run.json`` stores of the declaration: its hash, and what pages show of it."""
+    return {
+        "declared": study.declared,
+        "seed": study.asked.seed,
+        "settings": chosen_settings(study.asked.learners),
+    }
+
+
 def _about(study: Study, found: Mapping[str, Measured], claims: dict[str, str]) -> dict[str, Any]:
     """Content of ``run.json``."""
     kept = found.values()
@@ -174,7 +190,7 @@ def _about(study: Study, found: Mapping[str, Measured], claims: dict[str, str]) 
     run = {name: each_once([value for one in kept for value in one.run[name]]) for name in OF_A_RUN}
     return {
         "command": f"causal-openlock evidence {study.name}",
-        "declared": study.declared,
+        **as_declared(study),
         "claims": claims,
         "complete": not missing,
         "cells": f"{cells - missing} of {cells}",
@@ -193,8 +209,8 @@ def _about(study: Study, found: Mapping[str, Measured], claims: dict[str, str]) 
     }
 
 
-def _commit(folder: Path) -> str:
-    """The commit that the study's folder is at, if it is under version control."""
+def commit_of(folder: Path) -> str:
+    """The commit that a folder is at, if it is under version control."""
     try:
         words = ["git", "-C", str(folder), "describe", "--always", "--dirty", "--abbrev=12"]
         done = subprocess.run(words, capture_output=True, text=True, check=False)

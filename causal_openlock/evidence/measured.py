@@ -29,7 +29,7 @@ from causal_openlock.evidence.study import (
     Study,
     Table,
 )
-from causal_openlock.evidence.study_files import RUN, read_run, read_units
+from causal_openlock.evidence.study_files import RUN, older_results, read_run, read_units
 from causal_openlock.evidence.units import KEYS, Selected
 from causal_openlock.evidence.verdicts import (
     EQUIVALENCE,
@@ -93,6 +93,17 @@ class Evidence:
         return read_run(self.study)
 
     @property
+    def played_with(self) -> str:
+        """A sentence that says which results were measured, if results are others now."""
+        older = older_results(self.run) if self.was_run else ""
+        return f"Played with results of {older}." if older else ""
+
+    @property
+    def stands(self) -> bool:
+        """Whether what was run is what is declared now, or is published."""
+        return bool(self.study.file.published) or self.run["declared"] == self.study.declared
+
+    @property
     def complete(self) -> bool:
         """Whether all was run that the study asks for now."""
         networks = self.study.file.networks
@@ -100,7 +111,7 @@ class Evidence:
         kinds = [*networks.files, *networks.parameters] if networks else []
         units = self.own_units[["learner", "unit"]].itertuples(index=False, name=None)
         return (
-            self.run["declared"] == self.study.declared
+            self.stands
             and bool(self.run["complete"])
             and {(kind, seed) for kind in kinds for seed in seeds} <= set(units)
         )
@@ -158,8 +169,8 @@ class Evidence:
 
     def too_few(self) -> list[str]:
         """The open claims for which the study asks for fewer units than can decide them."""
-        if self.study.file.measured in ATTRIBUTED:  # groups and sets are not asked for as such
-            return []
+        if self.study.file.published or self.study.file.measured in ATTRIBUTED:
+            return []  # nothing is asked for; groups and sets are not asked for as such
         lines = []
         for name, claim in self.study.file.claims.items():
             sizes = [

@@ -120,13 +120,14 @@ class Pages:
                 if (found["study"], found["what"]) == OF_ALL_STUDIES:
                     counts = multiplicity([self.evidence(one.name) for one in self.studies])
                     return f"{found['start']}{counts}{found['end']}"
-                body = self.evidence(found["study"]).block(found["what"])
+                shown = self.evidence(found["study"])
+                body = shown.block(found["what"])
             except EvidenceError as error:
                 fault(found.start(), error)
                 return found[0]
             folder = f"{here}/{found['study']}"
-            source = f"[How it was measured]({folder}/README.md)."
-            figure = self.evidence(found["study"]).figure(found["what"], folder)
+            source = f"[How it was measured]({folder}/README.md). {shown.played_with}".rstrip()
+            figure = shown.figure(found["what"], folder)
             return f"{found['start']}{body}\n{figure}{source}\n{found['end']}"
 
         blocks = len(BLOCK.findall(text))
@@ -202,6 +203,8 @@ def page_of(evidence: Evidence) -> str:
     parts = [f"# {file.title}\n"]
     if file.about:
         parts.append(f"{file.about.strip()}\n")
+    if evidence.played_with:
+        parts.append(f"{evidence.played_with}\n")
     run = evidence.run if evidence.was_run else {}
     if file.claims:
         parts.append(evidence.block("claims"))
@@ -229,6 +232,11 @@ def _run_in_words(evidence: Evidence, run: Mapping[str, Any]) -> str:
         "",
         f"plays {experiment}{predicts}, which takes about {_hours(study.file.hours)} of one core.",
     ]
+    if published := study.file.published:
+        lines = [
+            f"It is kept as published with version {published}, which can play it: options of "
+            f"`{study.file.experiment}` have been removed since."
+        ]
     if study.file.fits:
         fits = ", ".join(f"[{name}]({name})" for name in study.file.fits)
         lines += [f"Its seed is none of the fit that its parameters come from: {fits}."]
@@ -241,7 +249,7 @@ def _run_in_words(evidence: Evidence, run: Mapping[str, Any]) -> str:
     if not run:
         return "\n".join([*lines, "", "It has not been run yet."])
     complete = evidence.complete
-    if run["declared"] != study.declared:
+    if not evidence.stands:
         return "\n".join(
             [*lines, "", "It has been changed since it was run; what is above is of then."]
         )
@@ -258,6 +266,11 @@ def _run_in_words(evidence: Evidence, run: Mapping[str, Any]) -> str:
             "",
             f"On {run['date']}, {done}, in {_hours(run['core_hours'])} of one core (training "
             f"apart) on {run['machine']}; {versions}.",
+            *(
+                f"Its declaration is written otherwise since: {made['reason']} One subject of "
+                f"every learner did the same by the code before ({made['by']}) and after."
+                for made in run.get("stamps", ())
+            ),
             "",
             f"What was measured, a row for each {study.unit} and time: "
             "[units.parquet](units.parquet). What follows: [verdicts.csv](verdicts.csv). The run: "

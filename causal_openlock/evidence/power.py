@@ -54,7 +54,7 @@ def decides_at(found: Callable[[float], Estimate], contrast: Contrast) -> int | 
 
 def as_stated(contrast: Contrast, study: Study) -> Callable[[float], Estimate] | None:
     """No difference, of units that differ as the contrast states; None if it does not."""
-    if contrast.spread is None:
+    if contrast.spread is None or study.file.published:
         return None
     limit = max(protocol.attempt_limit for protocol in study.asked.protocols)
     reach = limit - 1.0 if contrast.measure in ATTEMPTS else 1.0

@@ -39,7 +39,7 @@ from causal_openlock.evidence.keeping import (
 from causal_openlock.evidence.metric_runs import run_metrics
 from causal_openlock.evidence.recovery_runs import run_design, run_recovery
 from causal_openlock.evidence.study import FILE, Networks, Study
-from causal_openlock.evidence.study_files import COSTS, UNITS, read_run, read_units
+from causal_openlock.evidence.study_files import COSTS, UNITS, older_results, read_run, read_units
 from causal_openlock.evidence.units import of_network, units_of
 from causal_openlock.experiment.building import Changes, learner
 from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
@@ -64,10 +64,10 @@ def run_study(study: Study, results: Path, watched: Watched, anew: bool = False)
         EvidenceError: If a claim or a table is about what is not played, or a training failed.
         StoreError: If the results folder holds another experiment.
     """
-    if study.tell:
-        _tell_what_runs(study, study.tell)
     if faults := study.faults():
         raise EvidenceError(f"{study.folder / FILE}: {faults[0]}")
+    if study.tell:
+        _tell_what_runs(study, study.tell)
     if study.file.measured == "recovery":
         run_recovery(study, results, watched, anew)
         return
@@ -191,7 +191,8 @@ def _stored(study: Study) -> dict[str, Measured]:
             continue
         of_run = {name: held[name] for name in OF_A_RUN}
         names, seconds, units = held["cells"], held["seconds"], tables[UNITS]
-        if part.label and held.get("asked") == study.asks_of(part.label):
+        asked_then = None if older_results(run) else held.get("asked")
+        if part.label and asked_then == study.asks_of(part.label):
             own = units[(units["learner"] == part.label) & (units["unit"] == part.seed)]
             found[part.name] = Measured({UNITS: own}, tuple(names), 0, seconds, of_run)
         elif not part.label and study.stored() <= set(units):

@@ -313,6 +313,14 @@ class StudyFile(StrictModel):
         Field(description="How many numbers of a learner were fitted to people's fourteen means."),
     ] = Field(default_factory=dict)
     networks: Networks | None = None
+    published: Annotated[
+        str | None,
+        Field(
+            pattern=r"^[0-9]+\.[0-9]+$",
+            description="Version that it was played with, if its experiment uses what has been "
+            "removed since: the experiment is not read, and what is stored stands.",
+        ),
+    ] = None
     hours: Annotated[float, Field(gt=0, description="Hours of one core for the whole study.")]
     claims: dict[str, Claim] = Field(default_factory=dict)
     tables: dict[str, Table] = Field(default_factory=dict)
@@ -409,8 +417,14 @@ class Study:
         """The experiment as its file declares it now.
 
         Raises:
-            EvidenceError: If code would run to know it, and nobody would be told.
+            EvidenceError: If the study is published, or code would run to know it, and nobody
+                would be told.
         """
+        if self.file.published:
+            raise EvidenceError(
+                f"{self.name} was published with version {self.file.published} and cannot be run "
+                "with this one, which lacks options that it uses; play it with that version"
+            )
         if self.tell is None and (named := self.named_code()):
             raise EvidenceError(
                 f"{self.folder / FILE} names code ({joined(named)}), which does not run here; if "
@@ -549,7 +563,7 @@ def read_study(folder: Path, tell: Callable[[str], None] | None = None) -> Study
     """
     study = Study(folder, read_document(folder / FILE).validate(StudyFile), tell)
     for path in (study.experiment, *study.training_files.values()):
-        if not path.is_file():
+        if not (study.file.published or path.is_file()):
             raise EvidenceError(f"{folder / FILE} names {path}, which is not a file; fix the name")
     return study
 

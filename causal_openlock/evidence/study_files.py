@@ -20,11 +20,27 @@ from causal_openlock.files.checksums import (
     read_table,
     table_bytes,
 )
+from causal_openlock.version import RESULTS_VERSION
+from causal_openlock.wording import joined
 
 if TYPE_CHECKING:
     import pandas as pd
 
 UNITS, COSTS, RUN = "units.parquet", "costs.parquet", "run.json"
+
+
+def older_results(run: dict[str, Any]) -> str:
+    """Return the release whose results a study has, if results are others now; else nothing.
+
+    >>> older_results({"versions": {"causal-openlock": "0.1.0+4"}})
+    '0.1'
+    """
+    stamps, version = run.get("stamps"), run["versions"]["causal-openlock"]
+    played_with = {version} if isinstance(version, str) else {*version}
+    if played_with == {RESULTS_VERSION} or (stamps and stamps[-1]["results"] == RESULTS_VERSION):
+        return ""
+    releases = {".".join(one.split(".")[:2]) for one in played_with - {RESULTS_VERSION}}
+    return joined(sorted(releases))
 
 
 def write_run(study: Study, tables: dict[str, pd.DataFrame], run: dict[str, Any]) -> None:
@@ -46,7 +62,9 @@ def read_run(study: Study) -> dict[str, Any]:
         EvidenceError: If it has not been run, or the file is damaged.
     """
     run = _read(study, RUN, read_json)
-    if not all(isinstance(run.get(name), dict) for name in ("files", "versions", "parts")):
+    if not all(
+        isinstance(run.get(name), dict) for name in ("files", "versions", "parts", "settings")
+    ):
         raise EvidenceError(f"{study.folder / RUN} is of an earlier version; run the study again")
     return run
 

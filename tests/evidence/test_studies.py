@@ -17,6 +17,7 @@ from causal_openlock.evidence.running import run_study
 from causal_openlock.evidence.study import Selection, read_studies, read_study
 from causal_openlock.evidence.study_files import read_run, read_units
 from causal_openlock.evidence.units import selected
+from causal_openlock.files.checksums import json_bytes, read_json
 from causal_openlock.fitting.kept import keep_fit
 from support.command import at_once
 from support.places import ROOT
@@ -77,6 +78,12 @@ def change(root, name, old, new):
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, new))
+
+
+def rewrite(root, **facts):
+    """Write other facts about its run next to a study."""
+    path = root / "small" / "run.json"
+    path.write_bytes(json_bytes({**read_json(path.read_bytes()), **facts}))
 
 
 @pytest.fixture
@@ -308,6 +315,59 @@ def test_a_study_with_the_seed_of_a_fit_is_at_fault(root):
         assert all(f"seed {seed}" in one for one in same)
     (folder / "fit.json").write_text((folder / "fit.json").read_text().replace("7", "8"))
     assert any("fit.json" in fault for fault in check(root))
+
+
+# -- what outlives a change of the code ------------------------------------------------------------
+
+
+def test_a_published_study_stands_without_its_experiment_and_cannot_be_run(ran):
+    page = (ran / "small" / "README.md").read_text()
+    (ran / "small" / "experiment.yaml").write_text("learners: [removed]\n")
+    assert len(check(ran)) == 1
+    change(ran, "study.yaml", "hours: 0.01", 'hours: 0.01\npublished: "0.2"')
+    assert write(ran) == ([ran / "small" / "README.md"], [])
+    assert check(ran) == []
+    kept = (ran / "small" / "README.md").read_text()
+    assert kept.split("## How")[0] == page.split("## How")[0]
+    assert "version 0.2" in kept
+    with pytest.raises(EvidenceError, match="published with version 0"):
+        run(ran)
+    assert "published with version 0.2" in at_once("evidence", "--folder", ran).stdout
+
+
+def test_a_study_says_which_results_it_was_played_with_if_others_are_given_now(ran):
+    rewrite(ran, versions={"causal-openlock": "0.1.0+4"})
+    write(ran)
+    for page in (ran / "small" / "README.md", ran.parent / "page.md"):
+        assert page.read_text().count("Played with results of 0.1.") == 1
+    said = at_once("evidence", "--folder", ran, "--check")
+    assert (said.status, said.stdout.splitlines()) == (0, [
+        "1 study: Played with results of 0.1.",
+        "all numbers and verdicts follow from the stored units",
+    ])  # fmt: skip
+
+
+def test_a_declaration_that_is_written_otherwise_is_stamped_if_records_are_equal(ran, tmp_path):
+    before = tmp_path / "before"
+    shutil.copytree(ran, before / "evidence")
+    for code in ("causal_openlock", "learners", "schemas"):
+        (before / code).symlink_to(ROOT / code)
+    asked = ["evidence", "--stamp", "small", "--before", before, "--reason", "It has a new word."]
+    assert "nothing to stamp" in at_once(*asked, cwd=ran.parent).stderr
+    rewrite(ran, declared="written otherwise")
+    changed = (ran / "small" / "run.json").read_bytes()
+    change(before / "evidence", "experiment.yaml", "name:", "seed: 7\nname:")
+    refused = at_once(*asked, cwd=ran.parent)
+    assert "oracle acts otherwise" in refused.stderr
+    assert (ran / "small" / "run.json").read_bytes() == changed
+    change(before / "evidence", "experiment.yaml", "seed: 7\n", "")
+    done = at_once(*asked, cwd=ran.parent)
+    assert done.status == 0, done.stderr
+    assert check(ran) == []
+    assert "otherwise since: It has a new word." in (ran / "small" / "README.md").read_text()
+    cells = played(ran)
+    assert at_once("evidence", "small", cwd=ran.parent).status == 0
+    assert played(ran) == cells
 
 
 # -- runs -----------------------------------------------------------------------------------------

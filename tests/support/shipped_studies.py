@@ -15,3 +15,7 @@ NAMES = sorted(path.parent.name for path in EVIDENCE.glob(f"*/{FILE}"))
 def shipped(name: str) -> Study:
     """Return a study by its name; its experiment and trainings are read when asked for."""
     return read_study(EVIDENCE / name)
+
+
+DECLARED = [name for name in NAMES if not shipped(name).file.published]
+"""Studies whose experiments can be read; of others only results are stored."""
