@@ -7,7 +7,6 @@ from types import ModuleType
 
 import pytest
 
-import causal_openlock as ol
 from causal_openlock.contract.registry import origin
 from causal_openlock.errors import CellsFailed, LearnerError, RewardError
 from causal_openlock.experiment.file import read_experiment
@@ -188,23 +187,3 @@ def test_a_cluster_is_not_sent_what_changed_since_it_was_declared(folder):
     (folder / "a_helper.py").write_text(CHANGED)
     with pytest.raises(LearnerError, match="a_mine:Mine has changed"):
         carry(experiment, folder / "out")
-
-
-def test_a_package_that_is_edited_where_it_is_counts_by_its_code(folder):
-    about = folder / "installed" / "edited_learners-0.3.dist-info"
-    about.mkdir(parents=True)
-    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: edited-learners\nVersion: 0.3\n")
-    (about / "entry_points.txt").write_text("[causal_openlock.learners]\nedited = a_mine:Mine\n")
-    (about / "direct_url.json").write_text('{"url": "file:///x", "dir_info": {"editable": true}}')
-    sys.path += [str(folder), str(folder / "installed")]
-    first = origin("edited")
-    assert first.startswith("edited-learners 0.3+")
-    (folder / "a_helper.py").write_text(CHANGED)
-    assert origin("edited") != first == origin("edited", imported=True)
-    (about / "direct_url.json").write_text('{"url": "file:///x", "dir_info": {}}')
-    assert origin("edited") == "edited-learners 0.3"
-
-
-def test_bundled_learners_are_those_of_the_package():
-    assert origin("bayes").split()[0] == origin("ddqn").split()[0] == "causal-openlock"
-    assert not ol.make_experiment(["CC3"], ["bayes"]).learners[0].origin.artifact_hash

@@ -5,9 +5,7 @@ import numpy as np
 from causal_openlock.analysis.topics.reward_study import BEST_OF_PAPER, reward_terms, rewards_of
 from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.protocol import PAPER_CONDITIONS, PROTOCOLS, plan
-from causal_openlock.paper.exploration import USUAL, schedules
 from causal_openlock.world.rewards import PRESETS, TERMS
-from support.places import ROOT
 
 
 def read(name):
@@ -41,29 +39,6 @@ def test_paper_rl_is_the_papers_protocol_at_full_budget():
     assert authors.reward == PRESETS["authors_2018"]
 
 
-def test_figure6_has_the_attempts_of_the_papers_axis():
-    experiment = read_experiment(ROOT / "evidence" / "figure6" / "experiment.yaml")
-    for condition in experiment.conditions:
-        assert actions(experiment.learners[0], condition) == 3 * 150_000
-    usual = by_name(experiment.learners)["rate_001"].parameters
-    changed = {
-        one.name: {key for key, value in one.parameters.items() if value != usual[key]}
-        | ({"reward"} if one.reward.name != "paper" else set())
-        for one in experiment.learners
-    }
-    both = {"target_period", "bootstrap_over_attempts"}
-    assert changed == {
-        "rate_001": set(),
-        "rate_0025": {"learning_rate"},
-        "rate_005": {"learning_rate"},
-        "target_never": {"target_period"},
-        "over_attempts": {"bootstrap_over_attempts"},
-        "never_and_over": both,
-        "authors_program": both
-        | {"epsilon_decay", "epsilon_after_trial", "reward", "learning_rate"},
-    }
-
-
 def test_reward_study_has_every_reward_and_the_papers_combinations():
     experiment = read("reward_study")
     played = {one.reward.name for one in experiment.learners}
@@ -76,17 +51,6 @@ def test_reward_study_has_every_reward_and_the_papers_combinations():
     assert BEST_OF_PAPER in terms
     assert BEST_OF_PAPER | {"unique_solutions"} in terms
     assert actions(experiment.learners[0], experiment.conditions[0]) == 9_000
-
-
-def test_exploration_decay_has_peoples_decays_in_every_way():
-    found = schedules(read("exploration_decay"))
-    ways = set(found[["decay", "shrinks_with"]].itertuples(index=False, name=None))
-    for decay in (0.548, 0.743):
-        assert {(decay, way) for way in ("action", "attempt", "trial")} <= ways
-    assert (found["decay"] > USUAL).sum() == 2
-    # Set at each trial's end, epsilon could not shrink from trial to trial.
-    assert found.loc[found["shrinks_with"] == "trial", "after_trial"].isna().all()
-    assert found["first_trial"].max() == 900
 
 
 def test_deep_quick_is_quick_and_has_every_form():

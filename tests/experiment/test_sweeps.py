@@ -1,11 +1,9 @@
 """Sweeps: a learner once for each value of a parameter, in files and in Python."""
 
 import numpy as np
-import pytest
 
 import causal_openlock as ol
 from causal_openlock.contract.registry import create
-from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.building import Changes
 from causal_openlock.experiment.file import read_experiment
 
@@ -62,24 +60,3 @@ def test_a_sweep_or_one_of_its_learners_can_be_chosen_by_name(tmp_path):
     two = "{learner: bayes, sweep: {lapse: [0.1]}}\n  - {learner: bayes, sweep: {noise: [0.2]}}"
     names = [one.name for one in chosen(two, "bayes").learners]
     assert names == ["bayes-lapse-0.1", "bayes-noise-0.2"]
-
-
-def test_every_fault_of_a_learner_is_told_at_once(tmp_path):
-    with pytest.raises(OpenLockError) as caught:
-        ol.sweep("bayes", label="a b", subjects=0, lapse=[0.1, 3], noise=["x"], polcy=1)
-    for line, word in zip(
-        str(caught.value).splitlines(),
-        ["'a b'", "'polcy'", "lapse of bayes", "noise of bayes", "subjects"],
-        strict=True,
-    ):
-        assert word in line
-    with pytest.raises(OpenLockError) as caught:
-        read(
-            tmp_path,
-            "learner: bayes\n    sweep: {lapse: [3]}\n    parameters: {noise: x}\n"
-            "    protocol: hum\n    reward: nono\n  - {learner: unknown, protocol: hum}",
-        )
-    said = [(6, "lapse"), (7, "noise"), (8, "hum"), (9, "nono"), (10, "unknown"), (10, "hum")]
-    for fault, (line, word) in zip(caught.value.faults, said, strict=True):
-        assert fault.line == line
-        assert word in fault.message
