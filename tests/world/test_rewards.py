@@ -1,31 +1,22 @@
 """Rewards: names, weights, and worked examples (any history in any schema: test_tables.py)."""
 
 from functools import cache
-from itertools import permutations, product
 
 import jsonschema
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from causal_openlock.experiment.file_format import json_schema
-from causal_openlock.world.reward_table import RewardTable
 from causal_openlock.world.rewards import (
     PRESETS,
     TERMS,
     WEIGHTS,
-    Reward,
     Weights,
     find_reward,
     form_of,
 )
-from causal_openlock.world.room import Layout
-from causal_openlock.world.tables import RoomTables
-from oracle import WEIGHTS as PAPERS
-from oracle import Room as Trial
-from oracle import Rules, reward
-from support.reward_play import LAYOUTS, SCHEMAS, Play, pay
+from support.reward_play import Play
 
 
 @pytest.mark.parametrize(
@@ -78,59 +69,6 @@ def test_a_decoy_begins_no_solution_and_a_new_trial_finds_afresh():
     totals = [sum(play.attempt("L0 L1 door")) for _ in range(2)]
     play.env.reset(options={"new_trial": True})
     assert [*totals, sum(play.attempt("L0 L1 door"))] == [60, 0, 60]
-
-
-@cache
-def sequences(name):
-    """The oracle's room of a published layout, and all sequences of three actions there."""
-    layout = Layout.of(SCHEMAS[name], LAYOUTS[name])
-    rules = Rules.of(SCHEMAS[name])
-    rules = rules.at(dict(zip(rules.levers, layout.places, strict=True)))
-    return layout, rules, np.array(list(product(range(15), repeat=3)))[::7]
-
-
-@pytest.mark.parametrize("name", LAYOUTS)
-def test_presets_of_the_paper_in_its_rooms_after_every_number_of_solutions(name):
-    layout, rules, some = sequences(name)
-    solutions = [[*map(layout.places.__getitem__, map(SCHEMAS[name].levers.index, solution))]
-                 for solution in SCHEMAS[name].solutions]  # fmt: skip
-    tables = RoomTables(7)
-    tables.add([(SCHEMAS[name], layout, 3)])
-    for preset, before in product(["paper", "unique_solutions"], range(len(solutions) + 1)):
-        table, room = RewardTable(find_reward(preset), tables), Trial(rules)
-        room.found = [frozenset(levers) for levers in solutions[:before]]
-        known = np.zeros((len(some), len(solutions)), dtype=bool)
-        known[:, :before] = True
-        row, previous, paid = tables.start.repeat(len(some)), np.full(len(some), -1), []
-        for action in some.T:
-            row, now = pay(table, row, action, previous, known)
-            previous = action
-            paid.append(now)
-        for actions, own in zip(some.tolist(), np.stack(paid, axis=1).tolist(), strict=True):
-            room.begin()
-            found = [*room.found]
-            expected = [reward(room.step(a), PRESETS[preset].terms, PAPERS) for a in actions]
-            room.found = found
-            assert own == pytest.approx(expected), actions
-
-
-def test_the_terms_of_a_reward_add_up_in_any_order():
-    plays = [Play(order) for order in permutations(["basic", "state_change", "partial_sequence"])]
-    for words in ("L0 L1 door", "L1 L1 L0", "white white L0"):
-        rewards = [play.attempt(words) for play in plays]
-        assert all(paid == rewards[0] for paid in rewards)
-
-
-def test_names_of_presets_and_lists_of_terms():
-    both = find_reward(["basic", "negative_repeat"])
-    assert (both.name, both.terms) == ("basic+negative_repeat", ("basic", "negative_repeat"))
-    assert find_reward(both) is both
-    for term in TERMS:
-        assert {"basic", term} <= set(find_reward(term).terms)
-    assert find_reward("paper") == Reward(
-        "paper", ("basic", "negative_immovable", "partial_sequence", "solution_multiplier")
-    )
-    assert Weights(**PAPERS) == Weights()
 
 
 NUMBERS = st.floats(-100, 100, allow_nan=False).map(lambda x: round(x, 6))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from causal_openlock.schemas.finding import bundled_schemas
-from causal_openlock.schemas.schema import DOOR, Schema
+from causal_openlock.schemas.schema import DOOR
 from causal_openlock.testing import layouts, schemas
 from causal_openlock.world.batch import RoomBatch
 from causal_openlock.world.rewards import find_reward
@@ -21,7 +21,6 @@ from causal_openlock.world.room import (
     action_index,
     action_names,
     first_layout,
-    position_coordinates,
     position_names,
     positions_for,
     published_layouts,
@@ -136,19 +135,6 @@ def test_tables_of_a_room_by_position(data, schema, more):
             assert after == (state ^ 1 << bit if chance else state)
 
 
-def test_a_room_of_twelve_positions_works_like_any_other():
-    levers = [f"L{index}" for index in range(12)]
-    chain = dict(zip(levers, [[lever] for lever in [*levers[1:], DOOR]], strict=True))
-    long = Schema("long", levers, chain)
-    room = Room.of(long, {lever: f"P{11 - index}" for index, lever in enumerate(levers)})
-    assert room.positions == 12
-    assert room.action_of(long.solutions[0]) == [*range(11, -1, -1), 24]
-    seen = walk(room, np.array([room.action_of(long.solutions[0])]), limit=13)[0]
-    assert seen[:, -1].tolist() == [0] * 13 + [1]
-    assert seen[:, -2].tolist() == [1] * 12 + [0] * 2
-    assert [look[:12].sum() for look in seen[:13]] == list(range(13))
-
-
 # -- names and layouts -----------------------------------------------------------------------------
 
 
@@ -161,24 +147,6 @@ def test_actions_are_named_by_position_in_the_papers_order():
     assert action_names(9)[8:10] == ("push_P8", "pull_P0")
     asked = ("push_UPPER", "pull UPPER", "upper", "door", 14, np.int64(0))
     assert [action_index(action, 7) for action in asked] == [1, 8, 1, 14, 14, 0]
-
-
-def test_observation_bits_are_levers_colours_lock_door():
-    room = Room.of(BUNDLED["CC3"], {"L0": "LEFT", "L1": "UPPERRIGHT", "L2": "LOWER"})
-    states = [((), False), (("L0",), False), (("L0", "L1"), False), (("L2",), True)]
-    seen = ["".join(map(str, room.observation[room.fsm.state(*state)])) for state in states]
-    assert seen == [
-        "0000000100101010", "0001000100101010", "1001000100101000", "0000010100101001",
-    ]  # fmt: skip
-
-
-def test_levers_stand_apart_in_rooms_of_every_size():
-    for positions in range(7, 13):
-        places = position_coordinates(positions)
-        assert places.shape == (positions, 2)
-        gaps = np.linalg.norm(places[:, None] - places[None], axis=2)
-        assert gaps[~np.eye(positions, dtype=bool)].min() > 1.5
-        assert not ((places[:, 0] > 0) & (abs(places[:, 1]) < 1)).any()  # there is the door
 
 
 def test_a_layout_fits_any_schema_with_as_many_levers_and_any_larger_room():
@@ -195,18 +163,6 @@ def test_a_layout_fits_any_schema_with_as_many_levers_and_any_larger_room():
     assert Layout((3, 1)).in_room(8).name == "P3 P1"
     assert first_layout(BUNDLED["seven"]).places == (0, 1, 2, 3, 4, 5, 6)
     assert position_names(8)[7] == "P7"
-
-
-@settings(max_examples=30, deadline=None)
-@given(data=st.data(), schema=schemas(max_levers=7))
-def test_an_action_in_another_layout_is_on_the_same_lever(data, schema):
-    here, there = (data.draw(layouts(schema, 8)) for _ in range(2))
-    actions = here.actions_in(there).tolist()
-    assert sorted(actions) == list(range(17))
-    assert actions[-1] == 16
-    for place, other in zip(here.places, there.places, strict=True):
-        assert (actions[place], actions[8 + place]) == (other, 8 + other)
-    assert [action - 8 for action in actions[8:16]] == actions[:8]
 
 
 def test_random_layouts_are_uniform_and_follow_the_generator():

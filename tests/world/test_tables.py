@@ -9,7 +9,6 @@ from causal_openlock.schemas.finding import bundled_schemas
 from causal_openlock.schemas.schema import DOOR, Gate, Schema
 from causal_openlock.testing import schemas
 from causal_openlock.world.batch import RoomBatch
-from causal_openlock.world.reward_table import RewardTable
 from causal_openlock.world.rewards import TERMS, find_reward
 from causal_openlock.world.room import Layout
 from causal_openlock.world.tables import RoomTables
@@ -219,44 +218,3 @@ def test_rooms_of_twelve_levers_and_924_solutions(strength):
     drawn = [six_of_twelve(strength), BUNDLED["seven"], six_of_twelve(strength)]
     rooms = [(schema, Layout.random(schema, generator, 12), 8) for schema in drawn]
     assert play(rooms, 12, generator, True, True, steps=60) > 5
-
-
-def test_rooms_stacked_in_one_go_or_one_by_one_are_the_same_table():
-    rooms = rooms_of([*BUNDLED.values()][:6] * 2, 7, np.random.default_rng(0))
-    at_once, one_by_one = RoomTables(7), RoomTables(7)
-    index = at_once.add(rooms)
-    assert [int(one_by_one.add([room])[0]) for room in rooms] == index.tolist()
-    assert at_once.add(rooms).tolist() == index.tolist()  # each is stacked once
-    assert len(at_once.rooms) == len(set(index.tolist())) > 8
-    for name, held in vars(at_once).items():
-        if isinstance(held, np.ndarray):
-            assert np.array_equal(held, getattr(one_by_one, name)), name
-
-
-@pytest.mark.parametrize("gate", [Gate("all"), Gate("at_least", 6)], ids=str)
-def test_a_room_of_twelve_levers_takes_a_few_megabytes(gate):
-    """Of arrays that last, the table of rewards included."""
-    schema = Schema("large", LEVERS, {lever: [DOOR] for lever in LEVERS}, gates={DOOR: gate})
-    generator, tables = np.random.default_rng(0), RoomTables(12)
-    rewards, took = RewardTable(find_reward("authors_2018_unique_solutions"), tables), []
-    for _ in range(3):
-        tables.add([(schema, Layout.random(schema, generator, 12), 13)])
-        rewards.fill()
-        took.append(tables.nbytes + rewards.nbytes)
-    assert np.diff(took).max() < 26e6
-    # Which solutions the actions so far begin is stored once, whatever the layouts.
-    assert took[0] < 26e6 + len(schema.solutions) * tables.rows / 3
-
-
-def test_an_action_that_there_is_not_changes_nothing():
-    tables = RoomTables(7)
-    batch = RoomBatch(tables, [find_reward("basic")], 2, 3)
-    batch.begin_trials([0, 1], tables.add([(BUNDLED["CC4"], Layout((0, 1, 2, 3)), 3)] * 2))
-    before = batch.row.copy()
-    for action, legal in (([0, 15], 15), ([-1, 0], None), ([0, 17], None)):
-        with pytest.raises(IndexError):
-            batch.step(np.array(action), legal=legal)
-        assert (batch.row == before).all()
-    tables.add([(BUNDLED["noisy_CC3"], Layout((0, 1, 2)), 3)])
-    with pytest.raises(ValueError, match="luck"):
-        batch.step(np.array([0, 1]))
