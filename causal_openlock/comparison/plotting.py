@@ -24,7 +24,6 @@ from causal_openlock.analysis.topics.savings import plot_savings
 from causal_openlock.analysis.topics.structure_recovery import plot_structure_recovery
 from causal_openlock.analysis.topics.survival import plot_survival
 from causal_openlock.errors import renamed
-from causal_openlock.files.plugins import PLOTS, loaded, registered
 from causal_openlock.files.validation import check_arguments
 
 
@@ -83,21 +82,27 @@ class Plots:
     sweep = _Of(plot_sweep)
     structure_recovery = _Of(plot_structure_recovery)
 
+    @property
+    def likeness(self) -> Callable[..., Any]:
+        """Draw people's means at the fourteen points, and one learner's in each panel.
+
+        See :func:`~causal_openlock.paper.likeness_figure.plot_likeness`.
+        """
+        from causal_openlock.paper.likeness_figure import plot_likeness
+
+        return bound_to(self.results, plot_likeness)
+
     if not TYPE_CHECKING:  # a misspelt name is still an error of types
 
         def __getattr__(self, name: str) -> Any:
-            """A plot that a package registers (``causal_openlock.plots``)."""
             if name == "understanding":
                 renamed("results.plot.understanding", "results.plot.structure_recovery")
                 return self.structure_recovery
-            if name.startswith("_") or (entry := registered(PLOTS).get(name)) is None:
-                raise AttributeError(f"{type(self).__name__} has no plot {name!r}", name=name)
-            return bound_to(self.results, loaded(entry))
+            raise AttributeError(f"{type(self).__name__} has no plot {name!r}", name=name)
 
     def __repr__(self) -> str:
         return f"plots: {', '.join(dir(self))}; each takes ax= and returns the axes"
 
     def __dir__(self) -> list[str]:
         """The plots, for completion."""
-        ours = [name for name, one in vars(type(self)).items() if isinstance(one, _Of)]
-        return [*ours, *registered(PLOTS)]
+        return [name for name, plot in vars(type(self)).items() if isinstance(plot, _Of | property)]

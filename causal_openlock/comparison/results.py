@@ -34,7 +34,6 @@ from causal_openlock.analysis.results.references import (
 from causal_openlock.analysis.topic import all_topics, columns_of
 from causal_openlock.errors import StoreError, in_short, renamed
 from causal_openlock.files.atomic import folder_at
-from causal_openlock.files.plugins import RESULT_METHODS, attribute_of, registered
 from causal_openlock.storage.containment import check_inside
 from causal_openlock.storage.folder_lock import LOCK
 from causal_openlock.storage.store import Store
@@ -48,6 +47,8 @@ if TYPE_CHECKING:
     from causal_openlock.analysis.report.methods import Methods
     from causal_openlock.analysis.report.writing import Report
     from causal_openlock.comparison.plotting import Plots
+    from causal_openlock.experiment.building import LearnerForm
+    from causal_openlock.scoring.scores import Scores
 
 SUBJECTS = [*CELL, *SUBJECT]
 """Columns that identify a subject."""
@@ -258,6 +259,25 @@ class Results(Material):
                 named[name] = named[name].cat.reorder_categories(known.cat.categories)
         return named.sort_values([*SUBJECTS, *VISIT, "attempt"], ignore_index=True)
 
+    @cached_property
+    def scores(self) -> Scores:
+        """Scores of learners on these subjects, as ``causal-openlock score`` stored them.
+
+        See :func:`~causal_openlock.scoring.on_record.scores`.
+        """
+        from causal_openlock.scoring.on_record import scores
+
+        return scores(self)
+
+    def score(self, learners: LearnerForm | Sequence[LearnerForm] = (), **options: Any) -> Scores:
+        """Let learners predict every action of these subjects: who predicts best?
+
+        Arguments, errors and an example: :func:`~causal_openlock.fitting.of_results.score`.
+        """
+        from causal_openlock.fitting.of_results import score
+
+        return score(self, learners, **options)
+
     @property
     def plot(self) -> Plots:
         """Plots of the results: ``results.plot.attempts()`` and so on."""
@@ -268,15 +288,10 @@ class Results(Material):
     if not TYPE_CHECKING:  # a misspelt name is still an error of types
 
         def __getattr__(self, name: str) -> Any:
-            """A method or property that a package registers (``causal_openlock.results``)."""
-            if name in FORMER:
-                renamed(f"results.{name}", f"results.{FORMER[name]}")
-                return getattr(self, FORMER[name])
-            return attribute_of(self, RESULT_METHODS, name)
-
-    def __dir__(self) -> list[str]:
-        """The names of the class, and those that packages register."""
-        return sorted({*super().__dir__(), *registered(RESULT_METHODS)})
+            if name not in FORMER:
+                raise AttributeError(f"Results has no attribute {name!r}", name=name)
+            renamed(f"results.{name}", f"results.{FORMER[name]}")
+            return getattr(self, FORMER[name])
 
     # -- what is made of them -------------------------------------------------------------------
 

@@ -1,4 +1,4 @@
-"""Parts that packages register: learners, commands, topics of a report, references, results.
+"""Parts that packages register: learners, commands, topics of a report and references.
 
 Each kind has a group of entry points. Any package can add to it, and what comes with the toolkit is
 registered in the same way, so the core knows no guest by name::
@@ -9,14 +9,16 @@ registered in the same way, so the core knows no guest by name::
 
 from __future__ import annotations
 
+import multiprocessing
 import sys
+import warnings
 from collections.abc import Mapping
 from functools import lru_cache
-from importlib.metadata import EntryPoint, entry_points
-from pathlib import Path
+from importlib.metadata import EntryPoint, EntryPoints, distributions, entry_points
 from typing import Any
 
 from causal_openlock.errors import OpenLockError
+from causal_openlock.version import __version__
 
 LEARNERS = "causal_openlock.learners"
 """Learners: classes."""
@@ -27,29 +29,16 @@ TOPICS = "causal_openlock.topics"
 REFERENCES = "causal_openlock.references"
 """References that learners are compared with: functions that return a
 :class:`~causal_openlock.analysis.results.references.Reference`."""
-PLOTS = "causal_openlock.plots"
-"""Plots of results: functions whose first argument is the results."""
-RESULT_METHODS = "causal_openlock.results"
-"""Methods and properties of :class:`~causal_openlock.comparison.results.Results`."""
-SCHEMA_METHODS = "causal_openlock.schemas"
-"""The same of :class:`~causal_openlock.schemas.schema.Schema`."""
+TOOLKIT = "causal-openlock"
 
 
-def attribute_of(value: Any, group: str, name: str) -> Any:
-    """Return a method or property that a package registers for objects of a class.
-
-    Args:
-        value: The object.
-        group: The group of its class.
-        name: The name asked for.
+def registered(group: str) -> Mapping[str, EntryPoint]:
+    """Return the entry points of a group by name, sorted; loads none.
 
     Raises:
-        AttributeError: If nothing is registered by that name.
+        OpenLockError: If two packages register the same name.
     """
-    # Copying and pickling ask for special methods before there is anything else.
-    if name.startswith("_") or (entry := registered(group).get(name)) is None:
-        raise AttributeError(f"{type(value).__name__} has no attribute {name!r}", name=name)
-    return loaded(entry).__get__(value, type(value))
+    return _registered(group, tuple(sys.path))
 
 
 def loaded(entry: EntryPoint) -> Any:
@@ -61,42 +50,48 @@ def loaded(entry: EntryPoint) -> Any:
     try:
         return entry.load()
     except Exception as error:  # a module can fail in any way while it is imported
-        kind = entry.group.rpartition(".")[2].removesuffix("s")
         raise OpenLockError(
-            f"the {kind} {entry.name!r}, {_origin(entry)}, cannot be loaded "
+            f"the {_kind(entry.group)} {entry.name!r}, {_origin(entry)}, cannot be loaded "
             f"({type(error).__name__}: {error}); repair that package, or uninstall it"
         ) from error
 
 
-def registered(group: str) -> Mapping[str, EntryPoint]:
-    """Return the entry points of a group by name, sorted; loads none.
-
-    Raises:
-        OpenLockError: If two packages register the same name.
-    """
-    return _registered(group, tuple((place, _changed(place)) for place in sys.path))
-
-
 @lru_cache(maxsize=16)
-def _registered(group: str, places: tuple[tuple[str, int], ...]) -> dict[str, EntryPoint]:
-    """Cache of :func:`registered`, until something is installed in one of the places."""
-    found: dict[str, EntryPoint] = {}
-    for entry in entry_points(group=group):
-        other = found.setdefault(entry.name, entry)
+def _registered(group: str, path: tuple[str, ...]) -> dict[str, EntryPoint]:
+    others = [entry for entry in entry_points(group=group) if not _is_ours(entry)]
+    entries: dict[str, EntryPoint] = {}
+    for entry in [*others, *_own_entry_points(path).select(group=group)]:
+        other = entries.setdefault(entry.name, entry)
         if other.value != entry.value:
-            kind = group.rpartition(".")[2].removesuffix("s")
             raise OpenLockError(
-                f"the {kind} {entry.name!r} is registered twice, as {_origin(other)} and as "
-                f"{_origin(entry)}; uninstall one of these packages or rename its {kind}"
+                f"the {_kind(group)} {entry.name!r} is registered twice, as {_origin(other)} and "
+                f"as {_origin(entry)}; uninstall one of these packages or rename its {_kind(group)}"
             )
-    return dict(sorted(found.items()))
+    return dict(sorted(entries.items()))
 
 
-def _changed(place: str) -> int:
-    try:
-        return Path(place).stat().st_mtime_ns
-    except OSError:
-        return 0
+@lru_cache(maxsize=4)
+def _own_entry_points(path: tuple[str, ...]) -> EntryPoints:
+    """What this package registers, whatever metadata of other versions stands before its own."""
+    installed = [*distributions(name=TOOLKIT, path=[*path])]
+    complete = [package for package in installed if package.entry_points]
+    current = [package for package in complete if package.version == __version__] or complete
+    for package in installed:
+        if package not in current and multiprocessing.parent_process() is None:
+            warnings.warn(
+                f"{package.locate_file('')} holds a causal_openlock-*.dist-info that is left over "
+                f"from another version; remove it, and keep that of {__version__}",
+                stacklevel=2,
+            )
+    return current[0].entry_points if current else EntryPoints()
+
+
+def _is_ours(entry: EntryPoint) -> bool:
+    return entry.dist is not None and entry.dist.name == TOOLKIT
+
+
+def _kind(group: str) -> str:
+    return group.rpartition(".")[2].removesuffix("s")
 
 
 def _origin(entry: EntryPoint) -> str:

@@ -24,14 +24,13 @@ import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 
 from causal_openlock.errors import SchemaError, together
-from causal_openlock.files.plugins import SCHEMA_METHODS, attribute_of, registered
 from causal_openlock.wording import counted, nearest
 
 DOOR = "door"
@@ -373,15 +372,24 @@ class Schema:
 
         return dump_yaml(styled(self.as_dict()))
 
-    if not TYPE_CHECKING:
+    def to_text(self) -> str:
+        """The schema as a line of text; see :func:`~causal_openlock.schemas.one_line.one_line`.
 
-        def __getattr__(self, name: str) -> Any:
-            """A method that is registered: ``to_text``, ``play`` (``causal_openlock.schemas``)."""
-            return attribute_of(self, SCHEMA_METHODS, name)
+        >>> Schema("one", ["A"], {"A": ["door"]}).to_text()
+        'one: A -> door'
+        """
+        from causal_openlock.schemas.one_line import one_line
 
-    def __dir__(self) -> list[str]:
-        """The names of the class, and those that packages register."""
-        return sorted({*super().__dir__(), *registered(SCHEMA_METHODS)})
+        return one_line(self)
+
+    def play(self, **options: Any) -> Any:
+        """Open rooms of the schema in the browser, to play oneself.
+
+        Arguments and what is returned: :func:`~causal_openlock.play.background.play_room`.
+        """
+        from causal_openlock.play.background import play_room
+
+        return play_room(self, **options)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Schema) and self.as_dict() == other.as_dict()

@@ -47,7 +47,6 @@ class OnRecord:
         return {name: self.scores.of(name) for name in self.scores.actions["learner"].unique()}
 
 
-@property  # type: ignore[misc]  # of the results of a comparison, where it is registered
 def scores(results: Material) -> Scores:
     """Scores of learners on these subjects, as ``causal-openlock score`` stored them.
 
@@ -65,8 +64,7 @@ def scores(results: Material) -> Scores:
             "--learner NAME, or in Python results.score(NAMES)"
         )
     for note in found.notes:
-        warnings.warn(note, stacklevel=2)
-    vars(results)["scores"] = found.scores  # it is read once, as with a cached property
+        warnings.warn(note, stacklevel=4)
     return found.scores
 
 
