@@ -1,6 +1,5 @@
-"""Results and bundles of the last release open, are reported and played on."""
+"""Results and bundles of the last release open, are reported, and stand beside new ones."""
 
-import json
 import shutil
 import subprocess
 import sys
@@ -9,20 +8,18 @@ from pathlib import Path
 
 import pytest
 
-from causal_openlock import open_results
+from causal_openlock import compare, open_results
+from causal_openlock.errors import StoreError
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.running.runner import run
-from causal_openlock.storage.store import Store
 
 pytestmark = pytest.mark.slow
 
 LAST = Path(__file__).parents[1] / "data" / "last_release"
 """An experiment, a folder of its results without one cell, and a bundle of it, made with 0.2.0."""
-BY_CLASS = "bayes"
-"""It is named by its class, so its identity holds a hash of the file that has changed since."""
 
 
-def test_a_folder_of_the_last_release_is_reported_and_resumed(tmp_path):
+def test_a_folder_of_the_last_release_is_reported_beside_new_results_and_not_mixed(tmp_path):
     folder = tmp_path / "results"
     shutil.copytree(LAST / "results", folder)
     results = open_results(folder)
@@ -37,25 +34,20 @@ def test_a_folder_of_the_last_release_is_reported_and_resumed(tmp_path):
     assert "random_CC3-CE4" in " ".join(results.experiment.missing)
     results.report()
     assert (folder / "report.html").is_file()
-    stored = Store(folder).experiment()
-    asked = read_experiment(LAST / "last_release.yaml")
-    before = {path.name: path.stat().st_mtime_ns for path in (folder / "cells").iterdir()}
-    run(asked, folder, workers=1)
-    after = {path.name: path.stat().st_mtime_ns for path in (folder / "cells").iterdir()}
-    names = [cell.file_name for cell in asked.cells() if cell.spec.name != BY_CLASS]
-    assert set(names) <= set(stored.files)
-    assert {name: after[name] for name in before} == before
-    assert {name.split("_")[0] for name in after.keys() - before.keys()} == {"random", BY_CLASS}
+    new = compare("CC3-CE4", "oracle", subjects=1, workers=1, out=tmp_path / "new")
+    both = open_results(folder, new.folders[0])
+    assert {*both.learners} == {*kinds, "oracle"}
+    with pytest.raises(StoreError, match=r"made with version 0\.2\.0\+1"):
+        run(read_experiment(LAST / "last_release.yaml"), folder, workers=1)
 
 
-def test_a_bundle_of_the_last_release_runs(tmp_path, monkeypatch):
+def test_a_bundle_of_the_last_release_opens_and_plays_anew(tmp_path, monkeypatch):
     with zipfile.ZipFile(LAST / "last_release.zip") as archive:
         archive.extractall(tmp_path)
     monkeypatch.chdir(tmp_path / "last_release")
-    held = json.loads(Path("results", "experiment.json").read_text())
-    run(read_experiment(Path("experiment.yaml")), Path("results"), workers=1)
-    now = {path.name for path in Path("results", "cells").glob("*.parquet")}
-    assert set(held["cells"]) == now
+    stored = open_results("results")
+    run(read_experiment(Path("experiment.yaml")), Path("anew"), workers=1)
+    assert {*open_results("anew").learners} == {*stored.learners}
 
 
 def test_packages_of_common_names_beside_a_script_do_no_harm(tmp_path):
