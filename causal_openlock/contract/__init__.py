@@ -1,12 +1,11 @@
 """The interface of learners, and how they are found by name.
 
-================== ================================================================================
+================ ==================================================================================
 ``learner``        The contract: ``Learner``, and the types of its input.
 ``one_subject``    Learners written for one subject, and the adapter that plays many of them.
 ``registry``       Finds learners, declared in ``pyproject.toml``, by name; checks their parameters.
 ``parameters``     Types of hyper-parameters with ranges.
-``probes``         Checks of learners, for the contract tests and ``learner_check``.
-``own_randomness`` Global generators of one's own, for a library that draws from the global ones.
+``checks``         Failures, probabilities and global random numbers of learners.
 ``former_names``   What bundled learners were called in releases before.
-================== ================================================================================
+================ ==================================================================================
 """

@@ -207,16 +207,16 @@ class Session:
         tables, batch = self._tables, self._batch
         row = batch.row
         return View(
-            observation=tables.observation.take(row, axis=0),
+            observation=_read_only(tables.observation.take(row, axis=0)),
             console=Console(
-                solutions_left=batch.solutions - batch.found_count,
-                solutions_found=batch.found_count.copy(),
-                attempts_left=self.protocol.attempt_limit + 1 - batch.attempt,
-                actions_left=tables.status.take(row) & ACTIONS_LEFT,
+                solutions_left=_read_only(batch.solutions - batch.found_count),
+                solutions_found=_read_only(batch.found_count.copy()),
+                attempts_left=_read_only(self.protocol.attempt_limit + 1 - batch.attempt),
+                actions_left=_read_only(tables.status.take(row) & ACTIONS_LEFT),
             ),
-            trial=self._visit + 1,
-            attempt=batch.attempt.copy(),
-            playing=self._playing.copy(),
+            trial=_read_only(self._visit + 1),
+            attempt=_read_only(batch.attempt.copy()),
+            playing=_read_only(self._playing.copy()),
         )
 
     # -- the loop -------------------------------------------------------------------------------
@@ -323,12 +323,12 @@ class Session:
         self._view = self._perceive()
         return Step(
             view=view,
-            action=action,
-            outcome=tables.observation.take(taken.after, axis=0),
-            reward=taken.reward,
-            attempt_over=taken.attempt_over,
-            trial_over=taken.trial_over,
-            new_solution=taken.new_solution,
+            action=_read_only(action),
+            outcome=_read_only(tables.observation.take(taken.after, axis=0)),
+            reward=_read_only(taken.reward.view()),  # the rooms use their own arrays again
+            attempt_over=_read_only(taken.attempt_over.view()),
+            trial_over=_read_only(taken.trial_over.view()),
+            new_solution=_read_only(taken.new_solution.view()),
             next=self._view,
         )
 
@@ -444,6 +444,12 @@ class Session:
     def record(self) -> pa.Table:
         """The attempts so far as a record, sorted by subject and time."""
         return assemble(self._log, self._visits, self._constants)
+
+
+def _read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """The same array, which a learner cannot write to: the session uses it later."""
+    array.setflags(write=False)
+    return array
 
 
 def padded(done: Sequence[IntArray]) -> tuple[IntArray, BoolArray]:

@@ -9,7 +9,6 @@
 ``checkpoint``    The state of an unfinished cell, on disk.
 ``progress``      The share of a comparison that is done, and the time left.
 ``status``        The same, read from a results folder.
-``learner_check`` A few steps with a new learner, to check two parts of the contract.
 ``tensorboard``   Curves while cells are played.
 ================= =================================================================================
 """

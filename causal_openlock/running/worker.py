@@ -8,13 +8,15 @@ checkpoint and ends.
 from __future__ import annotations
 
 import multiprocessing
+import threading
 import time
 import traceback
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
+from causal_openlock.contract.checks import GlobalRandomness
 from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.registry import create, is_ours, origin
 from causal_openlock.errors import LearnerError, NotAvailableError, OpenLockError, in_short
@@ -22,7 +24,6 @@ from causal_openlock.experiment.experiment import Cell, LearnerSpec
 from causal_openlock.experiment.session import Session
 from causal_openlock.files.compiling import without_cache
 from causal_openlock.running.checkpoint import Checkpoint, CheckpointError
-from causal_openlock.running.learner_check import check_new_learner
 from causal_openlock.storage.running_files import remove_files_of, report_progress
 from causal_openlock.storage.store import Store
 from causal_openlock.storage.versions import versions
@@ -31,6 +32,11 @@ from causal_openlock.usercode.session_code import is_of_session, unpack
 
 REPORT_EVERY = 1.0
 """Seconds between a worker's reports of its progress."""
+
+IN_TORCH = (
+    "; in torch, pass a torch.Generator that is seeded from these, and put what takes none under "
+    "torch.random.fork_rng()"
+)
 
 
 @dataclass(frozen=True)
@@ -76,9 +82,10 @@ def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = 
     made_with = {"identity": cell.identity, **versions()}
     checkpoint = Checkpoint(store.path(cell), made_with, watching.checkpoint_every)
     try:
-        checkpoint.warnings += check_new_learner(cell)
-        session, learner = _begun(cell, checkpoint)
+        _require_declared(cell.spec)  # which imports its code, and that may draw random numbers
         with ExitStack() as stack:
+            start = stack.enter_context(_own_randomness(cell))
+            session, learner = _begun(cell, checkpoint)
             after = [_reporter(session, store.path(cell), watching.awaited)]
             if watching.tensorboard is not None:
                 from causal_openlock.running.tensorboard import curves
@@ -94,7 +101,8 @@ def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = 
                 except NotAwaitedError:
                     checkpoint.keep(session, learner, now=True)
                     raise
-        record, account = session.record(), learner.account()
+            record, account = session.record(), learner.account()
+            checkpoint.warnings += _used(start, cell.spec)
         store.write_transcripts(cell, account.transcripts)
     except NotAwaitedError:
         raise
@@ -119,6 +127,8 @@ def record_failure(store: Store, cell: Cell, error: BaseException) -> str:
     what = in_short(error)
     if not isinstance(error, OpenLockError):
         what = f"{type(error).__name__}: {what}".removesuffix(": ") + _users_line(error)
+        if isinstance(error, ValueError) and "is read-only" in what:
+            what += "; what a learner is given cannot be changed: work on a copy, array.copy()"
     try:
         trace = "".join(traceback.format_exception(error))
     except Exception:  # a foreign exception's own attributes may raise
@@ -140,7 +150,6 @@ def _users_line(error: BaseException) -> str:
 
 def _begun(cell: Cell, checkpoint: Checkpoint) -> tuple[Session, Learner]:
     """A session and its learner that have begun, from the checkpoint if there is one."""
-    _require_declared(cell.spec)
     session, learner = made(cell)
     try:
         if checkpoint.resume(session, learner):
@@ -150,6 +159,29 @@ def _begun(cell: Cell, checkpoint: Checkpoint) -> tuple[Session, Learner]:
         session, learner = made(cell)
     session.begin(learner)
     return session, learner
+
+
+def _own_randomness(cell: Cell) -> AbstractContextManager[GlobalRandomness | None]:
+    """A block in which the random generators that all code shares are seeded from the cell.
+
+    Yields:
+        Their states at its beginning; None in a thread, whose neighbours may draw meanwhile.
+    """
+    if threading.current_thread() is threading.main_thread():
+        return GlobalRandomness.seeded(int(cell.identity, 16) % 2**63)
+    return nullcontext()
+
+
+def _used(start: GlobalRandomness | None, spec: LearnerSpec) -> list[str]:
+    """A sentence if a learner of a user has drawn from those generators, or seeded them."""
+    used = start.differs_from(GlobalRandomness.now()) if start and not is_ours(spec.learner) else []
+    if not used:
+        return []
+    return [
+        f"it uses or seeds the random numbers of {' and '.join(used)}, which all code shares, so "
+        "no subject is independent of the others in its cell; let it draw from brief.generators "
+        f"(or self.generator){IN_TORCH if 'torch' in used else ''}"
+    ]
 
 
 def made(cell: Cell) -> tuple[Session, Learner]:

@@ -21,8 +21,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from causal_openlock.contract.checks import are_probabilities, failures_of
 from causal_openlock.contract.learner import InformedLearner, Learner
-from causal_openlock.contract.probes import are_probabilities, failures_of
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError, StoreError
 from causal_openlock.experiment.experiment import Experiment, LearnerSpec

@@ -7,7 +7,7 @@ everything happens in the same order each time, and the library works as it alwa
 seed and the same room give the same actions as without this learner.
 
 The library draws from NumPy's, torch's and Python's global generators, and seeds them. Each model
-has global generators of its own (:mod:`~causal_openlock.contract.own_randomness`).
+has global generators of its own (:class:`OwnRandomness`).
 
 It gives no probabilities. Each algorithm has its own way of acting and of exploring, and a model
 learns from the actions that it took itself, so it could not be put in another subject's place.
@@ -20,7 +20,8 @@ from __future__ import annotations
 
 import threading
 import weakref
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib import import_module
 from queue import SimpleQueue
@@ -31,8 +32,8 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from causal_openlock.contract.checks import GlobalRandomness
 from causal_openlock.contract.learner import Brief, Learner, Step, View
-from causal_openlock.contract.own_randomness import OwnRandomness
 from causal_openlock.contract.parameters import Count
 from causal_openlock.errors import LearnerError
 from causal_openlock.schemas.fsm import BoolArray, IntArray
@@ -84,6 +85,30 @@ class Feedback(NamedTuple):
 
 class _Ended(BaseException):
     """No more actions are needed: ends a model's ``learn``."""
+
+
+class OwnRandomness:
+    """Global generators of a model's own: what it draws depends on nobody else.
+
+    They begin as ``random.seed``, ``numpy.random.seed`` and ``torch.manual_seed`` would set them.
+    """
+
+    def __init__(self, seed: int) -> None:
+        import torch  # noqa: F401  # so that its generator is among them
+
+        with GlobalRandomness.seeded(seed) as self._states:
+            pass
+
+    @contextmanager
+    def in_place(self) -> Iterator[None]:
+        """A block in which these are the global generators."""
+        outside = GlobalRandomness.now()
+        self._states.restore()
+        try:
+            yield
+        finally:
+            self._states = GlobalRandomness.now()
+            outside.restore()
 
 
 class _Environment(gymnasium.Env[NDArray[np.int8], np.int64]):

@@ -119,15 +119,21 @@ def test_asking_for_the_structure_changes_no_action_and_is_possible_within_a_roo
 
 
 @pytest.mark.parametrize(
-    "wrong",
+    ("edges", "gates", "fault"),
     [
-        Structure(np.zeros((7, 7)), NOT_SAID),
-        Structure(np.full((7, 8), 1.5), NOT_SAID),
-        Structure(np.zeros((7, 8)), np.zeros(7)),
-        Structure([[0.0] * 8] * 7, NOT_SAID),
-        "a -> b",
+        (np.zeros((7, 7)), NOT_SAID, "7, 7"),
+        (np.full((7, 8), 1.5), NOT_SAID, "from 0 to 1"),
+        (np.full((7, 8), np.nan), NOT_SAID, "from 0 to 1"),
+        (np.zeros((7, 8)), np.full(8, -1.0), "from 0 to 1"),
+        (np.zeros((7, 8)), np.zeros(7), "7,"),
     ],
 )
+def test_a_structure_has_probabilities_of_edges_and_gates(edges, gates, fault):
+    with pytest.raises(ValueError, match=fault):
+        Structure(edges, gates)
+
+
+@pytest.mark.parametrize("wrong", [Structure(np.zeros((6, 7)), NOT_SAID[:7]), "a -> b"])
 def test_what_is_no_structure_is_refused_with_the_learners_name(monkeypatch, wrong):
     results = played(["ideal"], ["CC3"], 1)
     monkeypatch.setattr("openlock_learners.ideal.Ideal.structure", lambda *_: wrong)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import causal_openlock as ol
+from causal_openlock.contract.checks import GlobalRandomness
 from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.one_subject import OneSubjectLearner
 from support.command import at_once, modules_of
@@ -57,6 +58,13 @@ def warned(learner):
     return [str(one.message) for one in caught if issubclass(one.category, UserWarning)]
 
 
+def attempts(learner):
+    """The attempts of a comparison in this process."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return ol.compare("CC3", learner, subjects=2, workers=0).attempts.drop(columns="wall_time")
+
+
 @pytest.mark.parametrize(
     ("kind", "generators"),
     [
@@ -68,11 +76,37 @@ def warned(learner):
     ],
 )
 def test_a_learner_that_uses_global_generators_is_named(kind, generators):
+    before = GlobalRandomness.now()
     found = warned(kind)
+    assert before.differs_from(GlobalRandomness.now()) == []
     assert len(found) == len(generators)
     for sentence, name in zip(found, generators, strict=True):
         assert f"{kind.__name__}: " in sentence
         assert f"random numbers of {name}," in sentence
+
+
+@pytest.mark.parametrize("kind", [Draws, DrawsForOne, DrawsWithTorch])
+def test_its_results_are_the_same_whatever_was_drawn_before(kind):
+    first = attempts(kind)
+    for _ in range(3):
+        random.random(), np.random.random()  # noqa: NPY002
+    assert attempts(kind).equals(first)
+
+
+class Writes(Tidy):
+    def learn(self, step):
+        step.reward.clip(-1, 1, out=step.reward)
+
+
+class WritesToTheNext(Tidy):
+    def learn(self, step):
+        step.next.console.attempts_left[0] = 9
+
+
+@pytest.mark.parametrize("kind", [Writes, WritesToTheNext])
+def test_what_a_learner_is_given_cannot_be_changed(kind):
+    with pytest.raises(ol.OpenLockError, match=r"read-only \(test_learner_check.py:\d+\).*copy"):
+        ol.compare("CC3", kind, subjects=1, workers=0)
 
 
 def test_compare_says_so_once_and_plays_on(tmp_path, monkeypatch):

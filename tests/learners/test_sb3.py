@@ -9,7 +9,7 @@ import weakref
 import numpy as np
 import pytest
 
-from causal_openlock.contract.probes import GlobalRandomness
+from causal_openlock.contract.checks import GlobalRandomness
 from causal_openlock.contract.registry import create
 from causal_openlock.envs import OpenLockEnv
 from causal_openlock.errors import LearnerError

@@ -30,8 +30,8 @@ from causal_openlock.analysis.results.structure_errors import structure_distance
 from causal_openlock.analysis.section import Section
 from causal_openlock.analysis.statistics import mean_intervals
 from causal_openlock.analysis.topic import Topic
+from causal_openlock.contract.checks import failures_of
 from causal_openlock.contract.learner import Learner, Structure
-from causal_openlock.contract.probes import failures_of, is_structure
 from causal_openlock.contract.registry import create, learner_class
 from causal_openlock.errors import LearnerError, NothingToDrawError, OpenLockError
 from causal_openlock.experiment.answers import Answer, read_answers
@@ -185,11 +185,10 @@ def _again(own: pd.DataFrame, spec: LearnerSpec, condition: Condition) -> Iterat
 def _believed(learner: Learner, row: int, name: str, positions: int) -> Structure | None:
     """A subject's belief about the structure, if the learner can say."""
     found = learner.structure(row)
-    if found is not None and not is_structure(found, positions):
+    if found is not None and not (isinstance(found, Structure) and len(found.edges) == positions):
         raise LearnerError(
-            f"the structure of {name} is not a Structure for {positions} positions: "
-            f"edges [{positions}, {positions + 1}] and gates [{positions + 1}]; return None where "
-            "the learner cannot say"
+            f"the structure of {name} is not a Structure for {positions} positions; return None "
+            "where the learner cannot say"
         )
     return found
 
