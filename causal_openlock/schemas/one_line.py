@@ -9,57 +9,36 @@
 ``A (0.8) -> B``, ``A -> B (0.8), C``     the strength of the edges from, or to, the name before it
 ``inert lamp``                            a lever that is on no path to the door on purpose
 ``A, B, C``                               all levers, in the order in which layouts place them
-``safe: ...``, ``safe "A safe": ...``     a name, and a title as a JSON string, before all the rest
+``safe: ...``                             a name, before all the rest
 ========================================= =========================================================
 
 Semicolons or new lines separate statements, and ``#`` begins a comment. Without a list of levers,
 their order is that in which they first appear. The gates ``all`` and ``at_least`` hold for all
-causes of a lever, so these stand in one statement. Nothing of a schema is lost in such a line.
+causes of a lever, so these stand in one statement. Only a title is lost in such a line.
 """
 
 from __future__ import annotations
 
-import json
 import re
+from itertools import pairwise
 from typing import NamedTuple
 
 from causal_openlock.errors import SchemaError
 from causal_openlock.schemas.schema import DOOR, Gate, Schema
-from causal_openlock.wording import nearest
 
-TOKEN = re.compile(
-    r"""(?P<skip>[ \t\r\ufeff]+|\#[^\n]*)
-      | (?P<title>"(?:[^"\\\n]|\\.)*")
-      | (?P<mark>->|[;:,|&()\n])
-      | (?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)
-      | (?P<name>[^\W\d]\w*)
-      | (?P<unknown>\S+)""",
-    re.VERBOSE,
-)
-MOST_HINTS = 20
-"""Names that lead nowhere for which a nearest one is searched."""
-JOINED = {"any": " | ", "all": " & "}
-
-
-class _Token(NamedTuple):
-    kind: str
-    text: str
-    at: int
-
-    def __str__(self) -> str:
-        return {"": "the end", "\n": "a new line"}.get(self.text, repr(self.text))
-
-
-_Names = tuple[list[_Token], str, dict[str, float]]
+_NAME = r"[^\W\d]\w*"
+_HEAD = re.compile(rf"\s*({_NAME})\s*:")
+_INERT = re.compile(r"inert\s+(?=\w)")
+_TERM = re.compile(rf"({_NAME})\s*(?:\(\s*((?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*\))?")
+_GROUP = re.compile(r"(\d{1,3}|any|all)\s+of\s*\((.*)\)", re.DOTALL)
+_SIGNS = {"any": " | ", "all": " & "}
 
 
 class _Side(NamedTuple):
-    """One side of an arrow: its names, the sign that joins them, and strengths of some."""
+    """One side of an arrow: its names with the strengths that are given, and what joins them."""
 
-    names: list[_Token]
+    strengths: dict[str, float | None]
     gate: Gate | None
-    mark: str
-    strengths: dict[str, float]
 
 
 def parse_line(text: str, name: str = "schema") -> Schema:
@@ -70,232 +49,100 @@ def parse_line(text: str, name: str = "schema") -> Schema:
         name: Its name if the text begins with none.
 
     Raises:
-        SchemaError: Where the text cannot be understood, or is not a schema; the message names the
-            column.
+        SchemaError: With the statement that cannot be understood, or what is not a schema.
 
     Example:
         >>> parse_line("A -> B, C; B | C -> door").solutions
         (('A', 'B'), ('A', 'C'))
     """
-    return _Reader(text, name).read()
+    text = re.sub(r"#[^\n]*|\ufeff", "", text)
+    if head := _HEAD.match(text):
+        name, text = head[1], text[head.end() :]
+    listed: list[str] = []
+    inert: list[str] = []
+    levers: dict[str, None] = {}
+    edges: dict[str, dict[str, float]] = {}
+    gates: dict[str, Gate] = {}
+    for statement in filter(None, map(str.strip, re.split(r"[;\n]", text))):
+        prefix = _INERT.match(statement)
+        names = statement[prefix.end() :] if prefix else statement
+        sides = [_side(part, statement) for part in names.split("->")]
+        levers |= {name: None for side in sides for name in side.strengths}
+        if prefix or len(sides) == 1:
+            (side,) = sides[:1]
+            if len(sides) > 1 or side.gate or {*side.strengths.values()} != {None}:
+                raise _fault(statement, "levers are listed by names and ',' alone")
+            if listed and not prefix:
+                raise _fault(statement, "levers are listed again")
+            (inert if prefix else listed).extend(side.strengths)
+        elif sides[-1].gate:
+            raise _fault(statement, "effects are separated by ',', as a gate joins causes,")
+        elif any(p is not None for side in sides[1:-1] for p in side.strengths.values()):
+            raise _fault(statement, "a strength stands between two arrows")
+        for causes, effects in pairwise(sides):
+            for effect, at_effect in effects.strengths.items():
+                gate = causes.gate or Gate()
+                if effect in gates and not gate == gates[effect] == Gate():
+                    raise _fault(statement, f"not all causes of {effect} stand")
+                gates[effect] = gate
+                for cause, at_cause in causes.strengths.items():
+                    if effect in edges.setdefault(cause, {}) or None not in (at_cause, at_effect):
+                        raise _fault(
+                            statement, f"{cause} -> {effect} or its strength is given twice"
+                        )
+                    strength = at_effect if at_cause is None else at_cause
+                    edges[cause][effect] = 1.0 if strength is None else strength
+    levers.pop(DOOR, None)
+    return Schema(name, listed or levers, edges, gates=gates, inert=inert)
+
+
+def _fault(statement: str, problem: str) -> SchemaError:
+    text = f"{problem} in {statement!r:.99}; write it as in A (0.8) -> B, C; B | C -> door"
+    return SchemaError(text)
+
+
+def _side(text: str, statement: str) -> _Side:
+    """The names before or after an arrow, and the gate that joins them."""
+    gate, sign, text = None, ",", text.strip()
+    if group := _GROUP.fullmatch(text):
+        gate = Gate("at_least", int(group[1])) if group[1].isdecimal() else Gate(group[1])
+        text = group[2]
+    elif "&" in text:
+        gate, sign = Gate("all"), "&"
+    elif "|" in text:
+        gate, sign = Gate(), "|"
+    strengths: dict[str, float | None] = {}
+    for part in map(str.strip, text.split(sign)):
+        term = _TERM.fullmatch(part)
+        if not term:
+            raise _fault(statement, f"{part!r:.64} is not a name")
+        if term[1] in strengths:
+            raise _fault(statement, f"{term[1]:.64} is named twice")
+        strengths[term[1]] = float(term[2]) if term[2] else None
+    return _Side(strengths, gate)
 
 
 def one_line(schema: Schema) -> str:
-    """A schema as a line of text that :func:`parse_line` reads back, name and all.
+    """A schema as a line of text that :func:`parse_line` reads back, but for its title.
 
     >>> one_line(parse_line("safe: A -> B (0.8); A & B -> door"))
     'safe: A (0.8) -> B; A & B -> door'
     """
-    effects: dict[tuple[Gate, tuple[tuple[str, float], ...]], list[str]] = {}
+    effects: dict[tuple[Gate, tuple[str, ...]], list[str]] = {}
     for node in [*schema.levers, DOOR]:
-        if causes := schema.causes(node):
-            sources = tuple(zip(causes, schema.strengths(node), strict=True))
-            effects.setdefault((schema.gate(node), sources), []).append(node)
+        strengths = zip(schema.causes(node), schema.strengths(node), strict=True)
+        causes = tuple(name if p == 1.0 else f"{name} ({p!r})" for name, p in strengths)
+        if causes:
+            effects.setdefault((schema.gate(node), causes), []).append(node)
     statements = []
-    for (gate, sources), nodes in effects.items():
-        names = [name if p == 1.0 else f"{name} ({p!r})" for name, p in sources]
-        if gate.kind == "any" or (gate.kind == "all" and len(names) > 1):
-            group = JOINED[gate.kind].join(names)
+    for (gate, causes), nodes in effects.items():
+        if gate.kind == "any" or (gate.kind == "all" and len(causes) > 1):
+            side = _SIGNS[gate.kind].join(causes)
         else:
-            enough = gate.k if gate.kind == "at_least" else "all"
-            group = f"{enough} of ({', '.join(names)})"
-        statements.append(f"{group} -> {', '.join(nodes)}")
+            side = f"{gate.k if gate.kind == 'at_least' else 'all'} of ({', '.join(causes)})"
+        statements.append(f"{side} -> {', '.join(nodes)}")
     if schema.inert:
         statements.append(f"inert {', '.join(schema.inert)}")
     if parse_line("; ".join(statements)).levers != schema.levers:
         statements.insert(0, ", ".join(schema.levers))
-    title = schema.title != schema.name
-    head = f"{schema.name} {json.dumps(schema.title, ensure_ascii=False)}" if title else schema.name
-    return f"{head}: {'; '.join(statements)}"
-
-
-class _Reader:
-    def __init__(self, text: str, name: str) -> None:
-        self.text, self.name, self.title, self.at = text, name, "", 0
-        self.tokens = [
-            _Token(str(match.lastgroup), match[0], match.start())
-            for match in TOKEN.finditer(text)
-            if match.lastgroup != "skip"
-        ]
-        self.tokens += [_Token("end", "", len(text))] * 3  # the grammar looks two tokens ahead
-        self.levers: dict[str, int] = {}  # where each first appears
-        self.listed: list[str] | None = None
-        self.inert: list[str] = []
-        self.edges: dict[str, dict[str, float]] = {}
-        self.gates: dict[str, Gate] = {}
-        self.places: dict[tuple[str, ...], int] = {}  # of each edge, and each gate
-
-    def fault(self, at: int, problem: str) -> SchemaError:
-        line, column = self.text.count("\n", 0, at) + 1, at - self.text.rfind("\n", 0, at)
-        where = f"line {line}, column {column}" if "\n" in self.text.strip() else f"column {column}"
-        return SchemaError(f"{where} of this schema: {problem}")
-
-    # -- tokens -----------------------------------------------------------------------------------
-
-    def next_is(self, *texts: str, ahead: int = 0) -> bool:
-        return self.tokens[self.at + ahead].text in texts
-
-    def take(self, kind: str, possible: str) -> _Token:
-        token = self.tokens[self.at]
-        if token.kind != kind:
-            hint = ""
-            if token.text.startswith("-0"):
-                hint = "; a strength stands in brackets, as in A (0.8) -> B"
-            raise self.fault(token.at, f"{token} cannot come here; possible: {possible}{hint}")
-        self.at += 1
-        return token
-
-    def take_if(self, *texts: str) -> bool:
-        found = self.next_is(*texts) and self.tokens[self.at].kind != "end"
-        self.at += found
-        return found
-
-    def need(self, mark: str, possible: str = "") -> None:
-        if not self.take_if(mark):
-            self.take("", possible or repr(mark))
-
-    def end_of_statement(self, possible: str) -> None:
-        if self.tokens[self.at].kind != "end" and not self.take_if("\n"):
-            self.need(";", possible)
-
-    # -- the grammar ------------------------------------------------------------------------------
-
-    def read(self) -> Schema:
-        while self.take_if("\n"):
-            pass
-        if self.next_is(":", ahead=1) or self.tokens[self.at + 1].kind == "title":
-            self.name = self.take("name", "the name of the schema").text
-            if self.tokens[self.at].kind == "title":
-                token = self.take("title", "a title")
-                try:
-                    self.title = str(json.loads(token.text))
-                except ValueError as error:
-                    raise self.fault(token.at, f"the title is not a JSON string: {error}") from None
-            self.need(":", "':' after name and title")
-        while self.tokens[self.at].kind != "end":
-            if not self.take_if(";", "\n"):
-                self.statement()
-        return self.schema()
-
-    def statement(self) -> None:
-        if self.next_is("inert") and self.tokens[self.at + 1].kind == "name":
-            self.at += 1
-            names, _, strengths = self.names("a lever", ",")
-            if strengths:
-                raise self.fault(names[0].at, "after inert are levers alone, without strengths")
-            self.inert += [token.text for token in names]
-            self.end_of_statement("',', ';' or a new line")
-            return
-        sides = [self.side()]
-        while self.take_if("->"):
-            sides.append(self.side())
-        *rest, last = sides
-        first = last.names[0]
-        if rest and last.mark not in ("", ","):
-            raise self.fault(first.at, "effects are separated by ','; a gate joins causes")
-        if not rest and (last.mark not in ("", ",") or last.strengths):
-            self.take("", "'->' and what these enable")
-        self.end_of_statement("'->', ',', '|', '&', a strength in brackets, ';' or a new line")
-        if not rest:
-            if self.listed is not None:
-                raise self.fault(first.at, "all levers are listed already; name them in one list")
-            self.listed = [token.text for token in last.names]
-        for middle in sides[1:-1]:
-            if middle.strengths:
-                raise self.fault(
-                    middle.names[0].at,
-                    "a strength between two arrows could be of either; write two statements",
-                )
-        for causes, effects in zip(rest, sides[1:], strict=True):
-            self.enable(causes, effects)
-
-    def side(self) -> _Side:
-        """Names before or after an arrow."""
-        start = self.tokens[self.at]
-        if not self.next_is("of", ahead=1):
-            names, mark, strengths = self.names("a lever, the door, or '2 of ('")
-            gate = {"|": Gate(), "&": Gate("all")}.get(mark)
-            return _Side(names, gate, mark, strengths)
-        if start.text in ("any", "all"):
-            gate = Gate(start.text)
-        elif start.text.isdecimal() and start.text.isascii() and len(start.text) < 4:
-            gate = Gate("at_least", int(start.text))
-        else:
-            raise self.fault(start.at, f"before 'of' is {start}; write any, all or a whole number")
-        self.at += 2
-        self.need("(")
-        names, mark, strengths = self.names("a lever", ",")
-        self.need(")", "',' or ')'")
-        return _Side(names, gate, "of", strengths)
-
-    def names(
-        self, possible: str, marks: str = ",|&"
-    ) -> tuple[list[_Token], str, dict[str, float]]:
-        names, mark, strengths = [], "", {}
-        while True:
-            token = self.take("name", possible)
-            names.append(token)
-            if token.text != DOOR:
-                self.levers.setdefault(token.text, token.at)
-            if self.take_if("("):
-                strengths[token.text] = float(self.take("number", "a strength such as 0.8").text)
-                self.need(")")
-            here = self.tokens[self.at]
-            if here.text not in (*marks,):
-                return names, mark, strengths
-            if mark not in ("", here.text):
-                raise self.fault(here.at, f"{here} follows '{mark}'; a node has only one gate")
-            mark = here.text
-            self.at += 1
-
-    def enable(self, causes: _Side, effects: _Side) -> None:
-        """The edges of one arrow, and the gates of its effects."""
-        for effect in effects.names:
-            known = [cause for cause, enabled in self.edges.items() if effect.text in enabled]
-            gate = self.gates.get(effect.text, Gate())
-            if known and Gate() != (gate if gate != Gate() else causes.gate or Gate()):
-                raise self.fault(
-                    effect.at,
-                    f"{effect.text} has causes in two statements; under a gate other than any, "
-                    "name all its causes in one",
-                )
-            if causes.gate:
-                self.gates[effect.text] = causes.gate
-                self.places["gates", effect.text] = causes.names[0].at
-            for cause in causes.names:
-                own = self.edges.setdefault(cause.text, {})
-                place = ("edges", cause.text, effect.text)
-                given = [s.strengths[n.text] for s, n in ((causes, cause), (effects, effect))
-                         if n.text in s.strengths]  # fmt: skip
-                if effect.text in own or len(given) > 1:
-                    what = "edge" if effect.text in own else "strength of"
-                    raise self.fault(
-                        effect.at,
-                        f"the {what} {cause.text} -> {effect.text} is given twice; remove one",
-                    )
-                own[effect.text] = given[0] if given else 1.0
-                self.places[place] = effect.at
-
-    def schema(self) -> Schema:
-        levers = self.listed or [*self.levers]
-        try:
-            return Schema(
-                self.name, levers, self.edges, gates=self.gates, inert=self.inert, title=self.title
-            )
-        except SchemaError as all_of_them:
-            error = all_of_them.parts[0]
-            problem, last = str(error), max(self.places.values(), default=0)
-            named = self.levers.get(str(error.at[-1]), last)
-            at = self.places.get(tuple(map(str, error.at[:3])), named)
-            if error.at[0] in ("levers", "inert") and len(error.at) == 2:
-                name = (levers if error.at[0] == "levers" else self.inert)[int(error.at[1])]
-                at = self.levers.get(name, 0)
-            if error.at[0] == "levers" or error.at == ("edges",):
-                # A name that leads nowhere may be another one, misspelt.
-                nowhere = [name for name in self.levers if name not in {*self.edges, *self.inert}]
-                for name in nowhere[:MOST_HINTS]:
-                    hint = nearest(name, {*self.levers, DOOR} - {name})
-                    if hint.startswith("did you"):
-                        at, problem = self.levers[name], f"{problem}; for {name}, {hint}"
-                        break
-            raise self.fault(at, problem) from None
+    return f"{schema.name}: {'; '.join(statements)}"

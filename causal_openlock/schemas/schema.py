@@ -23,7 +23,9 @@ import re
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from functools import cached_property
+from numbers import Real
 from typing import Any
 
 import networkx as nx
@@ -39,6 +41,9 @@ NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
 GATES = ("any", "all", "at_least")
 NO_TEXT = re.compile("[\\x00-\\x08\\x0b-\\x1f\\x7f\\ud800-\\udfff]")
 """Not allowed in titles: control characters and lone surrogates, which files cannot hold."""
+
+
+Edges = Mapping[str, Iterable[str] | Mapping[str, float]]
 
 
 @dataclass(frozen=True)
@@ -63,12 +68,6 @@ class Gate:
 
     def __str__(self) -> str:
         return f"at least {self.k}" if self.kind == "at_least" else self.kind
-
-
-def _twice(levers: Sequence[str], key: str) -> Iterator[SchemaError]:
-    for index, lever in enumerate(levers):
-        if lever in levers[:index]:
-            yield SchemaError(f"lever {lever} is listed twice; remove one of them", (key, index))
 
 
 class Schema:
@@ -100,145 +99,101 @@ class Schema:
         self,
         name: str,
         levers: Iterable[str],
-        edges: Mapping[str, Iterable[str] | Mapping[str, float]],
+        edges: Edges,
         *,
         gates: Mapping[str, Gate] | None = None,
         inert: Iterable[str] = (),
         title: str = "",
     ) -> None:
-        self.name = name
-        self.title = title or name
-        self.levers = tuple(levers)
-        self.inert = tuple(inert)
-        if faults := [*self._faults_of_names()]:
-            raise together(faults)  # every other part names the levers
-        graph = self.graph = nx.DiGraph(name=name)
-        graph.add_nodes_from(self.levers, kind="lever")
-        graph.add_node(DOOR, kind="door")
-        faults = [*self._faults_of_edges(edges)]
-        complete, gates = not faults, gates or {}
-        faults += [*self._faults_of_gates(gates, complete), *self._faults_of_causes(complete)]
-        if faults:
-            raise together(faults)
-        nx.set_node_attributes(graph, {node: gates.get(node, Gate()) for node in graph}, "gate")
-        nx.freeze(graph)
+        self.name, self.title = name, title or name
+        gates = gates or {}
+        for what, form, value, kind in _expected(name, title, levers, inert, edges, gates):
+            if not isinstance(value, kind):
+                raise SchemaError(f"{what} must be {form}, not {value!r:.64}", (what.split()[0],))
+        self.levers, self.inert = tuple(levers), tuple(inert)
+        self._check_names()  # every other part names the levers
+        self.graph = nx.DiGraph(name=name)
+        self.graph.add_nodes_from(self.levers, kind="lever")
+        self.graph.add_node(DOOR, kind="door")
+        self._add_edges(edges, gates)
+        for node in self.graph:
+            self.graph.nodes[node]["gate"] = gates.get(node, Gate())
+        nx.freeze(self.graph)
 
-    # -- the checks of its construction ---------------------------------------------------------
-
-    def _faults_of_names(self) -> Iterator[SchemaError]:
-        if bad := NO_TEXT.search(self.title):
-            yield SchemaError(
-                f"the title holds the character U+{ord(bad[0]):04X}; take it out", ("title",)
-            )
+    def _check_names(self) -> None:
+        faults = _Faults()
+        if illegal := NO_TEXT.search(self.title):
+            character = f"U+{ord(illegal[0]):04X}"
+            faults.add(f"the title holds the character {character}; take it out", "title")
         if not NAME.fullmatch(self.name):
-            yield SchemaError(
-                f"the name {self.name!r} must begin with a letter and hold at most 64 letters, "
-                "digits and underscores",
-                ("name",),
-            )
-        if not self.levers:
-            yield SchemaError("a schema needs at least one lever", ("levers",))
-        if len(self.levers) > MAX_LEVERS:
-            yield SchemaError(
-                f"{len(self.levers)} levers are more than the {MAX_LEVERS} positions of the "
-                "largest room; leave some out",
-                ("levers",),
-            )
+            text = f"the name {self.name!r:.80} must begin with a letter and hold at most 64"
+            faults.add(f"{text} letters, digits and underscores", "name")
+        if not 1 <= len(self.levers) <= MAX_LEVERS:
+            text = f"{len(self.levers)} levers; a schema needs a lever and has at most {MAX_LEVERS}"
+            faults.add(text, "levers")
         for index, lever in enumerate(self.levers):
-            at = ("levers", index)
-            if not NAME.fullmatch(lever):
-                yield SchemaError(f"{lever!r} is not a valid name of a lever; write it like L0", at)
-            elif lever == DOOR:
-                yield SchemaError("the door is not a lever; take it out of the list of levers", at)
-        yield from _twice(self.levers, "levers")
+            if lever == DOOR:
+                faults.add("the door is not a lever; take it out of this list", "levers", index)
+            elif not isinstance(lever, str) or not NAME.fullmatch(lever):
+                text = f"{lever!r:.64} is not a valid name of a lever; write it like L0"
+                faults.add(text, "levers", index)
+        faults.of_twice(self.levers, "levers")
+        faults.check()
 
-    def _unknown(self, node: str, at: tuple[str | int, ...], *door: str) -> Iterator[SchemaError]:
-        known = (*self.levers, *door)
-        if node not in known:
-            yield SchemaError(f"{node!r} is unknown here; {nearest(node, known)}", at)
-
-    def _faults_of_edges(
-        self, edges: Mapping[str, Iterable[str] | Mapping[str, float]]
-    ) -> Iterator[SchemaError]:
-        """Names that no lever has, and strengths that no edge can have; adds all other edges."""
+    def _add_edges(self, edges: Edges, gates: Mapping[str, Gate]) -> None:
+        """Add the edges to the graph, once edges, gates and inert levers are found to be good."""
+        faults, graph, nodes = _Faults(), self.graph, [*self.levers, DOOR]
         for index, lever in enumerate(self.inert):
-            yield from self._unknown(lever, ("inert", index))
-        yield from _twice(self.inert, "inert")
+            faults.unless_known(lever, self.levers, "inert", index)
+        faults.of_twice(self.inert, "inert")
         for cause, effects in edges.items():
             if cause == DOOR:
-                yield SchemaError("the door is an effect and enables nothing", ("edges", DOOR))
+                faults.add("the door is an effect and enables nothing", "edges", DOOR)
                 continue
-            yield from self._unknown(cause, ("edges", cause))
-            strengths = effects if isinstance(effects, Mapping) else dict.fromkeys(effects, 1.0)
-            for effect, strength in strengths.items():
+            faults.unless_known(cause, self.levers, "edges", cause)
+            if not isinstance(effects, Mapping):
+                effects = dict.fromkeys(map(str, effects), 1.0)
+            for effect, strength in effects.items():
                 at = ("edges", cause, effect)
-                yield from self._unknown(effect, at, DOOR)
-                if not 0.0 < strength <= 1.0:
-                    yield SchemaError(
-                        f"the strength {strength} of {cause} -> {effect} must be above 0 and at "
-                        "most 1",
-                        (*at, "strength"),
-                    )
-                if cause in self.graph and effect in self.graph:
-                    self.graph.add_edge(cause, effect, strength=float(strength))
-
-    def _faults_of_gates(self, gates: Mapping[str, Gate], complete: bool) -> Iterator[SchemaError]:
-        """Gates that cannot be; whether one can ever hold is known if all edges are."""
+                faults.unless_known(effect, nodes, *at)
+                if not isinstance(strength, Real) or not 0.0 < strength <= 1.0:
+                    edge = f"{cause!s:.64} -> {effect!s:.64}"
+                    text = f"the strength {strength!r:.64} of {edge} must be above 0 and at most 1"
+                    faults.add(text, *at, "strength")
+                elif cause in graph and effect in graph:
+                    graph.add_edge(cause, effect, strength=float(strength))
+        complete = not faults  # what else is wrong follows from the edges
         for node, gate in gates.items():
-            at = ("gates", node)
-            if node not in self.graph:
-                yield from self._unknown(node, at, DOOR)
-                continue
-            causes = self.graph.in_degree(node)
+            faults.unless_known(node, nodes, "gates", node)
+            causes = graph.in_degree(node) if node in graph else 0
             if gate.kind not in GATES:
-                yield SchemaError(
-                    f"the gate of {node} is {gate.kind!r}; {nearest(gate.kind, GATES)}", at
-                )
-            elif not complete:
-                continue
-            elif causes == 0 and node != DOOR:
-                yield SchemaError(
-                    f"{node} has a gate and no cause; give it a cause or drop the gate", at
-                )
-            elif causes and not 1 <= gate.threshold(causes) <= causes:
-                yield SchemaError(
-                    f"the gate of {node} requires at least {gate.k} of {causes} causes and can "
-                    f"never hold; require 1 to {causes}",
-                    at,
-                )
-
-    def _faults_of_causes(self, complete: bool) -> Iterator[SchemaError]:
-        """A cycle, and levers that lead nowhere, which is known if all edges are."""
+                known = nearest(str(gate.kind)[:64], GATES)
+                faults.add(f"the gate of {node} is {gate.kind!r:.64}; {known}", "gates", node)
+            elif complete and node in self.levers and not causes:
+                text = f"{node} has a gate and no cause; give it a cause or drop the gate"
+                faults.add(text, "gates", node)
+            elif complete and causes and gate.threshold(causes) not in range(1, causes + 1):
+                text = f"the gate of {node} requires at least {gate.k!r:.64} of {causes} causes"
+                faults.add(f"{text} and can never hold; require 1 to {causes}", "gates", node)
         cycle: list[str] = []
-        if not nx.is_directed_acyclic_graph(self.graph):
-            cycle = [cause for cause, _ in nx.find_cycle(self.graph)]
-            # Begin with the first lever of the list, so that the message is always the same.
-            first = min(range(len(cycle)), key=lambda i: self.levers.index(cycle[i]))
-            cycle = cycle[first:] + cycle[:first]
-            yield SchemaError(
-                f"{' -> '.join([*cycle, cycle[0]])} is a cycle, and none of these levers could "
-                "move first; remove one of these edges",
-                ("edges", cycle[0], cycle[1 % len(cycle)]),
-            )
-        if not complete:
-            return
-        if not self.graph.in_degree(DOOR):
-            yield SchemaError(
-                "nothing unlocks the door; add an edge from a lever to door", ("edges",)
-            )
-            return
-        useful = nx.ancestors(self.graph, DOOR)
-        for index, lever in enumerate(self.levers):
-            if lever not in (*useful, *self.inert, *cycle):
-                yield SchemaError(
-                    f"lever {lever} is on no path to the door; connect it or list it under inert",
-                    ("levers", index),
-                )
-            if lever in useful and lever in self.inert:
-                yield SchemaError(
-                    f"lever {lever} leads to the door and cannot be inert; take it out of inert",
-                    ("inert", self.inert.index(lever)),
-                )
+        if not nx.is_directed_acyclic_graph(graph):
+            cycle = [cause for cause, _ in nx.find_cycle(graph)]
+            text = f"{' -> '.join([*cycle, cycle[0]])} is a cycle, and none of these levers could"
+            at = ("edges", cycle[0], [*cycle, cycle[0]][1])
+            faults.add(f"{text} move first; remove one of these edges", *at)
+        if complete and not graph.in_degree(DOOR):
+            hint = "".join(f"; is {near} the door?" for near in get_close_matches(DOOR, nodes[:-1]))
+            faults.add(f"nothing unlocks the door; add an edge from a lever to it{hint}", "edges")
+        elif complete:
+            useful = nx.ancestors(graph, DOOR)
+            for index, lever in enumerate(self.levers):
+                if lever not in (*useful, *self.inert, *cycle):
+                    text = f"lever {lever} is on no path to the door; connect it or list it under"
+                    faults.add(f"{text} inert", "levers", index)
+                if lever in useful and lever in self.inert:
+                    text = f"lever {lever} leads to the door and cannot be inert; take it out of"
+                    faults.add(f"{text} inert", "inert", self.inert.index(lever))
+        faults.check()
 
     # -- the graph ------------------------------------------------------------------------------
 
@@ -292,22 +247,6 @@ class Schema:
         ]
         return tuple(sorted(found, key=lambda levers: [self.levers.index(x) for x in levers]))
 
-    def orders(self, solution: Iterable[str]) -> Iterator[tuple[str, ...]]:
-        """Every order in which the levers of ``solution`` can be pushed, one after another."""
-        wanted = frozenset(solution)
-
-        def extend(pushed: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
-            if len(pushed) == len(wanted):
-                yield pushed
-                return
-            for lever in self.levers:
-                if lever in wanted and lever not in pushed:
-                    met = sum(cause in pushed for cause in self.causes(lever))
-                    if met >= self.threshold(lever):
-                        yield from extend((*pushed, lever))
-
-        return extend(())
-
     @property
     def least_action_limit(self) -> int:
         """The fewest actions in which every solution fits, the push of the door included."""
@@ -339,15 +278,13 @@ class Schema:
         for cause in self.levers:
             effects = sorted(self.graph.successors(cause), key=[*self.levers, DOOR].index)
             strengths = {effect: self.graph.edges[cause, effect]["strength"] for effect in effects}
-            if all(strength == 1.0 for strength in strengths.values()):
-                written: Any = effects
-            else:
-                written = {
+            if effects:
+                data["edges"][cause] = {
                     effect: {} if strength == 1.0 else {"strength": strength}
                     for effect, strength in strengths.items()
                 }
-            if effects:
-                data["edges"][cause] = written
+                if {*strengths.values()} == {1.0}:
+                    data["edges"][cause] = effects
         gates = {
             node: {"at_least": gate.k} if gate.kind == "at_least" else gate.kind
             for node in [*self.levers, DOOR]
@@ -405,3 +342,40 @@ class Schema:
     def __repr__(self) -> str:
         levers, solutions = counted(len(self.levers), "lever"), len(self.solutions)
         return f"<Schema {self.name}: {levers}, {counted(solutions, 'solution')}>"
+
+
+class _Faults(list[SchemaError]):
+    """Faults that are raised together."""
+
+    def add(self, text: str, *at: str | int) -> None:
+        self.append(SchemaError(text, at))
+
+    def unless_known(self, node: Any, known: Sequence[str], *at: str | int) -> None:
+        if node not in known:
+            self.add(f"{node!r:.64} is unknown here; {nearest(str(node)[:64], known)}", *at)
+
+    def of_twice(self, levers: Sequence[str], key: str) -> None:
+        for index, lever in enumerate(levers):
+            if lever in levers[:index]:
+                self.add(f"lever {lever!s:.64} is listed twice; remove one of them", key, index)
+
+    def check(self) -> None:
+        if self:
+            raise together(self)
+
+
+def _expected(
+    name: Any, title: Any, levers: Any, inert: Any, edges: Any, gates: Any
+) -> Iterator[tuple[str, str, Any, type]]:
+    """What a schema is made of: its name, its form in words, its value, its type."""
+    yield "name", "a text", name, str
+    yield "title", "a text", title, str
+    yield "levers", "a list of names", levers, Iterable
+    yield "inert", "a list of names", inert, Iterable
+    yield "edges", "{cause: [effects]} or {cause: {effect: strength}}", edges, Mapping
+    for effects in edges.values():
+        yield "edges of a lever", "[effects] or {effect: strength}", effects, Iterable
+    yield "gates", "{node: Gate}", gates, Mapping
+    for gate in gates.values():
+        yield "gates of nodes", "a Gate", gate, Gate
+        yield "gates' k", "a whole number", gate.k, int

@@ -47,9 +47,8 @@ def test_a_line_of_text_is_what_the_file_is(text, file):
     assert schema(text) == parse_schema(f"name: schema\n{file}")
 
 
-def test_a_line_can_have_a_name_and_a_title():
-    found = schema('safe "A \\"safe\\": two\\nlines": A -> door')
-    assert (found.name, found.title) == ("safe", 'A "safe": two\nlines')
+def test_a_line_can_have_a_name():
+    assert schema("safe: A -> door").name == "safe"
     assert schema("safe: A -> door", name="vault").name == "vault"
     assert schema("A -> door").name == "schema"
 

@@ -29,7 +29,7 @@ from oracle import Rules
 
 BUNDLED = bundled_schemas()
 READABLE = [name for name, format in FORMATS.items() if format.read]
-GRAPHS = [name for name in READABLE if name != "yaml"]
+GRAPHS = [name for name in READABLE if name not in ("yaml", "line")]
 TITLES = st.text(st.characters(exclude_categories=["C", "Zl", "Zp"]), max_size=20)
 
 # A schema in which everything is said that a schema can say.
@@ -48,6 +48,10 @@ FULL = Schema(
 )
 
 
+def without_title(schema):
+    return schema_from_dict({**schema.as_dict(), "title": ""})
+
+
 # -- there and back --------------------------------------------------------------------------------
 
 
@@ -59,6 +63,7 @@ FULL = Schema(
 )
 @example(schema=FULL)
 def test_any_schema_survives_every_readable_format(schema, format):
+    schema = without_title(schema) if format == "line" else schema
     back = import_schema(export_schema(schema, format), format)
     assert back == schema
     assert back.as_dict() == schema.as_dict()
@@ -74,7 +79,7 @@ def test_a_title_that_means_something_to_a_format_survives(title, format):
 
 @pytest.mark.parametrize("format", FORMATS)
 def test_files_are_known_by_their_suffix(tmp_path, format):
-    schema = BUNDLED["two_keys"]
+    schema = without_title(BUNDLED["two_keys"])
     for suffix in FORMATS[format].suffixes:
         path = tmp_path / f"lock{suffix}"
         write_schema(schema, path)
