@@ -8,8 +8,8 @@ a package that adds one subclasses it, in three lines::
     class TestMine(LearnerContract):
         learner = "my_package:MyLearner"  # or its registered name
 
-:mod:`~causal_openlock.testing.strategies` has Hypothesis strategies: any schema, layout, learner or
-experiment, for tests of what should hold for all of them::
+:mod:`~causal_openlock.testing.strategies` has Hypothesis strategies: any schema and layout, for
+tests of what should hold for all of them::
 
     from hypothesis import given
     from causal_openlock.testing import schemas

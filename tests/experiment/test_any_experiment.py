@@ -1,4 +1,4 @@
-"""What strategies draw is valid, and is the same after it was written to a file and read again."""
+"""Any experiment is the same after it was written to a file, or stored, and read again."""
 
 import json
 import tempfile
@@ -10,13 +10,11 @@ from causal_openlock.experiment.file import read_experiment
 from causal_openlock.export.experiment_file import experiment_file
 from causal_openlock.files.yaml_file import dump_yaml
 from causal_openlock.storage.stored import parse_experiment
-from causal_openlock.testing import experiments, learners
-
-QUICK = ("bayes", "ddqn", "random", "recurrent")
+from support.any_experiment import experiments
 
 
 @settings(max_examples=25, deadline=None)
-@given(experiments(learners(QUICK), stochastic=True))
+@given(experiments())
 def test_an_experiment_is_the_same_from_its_file_and_from_its_folder(drawn):
     with tempfile.TemporaryDirectory() as folder:
         for schema in {one for condition in drawn.conditions for one in condition.schemas}:
