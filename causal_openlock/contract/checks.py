@@ -8,6 +8,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -91,6 +92,8 @@ class GlobalRandomness:
         """Put these states in place."""
         random.setstate(self.states["random"])
         np.random.set_state(self.states["numpy.random"])  # noqa: NPY002
+        if "torch" in self.states:
+            import_module("torch")
         if torch := sys.modules.get("torch"):
             torch.random.set_rng_state(torch.from_numpy(self._of_torch(torch)))
 

@@ -22,7 +22,6 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from causal_openlock.errors import LearnerError
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.room import Room
@@ -199,6 +198,14 @@ class LearnerBase:
     called before ``learn``; ``act`` is not. What has been shown is in ``step.action``.
     """
 
+    resumable: ClassVar[bool] = True
+    """Whether a killed cell continues from a checkpoint; otherwise it begins again.
+
+    A checkpoint is a pickle of ``__getstate__()``, which has all attributes unless it is defined.
+    What cannot be pickled, such as an open file, is left out there and made anew in
+    ``__setstate__``, which takes the place of :meth:`begin` when the cell continues.
+    """
+
     def __init__(self, parameters: Any = None) -> None:
         self.parameters = self.Parameters() if parameters is None else parameters
 
@@ -282,21 +289,6 @@ class Learner(LearnerBase, ABC):
     def learn(self, step: Step) -> None:
         """Learn from what the actions led to; called after every action."""
 
-    def state_dict(self) -> dict[str, Any]:
-        """The state of everything learned, for a checkpoint; empty for a learner without memory.
-
-        It must be a copy, which does not change when the learner continues. It includes the state
-        of the learner's generators, so that an interrupted learner continues as if it had not been
-        interrupted. To be saved in a file, it must be plain data: numbers, texts, NumPy arrays and
-        tensors, in dicts, lists and tuples.
-        """
-        return {}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Continue from a checkpoint, without changing it; called after :meth:`begin`."""
-        if state:
-            raise LearnerError(f"{type(self).__name__} keeps no state and cannot load any")
-
     def account(self) -> Account:
         """Files and remarks to add to the record; called once, when the learner's cell is over."""
         return Account()
@@ -316,3 +308,25 @@ class InformedLearner(Learner):
     @abstractmethod
     def inform(self, truth: Truth) -> None:
         """Called after :meth:`begin`, and again whenever a subject enters another room."""
+
+
+def state_of(learner: Any) -> Any:
+    """The state of a learner that has begun, which :func:`put_back` gives to a new one."""
+    return learner.state_dict() if _says_itself(learner) else learner.__getstate__()
+
+
+def put_back(learner: Any, state: Any, brief: Brief) -> None:
+    """Let a new learner continue from the state of another one."""
+    if _says_itself(learner):
+        learner.begin(brief)
+        learner.load_state_dict(state)
+    elif hasattr(learner, "__setstate__"):
+        learner.__setstate__(state)
+    else:
+        vars(learner).update(state)
+
+
+def _says_itself(learner: Any) -> bool:
+    """Whether a learner has the methods by which learners of 0.2 gave their state."""
+    kinds = [kind for kind in type(learner).__mro__ if issubclass(kind, Learner)]
+    return any("state_dict" in vars(kind) for kind in kinds)

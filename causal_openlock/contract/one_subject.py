@@ -4,15 +4,11 @@ A :class:`~causal_openlock.contract.learner.Learner` plays many subjects at once
 needs arrays. A :class:`OneSubjectLearner` plays one subject with plain numbers; each subject gets
 an instance of its own, and a :class:`PerSubjectAdapter` makes them one learner. The registry takes
 either kind.
-
-Such an instance can hold anything, so its state is a pickle. It has a seal
-(:mod:`causal_openlock.files.seal`), and is read only if this user has made it for the same class.
 """
 
 from __future__ import annotations
 
 import operator
-import pickle
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from typing import Any
@@ -28,7 +24,6 @@ from causal_openlock.contract.learner import (
     View,
 )
 from causal_openlock.errors import LearnerError
-from causal_openlock.files.seal import is_sealed, seal
 from causal_openlock.schemas.fsm import IntArray
 
 
@@ -88,10 +83,12 @@ class PerSubjectAdapter(Learner):
     """Plays B instances of a :class:`OneSubjectLearner` as one learner."""
 
     learns_from_others: bool  # type: ignore[misc]  # as the class of its players says
+    resumable: bool  # type: ignore[misc]
 
     def __init__(self, single: type[OneSubjectLearner], parameters: Any = None) -> None:
         super().__init__(single.Parameters() if parameters is None else parameters)
-        self.single, self.learns_from_others = single, single.learns_from_others
+        self.single = single
+        self.learns_from_others, self.resumable = single.learns_from_others, single.resumable
         self._players: list[OneSubjectLearner] = []
 
     def begin(self, brief: Brief) -> None:
@@ -135,27 +132,3 @@ class PerSubjectAdapter(Learner):
                     solutions_left=int(left[subject]),
                 )
             )
-
-    @property
-    def _kind(self) -> str:
-        return f"players of {self.single.__module__}:{self.single.__qualname__}"
-
-    def state_dict(self) -> dict[str, Any]:
-        """All attributes of the players, generators included, with a seal."""
-        players = pickle.dumps([vars(player) for player in self._players])
-        return {"players": players, "seal": seal(players, self._kind)}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore the attributes of each player.
-
-        Raises:
-            LearnerError: If this user has not made the state with the same class.
-        """
-        players = state.get("players", b"")
-        if not is_sealed(players, state.get("seal"), self._kind):
-            raise LearnerError(
-                f"the state of {self.single.__name__} was not saved by this user on this machine, "
-                "and reading it could run any program"
-            )
-        for player, kept in zip(self._players, pickle.loads(players), strict=True):
-            vars(player).update(kept)

@@ -25,6 +25,7 @@ from causal_openlock.contract.learner import (
     Step,
     Truth,
     View,
+    put_back,
 )
 from causal_openlock.errors import LearnerError, ProtocolError
 from causal_openlock.experiment.protocol import Condition, Protocol, Visit, check_trial, plan
@@ -40,8 +41,8 @@ from causal_openlock.world.tables import ACTIONS_LEFT, RoomTables
 if TYPE_CHECKING:
     import pyarrow as pa
 
-KEPT = ("visit", "playing", "actions", "moved", "was_unlocked", "earned")
-"""The changing state of a session, apart from the rooms, the log and the random numbers."""
+CHANGING = ("_visit", "_playing", "_actions", "_moved", "_was_unlocked", "_earned", "_luck")
+"""The attributes of a session that change, apart from the rooms, the log and the clock."""
 
 AT_ONCE = 40
 """Number of recorded subjects replayed in one batch."""
@@ -232,8 +233,8 @@ class Session:
             pass
         return self.record()
 
-    def begin(self, learner: Learner, state: dict[str, Any] | None = None) -> None:
-        """Let a learner begin, perhaps from a saved state; :meth:`steps` comes next.
+    def begin(self, learner: Learner, state: Any = None) -> None:
+        """Let a learner begin, or continue from a state of another; :meth:`steps` comes next.
 
         Raises:
             LearnerError: If the condition shows what the learner cannot learn from.
@@ -243,9 +244,10 @@ class Session:
                 f"{type(learner).__name__} learns from its own actions alone, so nothing can be "
                 f"shown to it; leave it out of {self.condition.name}"
             )
-        learner.begin(self.brief)
-        if state is not None:
-            learner.load_state_dict(state)
+        if state is None:
+            learner.begin(self.brief)
+        else:
+            put_back(learner, state, self.brief)
         if isinstance(learner, InformedLearner):
             learner.inform(self.truth)
 
@@ -403,40 +405,19 @@ class Session:
         """Seconds played, also before an interruption."""
         return time.perf_counter() - self._clock
 
-    def _arrays(self) -> dict[str, NDArray[Any]]:
-        own = {name: getattr(self, f"_{name}") for name in KEPT}
-        return own | self._batch.arrays()
+    @property
+    def state(self) -> dict[str, Any]:
+        """All that changes while a session is played, for a checkpoint."""
+        changing = {name: getattr(self, name) for name in CHANGING}
+        rooms, log = self._batch.arrays(), self._log.since(0)
+        return {**changing, "rooms": rooms, "log": log, "seconds": self.seconds}
 
-    def state_dict(self, since: int = 0) -> dict[str, Any]:
-        """The session's state for a checkpoint; ``log`` holds the attempts from ``since`` on."""
-        return {
-            **{name: array.copy() for name, array in self._arrays().items()},
-            "luck": self._luck.state_dict() if self._luck else None,
-            "attempts": self._log.rows,
-            "seconds": self.seconds,
-            "log": self._log.since(since),
-        }
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Continue from a checkpoint of a session with the same arguments and a complete log.
-
-        Raises:
-            ProtocolError: If it is the state of another session.
-        """
-        held = [(array, state[name]) for name, array in self._arrays().items()]
-        if (
-            any(own.shape != kept.shape or own.dtype != kept.dtype for own, kept in held)
-            or state["log"].dtype != self._log.row_type
-            or len(state["log"]) != state["attempts"]
-            or (state["luck"] is None) != (self._luck is None)
-        ):
-            raise ProtocolError("this is the state of another session, or not all of it")
-        for own, kept in held:
-            own[:] = kept
-        self._batch.row = state["row"]
-        if self._luck:
-            self._luck.load_state_dict(state["luck"])
-        self._log = AttemptLog(self.brief.action_limit)
+    def resume(self, state: dict[str, Any]) -> None:
+        """Continue from the state of another session with the same arguments."""
+        vars(self).update({name: state[name] for name in CHANGING})
+        for name, array in self._batch.arrays().items():
+            array[:] = state["rooms"][name]
+        self._batch.row = state["rooms"]["row"]
         self._log.extend(state["log"])
         self._clock = time.perf_counter() - state["seconds"]
         self._view = self._perceive()

@@ -2,8 +2,7 @@
 
 :mod:`~causal_openlock.files.atomic` (files that are complete or absent),
 :mod:`~causal_openlock.files.checksums` (Parquet and JSON that carry their SHA-256),
-:mod:`~causal_openlock.files.state` (arrays and state dicts without pickle),
-:mod:`~causal_openlock.files.seal` (signatures for what needs pickle),
+:mod:`~causal_openlock.files.seal` (signatures of pickles that this user has written),
 :mod:`~causal_openlock.files.yaml_file` and :mod:`~causal_openlock.files.validation` (YAML written
 by hand, with the line of each fault),
 :mod:`~causal_openlock.files.decoding` and :mod:`~causal_openlock.files.json_text` (text and JSON of

@@ -1,49 +1,37 @@
 """Checkpoints: a killed cell continues where it was.
 
-While a worker plays a cell, it keeps two files next to that of the cell's record::
-
-    NAME.checkpoint   the state of the session and the learner (see causal_openlock.files.state)
-    NAME.attempts     the attempts so far, one after the other, a fixed number of bytes each
-
-The log grows to hundreds of megabytes, and its content never changes. So the second file is only
-appended to, and the first holds how much of it is valid, with a checksum: if a process is killed
-between the two writes, the attempts after that are written again.
-
-A checkpoint is valid only for the cell and the versions of the packages that it was made with: the
-record is then identical to that of a cell that was never interrupted, apart from wall times, which
-count the time played. A damaged or different checkpoint is ignored with a warning, and the cell
-begins again.
-
-Reading a checkpoint of another user runs no code. The players of a
-:class:`~causal_openlock.contract.one_subject.OneSubjectLearner` can hold anything and are pickled;
-such a state is read only if its seal shows that this user has written it
-(:mod:`causal_openlock.files.seal`).
+While a worker plays a cell, it keeps the state of the session and of the learner in a file next to
+that of the cell's record, ``NAME.checkpoint``: a pickle under the seal of this user's key
+(:mod:`causal_openlock.files.seal`). Unpickling can run any program, so the seal is checked first. A
+checkpoint that is damaged, or was written by another user, for another cell or with other versions
+of packages, is passed over with a warning, and the cell begins again. Otherwise the record is
+identical to that of a cell that was never interrupted, apart from wall times, which count the time
+played.
 """
 
 from __future__ import annotations
 
-import os
+import io
+import pickle
+import threading
 import time
-import zlib
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from causal_openlock.contract.learner import Learner
-from causal_openlock.errors import LearnerError, OpenLockError, in_short
+from causal_openlock.contract.checks import GlobalRandomness
+from causal_openlock.contract.learner import Learner, state_of
+from causal_openlock.contract.one_subject import PerSubjectAdapter
+from causal_openlock.errors import OpenLockError, in_short
 from causal_openlock.experiment.session import Session
-from causal_openlock.files.atomic import replacing
-from causal_openlock.files.state import StateError, read_state, write_state
-from causal_openlock.storage.running_files import ATTEMPTS, CHECKPOINT
+from causal_openlock.files.atomic import write_bytes
+from causal_openlock.files.seal import SealError, sealed, unsealed
+from causal_openlock.storage.running_files import CHECKPOINT
 
 MOST_TIME = 0.02
 """The share of the time that checkpoints may take: slow ones are taken less often."""
 
 
 class CheckpointError(OpenLockError):
-    """A checkpoint that cannot be used; its cell begins again."""
+    """A checkpoint that cannot be used, or a state that cannot be stored."""
 
 
 class Checkpoint:
@@ -61,14 +49,10 @@ class Checkpoint:
 
     def __init__(self, record: Path, made_with: dict[str, str], every: float) -> None:
         self.path = record.with_suffix(CHECKPOINT)
-        self.attempts = record.with_suffix(ATTEMPTS)
         self.made_with = made_with
         self.every = every
         self.warnings: list[str] = []
-        self._rows = self._checksum = 0  # of the attempts that count
         self._due = time.perf_counter() + every
-
-    # -- going on -------------------------------------------------------------------------------
 
     def resume(self, session: Session, learner: Learner) -> bool:
         """Give a new session and a new learner the state of the checkpoint.
@@ -80,41 +64,26 @@ class Checkpoint:
             CheckpointError: If there is one that cannot be used; discard both then.
         """
         try:
-            kept = read_state(self.path)
-            self._check(kept["made_with"])
-            log = self._read(session.log.row_type, kept["rows"], kept["checksum"])
-            session.load_state_dict({**kept["session"], "log": log})
-            session.begin(learner, kept["learner"])
+            file = io.BytesIO(unsealed(self.path.read_bytes()))
+            self._require_same(pickle.load(file))
+            state, of_learner, randomness = pickle.load(file)
+            session.resume(state)
+            session.begin(learner, of_learner)
+            if threading.current_thread() is threading.main_thread():
+                randomness.restore()  # others may draw from these generators in a thread
         except FileNotFoundError:
             return False
-        except CheckpointError:
-            raise
-        # The file may be from anywhere, and a learner can fail in any way.
+        # Code may have changed since, and a learner can fail in any way.
         except Exception as error:
             raise CheckpointError(f"{self.path} cannot be used ({in_short(error)})") from None
-        self._rows, self._checksum = kept["rows"], kept["checksum"]
         return True
 
-    def _check(self, made_with: dict[str, str]) -> None:
-        if made_with.get("identity") != self.made_with["identity"]:
-            raise CheckpointError(f"{self.path} is of another cell")
-        for package, here in self.made_with.items():
-            if (there := made_with.get(package, here)) != here:
-                raise CheckpointError(
-                    f"{self.path} was made with {package} {there}, and here it is {here}"
-                )
-
-    def _read(self, kind: np.dtype[np.void], rows: int, checksum: int) -> NDArray[np.void]:
-        try:
-            with self.attempts.open("rb") as file:
-                content = file.read(rows * kind.itemsize)
-        except FileNotFoundError:
-            content = b""
-        if len(content) != rows * kind.itemsize or zlib.crc32(content) != checksum:
-            raise CheckpointError(f"{self.attempts} is missing or damaged")
-        return np.frombuffer(content, kind)
-
-    # -- keeping --------------------------------------------------------------------------------
+    def _require_same(self, made_with: dict[str, str]) -> None:
+        if made_with["identity"] != self.made_with["identity"]:
+            raise CheckpointError("it is of another cell")
+        for package, version in self.made_with.items():
+            if (other := made_with.get(package, version)) != version:
+                raise CheckpointError(f"it was made with {package} {other}, and here is {version}")
 
     def keep(self, session: Session, learner: Learner, *, now: bool = False) -> None:
         """Take a checkpoint if one is due, or now; called after every step.
@@ -126,15 +95,12 @@ class Checkpoint:
             return
         try:
             self.save(session, learner)
-        except LearnerError:  # it does not support checkpoints
+        except (CheckpointError, SealError) as error:
             self.every = float("inf")
-        except StateError as error:
-            self.every = float("inf")
-            self._warn(
-                f"its state cannot be kept, so a killed cell begins again ({in_short(error)})"
-            )
-        except (OpenLockError, OSError) as error:
-            self._warn(f"a checkpoint cannot be taken ({in_short(error)})")
+            self.warnings.append(f"{in_short(error)}, so a killed cell begins again")
+        except OpenLockError as error:
+            warning = f"a checkpoint cannot be taken ({in_short(error)})"
+            self.warnings += [warning] if warning not in self.warnings else []
         ended = time.perf_counter()
         least = (ended - begun) / MOST_TIME if self.every else 0.0
         self._due = ended + max(self.every, least)
@@ -143,47 +109,30 @@ class Checkpoint:
         """Take a checkpoint now.
 
         Raises:
-            LearnerError: If the learner keeps no state.
-            StateError: If its state cannot be kept.
-            OpenLockError: If a file cannot be written; the checkpoint before stays.
+            CheckpointError: If the state of the learner cannot be stored.
+            SealError: If there is no key to seal it with.
+            OpenLockError: If the file cannot be written; the checkpoint before stays.
         """
-        state = _state_of(learner)
-        here = session.state_dict(since=self._rows)
-        new = here.pop("log").tobytes()
-        rows, checksum = here["attempts"], zlib.crc32(new, self._checksum)
-        kept = {
-            "made_with": self.made_with,
-            "rows": rows,
-            "checksum": checksum,
-            "session": here,
-            "learner": state,
-        }
-        at = self._rows * session.log.row_type.itemsize
-        with replacing(self.path) as file:
-            write_state(file, kept)
-            # Attempts that no checkpoint counts do no harm; one that counts too many would.
-            with self.attempts.open("r+b" if at else "wb") as attempts:
-                attempts.seek(at)
-                attempts.write(new)
-                attempts.truncate()
-                attempts.flush()
-                os.fsync(attempts.fileno())
-        self._rows, self._checksum = rows, checksum
-
-    def _warn(self, sentence: str) -> None:
-        if sentence not in self.warnings:
-            self.warnings.append(sentence)
+        if not learner.resumable:
+            raise CheckpointError("it says resumable = False")
+        try:
+            state = session.state, state_of(learner), GlobalRandomness.now()
+            content = pickle.dumps(self.made_with) + pickle.dumps(state)
+        except Exception as error:  # a learner can hold anything
+            reason = f"{type(error).__name__}: {in_short(error)}"
+            raise CheckpointError(
+                f"{_culprit(learner)} cannot be pickled ({reason}) nor left out by __getstate__"
+            ) from None
+        write_bytes(self.path, sealed(content))
 
 
-def _state_of(learner: Learner) -> dict[str, Any]:
-    """A learner's state; refuses learners that do not define how to save and load it."""
-    kind = type(learner)
-    own = (kind.state_dict, kind.load_state_dict)
-    if Learner.state_dict in own or Learner.load_state_dict in own:
-        raise LearnerError(f"{kind.__name__} keeps no state")
-    try:
-        return learner.state_dict()
-    except LearnerError:
-        raise
-    except Exception as error:  # a learner can fail in any way
-        raise StateError(f"{type(error).__name__}: {in_short(error)}") from None
+def _culprit(learner: Learner) -> str:
+    """The first attribute of a learner that cannot be pickled."""
+    players = learner._players if isinstance(learner, PerSubjectAdapter) else [learner]
+    for player in players[:1]:
+        for name, value in vars(player).items():
+            try:
+                pickle.dumps(value)
+            except Exception:
+                return f"its attribute {name}"
+    return "its state"

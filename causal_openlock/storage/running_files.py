@@ -11,8 +11,8 @@ from pathlib import Path
 
 AWAITED = ".awaited-"
 """The beginning of the names of files that are there while a run waits for its workers."""
-CHECKPOINT, ATTEMPTS, PROGRESS = ".checkpoint", ".attempts", ".progress"
-"""Endings; see :mod:`causal_openlock.running.checkpoint` for the first two."""
+CHECKPOINT, PROGRESS = ".checkpoint", ".progress"
+"""Endings; see :mod:`causal_openlock.running.checkpoint` for the first."""
 
 MOST_SECONDS = 1e9
 """Upper bound of a cell's time: thirty years."""
@@ -43,7 +43,7 @@ def checkpointed(record: Path) -> int:
 
 def remove_files_of(record: Path) -> None:
     """Remove the files that a cell has only while it is played."""
-    for suffix in (CHECKPOINT, ATTEMPTS, PROGRESS):
+    for suffix in (CHECKPOINT, PROGRESS):
         record.with_suffix(suffix).unlink(missing_ok=True)
 
 
@@ -58,6 +58,6 @@ def remove_leftovers(folder: Path, cells: Path, known: Collection[str]) -> None:
     for path in folder.glob(f"{AWAITED}*"):  # its run was killed
         path.unlink(missing_ok=True)
     for path in cells.iterdir():
-        foreign = path.suffix in (CHECKPOINT, ATTEMPTS) and path.stem not in known
-        if foreign or path.suffix == PROGRESS:
+        foreign = path.suffix == CHECKPOINT and path.stem not in known
+        if foreign or path.suffix in (PROGRESS, ".attempts"):  # which runs of 0.2 had
             path.unlink(missing_ok=True)

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,14 +138,3 @@ class Streams:
     def integers(self, high: int) -> NDArray[np.int64]:
         """``[B]`` or ``[B, width]`` integers in [0, high), uniformly distributed."""
         return (self.uniform() * high).astype(np.int64)
-
-    def state_dict(self) -> dict[str, Any]:
-        """The state of the streams, for a checkpoint."""
-        states = [generator.bit_generator.state for generator in self._generators]
-        return {"states": states, "drawn": self._drawn, "next": self._next}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Continue from a checkpoint."""
-        for generator, saved in zip(self._generators, state["states"], strict=True):
-            generator.bit_generator.state = saved
-        self._drawn, self._next = state["drawn"], state["next"]

@@ -20,7 +20,7 @@ which, and which solutions were found, has no place in it.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import numpy as np
 
@@ -28,7 +28,6 @@ from causal_openlock.contract.learner import Brief, Learner, Observations, Step,
 from causal_openlock.contract.parameters import Positive, Share
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.world.randomness import Streams
-from openlock_learners.checkpointed import Checkpointed
 
 
 @dataclass(frozen=True)
@@ -42,17 +41,11 @@ class AssociativeParameters:
     temperature: Annotated[Positive, "of the softmax by which actions are drawn"] = 0.1
 
 
-class Associative(Checkpointed, Learner):
+class Associative(Learner):
     """Learns by the Rescorla-Wagner rule which levers, colours and positions have effects."""
 
     Parameters = AssociativeParameters
     parameters: AssociativeParameters
-    checkpointed: ClassVar = {
-        "draws": "_draws",
-        "lever": "lever",
-        "position": "position",
-        "colour": "colour",
-    }
 
     def begin(self, brief: Brief) -> None:
         """Begin without any association."""

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from hashlib import blake2b
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -47,7 +47,6 @@ from causal_openlock.contract.learner import Brief, Step, View
 from causal_openlock.contract.parameters import Count, Share
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.world.randomness import Streams, pick
-from openlock_learners.checkpointed import Checkpointed
 
 Policy = Literal[
     "solve_and_learn", "solve", "learn_attempt", "learn_action", "thompson", "random_consistent"
@@ -71,17 +70,11 @@ class BayesParameters(Prior):
     lapse: Annotated[Share, "share of actions that are random"] = 0.0
 
 
-class Bayes(Checkpointed, BeliefLearner):
+class Bayes(BeliefLearner):
     """Acts on a posterior over the causal structure of the room."""
 
     Parameters = BayesParameters
     parameters: BayesParameters
-    checkpointed: ClassVar = {
-        "beliefs": "beliefs",
-        "draws": "_draws",
-        "intended": "_plans",
-        "tried": "_tried",
-    }
 
     def begin(self, brief: Brief) -> None:
         """Set the priors before the first room."""

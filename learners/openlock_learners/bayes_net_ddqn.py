@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -35,7 +34,6 @@ class BayesNetDDQN(DDQN, BeliefLearner):
 
     Parameters = BayesNetDDQNParameters
     parameters: BayesNetDDQNParameters
-    checkpointed: ClassVar = {**DDQN.checkpointed, "beliefs": "beliefs"}
 
     def begin(self, brief: Brief) -> None:
         """Begin as a DDQN, with a belief for each subject."""

@@ -16,7 +16,7 @@ by compiled loops (:mod:`openlock_learners.networks.double_q_compiled`), on a GP
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -25,7 +25,6 @@ from causal_openlock.contract.learner import Brief, Learner, Observations, Step,
 from causal_openlock.contract.parameters import Count, Share
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.world.randomness import Streams, certain
-from openlock_learners.checkpointed import Checkpointed
 from openlock_learners.networks.denormals import denormals_flushed
 from openlock_learners.networks.replay_buffer import (
     ObservationTable,
@@ -111,30 +110,17 @@ def double_q_class(device: torch.device) -> type[StackedDoubleQ]:
     return CompiledDoubleQ if device.type == "cpu" else StackedDoubleQ
 
 
-class DDQN(Checkpointed, Learner):
+class DDQN(Learner):
     """Double Q-learning with experience replay, one gradient step with every action."""
 
     Parameters = DDQNParameters
     parameters: DDQNParameters
-    checkpointed: ClassVar = {
-        "q": "q",
-        "table": "_table",
-        "replay": "_replay",
-        "exploration": "_exploration",
-        "batches": "_batches",
-        "epsilon": "epsilon",
-        "actions": "_actions",
-    }
 
     def begin(self, brief: Brief) -> None:
         """Make a network, a replay buffer and streams of randomness for each subject."""
-        import torch
-
         from openlock_learners.networks.double_q import find_device
 
         settings = self.parameters
-        torch.set_num_threads(settings.threads)
-        self._torch = torch
         self._device = find_device(settings.device)
         self.brief = brief
         weights, exploration, batches = zip(
@@ -210,6 +196,8 @@ class DDQN(Checkpointed, Learner):
         self._decay_epsilon(step)
 
     def _add_transition(self, step: Step, who: IntArray) -> None:
+        import torch
+
         found = step.view.console.solutions_found
         before = self._network_input(step.view.observation, found)
         if self.parameters.bootstrap_over_attempts:
@@ -228,13 +216,15 @@ class DDQN(Checkpointed, Learner):
             ~done[who],
         )
         if len(self._table.rows) > known:
-            self.q.observe(self._torch.from_numpy(self._table.rows))
+            self.q.observe(torch.from_numpy(self._table.rows))
 
     def _train(self, trains: BoolArray) -> None:
+        import torch
+
         replay = self._replay
         prioritised = isinstance(replay, PrioritisedReplayBuffer)
         batch = replay.sample(self._batches.uniform(), self.importance if prioritised else 1.0)
-        mask = None if trains.all() else self._torch.from_numpy(trains).to(self._device)
+        mask = None if trains.all() else torch.from_numpy(trains).to(self._device)
         with denormals_flushed():
             self._errors = self.q.update(batch, mask)
         if isinstance(replay, PrioritisedReplayBuffer):
@@ -267,25 +257,22 @@ class DDQN(Checkpointed, Learner):
         A unit is dead if no observation met so far switches it on: its ReLU passes nothing on, and
         no gradient back that could change it (Sokar et al. 2023, "dormant neurons").
         """
+        import torch
+
         pairs, transitions = self._replay.differing().mean(axis=1).tolist()
         metrics = {"epsilon": float(self.epsilon.mean())}
         metrics |= {"differing_pairs": pairs, "differing_transitions": transitions}
         if self._errors is not None:
             size = self._errors.abs()
             square = size.square() / 2
-            huber = self._torch.where(size < 1, square, size - 0.5)
+            huber = torch.where(size < 1, square, size - 0.5)
             metrics["loss"] = float((huber if self.parameters.loss == "huber" else square).mean())
-            rows = self._torch.from_numpy(self._table.rows).to(self._errors)
+            rows = torch.from_numpy(self._table.rows).to(self._errors)
             *layers, values = self.q.online.activations(rows)
             metrics["max_q"] = float(values.amax(dim=2).mean())
             dead = [(layer <= 0).all(dim=1).float().mean() for layer in layers[1:]]
-            metrics["dead_units"] = float(self._torch.stack(dead).mean())
+            metrics["dead_units"] = float(torch.stack(dead).mean())
         return metrics
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Continue from a checkpoint."""
-        super().load_state_dict(state)
-        self.q.observe(self._torch.from_numpy(self._table.rows))
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,7 @@ near-optimal, but no exact bound. Edges of different strengths all get their mea
 from __future__ import annotations
 
 import math
-from copy import deepcopy
-from dataclasses import asdict, astuple, dataclass
+from dataclasses import astuple, dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -150,16 +149,6 @@ class Ideal(InformedLearner):
         at = np.argsort(room.slots)[: len(schema.levers)]
         placed = _solver(schema, room.action_limit).hypotheses
         return expected_structure([(at, placed, room.weight)], self._brief.positions)
-
-    def state_dict(self) -> dict[str, Any]:
-        """The beliefs about the rooms, and the states of the random streams."""
-        rooms = [None if room is None else asdict(room) for room in self._rooms]
-        return {"rooms": rooms, "draws": self._draws.state_dict()}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Continue from a checkpoint."""
-        self._rooms = [room and RoomBelief(**deepcopy(room)) for room in state["rooms"]]
-        self._draws.load_state_dict(state["draws"])
 
 
 class _Solver:

@@ -22,7 +22,6 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated, Any
 from urllib.parse import parse_qs, urlsplit
@@ -167,8 +166,7 @@ class LanguageModel(Learner):
                 "the learner llm needs the name of a model, such as parameters: {model: my-model}"
             )
         self.brief = brief
-        self._server: Server | None = None
-        self._replay, self._loop = replay(), SideBySide()
+        self._open_connections()
         self._repeated = 0  # answers that had been given before
         self._subjects = [
             _Subject(
@@ -177,6 +175,20 @@ class LanguageModel(Learner):
             )
             for generator in brief.generators
         ]
+
+    def _open_connections(self) -> None:
+        self._server: Server | None = None
+        self._replay, self._loop = replay(), SideBySide()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but connections; the conversations are in it, and replies are stored elsewhere."""
+        connections = "_server", "_replay", "_loop"
+        return {name: part for name, part in vars(self).items() if name not in connections}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Continue the conversations over new connections."""
+        vars(self).update(state)
+        self._open_connections()
 
     # -- playing --------------------------------------------------------------------------------
 
@@ -395,19 +407,6 @@ class LanguageModel(Learner):
                 f"{self._replay.folder}; no server was asked for them"
             )
         return Account(tuple(transcripts), tuple(remarks))
-
-    def state_dict(self) -> dict[str, Any]:
-        """The conversations and transcripts; replies are kept besides."""
-        return {"subjects": [json.dumps(asdict(subject)) for subject in self._subjects]}
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue from a checkpoint."""
-        self._subjects = [_restored(json.loads(text)) for text in state["subjects"]]
-
-
-def _restored(kept: dict[str, Any]) -> _Subject:
-    words = kept.pop("words")
-    return _Subject(Wording(words["story"], tuple(words["names"]), tuple(words["order"])), **kept)
 
 
 def _where(view: View, row: int) -> dict[str, Any]:

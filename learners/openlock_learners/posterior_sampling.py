@@ -27,14 +27,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Annotated, Any, ClassVar
+from typing import Annotated
 
 import numpy as np
 
 from causal_openlock.contract.learner import Brief, Learner, Observations, Step, View
 from causal_openlock.contract.parameters import Positive
 from causal_openlock.schemas.fsm import FloatArray, IntArray
-from openlock_learners.checkpointed import Checkpointed
 
 MOVED, UNLOCKED = 2, 1
 """An outcome is a number from 0 to 3 made of these bits; for the door, moved means opened."""
@@ -51,18 +50,11 @@ class PosteriorSamplingParameters:
     ] = True
 
 
-class PosteriorSampling(Checkpointed, Learner):
+class PosteriorSampling(Learner):
     """Plans each attempt in a model of the room that is drawn from its posterior."""
 
     Parameters = PosteriorSamplingParameters
     parameters: PosteriorSamplingParameters
-    checkpointed: ClassVar = {
-        "counts": "_counts",
-        "looks": "_looks",
-        "found": "_found",
-        "policy": "_policy",
-        "planned": "_planned",
-    }
 
     def begin(self, brief: Brief) -> None:
         """List the states of a room, and what each action leads to if it moves its lever."""
@@ -157,14 +149,3 @@ class PosteriorSampling(Checkpointed, Learner):
         self._planned &= ~(step.attempt_over & step.view.playing)
         over = who[step.trial_over[who]]
         self._counts[over], self._found[over] = 0.0, False
-
-    def state_dict(self) -> dict[str, Any]:
-        """The counts, and the states of the generators."""
-        states = [generator.bit_generator.state for generator in self.brief.generators]
-        return {**super().state_dict(), "generators": states}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Continue from a checkpoint."""
-        super().load_state_dict(state)
-        for generator, kept in zip(self.brief.generators, state["generators"], strict=True):
-            generator.bit_generator.state = kept

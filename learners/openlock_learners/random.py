@@ -6,8 +6,6 @@ the 3,375 sequences of three actions only two or three open the door.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from causal_openlock.contract.learner import Brief, Learner, View
@@ -30,11 +28,3 @@ class RandomLearner(Learner):
     def probabilities(self, view: View) -> FloatArray:
         """``[B, A]`` the same for every action."""
         return np.full((len(view.playing), self._actions), 1.0 / self._actions)
-
-    def state_dict(self) -> dict[str, Any]:
-        """The states of the random streams."""
-        return {"streams": self._streams.state_dict()}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Continue from a checkpoint."""
-        self._streams.load_state_dict(state["streams"])

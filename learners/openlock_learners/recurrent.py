@@ -15,7 +15,7 @@ own.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -24,7 +24,6 @@ from causal_openlock.contract.learner import Brief, Learner, Step, View
 from causal_openlock.contract.parameters import Count, Share
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.world.randomness import Streams, certain
-from openlock_learners.checkpointed import Checkpointed
 from openlock_learners.networks.denormals import denormals_flushed
 from openlock_learners.networks.perception import Perception
 from openlock_learners.networks.sequence_buffer import SequenceBuffer
@@ -79,30 +78,17 @@ class RecurrentParameters:
             )
 
 
-class Recurrent(Checkpointed, Learner):
+class Recurrent(Learner):
     """Double Q-learning with a memory of the trial, trained on sequences with burn-in (R2D2)."""
 
     Parameters = RecurrentParameters
     parameters: RecurrentParameters
-    checkpointed: ClassVar = {
-        "q": "q",
-        "memory": "_hidden_state",
-        "perception": "_perception",
-        "replay": "_replay",
-        "exploration": "_exploration",
-        "batches": "_batches",
-        "epsilon": "epsilon",
-    }
 
     def begin(self, brief: Brief) -> None:
         """Make a network, a replay buffer and streams of randomness for each subject."""
-        import torch
-
         from openlock_learners.networks.recurrent_q import RecurrentDoubleQ, StackedRecurrentNetwork
 
         settings = self.parameters
-        torch.set_num_threads(settings.threads)
-        self._torch = torch
         self.brief = brief
         weights, exploration, batches = zip(
             *(generator.spawn(3) for generator in brief.generators), strict=True
@@ -135,7 +121,8 @@ class Recurrent(Checkpointed, Learner):
 
     def _greedy(self, view: View) -> IntArray:
         """``[B]`` the best actions; keeps the values, and the hidden state that follows."""
-        from_numpy = self._torch.from_numpy
+        from torch import from_numpy
+
         self._inputs = self._perception.inputs(view)
         values, state = self.q.values(from_numpy(self._inputs), from_numpy(self._hidden_state))
         self._values, self._next_hidden_state = values, state.numpy()
@@ -149,6 +136,8 @@ class Recurrent(Checkpointed, Learner):
 
     def learn(self, step: Step) -> None:
         """Add the step to the buffer, take a gradient step if one is due, and lower epsilon."""
+        from torch import from_numpy
+
         settings, playing = self.parameters, step.view.playing
         resets = step.trial_over & playing & (settings.reset == "trial")
         done = step.trial_over if settings.bootstrap_over_attempts else step.attempt_over
@@ -171,7 +160,7 @@ class Recurrent(Checkpointed, Learner):
         if trains.any():
             batch = self._replay.sample(self._batches.uniform())
             with denormals_flushed():
-                self._losses = self.q.update(batch, self._torch.from_numpy(trains))
+                self._losses = self.q.update(batch, from_numpy(trains))
         decayed = np.maximum(self.epsilon * settings.epsilon_decay, settings.epsilon_min)
         if settings.epsilon_after_trial is not None:
             decayed[step.trial_over] = settings.epsilon_after_trial

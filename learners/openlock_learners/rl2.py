@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -28,7 +28,6 @@ from causal_openlock.experiment.protocol import PAPER_ACTION_LIMIT
 from causal_openlock.files.digest import digest
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.world.randomness import Streams, certain
-from openlock_learners.checkpointed import Checkpointed
 from openlock_learners.networks.denormals import denormals_flushed
 from openlock_learners.networks.perception import Perception
 
@@ -64,20 +63,11 @@ class RL2Parameters:
     threads: Annotated[Count, "of torch; more than one gains nothing at this size"] = 1
 
 
-class RL2(Checkpointed, Learner):
+class RL2(Learner):
     """A recurrent policy, meta-trained over many rooms and schemas: it learns in its memory."""
 
     Parameters = RL2Parameters
     parameters: RL2Parameters
-    checkpointed: ClassVar = {
-        "memory": "_hidden_state",
-        "fresh": "_fresh",
-        "perception": "_perception",
-        "streams": "_streams",
-        "trainer": "trainer",
-        "steps": "_steps",
-        "memory_before": "_state_before",
-    }
 
     @classmethod
     def artifact_hash(cls, parameters: RL2Parameters) -> str:
@@ -104,14 +94,10 @@ class RL2(Checkpointed, Learner):
 
     def begin(self, brief: Brief) -> None:
         """Load the network, once for each subject."""
-        import torch
-
         from openlock_learners.networks.network_file import BUNDLED, read_network
         from openlock_learners.networks.ppo import PPO, PPOSettings
 
         settings = self.parameters
-        torch.set_num_threads(settings.threads)
-        self._torch = torch
         self.brief = brief
         # One for each subject also where all are the same, so that each is evaluated by itself.
         self.network, self.about = read_network(settings.checkpoint or BUNDLED, brief.subjects)
@@ -146,9 +132,11 @@ class RL2(Checkpointed, Learner):
 
     def _evaluate(self, view: View) -> tuple[Any, Any, Any]:
         """``[B, A]`` logits, ``[B]`` values and ``[B, S]`` the next hidden state."""
+        from torch import from_numpy
+
         self._inputs = self._perception.inputs(view)
         given = self._inputs, self._hidden_state, self._fresh
-        found = self.network.step(*(self._torch.from_numpy(part)[:, None] for part in given))
+        found = self.network.step(*(from_numpy(part)[:, None] for part in given))
         logits, values, state = (part[:, 0].numpy() for part in found)
         return logits, values, state
 
@@ -228,10 +216,12 @@ class RL2(Checkpointed, Learner):
 
     def _rollout(self, after: View) -> Rollout:
         """The steps since the last update, ``[B, T, 1]``."""
+        from torch import from_numpy
+
         from openlock_learners.networks.ppo import Rollout
 
         _, values, _ = self._evaluate(after)
-        state, bootstrap = map(self._torch.from_numpy, (self._state_before, values))
+        state, bootstrap = map(from_numpy, (self._state_before, values))
         steps = Rollout.stacked(self._steps, self.brief.subjects)
         return Rollout(**steps, state=state[:, None], bootstrap=bootstrap[:, None])
 

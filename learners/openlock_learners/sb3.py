@@ -233,9 +233,6 @@ class StableBaselines(Learner):
     def begin(self, brief: Brief) -> None:
         """Make a model for each subject."""
         kind = find_algorithm(self.parameters.algorithm)
-        import torch
-
-        torch.set_num_threads(self.parameters.threads)
         self.brief = brief
         most = brief.trials * brief.attempt_limit * brief.action_limit
         self._total = self.parameters.total_actions or most
@@ -312,30 +309,22 @@ class StableBaselines(Learner):
             flags = reward[subject], terminated[subject], truncated[subject]
             self._pending[subject] = Feedback(outcome[subject], *flags, following[subject])
 
-    def state_dict(self) -> dict[str, Any]:
-        """The models' seeds and all feedback that they were given."""
-        asked = [feedback is None for feedback in self._pending]
-        history = np.frombuffer(bytes(self._history), np.uint8)
-        return {
-            "seeds": list(self._seeds),
-            "first": self._first,
-            "history": history,
-            "asked": asked,
-        }
+    def __getstate__(self) -> dict[str, Any]:
+        """All but the models: one in the midst of ``learn`` cannot be saved."""
+        return {name: part for name, part in vars(self).items() if name not in ("_models", "_end")}
 
-    def load_state_dict(self, state: dict[str, Any]) -> None:
+    def __setstate__(self, state: dict[str, Any]) -> None:
         """Bring new models to the same point, which takes as long as it did then."""
-        self._end()  # which would hold the models, too
-        self._seeds, self._first = list(state["seeds"]), None
-        self._history = bytearray(state["history"].tobytes())
+        vars(self).update(state)
         self._make_models(find_algorithm(self.parameters.algorithm))
-        if state["first"] is None:
+        if self._first is None:
             return
-        self._begin_with(self._unpacked(state["first"]))
+        asked = np.array([feedback is None for feedback in self._pending])
+        self._begin_with(self._unpacked(self._first))
         for kept in np.frombuffer(bytes(self._history), self._kept).reshape(-1, len(self._seeds)):
             self._act(kept["playing"])
             self._take(kept)
-        self._act(np.array(state["asked"]))
+        self._act(asked)
 
     def _unpacked(self, bits: NDArray[np.uint8]) -> NDArray[np.int8]:
         whole = np.unpackbits(bits, axis=1, count=self.brief.observation_size)

@@ -13,7 +13,7 @@ place of the table.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import numpy as np
 
@@ -21,7 +21,6 @@ from causal_openlock.contract.learner import Brief, Learner, Observations, Step,
 from causal_openlock.contract.parameters import Share
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.world.randomness import Streams
-from openlock_learners.checkpointed import Checkpointed
 
 
 @dataclass(frozen=True)
@@ -39,17 +38,11 @@ class TabularQParameters:
     ] = 0.5
 
 
-class TabularQ(Checkpointed, Learner):
+class TabularQ(Learner):
     """Q-learning with a table over all that can be observed."""
 
     Parameters = TabularQParameters
     parameters: TabularQParameters
-    checkpointed: ClassVar = {
-        "draws": "_draws",
-        "numbers": "_numbers",
-        "values": "_values",
-        "epsilon": "epsilon",
-    }
 
     def begin(self, brief: Brief) -> None:
         """Begin with an empty table; it grows with the observations that are met."""

@@ -42,9 +42,8 @@ paper of 2020 publishes of its own model (evidence/rivals/fit.json).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from copy import deepcopy
-from dataclasses import asdict, dataclass, replace
-from typing import Annotated, Any, ClassVar, Literal
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -54,7 +53,6 @@ from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.randomness import certain, pick
 from causal_openlock.world.room import positions_for
-from openlock_learners.checkpointed import Checkpointed
 from openlock_learners.theory.chains import CHAIN_LIMIT, chains_of, number_of_chains
 from openlock_learners.theory.draws import DRAWS, LOCAL, AttemptDraws, Moment, Odds, RoomDraws, best
 from openlock_learners.theory.possible_chains import RoomHypotheses
@@ -95,19 +93,11 @@ class TheoryBasedParameters:
     ] = 0.8
 
 
-class TheoryBased(Checkpointed, Learner):
+class TheoryBased(Learner):
     """Transfers a causal theory: of attributes, bottom-up, and of schemas, top-down."""
 
     Parameters = TheoryBasedParameters
     parameters: TheoryBasedParameters
-    checkpointed: ClassVar = {
-        "global": "_global",
-        "local": "_local",
-        "theta": "_theta",
-        "changes": "_changes",
-        "atomic": "_atomic",
-        "abstract": "_abstract",
-    }
 
     @classmethod
     def cannot_play(
@@ -421,15 +411,6 @@ class TheoryBased(Checkpointed, Learner):
         edges = room.edges(schemas, self._abstracted(schemas) @ atomic)
         return edges if edges is None else Structure(edges, np.full(len(edges) + 1, np.nan))
 
-    def state_dict(self) -> dict[str, Any]:
-        """Beliefs, rooms, and the states of the generators."""
-        rooms = [None if room is None else asdict(room) for room in self._rooms]
-        states = [generator.bit_generator.state for generator in self.brief.generators]
-        return {**super().state_dict(), "rooms": rooms, "generators": states}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Continue from a checkpoint."""
-        super().load_state_dict(state)
-        self._rooms = [room and RoomHypotheses(**deepcopy(room)) for room in state["rooms"]]
-        for generator, kept in zip(self.brief.generators, state["generators"], strict=True):
-            generator.bit_generator.state = kept
+    def __getstate__(self) -> dict[str, Any]:
+        """All but the draws behind its probabilities, which change nothing that it does."""
+        return vars(self) | {"_attempts": {}, "_settling": {}}

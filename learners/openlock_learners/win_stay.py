@@ -19,14 +19,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import permutations
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import numpy as np
 
 from causal_openlock.contract.learner import Brief, Learner, Step, View
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.world.randomness import Streams, pick
-from openlock_learners.checkpointed import Checkpointed
 
 
 @dataclass(frozen=True)
@@ -39,20 +38,11 @@ class WinStayParameters:
     across_rooms: Annotated[bool, "whether it tries first what worked in earlier rooms"] = True
 
 
-class WinStay(Checkpointed, Learner):
+class WinStay(Learner):
     """Never repeats a failed pair of levers, and stays near those that worked."""
 
     Parameters = WinStayParameters
     parameters: WinStayParameters
-    checkpointed: ClassVar = {
-        "draws": "_draws",
-        "tried": "_tried",
-        "won": "_won",
-        "won_before": "_won_before",
-        "plan": "_plan",
-        "same": "_same",
-        "place": "_place",
-    }
 
     def begin(self, brief: Brief) -> None:
         """List all sequences of different levers."""

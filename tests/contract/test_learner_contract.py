@@ -229,12 +229,6 @@ class Dice(Learner):
     def act(self, view):
         return self.streams.integers(self.brief.actions)
 
-    def state_dict(self):
-        return self.streams.state_dict()
-
-    def load_state_dict(self, state):
-        self.streams.load_state_dict(state)
-
 
 class KnowsOnlyTheSmallRoom(Dice):
     """Takes every room for one of seven positions, counting actions from 1."""
@@ -284,11 +278,8 @@ class SeedsGlobally(Dice):
 
 
 class Forgets(Dice):
-    def state_dict(self):
-        return {}
-
-    def load_state_dict(self, state):
-        pass
+    def __getstate__(self):
+        return vars(self) | {"streams": Streams(self.brief.generators)}
 
 
 class NeedsToAct(Dice):

@@ -8,6 +8,7 @@ import csv
 import io
 import json
 import os
+import pickle
 import shutil
 import zipfile
 import zlib
@@ -32,7 +33,7 @@ from causal_openlock.experiment.reactions import read_reactions
 from causal_openlock.experiment.session import Session
 from causal_openlock.export.as_csv import write_csv
 from causal_openlock.files.checksums import BLANK, IN_JSON, IN_PARQUET, fill_in
-from causal_openlock.files.state import write_state
+from causal_openlock.files.seal import sealed
 from causal_openlock.fitting.actions import FILE as FITS
 from causal_openlock.fitting.actions import ActionPlan, fit_all, jobs_of
 from causal_openlock.fitting.predicting import read_fit
@@ -130,8 +131,8 @@ def readers(work):
     write_network(work / "net.npz", network, 7, {"actions": 10})
     rooms = {"schemas": {"CC3": 1.0}, "rewards": ["paper"]}
     training = MetaTraining(TrainingFile.model_validate({"rooms": rooms, "at_once": 2}))
-    with (work / "net.npz.training").open("wb") as file:
-        write_state(file, training.state_dict())
+    state = pickle.dumps(training.file.model_dump_json()) + pickle.dumps(vars(training))
+    (work / "net.npz.training").write_bytes(sealed(state))
 
     def checkpoint():
         session, learner = Session(condition, human, 2, seed=1), create("bayes")
@@ -204,7 +205,6 @@ def readers(work):
         "net.npz": read_network,
         "net.npz.training": partial(resume, training),
         "kept/cell.checkpoint": resumed,
-        "kept/cell.attempts": resumed,
         "out/experiment.json": partial(record, up=0),
         f"out/cells/{cell.name}": record,
         f"playing/cells/{playing.stem}.progress": lambda path: status(path.parents[1]),

@@ -2,7 +2,10 @@
 
 import asyncio
 import doctest
+import itertools
 import json
+import os
+import re
 import sys
 import zipfile
 
@@ -20,7 +23,9 @@ from causal_openlock.experiment.session import Session
 from causal_openlock.export.bundle import write_bundle
 from causal_openlock.render.words import Wording
 from causal_openlock.running.runner import run
+from causal_openlock.running.worker import Watching, play_cell
 from causal_openlock.schemas.finding import find_schema
+from causal_openlock.storage.store import Store
 from causal_openlock.world.room import Layout
 from openlock_learners.language import offered_actions, server
 from openlock_learners.language.kept_replies import BUDGET, FOLDER, Replay, key_of
@@ -226,8 +231,8 @@ def test_in_the_place_of_another_it_is_told_what_that_one_did(tools):
                 answers.append(int(learner.act(session.view)[0]))
             learner.learn(session.step(np.array([action])))
         (transcript,) = learner.account().transcripts
-        (state,) = learner.state_dict()["subjects"]
-        talk = json.loads(state)["talk"]
+        (subject,) = learner._subjects
+        talk = subject.talk
         for message in talk:
             message.pop("tool_call_id", None)
             for one in message.get("tool_calls", []):
@@ -343,7 +348,7 @@ def test_no_part_of_a_secret_is_kept_however_it_comes_back(said, of, monkeypatch
     with pytest.raises(LearnerError) as raised:
         session_of(1).play(learner)
     assert SECRET in str([*model.requests[0].headers.items()])
-    kept = json.dumps([learner.account().transcripts, learner.state_dict()])
+    kept = json.dumps([learner.account().transcripts, str(learner.__getstate__())])
     kept += "".join(path.read_text() for path in tmp_path.rglob("*.jsonl"))
     assert SECRET[:5] not in f"{raised.value} {kept}"
     assert ("[key]" in kept) == (said[0] == 200)
@@ -609,6 +614,37 @@ def test_what_was_said_is_in_the_results_and_in_their_bundle(tmp_path, monkeypat
     shown = section_on(language_models.TOPIC, Results.read(out))
     row = shown.tables[0].rows[0]
     assert (row[:6], row[7:]) == (["llm", "CC3", "3", "10", "1,000", "50"], ["1", "0", "0"])
+
+
+class Killed(BaseException):
+    """Stands for the end of a process."""
+
+
+@pytest.mark.parametrize("end", [1, 2, 3])
+def test_a_killed_cell_continues_and_sends_no_request_twice(end, tmp_path, monkeypatch):
+    def played(model, folder):
+        said = play_cell(cell, str(tmp_path / folder), Watching(checkpoint_every=0))
+        assert "begins again" not in str(said)
+        store = Store(tmp_path / folder)
+        (transcript,) = (store.folder / "transcripts").iterdir()
+        lines = re.sub(r'"latency": [0-9.e-]+', "", transcript.read_text())
+        return lines, store.read(store.path(cell)).drop_columns("wall_time"), len(model.asked)
+
+    def killed(descriptor):
+        if next(syncs) == end:
+            raise Killed
+
+    (cell, _), syncs = declared(tmp_path).cells(), itertools.count(1)
+    model = scripted()
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", killed)
+        with pytest.raises(Killed):
+            played(model, "killed")
+    *found, asked = played(model, "killed")
+    monkeypatch.setenv(FOLDER, str(tmp_path / "another"))
+    *expected, whole = played(scripted(), "whole")
+    assert (found[0], asked) == (expected[0], whole)
+    assert found[1].equals(expected[1])
 
 
 def test_a_server_that_is_away_can_be_tried_again_and_again(tmp_path):

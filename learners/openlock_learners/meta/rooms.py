@@ -13,7 +13,6 @@ each of the others in another room of the same schema, or now and then of anothe
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -203,20 +202,3 @@ class MetaRooms:
             new_solution=taken.new_solution,
             next=self.view,
         )
-
-    def state_dict(self) -> dict[str, Any]:
-        """The state of every room, and what draws the next ones."""
-        kept = {name: array.copy() for name, array in self._arrays().items()}
-        return {**kept, "generator": self.generator.bit_generator.state}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Continue from a checkpoint."""
-        for name, array in self._arrays().items():
-            array[:] = state[name]
-        self._batch.row = state["row"]
-        self.generator.bit_generator.state = state["generator"]
-        self.view = self._perceive()
-
-    def _arrays(self) -> dict[str, NDArray[Any]]:
-        own = {name: getattr(self, name) for name in _KEPT}
-        return own | self._batch.arrays()

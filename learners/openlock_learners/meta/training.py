@@ -20,10 +20,12 @@ again.
 
 from __future__ import annotations
 
+import io
+import pickle
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import torch
@@ -31,10 +33,9 @@ from torch import Tensor
 
 from causal_openlock.contract.learner import View
 from causal_openlock.errors import ExperimentError, in_short
-from causal_openlock.files.atomic import replacing
-from causal_openlock.files.state import read_state, write_state
+from causal_openlock.files.atomic import write_bytes
+from causal_openlock.files.seal import SealError, sealed, unsealed
 from causal_openlock.schemas.fsm import BoolArray
-from openlock_learners.checkpointed import Checkpointed
 from openlock_learners.meta.rooms import MetaRooms
 from openlock_learners.meta.training_file import TrainingFile
 from openlock_learners.networks.lever_policy_compiled import CompiledLeverPolicy, CompiledPPO
@@ -54,21 +55,11 @@ LOG_EVERY = 10.0
 """Seconds between two lines of progress, and between two checkpoints of the training."""
 
 
-class MetaTraining(Checkpointed):
+class MetaTraining:
     """A meta-training, as a file declares it, that can be interrupted after any update.
 
     Schemas are searched in the folder ``beside`` first.
     """
-
-    checkpointed: ClassVar = {
-        "trainer": "trainer",
-        "rooms": "rooms",
-        "perception": "perception",
-        "memory": "_hidden_state",
-        "fresh": "_fresh",
-        "updates": "updates",
-        "tally": "tally",
-    }
 
     def __init__(self, file: TrainingFile, beside: Path = Path()) -> None:
         self.file = file
@@ -180,33 +171,14 @@ class MetaTraining(Checkpointed):
         about = {"actions": self.actions, "training": self.file.model_dump()}
         write_network(path, self.network, self.rooms.brief.positions, about)
 
-    def state_dict(self) -> dict[str, Any]:
-        """The whole state, from which an interrupted training continues exactly."""
-        generators = [generator.bit_generator.state for generator in (self._policy, self._order)]
-        return super().state_dict() | {
-            "file": self.file.model_dump_json(),
-            "generators": generators,
-        }
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Continue from a checkpoint."""
-        for key in ("memory", "fresh", "tally"):
-            mine, held = getattr(self, self.checkpointed[key]), state[key]
-            if (held.dtype, held.shape) != (mine.dtype, mine.shape):
-                raise ValueError(f"{key} has another form")
-        super().load_state_dict(state)
-        for generator, kept in zip((self._policy, self._order), state["generators"], strict=True):
-            generator.bit_generator.state = kept
-
 
 def resume(training: MetaTraining, path: Path) -> None:
     """Continue an interrupted training, if it was the same one."""
     try:
-        state = read_state(path)
-        same = state["file"] == training.file.model_dump_json()
-        if same:
-            training.load_state_dict(state)
-    except Exception as error:  # the file may be from anywhere
+        file = io.BytesIO(unsealed(path.read_bytes()))
+        if same := pickle.load(file) == training.file.model_dump_json():
+            vars(training).update(pickle.load(file))
+    except Exception as error:  # the code may have changed since
         raise ExperimentError(
             f"{path} cannot be used ({in_short(error)}); remove it to start over"
         ) from None
@@ -237,7 +209,10 @@ def run_training(training: MetaTraining, out: Path, log: Callable[[str], None]) 
             logged = now
             speed = (training.actions - before) / (now - began)
             log(f"{training.progress()}, entropy {metrics['entropy']:.2f}, {speed:,.0f} actions/s")
-            with replacing(interrupted) as file:
-                write_state(file, training.state_dict())
+            state = pickle.dumps(training.file.model_dump_json()) + pickle.dumps(vars(training))
+            try:
+                write_bytes(interrupted, sealed(state))
+            except SealError as error:
+                log(f"{in_short(error)}; an interrupted training begins again")
     training.save(out)
     interrupted.unlink(missing_ok=True)

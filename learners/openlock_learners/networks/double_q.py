@@ -80,6 +80,15 @@ class StackedMLP:
         flat = torch.from_numpy(np.concatenate(drawn)).to(device, torch.get_default_dtype())
         self._keep(flat)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Sizes and parameters; all else are views of these."""
+        return {name: vars(self)[name] for name in ("sizes", "agents", "parameters")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Make the views again."""
+        vars(self).update(state)
+        self._keep(self.parameters)
+
     def _keep(self, flat: Tensor) -> None:
         self.parameters = flat
         self.weights, self.biases = self.layers_of(flat)
@@ -99,9 +108,7 @@ class StackedMLP:
 
     def copy(self) -> StackedMLP:
         """Copy the networks; the copy's parameters are independent."""
-        twin = copy.copy(self)
-        twin._keep(self.parameters.clone())
-        return twin
+        return copy.deepcopy(self)
 
     def activations(self, inputs: Tensor) -> list[Tensor]:
         """The input of each layer, and last the outputs; inputs are as for :meth:`__call__`."""
@@ -300,25 +307,3 @@ class StackedDoubleQ:
         """Evaluate the table again with the target network."""
         if len(self._table) <= LARGE_TABLE:
             self._target_values = self.target(self._table)
-
-    def state_dict(self) -> dict[str, Any]:
-        """Networks, optimizer and counters as they are now."""
-        return {
-            "online": self.online.parameters.detach().clone(),
-            "target": self.target.parameters.detach().clone(),
-            "optimiser": copy.deepcopy(self.optimizer.state_dict()),
-            "updates": self.updates,
-        }
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Continue from a checkpoint."""
-        self.online.parameters.copy_(state["online"])
-        self.target.parameters.copy_(state["target"])
-        # Unlike the networks, the optimizer would take over the checkpoint's own tensors.
-        optimizer = copy.deepcopy(state["optimiser"])
-        for group in optimizer["param_groups"]:
-            if "capturable" in group:  # it was True in checkpoints of 0.2 from a GPU
-                group["capturable"] = False
-        self.optimizer.load_state_dict(optimizer)
-        self.updates = state["updates"]
-        self._target_changed()

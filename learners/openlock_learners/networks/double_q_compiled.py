@@ -1,10 +1,9 @@
 """Double Q-learning for N agents on a CPU, by compiled loops.
 
-:class:`CompiledDoubleQ` keeps its parameters and its optimizer's moments in the tensors of a
-:class:`~openlock_learners.networks.double_q.StackedDoubleQ`, and so writes and reads the same
-checkpoints; only how it evaluates and trains is its own
-(:mod:`openlock_learners.networks.double_q_kernels`). An agent's numbers do not depend on which
-others there are, nor on what else is evaluated.
+:class:`CompiledDoubleQ` keeps its parameters and its optimizer's moments in tensors, as a
+:class:`~openlock_learners.networks.double_q.StackedDoubleQ` does; only how it evaluates and trains
+is its own (:mod:`openlock_learners.networks.double_q_kernels`). An agent's numbers do not depend on
+which others there are, nor on what else is evaluated.
 
 The first call compiles for some seconds; the machine code is stored next to the module (or, where
 that cannot be written to, in the user's cache) for all later processes of the installation.
@@ -51,10 +50,9 @@ def defaults_of(optimizer: OptimizerName) -> dict[str, Any]:
 
 
 class CompiledDoubleQ(StackedDoubleQ):
-    """A :class:`StackedDoubleQ` in compiled code for a CPU.
+    """A :class:`StackedDoubleQ` in compiled code for a CPU, without torch's optimizer.
 
-    Torch's own optimizer is built for checkpoints alone: the first one of a process loads torch's
-    compiler, which takes a second.
+    The first optimizer of a process loads torch's compiler, which takes a second.
     """
 
     @cached_property
@@ -129,18 +127,6 @@ class CompiledDoubleQ(StackedDoubleQ):
 
     def _target_changed(self) -> None:
         self._target_table.is_known[:] = False
-
-    def state_dict(self) -> dict[str, Any]:
-        """See :class:`~openlock_learners.networks.double_q.StackedDoubleQ`."""
-        if self._state:
-            self.optimizer.state[self.online.parameters] = self._state
-        return super().state_dict()
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """See :class:`~openlock_learners.networks.double_q.StackedDoubleQ`."""
-        super().load_state_dict(state)
-        self._state = self.optimizer.state.get(self.online.parameters, {})
-        vars(self).pop("_optimizer", None)
 
     @cached_property
     def _state(self) -> dict[str, Tensor]:

@@ -18,18 +18,18 @@ import numpy as np
 import torch
 from pydantic import Field
 
-from causal_openlock.errors import LearnerError
+from causal_openlock.errors import LearnerError, in_short
 from causal_openlock.files.atomic import replacing
 from causal_openlock.files.json_text import parse_json
-from causal_openlock.files.state import HEADER, Archive, StateError, open_archive
 from causal_openlock.files.validation import StrictModel
 from causal_openlock.schemas.schema import MAX_LEVERS
 from causal_openlock.world.room import PAPER_POSITIONS
 from openlock_learners.networks.recurrent_policy import RecurrentPolicy, Sizes, make_policy
 
 MOST_BYTES = 1 << 27
-"""Most bytes that a network may have, packed or not."""
-_MOST_ABOUT = 1 << 20
+"""Most bytes that a file of a network may have."""
+HEADER, _MOST_ABOUT = 1 << 14, 1 << 20
+"""Most bytes before the numbers of an array, and of the description."""
 BUNDLED = Path(__file__).parents[1] / "checkpoints" / "rl2.npz"
 """The checkpoint that comes with the package."""
 
@@ -63,14 +63,14 @@ def read_network(path: Path | str, copies: int = 1) -> tuple[RecurrentPolicy, di
         LearnerError: If there is no such file, or it holds something else.
     """
     try:
-        with open_archive(path, MOST_BYTES) as archive:
+        with _archive(path) as archive:
             about = _about(archive)
             checked = About.model_validate(about)
             sizes, positions = checked.sizes, checked.positions
             # A stack of no networks has all shapes and takes no memory.
             expected = make_policy(sizes, positions, []).state_dict()
-            if archive.sizes.keys() != {"about", *expected}:
-                raise StateError("it does not hold the weights of a network of its sizes")
+            if {*archive} != {"about", *expected}:
+                raise ValueError("it does not hold the weights of a network of its sizes")
             weights = {
                 name: _weights(archive, name, tuple(tensor.shape[1:]))
                 for name, tensor in expected.items()
@@ -80,10 +80,10 @@ def read_network(path: Path | str, copies: int = 1) -> tuple[RecurrentPolicy, di
             f"there is no checkpoint {path}; make it with causal-openlock train, or "
             "leave the parameter checkpoint out"
         ) from None
-    except (StateError, OSError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
+    except Exception as error:  # a file from anywhere can be wrong in any way
         raise LearnerError(
-            f"{path} is not a checkpoint of rl2 ({reason}); make one with causal-openlock train"
+            f"{path} is not a checkpoint of rl2 ({in_short(error)}); make one with "
+            "causal-openlock train"
         ) from None
     network = make_policy(sizes, positions, [np.random.default_rng(0)] * copies)
     for name, tensor in network.state_dict().items():
@@ -97,24 +97,35 @@ def trained_actions(path: Path | str) -> int:
     0 if the file does not say or is none; :func:`read_network` names what is wrong with it.
     """
     try:
-        with open_archive(path, MOST_BYTES) as archive:
+        with _archive(path) as archive:
             return About.model_validate(_about(archive)).actions
-    except (StateError, OSError, ValueError):
+    except Exception:
         return 0
 
 
-def _about(archive: Archive) -> Any:
-    if archive.sizes.get("about", 0) > _MOST_ABOUT:
-        raise StateError("its description is too long")
-    return parse_json(str(archive.read("about")))
+def _archive(path: Path | str) -> Any:
+    """NumPy's archive of arrays, none of which is unpacked yet."""
+    if Path(path).exists() and not Path(path).is_file():
+        raise ValueError("it is not a file")
+    return np.load(path, allow_pickle=False)
 
 
-def _weights(archive: Archive, name: str, shape: tuple[int, ...]) -> Any:
-    # Unpacked only if it is as large as it must be.
+def _unpacked(archive: Any, name: str, least: int, most: int) -> Any:
+    """An array, unpacked only if it has so many bytes."""
+    if not least <= archive.zip.getinfo(f"{name}.npy").file_size <= most:
+        raise ValueError(f"it does not fit its own sizes at {name}")
+    return archive[name]
+
+
+def _about(archive: Any) -> Any:
+    return parse_json(str(_unpacked(archive, "about", 0, _MOST_ABOUT)).encode("ascii"))
+
+
+def _weights(archive: Any, name: str, shape: tuple[int, ...]) -> Any:
     least = 4 * math.prod(shape)
-    held = archive.read(name) if least < archive.sizes[name] <= least + HEADER else None
-    if held is None or held.shape != shape or held.dtype != np.float32:
-        raise StateError(f"it does not fit its own sizes at {name}")
-    if not np.isfinite(held).all():
-        raise StateError(f"not all numbers in {name} are finite")
-    return held
+    weights = _unpacked(archive, name, least, least + HEADER)
+    if weights.shape != shape or weights.dtype != np.float32:
+        raise ValueError(f"it does not fit its own sizes at {name}")
+    if not np.isfinite(weights).all():
+        raise ValueError(f"not all numbers in {name} are finite")
+    return weights

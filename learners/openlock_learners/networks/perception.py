@@ -9,14 +9,11 @@ back.
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 from numpy.typing import NDArray
 
 from causal_openlock.contract.learner import Brief, Step, View
 from causal_openlock.schemas.fsm import BoolArray
-from openlock_learners.checkpointed import Checkpointed
 
 Inputs = NDArray[np.float32]
 
@@ -24,7 +21,7 @@ SOLUTIONS = 3
 """Solutions of the paper's largest rooms, to scale their numbers to about 1."""
 
 
-class Perception(Checkpointed):
+class Perception:
     """The inputs of B subjects, and what they last did.
 
     Attributes:
@@ -32,8 +29,6 @@ class Perception(Checkpointed):
             (one-hot; none at first), the reward of that action, whether it changed anything, and
             solutions found, solutions left, attempts left and actions left.
     """
-
-    checkpointed: ClassVar = {"last": "_last"}
 
     def __init__(self, brief: Brief) -> None:
         self._brief = brief

@@ -9,14 +9,13 @@ the network learns along with its policy; the advantage of an action is estimate
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from openlock_learners.checkpointed import Checkpointed
 from openlock_learners.networks.recurrent_policy import RecurrentPolicy
 
 Floats = NDArray[np.float32]
@@ -116,10 +115,8 @@ class PPOSettings:
     max_grad_norm: float = 0.5
 
 
-class PPO(Checkpointed):
+class PPO:
     """Improves N policies from their rollouts."""
-
-    checkpointed: ClassVar = {"network": "network", "optimiser": "optimizer"}
 
     def __init__(self, network: RecurrentPolicy, settings: PPOSettings) -> None:
         self.network, self.settings = network, settings

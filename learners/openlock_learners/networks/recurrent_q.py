@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import copy
 from dataclasses import fields
-from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
 
-from openlock_learners.checkpointed import Checkpointed
 from openlock_learners.networks.recurrent_cells import CELLS, CellName, Generators, StackedLinear
 from openlock_learners.networks.sequence_buffer import Sequences
 
@@ -32,7 +30,7 @@ class StackedRecurrentNetwork(nn.Module):
         return outputs.view(*inputs.shape[:3], -1), state
 
 
-class RecurrentDoubleQ(Checkpointed):
+class RecurrentDoubleQ:
     """Double Q-learning on sequences, for N agents (R2D2: Kapturowski et al., 2019).
 
     The hidden state that was kept with a sequence was computed with older weights. Some steps of
@@ -46,13 +44,6 @@ class RecurrentDoubleQ(Checkpointed):
         target_period: Updates between copies of the network to the target network; ``None`` never
             copies it again.
     """
-
-    checkpointed: ClassVar = {
-        "online": "online",
-        "target": "target",
-        "optimiser": "optimizer",
-        "updates": "updates",
-    }
 
     def __init__(
         self,

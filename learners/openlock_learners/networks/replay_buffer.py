@@ -7,23 +7,20 @@ uniformly, or by :class:`PrioritisedReplayBuffer` in proportion to their last TD
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from causal_openlock.contract.learner import Observations
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
-from openlock_learners.checkpointed import Checkpointed
 
 LEAST_PRIORITY = 1e-6
 """Added to every TD error, so that a transition without one can still be drawn."""
 
 
-class ObservationTable(Checkpointed):
+class ObservationTable:
     """The distinct observations met so far, numbered in order of appearance."""
-
-    checkpointed: ClassVar = {"rows": "rows", "numbers": "_numbers"}
 
     def __init__(self, size: int) -> None:
         self.rows: NDArray[np.float32] = np.zeros((0, size), dtype=np.float32)
@@ -66,7 +63,7 @@ class Batch(NamedTuple):
     slot: Any
 
 
-class ReplayBuffer(Checkpointed):
+class ReplayBuffer:
     """B rings of transitions, one for each subject, drawn from uniformly.
 
     Args:

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
-from openlock_learners.checkpointed import Checkpointed
 
 Floats = NDArray[np.float32]
 
@@ -47,7 +46,7 @@ class Sequences:
     mask: Floats
 
 
-class SequenceBuffer(Checkpointed):
+class SequenceBuffer:
     """B rings of steps, one for each subject.
 
     Args:

@@ -1,5 +1,6 @@
 """Meta-training of rl2: the rooms it draws, and that it trains and goes on where it was."""
 
+import pickle
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from causal_openlock.errors import (
 )
 from causal_openlock.experiment.protocol import Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
-from causal_openlock.files.state import write_state
+from causal_openlock.files.seal import sealed
 from causal_openlock.schemas.finding import bundled, find_schema
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.facts import room_facts
@@ -296,9 +297,8 @@ def test_meta_training_improves_its_play():
 
 def test_a_spoiled_state_of_a_training_is_named(tmp_path):
     path, left = small(tmp_path), tmp_path / "net.npz.training"
-    state = MetaTraining(read_training(path)).state_dict()
-    for spoiled in ([], {"file": 1}, {**state, "fresh": np.ones(3)}, {**state, "trainer": {}}):
-        with left.open("wb") as file:
-            write_state(file, spoiled)
+    kept = sealed(pickle.dumps("a file") + pickle.dumps({}))
+    for spoiled in (b"", kept[:-1], kept[:40], pickle.dumps("a file"), sealed(b"")):
+        left.write_bytes(spoiled)
         with pytest.raises(ExperimentError, match=r"net\.npz\.training"):
             train(path, tmp_path / "net.npz")
