@@ -2,9 +2,7 @@
 
 import pytest
 
-import causal_openlock as ol
 from causal_openlock.wording import counted, first_line, nearest
-from support.html_page import Page
 
 
 @pytest.mark.parametrize(
@@ -28,14 +26,3 @@ def test_counted_nouns_and_nearest_names():
     assert counted(3, "person", "people") == "3 people"
     # Digits that are no numbers are letters, and numbers are ordered as numbers.
     assert nearest("₁", ["₂", "x²", "x10", "x2"]).endswith("known: x2, x10, x², ₂")
-
-
-def test_report_on_one_of_everything_is_in_the_singular(tmp_path):
-    once = {"based_on": "human", "attempt_limit": 1, "baseline_trials": 1}
-    with pytest.warns(UserWarning, match="gives 1 attempt, so"):
-        results = ol.compare(["CC3"], ["random"], subjects=1, protocol=once, workers=0)
-    text = Page(results.report(tmp_path).path.read_text(encoding="utf-8")).text
-    for words in ("At most 1 attempt in a trial", "Only 1 subject in a condition"):
-        assert words in text
-    assert "1 attempt in 1 trial." in text
-    assert not [words for words in ("1 attempts", "1 subjects", "1 trials") if f" {words}" in text]

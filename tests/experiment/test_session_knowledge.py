@@ -9,7 +9,7 @@ import pytest
 from causal_openlock.contract.learner import Brief, Console, Step, View
 from causal_openlock.experiment.session import Session
 from openlock_learners.oracle import Oracle
-from support.session_play import HUMAN, RL, Curious, named
+from support.session_play import HUMAN, Curious, named
 
 PLAIN = (bool, int, float, str, type(None), np.generic, np.random.Generator)
 TOLD = (Brief, View, Console, Step)
@@ -28,10 +28,6 @@ def reachable(thing, path=""):
         yield from reachable(thing.base, f"{path}.base")
     elif hasattr(thing, "__dict__") and not isinstance(thing, PLAIN):
         yield from reachable(vars(thing), f"{path}.__dict__")
-
-
-def arrays_of(thing):
-    return [part for _, part in reachable(thing) if isinstance(part, np.ndarray)]
 
 
 class Nosy(Curious):
@@ -64,6 +60,7 @@ def test_nothing_that_a_learner_is_given_leads_to_what_is_latent(condition):
             assert isinstance(thing, (*PLAIN, *TOLD, tuple, np.ndarray)), path
             if isinstance(thing, np.ndarray):
                 assert thing.dtype.kind in "biuf", path
+                assert path.endswith(".base") or not thing.flags.writeable, path
                 assert not any(np.shares_memory(thing, table) for table in latent), path
             if isinstance(thing, tuple):
                 assert path in ("Brief.action_names", "Brief.generators"), path
@@ -88,34 +85,3 @@ def test_an_informed_learner_is_told_the_truth_and_told_anew_in_every_room():
         # No two rooms that follow one another have the same layout, so each change shows.
         order = record[record.subject == subject].drop_duplicates(["phase", "trial"])
         assert changes == order.layout.tolist()
-
-
-def test_a_brief_says_how_large_everything_is():
-    brief = Session(named("CC3-CE4"), RL, [3, 5]).brief
-    sizes = (brief.subjects, brief.positions, brief.actions, brief.observation_size)
-    assert sizes == (2, 7, 15, 16)
-    assert (brief.action_limit, brief.attempt_limit, brief.trials) == (3, 300, 650)
-    assert brief.action_names[0] == "push_UPPERRIGHT"
-    assert brief.action_names[13:] == ("pull_LOWERRIGHT", "push_door")
-    assert len(brief.generators) == 2
-
-
-def test_a_learner_that_writes_into_what_it_was_told_alters_nothing():
-    def course(vandal):
-        protocol, reward = replace(HUMAN, attempt_limit=3), "negative_repeat"
-        session = Session(named("CC3-CE4"), protocol, 4, seed=5, reward=reward)
-        learner, seen = Curious(), []
-        learner.begin(session.brief)
-        while not session.over:
-            step = session.step(learner.act(session.view))
-            told = arrays_of([getattr(step, field.name) for field in fields(step)])
-            for index, array in enumerate(told):  # no two arrays are one
-                assert not any(np.shares_memory(array, other) for other in told[:index])
-            seen.append([array.tolist() for array in arrays_of(step.next)])
-            if vandal:
-                past = [step.view, step.outcome, step.reward, step.action, step.attempt_over]
-                for array in arrays_of([*past, step.trial_over, step.new_solution]):
-                    array[...] = 1
-        return [*seen, session.record().drop_columns(["wall_time"]).to_pylist()]
-
-    assert course(vandal=True) == course(vandal=False)

@@ -8,21 +8,14 @@ import pytest
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.building import make_experiment
-from causal_openlock.experiment.file import read_experiment
-from causal_openlock.experiment.protocol import Condition, shown_trials
+from causal_openlock.experiment.protocol import Condition
 from causal_openlock.experiment.session import Session
-from causal_openlock.export.experiment_file import experiment_file
-from causal_openlock.files.yaml_file import dump_yaml
 from openlock_learners.random import RandomLearner
-from support.made_up_experiments import stored
-from support.session_play import HUMAN, RL, SCHEMAS, Scripted, named, play, trials_of
+from support.session_play import HUMAN, RL, Scripted, named, play, trials_of
 
 SHOWN = "shown-CC3-CC4"
 PLAYED = replace(named(SHOWN), name="same", shown=False)
 """The same condition, and the same rooms, as the condition ``same`` whose training is shown."""
-
-
-# -- sessions --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -85,46 +78,9 @@ def test_who_learns_from_its_own_actions_alone_is_shown_nothing():
     assert (who, [*left_out]) == ("Alone", [SHOWN])
 
 
-# -- declared --------------------------------------------------------------------------------------
-
-FILE = """\
-name: own
-subjects: 2
-conditions:
-  - shown-CC3-CC4
-  - name: watched
-    train: {shown: CC3}
-    test: [{schema: CC4}]
-  - name: several
-    train: {shown: [{schema: CC3, layouts: random, trials: 1}, {schema: CE3, trials: 2}]}
-    test: [{schema: CC4, layouts: [trial7]}]
-learners: [random]
-"""
-
-
-def test_a_file_says_what_is_shown_and_survives_being_described(tmp_path):
-    (tmp_path / "own.yaml").write_text(FILE, encoding="utf-8")
-    experiment = read_experiment(tmp_path / "own.yaml")
-    by_name, watched, several = experiment.conditions
-    assert [one.shown for one in experiment.conditions] == [True] * 3
-    assert (watched.train, watched.test) == (by_name.train, by_name.test)
-    assert [shown_trials(one, HUMAN) for one in experiment.conditions] == [6, 6, 3]
-    assert [trials.schema.name for trials in several.train] == ["CC3", "CE3"]
-    kept = stored(experiment)
-    assert kept.conditions == experiment.conditions
-    (tmp_path / "schemas").mkdir()
-    for name in ("CC3", "CC4", "CE3"):
-        (tmp_path / "schemas" / f"{name}.yaml").write_text(SCHEMAS[name].to_yaml())
-    (tmp_path / "again.yaml").write_text(dump_yaml(experiment_file(kept)), encoding="utf-8")
-    assert read_experiment(tmp_path / "again.yaml").identity == experiment.identity
-
-
 def test_a_mapping_declares_the_condition_that_has_its_name():
     declared = {"train": {"shown": "CC3"}, "test": "CC4"}
     (made,) = make_experiment([declared], ["random"]).conditions
     assert made == named(SHOWN)
     (own,) = make_experiment([{"name": "own", **declared}], ["random"]).conditions
     assert own == Condition("own", made.train, made.test, shown=True)
-
-
-# -- what is made of it ----------------------------------------------------------------------------
