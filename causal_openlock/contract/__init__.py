@@ -6,6 +6,5 @@
 ``registry``       Finds learners, declared in ``pyproject.toml``, by name; checks their parameters.
 ``parameters``     Types of hyper-parameters with ranges.
 ``checks``         Failures, probabilities and global random numbers of learners.
-``former_names``   What bundled learners were called in releases before.
 ================ ==================================================================================
 """

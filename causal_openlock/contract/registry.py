@@ -26,7 +26,6 @@ from inspect import getsourcefile, isabstract
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
 
-from causal_openlock.contract.former_names import FORMER_PACKAGE, PACKAGE, TOOLKIT
 from causal_openlock.contract.learner import Learner, LearnerBase
 from causal_openlock.contract.one_subject import OneSubjectLearner, PerSubjectAdapter
 from causal_openlock.errors import LearnerError, in_short, together
@@ -45,6 +44,10 @@ from causal_openlock.wording import nearest
 
 if TYPE_CHECKING:
     from pydantic import TypeAdapter, ValidationError
+
+
+TOOLKIT = "causal-openlock"
+"""The distribution that the bundled learners come with."""
 
 
 def registry() -> Mapping[str, EntryPoint]:
@@ -154,8 +157,6 @@ def _load(name: str) -> type[LearnerBase]:
             f"the learner {name!r} ({entry.value}) cannot be imported: "
             f"{type(error).__name__}: {error}"
         )
-        if isinstance(error, ModuleNotFoundError) and _is_in(error.name or "", FORMER_PACKAGE):
-            message += f"; the bundled learners are in the package {PACKAGE} now"
         raise LearnerError(message) from error
     if not (isinstance(loaded, type) and issubclass(loaded, LearnerBase)):
         raise LearnerError(
@@ -171,10 +172,6 @@ def _require_methods(kind: Any, name: str) -> None:
     if isabstract(kind):
         missing = " and ".join(sorted(kind.__abstractmethods__))
         raise LearnerError(f"the learner {name} has no {missing}; define it in the class")
-
-
-def _is_in(module: str, package: str) -> bool:
-    return f"{module}.".startswith(f"{package}.")
 
 
 def _is_learner(value: Any) -> bool:

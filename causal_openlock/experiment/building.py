@@ -20,7 +20,6 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from causal_openlock.contract.former_names import present_name
 from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.one_subject import OneSubjectLearner, PerSubjectAdapter
 from causal_openlock.contract.registry import (
@@ -439,7 +438,7 @@ def as_learner(learner: LearnerForm) -> LearnerFile:
     if isinstance(learner, str):
         learner = LearnerFile(learner=learner)
     if isinstance(learner, LearnerFile):
-        return learner.model_copy(update={"learner": present_name(learner.learner)})
+        return learner
     kind: Any = learner
     parameters = None
     if not isinstance(learner, type):

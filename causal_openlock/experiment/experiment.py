@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from causal_openlock.contract.former_names import in_identities, parameters_in_identities
 from causal_openlock.contract.learner import InformedLearner
 from causal_openlock.contract.registry import learner_class, origin, parse_parameters
 from causal_openlock.errors import LearnerError, OpenLockError, in_short
@@ -347,9 +346,11 @@ def _cannot_play(spec: LearnerSpec, condition: Condition, schema: Schema) -> str
 def _deciding(learner: dict[str, Any]) -> dict[str, Any]:
     """Part of a learner's description that determines its results and identity."""
     decides = {key: value for key, value in learner.items() if key not in _NOTES}
-    name = learner["class"]
-    parameters = parameters_in_identities(name, learner["parameters"])
-    return {**decides, "class": in_identities(name), "parameters": parameters}
+    # The hashes of published studies were made when the package of the bundled learners was called
+    # "learners", and "double" was no parameter.
+    name = learner["class"].removeprefix("openlock_")
+    parameters = {k: v for k, v in learner["parameters"].items() if (k, v) != ("double", True)}
+    return {**decides, "class": name, "parameters": parameters}
 
 
 def _digest(data: Any) -> str:

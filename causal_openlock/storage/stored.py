@@ -15,7 +15,6 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, ValidationError
 
-from causal_openlock.contract.former_names import present_class, present_name
 from causal_openlock.contract.parameters import Count
 from causal_openlock.errors import OpenLockError, RewardError, StoreError
 from causal_openlock.experiment.experiment import Experiment, LearnerSpec, Origin
@@ -193,17 +192,19 @@ class _Learner(StrictModel):
     about: str = ""
 
     def built(self) -> LearnerSpec:
-        reward = self.reward
+        reward, name = self.reward, self.class_
+        if self.package.startswith("causal-openlock 0.2.") and name.startswith("learners."):
+            name = f"openlock_{name}"  # what the package of the bundled learners is called now
         return LearnerSpec(
             name=self.name,
-            learner=present_name(self.learner),
+            learner=self.learner,
             parameters=self.parameters,
             protocol=self.protocol,
             reward=reward if isinstance(reward, AuthorsReward) else reward.built(),
             subjects=self.subjects,
             cell_size=self.cell_size,
             recorded=Origin(
-                present_class(self.class_, self.package),
+                name,
                 self.package,
                 self.material,
                 None if self.prior_attempts == "unknown" else self.prior_attempts,

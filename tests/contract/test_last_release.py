@@ -38,7 +38,7 @@ def test_a_folder_of_the_last_release_is_reported_beside_new_results_and_not_mix
     both = open_results(folder, new.folders[0])
     assert {*both.learners} == {*kinds, "oracle"}
     with pytest.raises(StoreError, match=r"made with version 0\.2\.0\+1"):
-        run(read_experiment(LAST / "last_release.yaml"), folder, workers=1)
+        compare("CC4", "random", name="last_release", workers=1, out=folder)
 
 
 def test_a_bundle_of_the_last_release_opens_and_plays_anew(tmp_path, monkeypatch):
