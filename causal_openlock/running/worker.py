@@ -8,6 +8,7 @@ checkpoint and ends.
 from __future__ import annotations
 
 import multiprocessing
+import sys
 import threading
 import time
 import traceback
@@ -86,6 +87,9 @@ def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = 
         with ExitStack() as stack:
             start = stack.enter_context(_own_randomness(cell))
             session, learner = _begun(cell, checkpoint)
+            if is_ours(cell.spec.learner) and (torch := sys.modules.get("torch")):
+                stack.callback(torch.set_num_threads, torch.get_num_threads())
+                torch.set_num_threads(getattr(learner.parameters, "threads", 1))
             after = [_reporter(session, store.path(cell), watching.awaited)]
             if watching.tensorboard is not None:
                 from causal_openlock.running.tensorboard import curves
