@@ -34,7 +34,6 @@ from causal_openlock.analysis.results.references import (
 from causal_openlock.analysis.topic import all_topics, columns_of
 from causal_openlock.errors import StoreError, in_short, renamed
 from causal_openlock.files.atomic import folder_at
-from causal_openlock.storage.containment import check_inside
 from causal_openlock.storage.folder_lock import LOCK
 from causal_openlock.storage.store import Store
 from causal_openlock.storage.stored import StoredExperiment
@@ -340,7 +339,6 @@ class Results(Material):
             raise StoreError(f"{folder} is inside the results; choose a folder next to them")
         if folder.exists() and any(folder.iterdir()):
             raise StoreError(f"{folder} is there already; choose another name")
-        check_inside(self.folders[0])
         try:
             folder.parent.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".saving-") as beside_it:

@@ -48,7 +48,6 @@ from causal_openlock.export.experiment_file import experiment_file
 from causal_openlock.files.atomic import replacing, write_bytes
 from causal_openlock.files.digest import digest
 from causal_openlock.files.yaml_file import dump_yaml
-from causal_openlock.storage.containment import check_inside
 from causal_openlock.storage.stored import StoredExperiment, Versions
 from causal_openlock.usercode.code_digest import code_digest
 from causal_openlock.usercode.local_modules import local_modules
@@ -195,7 +194,6 @@ def _places(experiment: StoredExperiment) -> list[Path]:
 
 def _from_session(name: str, origin: str, store: Store) -> tuple[str, Contents]:
     """A notebook's definitions, as a name of a module, and that module."""
-    check_inside(store.folder)
     path = store.source(origin)
     content = path.read_bytes() if path.is_file() else b""
     name = name.partition(":")[2]

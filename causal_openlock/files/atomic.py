@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from causal_openlock.errors import OpenLockError, StoreError
+from causal_openlock.errors import StoreError
 
 PARTIAL = ".*.partial"
 
@@ -44,12 +44,26 @@ def folder_at(place: Path | str) -> Path:
     return Path(place)
 
 
+def is_empty(folder: Path) -> bool:
+    """Whether there is no folder, or only what systems leave in one, such as ``.DS_Store``."""
+    names = [path.name for path in folder.iterdir()] if folder.exists() else []
+    return all(name.startswith(".") or name in ("Thumbs.db", "desktop.ini") for name in names)
+
+
+def unwritable(path: Path, error: OSError) -> StoreError:
+    """The error of a file or folder that cannot be written."""
+    return StoreError(
+        f"{path}: cannot be written ({error.strerror or error}); free some space or choose another "
+        "place"
+    )
+
+
 @contextmanager
 def replacing(path: Path | str) -> Iterator[BinaryIO]:
     """A file to write to, which replaces ``path`` when the block ends without an error.
 
     Raises:
-        OpenLockError: If the folder cannot be written to or the disk is full; the old file stays.
+        StoreError: If the folder cannot be written to or the disk is full; the old file stays.
     """
     path = Path(path)
     temporary = ""
@@ -66,10 +80,7 @@ def replacing(path: Path | str) -> Iterator[BinaryIO]:
         Path(temporary).replace(path)
         temporary = ""
     except OSError as error:
-        raise OpenLockError(
-            f"{path}: cannot be written ({error.strerror or error}); free some space or choose "
-            "another place"
-        ) from None
+        raise unwritable(path, error) from None
     finally:
         if temporary:
             Path(temporary).unlink(missing_ok=True)

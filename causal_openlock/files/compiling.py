@@ -57,7 +57,7 @@ def direct(function: Compiled, *arguments: Any) -> Compiled:
     """
     import numba  # takes a while to load
 
-    if numba.config.DISABLE_JIT:
+    if not hasattr(function, "overloads"):  # NUMBA_DISABLE_JIT leaves it as it is
         return function
     function(*arguments)
     versions: Any = function

@@ -11,7 +11,7 @@ import typer
 from causal_openlock.cli.options import Workers
 from causal_openlock.cli.stopping import resumable
 from causal_openlock.errors import LearnerError, OpenLockError, StoreError
-from causal_openlock.files.atomic import PARTIAL, folder_at
+from causal_openlock.files.atomic import folder_at, is_empty
 
 if TYPE_CHECKING:
     from causal_openlock.comparison.console import Terminal
@@ -175,7 +175,6 @@ def _check_folder(folder: Path) -> None:
     from causal_openlock.fitting.actions import FILE as OF_ACTIONS
     from causal_openlock.fitting.candidates import FILE
     from causal_openlock.fitting.group_progress import PROGRESS
-    from causal_openlock.storage.folder_lock import LOCK
 
     if not folder_at(folder).exists() or any(
         (folder / name).exists() for name in (FILE, OF_ACTIONS, PROGRESS)
@@ -183,7 +182,7 @@ def _check_folder(folder: Path) -> None:
         return
     if (folder / "experiment.json").exists():
         raise StoreError(f"{folder} holds results of compare; choose another folder with --out")
-    if any(path.name != LOCK and not path.match(PARTIAL) for path in folder.iterdir()):
+    if not is_empty(folder):
         raise StoreError(
             f"{folder} is not empty and holds no fit; choose another folder with --out"
         )

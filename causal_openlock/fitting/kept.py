@@ -13,8 +13,7 @@ from typing import Any, TypeVar
 
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.files.atomic import sweep, write_bytes
-from causal_openlock.files.checksums import IN_JSON, ChecksumError, check, json_bytes
-from causal_openlock.files.json_text import each_once
+from causal_openlock.files.checksums import ChecksumError, json_bytes, read_json
 from causal_openlock.storage.folder_lock import FolderLock
 
 T = TypeVar("T")
@@ -30,7 +29,7 @@ def fitting_in(folder: Path) -> Iterator[None]:
     lock = FolderLock(folder, "fit")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        lock.take(None)
+        lock.take()
     except OSError as error:
         raise StoreError(
             f"{folder}: cannot be written to ({error.strerror}); choose another place"
@@ -59,21 +58,13 @@ def kept_fit(
             ``read`` raises what is raised of data of another form.
     """
     try:
-        content = path.read_bytes()
-        check(content, IN_JSON)
-        return read(json.loads(content, parse_constant=_number, object_pairs_hook=each_once))
+        return read(read_json(path.read_bytes()))
     except ChecksumError as error:
         raise StoreError(f"{path}: this is not a fit ({error}); {remedy}") from None
     except OpenLockError:
         raise
     except (ValueError, OSError, TypeError, LookupError, ArithmeticError, RecursionError):
         raise StoreError(f"{path}: this is not a fit; {remedy}") from None
-
-
-def _number(constant: str) -> float:
-    if constant == "NaN":
-        raise ValueError("a number is missing")
-    return float(constant)
 
 
 SEEDS = 3

@@ -273,7 +273,7 @@ def _write(
                 table = reactions_table(one.condition.name, one.subject, one.done)
                 write_reactions(store.folder / FOLDER / cell.file_name, table)
             cells.append(cell)
-        store.declare(experiment, cells, experiment.identity)
+        store.declare(experiment, [cell.file_name for cell in cells])
         store.close()
         store.folder.replace(folder)
 
@@ -285,14 +285,14 @@ def _beside(folder: Path) -> Iterator[Path]:
     for left in folder.parent.glob(f"{BESIDE}*"):
         lock = FolderLock(left)
         try:
-            lock.take(None)
+            lock.take()
         except (StoreError, OSError):  # another import is at work
             continue
         lock.release()
         shutil.rmtree(left, ignore_errors=True)
     with tempfile.TemporaryDirectory(dir=folder.parent, prefix=BESIDE) as name:
         lock = FolderLock(Path(name))
-        lock.take(None)
+        lock.take()
         try:
             yield Path(name)
         finally:

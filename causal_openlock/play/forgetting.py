@@ -77,7 +77,7 @@ def forget_person(
             else one
             for one in experiment.conditions
         )
-        store.list_files(replace(experiment, conditions=conditions), kept)
+        store.declare(replace(experiment, conditions=conditions), kept)
         return deleted, left
     finally:
         store.close()

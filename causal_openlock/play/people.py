@@ -116,7 +116,6 @@ class People:
         import pyarrow.parquet  # noqa: F401
 
         self.store.open(self.experiment, changed=False)
-        self._made_with = self.store.made_with()
         with ExitStack() as opened:
             opened.callback(self.store.close)
             self._log = Log(self.store.folder / "log.jsonl")
@@ -388,7 +387,8 @@ class People:
         many = max((cell.first_subject + 1 for cell in cells), default=1)
         (spec,) = self.experiment.learners
         declared = replace(self.experiment, learners=(replace(spec, subjects=many),))
-        self.store.declare(declared, cells, self.experiment.identity, self._made_with)
+        names = [cell.file_name for cell in cells]
+        self.store.declare(declared, names, self.experiment.identity)
 
     def close(self) -> None:
         """Write the record and release the folder."""

@@ -186,8 +186,8 @@ def run(
         # first, so that no worker is left alone with one at the end.
         there = (cell for name, cell in missing.items() if name not in left_out)
         pending = sorted(there, key=lambda cell: (cell.first_subject, -work(cell)))
-        if pending:
-            store.begin(experiment, allow_version=allow_version)
+        if pending and not allow_version:
+            store.require_versions()
         playing = _Run(
             pending=deque(pending),
             store=store,

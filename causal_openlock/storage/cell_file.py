@@ -1,4 +1,4 @@
-"""The file of a cell: its record as Parquet, with the cell's identity, versions and a checksum."""
+"""The file of a cell: its record as Parquet, with the cell's identity and versions as metadata."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from causal_openlock.errors import StoreError
 from causal_openlock.experiment.experiment import Cell
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.files.checksums import ChecksumError, read_table, table_bytes
@@ -24,8 +23,8 @@ VERSIONS = b"causal_openlock.versions"
 
 def read_cell_file(
     path: Path, identity: str | None = None, columns: Sequence[str] | None = None
-) -> pa.Table:
-    """The record in a cell's file; its metadata hold :data:`IDENTITY` and :data:`VERSIONS`.
+) -> tuple[pa.Table, Versions]:
+    """The record in a cell's file, and the versions of packages that it was made with.
 
     Args:
         path: Its file.
@@ -37,13 +36,14 @@ def read_cell_file(
         ChecksumError: If it is damaged, or belongs to another cell.
     """
     import pyarrow as pa
+    from pydantic import TypeAdapter
 
     from causal_openlock.experiment.record import record_schema
 
     table = read_table(path.read_bytes(), columns)
     metadata = table.schema.metadata or {}
-    held = metadata.get(IDENTITY, b"").decode(errors="replace")
-    if not held or not held.startswith(identity or path.stem.rpartition("_")[2]):
+    stored = metadata.get(IDENTITY, b"").decode(errors="replace")
+    if not stored or not stored.startswith(identity or path.stem.rpartition("_")[2]):
         raise ChecksumError("it holds another cell")
     schema = record_schema()
     if columns is not None:
@@ -52,11 +52,15 @@ def read_cell_file(
         # Other programs may encode names differently.
         table = table.replace_schema_metadata(None).cast(schema)
         table.validate(full=True)
+        if any(column.null_count for column in table.columns):
+            raise ValueError("values are missing")
     except (pa.ArrowException, ValueError):
-        table = None
-    if table is None or any(column.null_count for column in table.columns):
-        raise ChecksumError("its columns are not those of a record")
-    return table.replace_schema_metadata(metadata)
+        raise ChecksumError("its columns are not those of a record") from None
+    try:
+        form = TypeAdapter(dict[str, str | list[str]])
+        return table, form.validate_json(metadata.get(VERSIONS, b"{}"))
+    except ValueError:
+        raise ChecksumError("it does not say what it was made with") from None
 
 
 def write_cell_file(path: Path, cell: Cell, record: pa.Table) -> None:
@@ -67,15 +71,3 @@ def write_cell_file(path: Path, cell: Cell, record: pa.Table) -> None:
     """
     metadata = {IDENTITY: cell.identity.encode(), VERSIONS: json.dumps(versions()).encode()}
     write_bytes(path, table_bytes(record, metadata))
-
-
-def versions_of(record: pa.Table, path: Path) -> Versions:
-    """The versions of packages in the metadata of a cell's file."""
-    from pydantic import TypeAdapter, ValidationError
-
-    held = (record.schema.metadata or {}).get(VERSIONS, b"{}")
-    try:
-        return TypeAdapter(dict[str, str | list[str]]).validate_json(held)
-    except ValidationError:
-        message = f"{path} does not say what it was made with; do not use it"
-        raise StoreError(message) from None

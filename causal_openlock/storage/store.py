@@ -12,8 +12,8 @@
       errors/               a file for each failed cell: a sentence and the traceback
 
 A cell's file is written completely or not at all, so a comparison killed at any moment continues
-where it was. Cells and ``experiment.json`` have checksums (:mod:`causal_openlock.files.checksums`):
-a damaged file is reported, and its cell is played again.
+where it was. Damage is found by checksums (:mod:`causal_openlock.files.checksums`) and named, and
+the cell is played again.
 
 A folder keeps every cell that was ever played in it, by identity, and shows those of the last
 experiment. So a learner can be corrected, removed, put back or added, and only missing cells are
@@ -30,16 +30,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from causal_openlock.errors import OpenLockError, StoreError, in_short
-from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
-from causal_openlock.experiment.protocol import Condition
-from causal_openlock.files.atomic import PARTIAL, folder_at, sweep, write_bytes
+from causal_openlock.errors import OpenLockError, StoreError
+from causal_openlock.experiment.experiment import Cell, Experiment
+from causal_openlock.files.atomic import folder_at, is_empty, sweep, unwritable, write_bytes
 from causal_openlock.files.checksums import ChecksumError, json_bytes, read_json
 from causal_openlock.files.escaping import require_utf8
-from causal_openlock.storage.cell_file import read_cell_file, versions_of, write_cell_file
-from causal_openlock.storage.containment import check_inside
+from causal_openlock.storage.cell_file import read_cell_file, write_cell_file
 from causal_openlock.storage.failures import Failures
-from causal_openlock.storage.folder_lock import LOCK, FolderLock
+from causal_openlock.storage.folder_lock import FolderLock
 from causal_openlock.storage.running_files import remove_leftovers
 from causal_openlock.storage.versions import merged_versions, other_versions, versions
 from causal_openlock.version import RESULTS_VERSION
@@ -84,86 +82,76 @@ class Store:
 
         Args:
             experiment: The experiment.
-            changed: Whether it may be a changed form of the one in the folder: they share a cell,
-                or name, seed, version, and a learner with the same parameters in the same
-                condition.
+            changed: Whether it may be a changed form of the one in the folder, with the same name,
+                seed and version.
             shard: What is to be played, if it is not the whole experiment; other shards may be
                 played in the folder at the same time.
 
         Raises:
             StoreError: If the folder holds something else, is in use, or cannot be written to.
         """
+        self.close()
         try:
-            self._prepare(experiment, changed, shard)
+            require_utf8(str(self.folder))
+            self._check_inside([])
+            files = [cell.file_name for cell in experiment.cells()]
+            to_declare = self._is_to_declare(experiment, files, changed)
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self._lock.take(shard)
+            if to_declare:
+                self.declare(experiment, files)
+            self.cells.mkdir(exist_ok=True)
+            if shard is None:  # it removes what killed runs and earlier forms have left
+                known = {Path(name).stem for name in files}
+                sweep(self.folder)
+                sweep(self.cells)
+                remove_leftovers(self.folder, self.cells, known)
+                self.failures.tidy(known)
         except BaseException as error:
             self.close()
             if isinstance(error, OSError):
-                raise _unusable(self.folder, error.strerror) from None
-            if isinstance(error, OpenLockError) and not isinstance(error, StoreError):
-                raise StoreError(str(error)) from None
+                raise unwritable(self.folder, error) from None
             raise
 
-    def _prepare(self, experiment: Experiment, changed: bool, shard: Shard | None) -> None:
-        require_utf8(str(self.folder))
-        check_inside(folder_at(self.folder))
-        there = self.folder.iterdir() if self.folder.exists() else ()
-        # An interrupted start leaves a lock and temporary files.
-        foreign = any(not path.match(f"{LOCK}*") and not path.match(PARTIAL) for path in there)
-        if foreign and not self._declared.exists():
-            raise StoreError(
-                f"{self.folder} is not empty and holds no results; choose another folder"
-            )
-        self.folder.mkdir(parents=True, exist_ok=True)
-        self.close()
-        alone = self._lock.take(shard)
-        if not alone and self._declared.exists():  # another shard has prepared it
-            if self.experiment().identity != experiment.identity:
-                raise StoreError(
-                    f"{self.folder} is in use by shards of another form of this comparison; wait "
-                    "for them, or choose another folder"
-                )
-            return
-        files = {cell.file_name for cell in experiment.cells()}
-        if self._is_of(experiment, files, changed):
-            self.declare(experiment, experiment.cells())
-        self.cells.mkdir(exist_ok=True)
-        if alone:
-            self._tidy({Path(name).stem for name in files})
-            self._lock.share(shard)
-
-    def _tidy(self, known: set[str]) -> None:
-        """Remove what killed runs and earlier forms of the experiment have left."""
-        sweep(self.folder)
-        sweep(self.cells)
-        remove_leftovers(self.folder, self.cells, known)
-        self.failures.tidy(known)
-
-    def _is_of(self, experiment: Experiment, files: set[str], changed: bool) -> bool:
+    def _is_to_declare(self, experiment: Experiment, files: list[str], changed: bool) -> bool:
         """Whether ``experiment.json`` has to be written; refuses a folder of another experiment."""
-        done = {path.name for path in self.cells.glob("*.parquet")}
-        if not self._declared.exists():
+        if is_empty(folder_at(self.folder)):
             return True
+        done = {path.name for path in self.cells.glob("*.parquet")}
         try:
-            held = self.experiment()
+            stored = self.experiment()
         except StoreError:
             if not changed and (self.folder / LOG).exists():
                 return False  # the log has the experiment
+            begun = {f"{path.stem}.parquet" for path in self.cells.glob("*")}  # and not done
             # The names of cells end with their identities.
-            if not done or done & files:
+            if not begun.isdisjoint(files) or (not done and self._declared.exists()):
                 return True
             raise
-        if held.identity == experiment.identity:
-            return held.not_applicable != experiment.not_applicable
+        if stored.identity == experiment.identity:
+            return stored.not_applicable != experiment.not_applicable
+        before = (stored.name, stored.seed, stored.version)
         # While no cell is done, another experiment overwrites no results.
-        if not done or (changed and (done & files or _is_variant(held, experiment))):
+        if not done or (changed and before == (experiment.name, experiment.seed, RESULTS_VERSION)):
             return True
-        other = held.version != RESULTS_VERSION
-        made = f", made with version {held.version}" if other else ""
         raise StoreError(
-            f"{self.folder} holds another experiment ({held.name}, seed {held.seed}{made}), "
-            "or this one with other settings, schemas or learners, and no cell of the new one; "
-            "choose another folder"
+            f"{self.folder} holds another experiment ({stored.name}, seed {stored.seed}, made with "
+            f"version {stored.version}); choose another folder"
         )
+
+    def _check_inside(self, cells: Sequence[str]) -> None:
+        """Refuse paths and links that lead out of the folder, which others may have made."""
+        home = self.folder.resolve()
+        for path in [*self.folder.rglob("*"), *(self.cells / name for name in cells)]:
+            try:
+                inside = path.resolve().is_relative_to(home)
+            except (OSError, RuntimeError, ValueError):  # links in a circle, a zero in a name
+                inside = False
+            if not inside:
+                raise StoreError(
+                    f"{str(path)[:200]!r} leads out of {self.folder}; do not use this folder, or "
+                    "put what a link points to in its place, if you know where it comes from"
+                )
 
     @property
     def name(self) -> str | None:
@@ -174,78 +162,45 @@ class Store:
             return None
 
     def declare(
-        self,
-        experiment: Experiment,
-        cells: Iterable[Cell],
-        identity: str | None = None,
-        made_with: Versions | None = None,
+        self, experiment: Experiment, files: Iterable[str], identity: str | None = None
     ) -> None:
-        """Write the experiment and these cells to ``experiment.json`` unless they are in it.
+        """Write the experiment and the names of its cells' files to ``experiment.json``.
 
         Args:
             experiment: The experiment.
-            cells: The cells.
+            files: The names.
             identity: By default the experiment's own.
-            made_with: Versions of packages; by default those that the folder was made with so far,
-                or those here.
 
         Raises:
             OpenLockError: If it cannot be written.
         """
-        self.list_files(experiment, [cell.file_name for cell in cells], identity, made_with)
-
-    def list_files(
-        self,
-        experiment: Experiment,
-        files: Sequence[str],
-        identity: str | None = None,
-        made_with: Versions | None = None,
-    ) -> None:
-        """Write the experiment and the names of its cells' files; as :meth:`declare`."""
-        held = {
+        data = {
             "identity": identity or experiment.identity,
             **experiment.as_dict(),
             "cells": [*files],
-            "versions": dict(made_with or self.made_with()),
+            "versions": dict(versions()),
         }
         if experiment.not_applicable:
-            held["not_applicable"] = experiment.not_applicable
-        content = json_bytes(held)
-        with suppress(OSError):
-            if self._declared.read_bytes() == content:
-                return
-        write_bytes(self._declared, content)
+            data["not_applicable"] = experiment.not_applicable
+        content = json_bytes(data)
+        if not self._declared.exists() or self._declared.read_bytes() != content:
+            write_bytes(self._declared, content)
 
-    def begin(self, experiment: Experiment, *, allow_version: bool) -> None:
-        """Note that cells are about to be played with the versions of packages here.
+    def require_versions(self) -> None:
+        """Make sure that the folder's cells were made with the versions of packages here.
 
         Raises:
-            StoreError: If the folder was made with others and that is not allowed.
+            StoreError: If all of them were made with others.
         """
-        made_with = self.made_with()
-        if not (other := other_versions(made_with, versions())):
-            return
-        if not allow_version:
+        made_with = []
+        for path in self.cells.glob("*.parquet"):
+            with suppress(OSError, ChecksumError):
+                made_with.append(read_cell_file(path, columns=["subject"])[1])
+        if other := other_versions(merged_versions(made_with), versions()):
             raise StoreError(
                 f"{self.folder} was made with {other}; install these versions, or give "
                 "--allow-version to play missing cells with those here: numbers may differ"
             )
-        both = merged_versions([made_with, versions()])
-        self.declare(experiment, experiment.cells(), made_with=both)
-
-    def made_with(self) -> Versions:
-        """The versions that the folder was made with: its description says so, or its cells do.
-
-        By default those here.
-        """
-        with suppress(StoreError):
-            if said := self.experiment().versions:
-                return said
-        found = []
-        for path in self.cells.glob("*.parquet"):
-            with suppress(StoreError):
-                found.append(versions_of(self.read(path, columns=["subject"]), path))
-        return merged_versions(found) or versions()
 
     def close(self) -> None:
         """Release the locks on the folder."""
@@ -260,16 +215,18 @@ class Store:
         from causal_openlock.storage.stored import parse_experiment
 
         try:
-            found = parse_experiment(read_json(self._declared.read_bytes()))
+            experiment = parse_experiment(read_json(self._declared.read_bytes()))
         except OSError:
+            remedy = "give the folder that compare wrote to, or a new one to compare"
+            if any(self.cells.glob("*.parquet")):
+                remedy = "its cells are there: the command that made them writes it again"
             raise StoreError(
-                f"{self.folder} holds no results (there is no experiment.json); give the folder "
-                "that compare wrote to"
+                f"{self.folder} holds no results (there is no experiment.json); {remedy}"
             ) from None
         except (ChecksumError, StoreError) as error:
-            raise self._damaged(self._declared, str(error)) from None
-        check_inside(self.folder, found.files)
-        return found
+            raise self._damaged(self._declared, error) from None
+        self._check_inside(experiment.files)
+        return experiment
 
     # -- its cells ------------------------------------------------------------------------------
 
@@ -312,12 +269,15 @@ class Store:
         Raises:
             StoreError: If the file is missing, damaged, or belongs to another cell.
         """
+        return self._read(path, identity, columns)[0]
+
+    def _read(self, path: Path, *which: Any) -> tuple[pa.Table, Versions]:
         try:
-            return read_cell_file(path, identity, columns)
+            return read_cell_file(path, *which)
         except FileNotFoundError:
             raise StoreError(f"{path} is missing; run compare again to make it") from None
         except (OSError, ChecksumError) as error:
-            raise self._damaged(path, str(error)) from None
+            raise self._damaged(path, error) from None
 
     def write(self, cell: Cell, record: pa.Table) -> None:
         """Save a cell's record.
@@ -325,11 +285,12 @@ class Store:
         Raises:
             StoreError: If it cannot be written; no part of it is left then.
         """
-        path = self.path(cell)
         try:
-            write_cell_file(path, cell, record)
+            write_cell_file(self.path(cell), cell, record)
         except OpenLockError as error:
-            raise _unusable(path, in_short(error.__cause__ or error)) from None
+            raise StoreError(
+                f"{error}, then run the same command again: it continues where it stopped"
+            ) from None
 
     def write_transcripts(
         self, cell: Cell, transcripts: Sequence[Sequence[Mapping[str, Any]]]
@@ -340,12 +301,12 @@ class Store:
             OpenLockError: If it cannot be written.
         """
         lines = [
-            json.dumps({"subject": subject, **line})
+            json.dumps({"subject": subject, **line}) + "\n"
             for subject, said in enumerate(transcripts, start=cell.first_subject)
             for line in said
         ]
         if lines:
-            write_bytes(self.transcript(self.path(cell)), "\n".join([*lines, ""]).encode())
+            write_bytes(self.transcript(self.path(cell)), "".join(lines).encode())
 
     def transcript(self, record: Path) -> Path:
         """Path of the transcripts of a cell, by the path of its record."""
@@ -376,27 +337,24 @@ class Store:
             "condition": {condition.name for condition in experiment.conditions},
             "protocol": {spec.protocol.name for spec in experiment.learners},
         }
-        there, absent = self._split(experiment)
+        done, missing = self._split(experiment)
         tables, made_with = [], []
-        for path in there:
-            table = self.read(path, columns=columns)
+        for path in done:
+            table, versions = self._read(path, None, columns)
             for column in listed.keys() & set(table.column_names):
-                names = {
-                    name for part in table[column].chunks for name in part.dictionary.to_pylist()
-                }
+                names = {*table[column].unique().to_pylist()}
                 if strange := sorted(names - listed[column]):
                     raise StoreError(
                         f"{self.folder} holds cells of the {column} {strange[0]!r}, which its "
                         "experiment.json does not list; give compare another --out"
                     )
-            made_with.append(versions_of(table, path))
-            table = table.replace_schema_metadata(None)
+            made_with.append(versions)
             tables.append(compact(table) if small else table)
-        reasons = {path.stem: self.failures.of(path.name)[1] for path in absent}
+        reasons = {path.stem: self.failures.of(path.name)[1] for path in missing}
         return pa.concat_tables(tables), replace(
             experiment,
             versions=merged_versions(made_with),
-            missing=tuple(path.stem for path in absent),
+            missing=tuple(path.stem for path in missing),
             failures={stem: reason for stem, reason in reasons.items() if reason},
         )
 
@@ -409,42 +367,18 @@ class Store:
         return self._split(self.experiment())
 
     def _split(self, experiment: StoredExperiment) -> tuple[list[Path], list[Path]]:
-        paths = [self.cells / name for name in experiment.files]
-        there = [path for path in paths if path.exists()]
-        if not there:
+        done: list[Path] = []
+        missing: list[Path] = []
+        for name in experiment.files:
+            path = self.cells / name
+            (done if path.exists() else missing).append(path)
+        if not done:
             raise StoreError(f"{self.folder} holds no cell yet; run compare to the end first")
-        return there, [path for path in paths if path not in there]
+        return done, missing
 
-    def _damaged(self, path: Path, what: str) -> StoreError:
+    def _damaged(self, path: Path, error: Exception) -> StoreError:
         if (self.folder / LOG).exists():
             remedy = "start play with this folder and stop it: it is made again from the log"
         else:
             remedy = "run compare again, with the same command, to make it again"
-        return StoreError(f"{path} is damaged ({what}); {remedy}")
-
-
-def _is_variant(held: Experiment, experiment: Experiment) -> bool:
-    """Whether an experiment is a changed form of a folder's experiment.
-
-    Code is left out, so that a corrected learner or reward replaces the old one.
-    """
-
-    def settings(parts: Iterable[LearnerSpec | Condition]) -> set[str]:
-        code = {"class", "package", "material", "subjects", "prior_attempts", "informed", "about"}
-        data = [{k: v for k, v in part.as_dict().items() if k not in code} for part in parts]
-        for one in data:
-            one.get("reward", {}).pop("source", None)
-        return {json.dumps(one, sort_keys=True) for one in data}
-
-    return (
-        (held.name, held.seed, held.version) == (experiment.name, experiment.seed, RESULTS_VERSION)
-        and not settings(held.learners).isdisjoint(settings(experiment.learners))
-        and not settings(held.conditions).isdisjoint(settings(experiment.conditions))
-    )
-
-
-def _unusable(path: Path, why: str | None) -> StoreError:
-    return StoreError(
-        f"{path} cannot be written ({why or 'the system does not say why'}); free some space or "
-        "choose another folder, then run the same command again: it continues where it stopped"
-    )
+        return StoreError(f"{path} is damaged ({error}); {remedy}")

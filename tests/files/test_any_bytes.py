@@ -13,6 +13,7 @@ import shutil
 import zipfile
 import zlib
 from functools import partial
+from hashlib import sha256
 
 import numpy as np
 import pytest
@@ -32,7 +33,7 @@ from causal_openlock.experiment.protocol import PROTOCOLS, Condition, Protocol
 from causal_openlock.experiment.reactions import read_reactions
 from causal_openlock.experiment.session import Session
 from causal_openlock.export.as_csv import write_csv
-from causal_openlock.files.checksums import BLANK, IN_JSON, IN_PARQUET, fill_in
+from causal_openlock.files.checksums import ZEROS
 from causal_openlock.files.seal import sealed
 from causal_openlock.fitting.actions import FILE as FITS
 from causal_openlock.fitting.actions import ActionPlan, fit_all, jobs_of
@@ -92,11 +93,10 @@ def changed(draw, content, name):
         text = draw(edits(lines[at].rpartition(b"\t")[0]))
         lines[at] = b"%b\t%08x" % (text, zlib.crc32(text))
         return b"\n".join([*lines, b""])
-    for before in (IN_JSON, IN_PARQUET):
-        if before in content:
-            place = content.rindex(before) + len(before)
-            blank = draw(edits(content[:place] + BLANK + content[place + len(BLANK) :]))
-            return fill_in(blank, before) if before + BLANK in blank else blank
+    before, key, after = content.rpartition(b'"sha256": "')
+    if key:
+        blank = draw(edits(before + key + ZEROS + after[len(ZEROS) :]))
+        return sha256(blank).hexdigest().encode().join(blank.rsplit(ZEROS, 1))
     return draw(edits(content))
 
 

@@ -246,7 +246,7 @@ def test_what_was_imported_of_a_person_is_deleted_of_this_condition_alone(tmp_pa
         session = Session(cell.condition, PROTOCOLS["human"], [0], **where)
         store.write(cell, session.play(create("win_stay")))
         paths[cell.spec.name, cell.condition.name] = store.path(cell)
-    store.declare(experiment, experiment.cells())
+    store.declare(experiment, [cell.file_name for cell in experiment.cells()])
     store.close()
     for name in ("bundle.zip", "subjects.csv", "consent_0.md", "fit-bayes"):
         (tmp_path / name).touch()
