@@ -349,7 +349,7 @@ class TestDice(LearnerContract):
         (Forgets, RESUMES, "agree for"),
         (WithThawed, PARAMETERS, "frozen=True"),
         (WithSilent, PARAMETERS, "rate"),
-        (WithDemanding, PARAMETERS, "rate"),
+        (WithDemanding, PARAMETERS, "no default"),
         (WithInconsistent, PARAMETERS, "0.1"),
         (AnswersFloats, PARAMETERS, "docstring"),
     ],
