@@ -58,7 +58,7 @@ from .analysis.sample_size import sample_size as sample_size
 # Pictures, films and people
 from .play.background import play_room as play_room
 from .play.people import People as People
-from .experiment.reactions import read_reactions as read_reactions
+from .experiment.beside_record import read_reactions as read_reactions
 from .render.watch import watch as watch
 
 __version__: str

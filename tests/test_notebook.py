@@ -29,7 +29,9 @@ def figures(page):
 
 
 def test_schema_is_shown_as_in_any_notebook_and_its_title_is_no_markup():
-    schema = ol.schema('pair "<i>two & two</i>": left, right (0.8) -> door')
+    edges = {"left": ["door"], "right": {"door": 0.8}}
+    title = "<i>two & two</i>"
+    schema = ol.schema({"name": "pair", "title": title, "levers": [*edges], "edges": edges})
     usual = schema_html(schema)
     assert "<style" not in usual  # which would hold for the whole page
     assert "pair: <i>two & two</i>" in read(usual).text

@@ -38,38 +38,44 @@ def played(record: pa.Table) -> pa.Table:
     return record.filter(pc.invert(shown)) if pc.any(shown).as_py() else record
 
 
+def schema_of(*columns: tuple[str, Any, str], nullable: bool = True) -> pa.Schema:
+    """Columns from the name, the type and the meaning of each."""
+    import pyarrow as pa
+
+    return pa.schema(
+        [pa.field(name, kind, nullable, {"meaning": meaning}) for name, kind, meaning in columns]
+    )
+
+
 def record_schema() -> pa.Schema:
     """The columns of a record, each with its meaning."""
     import pyarrow as pa
 
     text = pa.dictionary(pa.int32(), pa.string())
-    columns: list[tuple[str, Any, str]] = [
+    return schema_of(
         ("experiment", text, "name of the experiment"),
         ("learner", text, "label of the learner in the experiment"),
         ("condition", text, "name of the condition, such as CC3-CC4"),
         ("protocol", text, "name of the protocol, such as human"),
-        ("subject", pa.int32(), "number of the subject, from 0"),
-        ("seed", pa.int64(), "seed of the experiment"),
+        ("subject", "int32", "number of the subject, from 0"),
+        ("seed", "int64", "seed of the experiment"),
         ("phase", text, "shown, train or test; a baseline condition is all train"),
-        ("loop", pa.int32(), "how often the phase's trials have been gone through, from 1"),
-        ("trial", pa.int32(), "number of the trial within the loop, from 1"),
+        ("loop", "int32", "how often the phase's trials have been gone through, from 1"),
+        ("trial", "int32", "number of the trial within the loop, from 1"),
         ("schema", text, "name of the schema that governs the room"),
         ("layout", text, "name of the layout, or the positions of its levers"),
-        ("attempt", pa.int32(), "number of the attempt within the trial, from 1"),
+        ("attempt", "int32", "number of the attempt within the trial, from 1"),
         ("actions", pa.list_(pa.uint8()), "what was done, by action index"),
         ("moved", pa.list_(pa.bool_()), "whether each action moved something"),
-        ("unlocked", pa.bool_(), "whether the door was unlocked at any moment"),
-        ("opened", pa.bool_(), "whether the door was opened"),
-        ("solution", pa.int16(), "index of the solution that opened the door, -1 for none"),
-        ("new_solution", pa.bool_(), "whether it was found for the first time in this trial"),
-        ("solutions_found", pa.int16(), "solutions found in this trial so far, this one included"),
-        ("solutions", pa.int16(), "solutions that the room has"),
-        ("reward", pa.float64(), "sum of the rewards of the attempt's actions"),
+        ("unlocked", "bool", "whether the door was unlocked at any moment"),
+        ("opened", "bool", "whether the door was opened"),
+        ("solution", "int16", "index of the solution that opened the door, -1 for none"),
+        ("new_solution", "bool", "whether it was found for the first time in this trial"),
+        ("solutions_found", "int16", "solutions found in this trial so far, this one included"),
+        ("solutions", "int16", "solutions that the room has"),
+        ("reward", "double", "sum of the rewards of the attempt's actions"),
         ("category", text, "else, unlock, open1, open2 or open3"),
-        ("wall_time", pa.float32(), "seconds since the cell began"),
-    ]
-    return pa.schema(
-        [pa.field(name, kind, metadata={"meaning": text}) for name, kind, text in columns]
+        ("wall_time", "float", "seconds since the cell began"),
     )
 
 
@@ -117,68 +123,56 @@ def categorise(
 
 
 class AttemptLog:
-    """The attempts of a session, in columns that grow by half when they are full.
-
-    It takes about 50 bytes an attempt.
+    """The attempts of a session, in the order in which they ended; about 50 bytes each.
 
     Args:
         action_limit: The most actions that an attempt of this session can have.
 
     Attributes:
         rows: How many attempts there are.
-        row_type: The type of an attempt in the arrays of :meth:`since` and :meth:`extend`.
     """
 
     def __init__(self, action_limit: int) -> None:
-        self.action_limit = action_limit
-        self.rows = self._capacity = 0
-        self.row_type = np.dtype(
-            [
-                ("subject", np.int32),
-                ("visit", np.int32),
-                ("attempt", np.int32),
-                ("used", np.int8),
-                ("actions", np.uint8, (action_limit,)),
-                ("moved", bool, (action_limit,)),
-                ("unlocked", bool),
-                ("opened", bool),
-                ("solution", np.int16),
-                ("new_solution", bool),
-                ("solutions_found", np.int16),
-                ("reward", np.float64),
-                ("wall_time", np.float32),
-            ]
-        )
-        empty = np.zeros(0, self.row_type)
-        self._columns = {name: empty[name].copy() for name in self.row_type.names or ()}
+        self.rows = 0
+        self._blocks = [
+            np.empty(
+                0,
+                [
+                    ("subject", np.int32),
+                    ("visit", np.int32),
+                    ("attempt", np.int32),
+                    ("used", np.int8),
+                    ("actions", np.uint8, (action_limit,)),
+                    ("moved", bool, (action_limit,)),
+                    ("unlocked", bool),
+                    ("opened", bool),
+                    ("solution", np.int16),
+                    ("new_solution", bool),
+                    ("solutions_found", np.int16),
+                    ("reward", np.float64),
+                    ("wall_time", np.float32),
+                ],
+            )
+        ]
 
-    def append(self, **values: NDArray[Any] | float) -> None:
+    def append(self, **columns: NDArray[Any] | float) -> None:
         """Add the attempts that have just ended; every column must be given."""
-        end = self.rows + len(np.atleast_1d(values["subject"]))
-        if end > self._capacity:
-            self._capacity = max(end, self._capacity + self._capacity // 2, 1024)
-            for name, column in self._columns.items():
-                grown = np.zeros((self._capacity, *column.shape[1:]), column.dtype)
-                grown[: self.rows] = column[: self.rows]
-                self._columns[name] = grown
-        for name, column in self._columns.items():
-            column[self.rows : end] = values[name]
-        self.rows = end
+        block = np.empty(np.shape(columns["subject"]), self._blocks[0].dtype)
+        for name in self._blocks[0].dtype.names or ():
+            block[name] = columns[name]
+        self.extend(block)
 
-    def columns(self) -> dict[str, NDArray[Any]]:
-        """The attempts so far, by column."""
-        return {name: column[: self.rows] for name, column in self._columns.items()}
+    def extend(self, attempts: NDArray[np.void]) -> None:
+        """Add attempts that :meth:`since` of another log has returned."""
+        self._blocks.append(attempts)
+        self.rows += len(attempts)
 
     def since(self, row: int) -> NDArray[np.void]:
-        """The attempts from a row on, as a structured array; a copy."""
-        rows = np.empty(self.rows - row, self.row_type)
-        for name, column in self.columns().items():
-            rows[name] = column[row:]
-        return rows
-
-    def extend(self, rows: NDArray[np.void]) -> None:
-        """Add attempts returned by :meth:`since` of another log."""
-        self.append(**{name: rows[name] for name in self._columns})
+        """The attempts from a row on, as a structured array."""
+        self._blocks = [
+            np.frombuffer(b"".join(block.data for block in self._blocks), self._blocks[0].dtype)
+        ]
+        return self._blocks[0][row:]
 
 
 def assemble(
@@ -196,16 +190,16 @@ def assemble(
     import pyarrow as pa
 
     numbers = constants["subjects"]
-    order = numbers[log.columns()["subject"]].argsort(kind="stable")
-    attempts = {name: column[order] for name, column in log.columns().items()}
+    ended = log.since(0)
+    attempts = ended[numbers[ended["subject"]].argsort(kind="stable")]
     subject, visit, used = attempts["subject"], attempts["visit"], attempts["used"]
     offsets = pa.array(np.concatenate([[0], np.cumsum(used)]), pa.int32())
-    taken = np.arange(log.action_limit) < used[:, None]
+    taken = np.arange(attempts["actions"].shape[1]) < used[:, None]
     category = categorise(
         *(attempts[name] for name in ("unlocked", "opened", "new_solution", "solutions_found"))
     )
     columns: dict[str, Any] = {
-        **attempts,
+        **{name: attempts[name] for name in attempts.dtype.names or ()},
         "subject": numbers[subject],
         "category": _dictionary(category, CATEGORIES),
         **{

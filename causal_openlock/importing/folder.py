@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Literal
 
 from causal_openlock.errors import OpenLockError, StoreError
+from causal_openlock.experiment.beside_record import REACTIONS, write_reactions
 from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
 from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.file_format import NAME_FORM, NAME_IN_WORDS
 from causal_openlock.experiment.protocol import Condition, find_protocol
-from causal_openlock.experiment.reactions import FOLDER, reactions_table, write_reactions
 from causal_openlock.experiment.record import played, with_times
 from causal_openlock.experiment.session import AT_ONCE
 from causal_openlock.files.atomic import folder_at
@@ -270,8 +270,8 @@ def _write(
             ends = [taken.time for taken in one.done if taken.attempt_over]
             store.write(cell, with_times(one.record, ends[: one.record.num_rows]))
             if any((entry.reaction, entry.time) != (None, None) for entry in one.entries):
-                table = reactions_table(one.condition.name, one.subject, one.done)
-                write_reactions(store.folder / FOLDER / cell.file_name, table)
+                path = store.folder / REACTIONS / cell.file_name
+                write_reactions(path, one.condition.name, one.subject, one.done)
             cells.append(cell)
         store.declare(experiment, [cell.file_name for cell in cells])
         store.close()

@@ -8,5 +8,5 @@ accepted click is on file before it is answered (:mod:`~causal_openlock.play.log
 server reads that file and continues where the last one stopped
 (:mod:`~causal_openlock.play.people`). From Python, :mod:`~causal_openlock.play.background` opens a
 room while other code runs. Reaction times are stored next to the record
-(:mod:`~causal_openlock.experiment.reactions`); the page itself is in ``static/``.
+(:mod:`~causal_openlock.experiment.beside_record`); the page itself is in ``static/``.
 """

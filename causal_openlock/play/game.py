@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 
 from causal_openlock.contract.learner import View
-from causal_openlock.experiment.answers import Answer as SaidOfRoom
+from causal_openlock.experiment.beside_record import Answer as SaidOfRoom
 from causal_openlock.experiment.protocol import Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
 from causal_openlock.play.person import LABEL

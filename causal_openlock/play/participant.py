@@ -6,10 +6,14 @@ import threading
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from causal_openlock.experiment.answers import FOLDER as STRUCTURES
-from causal_openlock.experiment.answers import write_answers
+from causal_openlock.experiment.beside_record import (
+    REACTIONS,
+    STRUCTURES,
+    rows_kept,
+    write_answers,
+    write_reactions,
+)
 from causal_openlock.experiment.experiment import Cell
-from causal_openlock.experiment.reactions import FOLDER, reactions_table, rows_kept, write_reactions
 from causal_openlock.experiment.record import with_times
 from causal_openlock.play.game import Answer, Game
 from causal_openlock.play.log import Entry
@@ -18,7 +22,7 @@ from causal_openlock.storage.store import Store
 if TYPE_CHECKING:
     import pyarrow as pa
 
-DATA = ("cells", FOLDER, STRUCTURES)
+DATA = ("cells", REACTIONS, STRUCTURES)
 """The folders that have a file for each person."""
 
 
@@ -66,7 +70,7 @@ class Participant:
     def find_kept(self, store: Store) -> None:
         """Note what is in the files already, so that :meth:`keep` does not write it again."""
         done, ended = len(self.game.done), self.game.trials_over
-        whole = rows_kept(store.folder / FOLDER / self.cell.file_name) == done
+        whole = rows_kept(store.folder / REACTIONS / self.cell.file_name) == done
         if whole and (not ended or store.check(self.cell) is None):
             self._kept_actions, self.kept_trials = done, ended
 
@@ -85,8 +89,8 @@ class Participant:
                 return False
             answers = list(game.answers)
             done, record, trials = list(game.done), self._record(), game.trials_over
-        table = reactions_table(cell.condition.name, cell.first_subject, done)
-        write_reactions(store.folder / FOLDER / cell.file_name, table)
+        path = store.folder / REACTIONS / cell.file_name
+        write_reactions(path, cell.condition.name, cell.first_subject, done)
         if answers:
             path = store.folder / STRUCTURES / cell.file_name
             write_answers(path, answers, game.session.brief.positions)

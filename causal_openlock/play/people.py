@@ -28,10 +28,9 @@ from pathlib import Path
 import numpy as np
 
 from causal_openlock.errors import StoreError
-from causal_openlock.experiment.answers import FOLDER as STRUCTURES
+from causal_openlock.experiment.beside_record import REACTIONS, STRUCTURES
 from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
 from causal_openlock.experiment.protocol import Condition, Protocol, plan
-from causal_openlock.experiment.reactions import FOLDER
 from causal_openlock.files.atomic import sweep, write_text
 from causal_openlock.files.digest import digest
 from causal_openlock.files.json_text import present
@@ -370,7 +369,7 @@ class People:
             StoreError: If it cannot be written; the log still has everything.
         """
         with self._keeping:
-            for data in (FOLDER, STRUCTURES):
+            for data in (REACTIONS, STRUCTURES):
                 sweep(self.store.folder / data)
             written = False
             for person in self._there:

@@ -24,7 +24,11 @@ from causal_openlock.belief.placements import TooLargeError
 from causal_openlock.contract.learner import Structure
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError, OpenLockError, StoreError
-from causal_openlock.experiment.answers import Answer, answers_schema, read_answers, write_answers
+from causal_openlock.experiment.beside_record import (
+    Answer,
+    read_answers,
+    write_answers,
+)
 from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.files.checksums import read_table, table_bytes
@@ -180,7 +184,7 @@ def test_what_people_say_is_kept_and_compared(tmp_path):
     for name, value in (("enables", None), ("learner", None), ("cause", -300)):
         rows = read_table(whole).to_pylist()
         rows[2][name] = value
-        write_bytes(path, table_bytes(pa.Table.from_pylist(rows, schema=answers_schema())))
+        write_bytes(path, table_bytes(pa.Table.from_pylist(rows)))
         with pytest.raises(StoreError, match=r"one\.parquet is damaged"):
             read_answers(tmp_path)
 

@@ -26,11 +26,15 @@ from causal_openlock.contract.registry import create
 from causal_openlock.errors import OpenLockError
 from causal_openlock.evidence.study import read_study
 from causal_openlock.evidence.study_files import read_run, read_units
-from causal_openlock.experiment.answers import Answer, read_answers, write_answers
+from causal_openlock.experiment.beside_record import (
+    Answer,
+    read_answers,
+    read_reactions,
+    write_answers,
+)
 from causal_openlock.experiment.building import make_experiment
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition, Protocol
-from causal_openlock.experiment.reactions import read_reactions
 from causal_openlock.experiment.session import Session
 from causal_openlock.export.as_csv import write_csv
 from causal_openlock.files.checksums import ZEROS

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from causal_openlock import Results
 from causal_openlock.errors import StoreError
+from causal_openlock.experiment.beside_record import read_reactions
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition
-from causal_openlock.experiment.reactions import read_reactions
 from causal_openlock.experiment.session import Session
 from causal_openlock.play.refusals import OutOfTurn
 from causal_openlock.schemas.finding import find_schema

@@ -18,8 +18,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
-from causal_openlock.experiment.answers import read_answers
-from causal_openlock.experiment.reactions import read_reactions
+from causal_openlock.experiment.beside_record import read_answers, read_reactions
 from causal_openlock.storage.store import Store
 from support import browsers
 from support.accessibility import violations

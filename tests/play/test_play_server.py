@@ -16,8 +16,7 @@ import numpy as np
 import pytest
 
 import causal_openlock as ol
-from causal_openlock.experiment.answers import read_answers
-from causal_openlock.experiment.reactions import read_reactions
+from causal_openlock.experiment.beside_record import read_answers, read_reactions
 from causal_openlock.play.server import MOST_BYTES, PlayServer
 from causal_openlock.schemas.finding import bundled_schemas
 from causal_openlock.storage.store import Store

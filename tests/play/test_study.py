@@ -8,7 +8,7 @@ import pytest
 from causal_openlock import Results
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import StoreError
-from causal_openlock.experiment.answers import read_answers
+from causal_openlock.experiment.beside_record import read_answers
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition
 from causal_openlock.experiment.session import Session

@@ -12,8 +12,8 @@ import pandas as pd
 from causal_openlock.analysis.measures import CELL, SUBJECT
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
+from causal_openlock.experiment.beside_record import REACTIONS, read_reactions
 from causal_openlock.experiment.experiment import PERSON
-from causal_openlock.experiment.reactions import FOLDER, read_reactions
 
 _PROSE = Prose(__name__)
 KINDS = ("baseline", "transfer")
@@ -56,7 +56,7 @@ def minutes_taken(results: Material, people: list[str]) -> pd.DataFrame:
     counted = {*zip(own["condition"].astype(str), own["subject"], strict=True)}
     rows = []
     for folder in results.folders:
-        if not people or not any((folder / FOLDER).glob("*.parquet")):
+        if not people or not any((folder / REACTIONS).glob("*.parquet")):
             continue
         known = read_reactions(folder).to_pandas().dropna(subset="time")
         for (condition, subject), acts in known.groupby(["condition", "subject"]):

@@ -5,9 +5,9 @@ unlucky. So what a subject believes about the room that it has just left is comp
 of that room, edge by edge. Learners that have such beliefs return them
 (:meth:`~causal_openlock.contract.learner.Learner.structure`); for that, the record is played again.
 People are asked (``causal-openlock play --ask-structure``), and their answers are with the record
-(:mod:`causal_openlock.experiment.answers`). People tick or do not, and are not asked about gates;
-compare people and learners by ``shd`` and ``f1``. ``ideal`` is given the schema, so it has only to
-find out which lever is which.
+(:mod:`causal_openlock.experiment.beside_record`). People tick or do not, and are not asked about
+gates; compare people and learners by ``shd`` and ``f1``. ``ideal`` is given the schema, so it has
+only to find out which lever is which.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from causal_openlock.contract.checks import failures_of
 from causal_openlock.contract.learner import Learner, Structure
 from causal_openlock.contract.registry import create, learner_class
 from causal_openlock.errors import LearnerError, NothingToDrawError, OpenLockError
-from causal_openlock.experiment.answers import Answer, read_answers
+from causal_openlock.experiment.beside_record import Answer, read_answers
 from causal_openlock.experiment.experiment import LearnerSpec
 from causal_openlock.experiment.protocol import Condition, shown_trials
 from causal_openlock.experiment.record import PHASES

@@ -1,0 +1,171 @@
+"""Tables of a person next to the record: reaction times, and answers to the structure question.
+
+The record has a row for every attempt and is the same for people and learners. How long a person
+took over an action stands in ``reactions/``, and what they said of the structure of a room in
+``structures/``, in a file of the same name as theirs in ``cells/``. Once the server has stopped,
+reaction times also hold the attempts of a trial that is not over yet, which a record does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from causal_openlock.errors import StoreError
+from causal_openlock.experiment.record import schema_of
+from causal_openlock.files.atomic import write_bytes
+from causal_openlock.files.checksums import ChecksumError, read_table, table_bytes
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+REACTIONS, STRUCTURES = "reactions", "structures"
+"""The folders of these tables."""
+
+
+def reactions_schema() -> pa.Schema:
+    """The columns of a table of reaction times, each with its meaning."""
+    return schema_of(
+        ("condition", "string", "name of the condition, as in the record"),
+        ("subject", "int32", "number of the person in this condition, as in the record"),
+        ("visit", "int32", "number of the trial in the whole condition, from 1"),
+        ("attempt", "int32", "number of the attempt within the trial, from 1"),
+        ("moment", "int32", "number of the action within the attempt, from 1"),
+        ("action", "uint8", "what was done, by action index"),
+        ("moved", "bool", "whether it moved something"),
+        ("reaction", "double", "seconds from when the person could act to the click"),
+        ("time", "double", "seconds since the person joined, by the server's clock"),
+    )
+
+
+def write_reactions(path: Path, condition: str, subject: int, actions: Iterable[Any]) -> None:
+    """Store a person's actions, each a :class:`~causal_openlock.play.game.PlayedAction`."""
+    rows, moment = [], 0
+    for action in actions:
+        moment += 1
+        rows.append({"condition": condition, "subject": subject, "moment": moment, **vars(action)})
+        moment *= not action.attempt_over
+    _write(path, rows, reactions_schema())
+
+
+def rows_kept(path: Path) -> int:
+    """Number of actions in a person's file; 0 if it is missing or damaged."""
+    try:
+        rows: int = read_table(path.read_bytes()).num_rows
+    except (OSError, ChecksumError):
+        rows = 0
+    return rows
+
+
+def read_reactions(folder: Path | str) -> pa.Table:
+    """The reaction times of all people in a results folder, in the order of their numbers.
+
+    Raises:
+        StoreError: If the folder has none, or a file cannot be read.
+    """
+    import pyarrow as pa
+
+    tables = _read(folder, REACTIONS, reactions_schema())
+    if not tables:
+        raise StoreError(f"{folder} holds no reaction times; give the folder that play wrote to")
+    order = [(name, "ascending") for name in ("condition", "subject", "time")]
+    return pa.concat_tables(tables).sort_by(order)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A subject's answer about the structure of a room.
+
+    Attributes:
+        learner: Label of who answers.
+        condition: Name of the condition.
+        subject: Number of the subject.
+        visit: Number of the trial in the whole condition, from 1.
+        levers: Positions of the levers that they were asked about.
+        edges: Pairs of a lever and what it enables, by position; the door is after the last one.
+        time: Seconds since the person joined.
+    """
+
+    learner: str
+    condition: str
+    subject: int
+    visit: int
+    levers: tuple[int, ...]
+    edges: frozenset[tuple[int, int]]
+    time: float
+
+
+def answers_schema() -> pa.Schema:
+    """The columns of a table of answers: a row for every pair of levers that was asked about."""
+    return schema_of(
+        ("learner", "string", "label of who answers, as in the record"),
+        ("condition", "string", "name of the condition, as in the record"),
+        ("subject", "int32", "number of the person in this condition, as in the record"),
+        ("visit", "int32", "number of the trial in the whole condition, from 1"),
+        ("cause", "uint16", "position of a lever, from 0"),
+        ("effect", "uint16", "position of another; the number of positions is the door"),
+        ("enables", "bool", "whether they said that the one enables the other"),
+        ("time", "double", "seconds since the person joined, by the server's clock"),
+        nullable=False,
+    )
+
+
+def write_answers(path: Path, answers: Sequence[Answer], door: int) -> None:
+    """Store one person's answers; ``door`` is the number of positions."""
+    rows = [
+        {**vars(said), "cause": cause, "effect": effect, "enables": (cause, effect) in said.edges}
+        for said in answers
+        for cause in said.levers
+        for effect in (*said.levers, door)
+        if cause != effect
+    ]
+    _write(path, rows, answers_schema())
+
+
+def read_answers(folder: Path | str) -> list[Answer]:
+    """Participants' answers in a results folder; none if they were not asked.
+
+    Raises:
+        StoreError: If a file cannot be read.
+    """
+    answers = []
+    for table in _read(folder, STRUCTURES, answers_schema()):
+        rooms = table.to_pandas().groupby(["learner", "condition", "subject", "visit"], sort=False)
+        for (learner, condition, subject, visit), pairs in rooms:
+            edges = pairs.loc[pairs["enables"], ["cause", "effect"]]
+            answers.append(
+                Answer(
+                    learner,
+                    condition,
+                    int(subject),
+                    int(visit),
+                    levers=tuple(sorted(pairs["cause"].unique().tolist())),
+                    edges=frozenset(map(tuple, edges.to_numpy().tolist())),
+                    time=float(pairs["time"].iloc[0]),
+                )
+            )
+    return answers
+
+
+def _write(path: Path, rows: Sequence[Mapping[str, Any]], schema: pa.Schema) -> None:
+    import pyarrow as pa
+
+    write_bytes(path, table_bytes(pa.Table.from_pylist([*rows], schema=schema)))
+
+
+def _read(folder: Path | str, name: str, schema: pa.Schema) -> list[pa.Table]:
+    """The tables of all people in a folder."""
+    import pyarrow as pa
+
+    tables = []
+    for path in sorted((Path(folder) / name).glob("*.parquet")):
+        try:
+            tables.append(read_table(path.read_bytes()).cast(schema))
+        except (OSError, ChecksumError, pa.ArrowException, ValueError) as error:
+            raise StoreError(
+                f"{path} is damaged ({' '.join(str(error).split())[:120]}); start play with this "
+                "folder and stop it: it is made again from the log"
+            ) from None
+    return tables
