@@ -149,12 +149,12 @@ def _changed(entry: LearnerSpec) -> dict[str, Any]:
 def learner_html(learner: Learner) -> str:
     """A learner: what it is, and its hyper-parameters; those that differ from defaults are bold."""
     from causal_openlock.contract.one_subject import PerSubjectAdapter
-    from causal_openlock.contract.registry import parameters_of
+    from causal_openlock.contract.registry import parameter_table
 
     kind = learner.single if isinstance(learner, PerSubjectAdapter) else type(learner)
     parameters = learner.parameters
     rows = []
-    for row in parameters_of(type(parameters)):
+    for row in parameter_table(type(parameters)):
         value = getattr(parameters, row.name)
         shown = escape(str(value))
         shown = shown if value == row.default else f"<b>{shown}</b>"

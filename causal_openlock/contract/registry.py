@@ -23,6 +23,7 @@ from dataclasses import MISSING, asdict, fields
 from functools import cache, lru_cache
 from importlib.metadata import Distribution, EntryPoint
 from inspect import getsourcefile, isabstract
+from os import fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
 
@@ -43,11 +44,7 @@ from causal_openlock.usercode.session_code import is_of_session, session_origin
 from causal_openlock.wording import nearest
 
 if TYPE_CHECKING:
-    from pydantic import TypeAdapter, ValidationError
-
-
-TOOLKIT = "causal-openlock"
-"""The distribution that the bundled learners come with."""
+    from pydantic import TypeAdapter
 
 
 def registry() -> Mapping[str, EntryPoint]:
@@ -59,16 +56,12 @@ def registry() -> Mapping[str, EntryPoint]:
     return registered(LEARNERS)
 
 
-@lru_cache(maxsize=100)
-def _described(package: Distribution) -> tuple[str, str]:
-    """Name and version of a package, whose metadata would be parsed at each access."""
-    return package.name, package.version
-
-
-def _is_edited(package: Distribution) -> bool:
-    """Whether a package is installed to be edited where it lies."""
+@lru_cache(maxsize=100)  # its metadata would be parsed at each access
+def _package(package: Distribution) -> tuple[str, bool]:
+    """Name and version of a package, and whether it is edited where it lies."""
     described = json.loads(package.read_text("direct_url.json") or "{}")
-    return bool(described.get("dir_info", {}).get("editable"))
+    edited = described.get("dir_info", {}).get("editable", False)
+    return f"{package.name} {package.version}", edited
 
 
 def origin(name: str, *, imported: bool = False) -> str:
@@ -85,8 +78,8 @@ def origin(name: str, *, imported: bool = False) -> str:
         OpenLockError: If there is no such learner, or a file that it imports is not valid Python.
     """
     entry = registry().get(name)
-    package = " ".join(_described(entry.dist)) if entry and entry.dist else ""
-    if entry and entry.dist and (is_ours(name) or not _is_edited(entry.dist)):
+    package, edited = _package(entry.dist) if entry and entry.dist else ("", True)
+    if is_ours(name) or not edited:
         return package
     if is_of_session(name):
         return session_origin(name)
@@ -103,7 +96,7 @@ def origin(name: str, *, imported: bool = False) -> str:
 def is_ours(name: str) -> bool:
     """Whether a registered learner comes with the toolkit; ``module:Class`` never counts."""
     entry = registry().get(name)
-    return bool(entry and entry.dist and _described(entry.dist)[0] == TOOLKIT)
+    return bool(entry and entry.dist and _package(entry.dist)[0].startswith("causal-openlock "))
 
 
 def file_that_runs(name: str, beside: Path, role: str = "learner") -> str | None:
@@ -152,7 +145,7 @@ def _load(name: str) -> type[LearnerBase]:
     try:
         loaded = entry.load()
     except Exception as error:  # a module can fail in any way while it is imported
-        meant = misspelt(entry, error, "class", _is_learner) if name == entry.value else None
+        meant = misspelt(entry, error, "class", _is_whole) if name == entry.value else None
         message = meant or (
             f"the learner {name!r} ({entry.value}) cannot be imported: "
             f"{type(error).__name__}: {error}"
@@ -163,19 +156,19 @@ def _load(name: str) -> type[LearnerBase]:
             f"the learner {name!r} ({entry.value}) is not a subclass of Learner or "
             "OneSubjectLearner"
         )
-    _require_methods(loaded, entry.value)
+    _require_methods(loaded)
     return loaded
 
 
-def _require_methods(kind: Any, name: str) -> None:
+def _is_whole(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, LearnerBase) and not isabstract(kind)
+
+
+def _require_methods(kind: Any) -> None:
     """Raise LearnerError if a class of learners lacks a method that it has to define."""
     if isabstract(kind):
         missing = " and ".join(sorted(kind.__abstractmethods__))
-        raise LearnerError(f"the learner {name} has no {missing}; define it in the class")
-
-
-def _is_learner(value: Any) -> bool:
-    return isinstance(value, type) and issubclass(value, LearnerBase) and not isabstract(value)
+        raise LearnerError(f"{kind.__module__}:{kind.__qualname__} has no {missing}; define it")
 
 
 def name_of(kind: type[LearnerBase]) -> str:
@@ -188,7 +181,7 @@ def name_of(kind: type[LearnerBase]) -> str:
         LearnerError: If it cannot be found by a name, such as a class defined in a function.
     """
     written = f"{kind.__module__}:{kind.__qualname__}"
-    _require_methods(kind, written)
+    _require_methods(kind)
     name = next((name for name, entry in registry().items() if entry.value == written), written)
     forget()  # its module may have been loaded again
     if not MODULE_AND_NAME.fullmatch(written) or learner_class(name) is not kind:
@@ -237,34 +230,36 @@ def parse_parameters(name: str, parameters: Mapping[str, Any]) -> Any:
             fit. Each has the parameter in its ``at``.
     """
     from pydantic import PydanticUndefinedAnnotation, PydanticUserError, ValidationError
-    from pydantic_core import PydanticSerializationError, to_json
 
     declared = learner_class(name).Parameters
     given = {key: plain(value) for key, value in parameters.items()}
-    for key, value in given.items():
-        try:
-            to_json(value)
-        except PydanticSerializationError:
-            raise LearnerError(
-                f"the parameter {key} of {name} must be plain data, and this is {value!r}", (key,)
-            ) from None
     try:
-        made = _reader(declared).validate_json(to_json(given, inf_nan_mode="constants"))
+        made = _reader(declared).validate_json(_as_json(name, given, default=fspath))
     except ValidationError as error:
-        raise together(_faults(name, error, parameters)) from None
+        # The first fault of each parameter, or that of values at odds.
+        faults = {fault["loc"][:1]: fault for fault in reversed(error.errors(include_url=False))}
+        raise together(
+            [LearnerError(_sentence(name, fault, given), at) for at, fault in faults.items()]
+        ) from None
     except (PydanticUserError, PydanticUndefinedAnnotation) as error:
         raise LearnerError(
             f"{declared.__name__} of {name} has a type that no file can have: {in_short(error)}"
         ) from None
-    for key, value in asdict(made).items():
+    _as_json(name, asdict(made))
+    return made
+
+
+def _as_json(name: str, parameters: Mapping[str, Any], default: Any = None) -> str:
+    for key, value in parameters.items():
         try:
-            json.dumps(value)
+            json.dumps(value, default=default)
         except (TypeError, ValueError):
             raise LearnerError(
-                f"the default of the parameter {key} of {name} must be plain data, such as a "
-                f"number or a text, and this is {value!r}"
+                f"the parameter {key} of {name} must be plain data, such as a number or a text, "
+                f"and this is {value!r}",
+                (key,),
             ) from None
-    return made
+    return json.dumps(parameters, default=default)
 
 
 @lru_cache(maxsize=1024)
@@ -272,29 +267,22 @@ def _reader(declared: Any) -> TypeAdapter[Any]:
     """Reads parameters of a class; making one takes a hundred times as long as using it."""
     from pydantic import ConfigDict, TypeAdapter
 
-    strict = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
-    declared.__pydantic_config__ = strict
+    declared.__pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
     return TypeAdapter(declared)
 
 
-def _faults(name: str, error: ValidationError, parameters: Mapping[str, Any]) -> list[LearnerError]:
-    """The first fault of each parameter, or the fault of values that are at odds."""
-    faults = {fault["loc"][:1]: fault for fault in reversed(error.errors(include_url=False))}
-    return [LearnerError(_sentence(name, fault, parameters), at) for at, fault in faults.items()]
-
-
-def _sentence(name: str, fault: Mapping[str, Any], parameters: Mapping[str, Any]) -> str:
+def _sentence(name: str, fault: Mapping[str, Any], given: Mapping[str, Any]) -> str:
     message = fault["msg"].removeprefix("Value error, ").removeprefix("Input ")
     if not fault["loc"]:
         return f"the parameters of {name} do not fit: {message}"
-    key = fault["loc"][0]
-    if fault["type"] in ("unexpected_keyword_argument", "extra_forbidden"):
+    key, *place = fault["loc"]
+    if fault["type"] == "unexpected_keyword_argument":
         known = [row.name for row in parameter_table(name)]
         return f"the learner {name} has no parameter {key!r}; {nearest(str(key), known)}"
-    if fault["type"].startswith("missing"):
+    if key not in given:
         return f"the parameter {key} of {name} is missing; it has no default"
-    value, remedy = parameters[key], ""
-    if isinstance(value, list | tuple) and not fault["loc"][1:]:  # the list, not an item of it
+    value, remedy = given[key], ""
+    if isinstance(value, list) and not place:  # the list, not an item of it
         remedy = "; to compare values, sweep: them in a file, or with ol.sweep"
     return f"the parameter {key} of {name} {message}, and this is {value!r}{remedy}"
 
@@ -307,13 +295,27 @@ class ParameterInfo(NamedTuple):
     meaning: str
 
 
-def parameter_table(name: str) -> list[ParameterInfo]:
+def parameter_table(learner: str | type) -> list[ParameterInfo]:
     """The hyper-parameters of a learner, with defaults and meanings.
 
     >>> parameter_table("ddqn")[0]
     ParameterInfo(name='gamma', default=0.8, meaning='discount factor (paper: .8)')
+
+    Args:
+        learner: Its name, or its class of parameters.
     """
-    return parameters_of(learner_class(name).Parameters)
+    declared: Any = learner_class(learner).Parameters if isinstance(learner, str) else learner
+    hints = get_type_hints(declared, include_extras=True)
+    table = []
+    for field in fields(declared):
+        notes = getattr(hints[field.name], "__metadata__", ())
+        texts = [getattr(note, "description", note) for note in notes]
+        default = None if field.default is MISSING else field.default
+        if field.default_factory is not MISSING:
+            default = field.default_factory()
+        meaning = " ".join(text for text in texts if isinstance(text, str))
+        table.append(ParameterInfo(field.name, default, meaning))
+    return table
 
 
 def changed_parameters(name: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
@@ -325,21 +327,3 @@ def changed_parameters(name: str, parameters: Mapping[str, Any]) -> dict[str, An
     defaults = {row.name: plain(row.default) for row in parameter_table(name)}
     given = plain(parameters)
     return {key: value for key, value in given.items() if value != defaults.get(key)}
-
-
-def parameters_of(declared: Any) -> list[ParameterInfo]:
-    """The hyper-parameters of a class of parameters."""
-    hints = get_type_hints(declared, include_extras=True)
-    table = []
-    for field in fields(declared):
-        notes = getattr(hints[field.name], "__metadata__", ())
-        texts = [
-            note if isinstance(note, str) else note.description
-            for note in notes
-            if isinstance(note, str) or getattr(note, "description", None)
-        ]
-        default = None if field.default is MISSING else field.default
-        if field.default_factory is not MISSING:
-            default = field.default_factory()
-        table.append(ParameterInfo(field.name, default, " ".join(texts)))
-    return table
