@@ -16,7 +16,7 @@ holds, and the edges from its causes are cut. An intervention has three parts:
 * ``pulled``: levers set to 0;
 * ``push_probability``: each other lever is pushed with this probability, once, causes before
   effects, and moves if its gate holds (see
-  :func:`~causal_openlock.schemas.graphs.to_bayesian_network`).
+  :func:`~causal_openlock.schemas.bayes_net.to_bayesian_network`).
 
 Three examples, with levers A and B and others:
 
@@ -47,8 +47,8 @@ from causal_openlock.belief.structure_schemas import schema_of
 from causal_openlock.belief.structures import Hypotheses, Structures
 from causal_openlock.contract.learner import Structure
 from causal_openlock.errors import OpenLockError
+from causal_openlock.schemas.bayes_net import binary_cpd, to_bayesian_network
 from causal_openlock.schemas.fsm import FloatArray, IntArray
-from causal_openlock.schemas.graphs import binary_cpd, to_bayesian_network
 from causal_openlock.schemas.schema import DOOR, Schema
 from causal_openlock.wording import nearest
 from causal_openlock.world.room import position_names
@@ -196,7 +196,7 @@ class Model:
         probability: Its probability, together with structures that behave alike in every attempt.
         network: The same as a checked network: levers that are pushed once, causes before effects,
             and a door that is then pushed open; for the meaning of its states see
-            :func:`~causal_openlock.schemas.graphs.to_bayesian_network`.
+            :func:`~causal_openlock.schemas.bayes_net.to_bayesian_network`.
         edges: ``[P, P + 1]`` posterior probability that the lever of the row enables that of the
             column, or the door; averaged over all structures.
         parts: The posterior over structures, for each possible set of active levers.

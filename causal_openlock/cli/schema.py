@@ -158,7 +158,9 @@ def export(
     name: SchemaName,
     format: Annotated[
         str | None,
-        typer.Option("--format", "-f", help="yaml, line, node-link, gml, dot, dagitty or bif."),
+        typer.Option(
+            "--format", "-f", help="yaml, line, node-link, gml, graphml, dot, dagitty or bif."
+        ),
     ] = None,
     out: Output = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,

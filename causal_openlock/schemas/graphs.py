@@ -1,57 +1,44 @@
-"""Schemas in the file formats of other programs, and as a Bayesian network.
+"""Schemas in the file formats of other programs.
 
-A :class:`~causal_openlock.schemas.schema.Schema` is turned into a networkx ``DiGraph`` with plain
-attributes, and each graph format writes that graph:
+A schema is written as a graph of networkx with plain attributes: ``name``, ``title`` and ``inert``
+of the graph; ``kind`` (lever or door) and ``gate`` (``any``, ``all``, ``at_least 2``) of a node;
+``strength`` of an edge. Levers have the order of the nodes. What a graph from elsewhere lacks has
+its default: gates are ``any``, strengths 1, no lever is inert. The node ``door`` is the door; where
+there is none, nodes are known by their ``label`` or ``name``, and in DAGitty the ``outcome`` is it.
 
-* of the graph: ``name``, ``title``, ``levers`` (their order) and ``inert``;
-* of a node: ``kind`` (lever or door), and ``gate`` (``any``, ``all``, ``at_least 2``) if it has
-  causes; of an edge: ``strength``.
+How a graph is drawn (:data:`LOOKS`) is ignored. Whatever else a node or an edge says is refused by
+name, such as ``style=invis``, ``arrowhead=tee``, or a weight that may be meant as a strength.
 
-YAML, the line of text (:mod:`~causal_openlock.schemas.one_line`), node-link JSON, GML and DOT lose
-nothing. A file from other software may lack any of these
-attributes: levers then have the order of its nodes, gates are ``any``, strengths 1, and no lever is
-inert. The node ``door`` is the door.
-
-DAGitty has no attributes of the graph, so they are on the door; ``beta`` is the strength, the door
-is the ``outcome``, free levers are ``exposure``. Nothing is lost here, but DAGitty drops title,
-lever order, gates and inert levers when it saves a diagram again. In a text from DAGitty the
-outcome is the door, whatever its name; positions and the roles latent, adjusted and selected are
-ignored, and edges other than ``->`` and ``<-`` are refused.
-
-BIF can only be written: it holds the tables of :func:`to_bayesian_network`, not their gates.
+DAGitty has no attributes of a graph, so they are on the door, and ``beta`` is the strength. BIF can
+only be written: it holds the tables of
+:func:`~causal_openlock.schemas.bayes_net.to_bayesian_network`, not their gates.
 """
 
 from __future__ import annotations
 
+import html
+import io
 import json
 import re
-from collections.abc import Callable, Sequence
-from contextlib import suppress
-from itertools import compress, product
+import warnings
+from collections.abc import Callable, Mapping
+from contextlib import redirect_stdout, suppress
+from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
+from xml.etree import ElementTree
 
 import networkx as nx
-import numpy as np
 
 from causal_openlock.errors import OpenLockError, SchemaError, together
 from causal_openlock.files.atomic import write_text
-from causal_openlock.files.json_text import DoubledKeyError, each_once
+from causal_openlock.files.json_text import each_once
 from causal_openlock.files.yaml_file import MAX_BYTES, read_text
-from causal_openlock.schemas.dot import dagitty_text, dot_text, parse_graph
-from causal_openlock.schemas.fsm import FloatArray, gate_chance
+from causal_openlock.schemas.bayes_net import bif_text
 from causal_openlock.schemas.one_line import one_line, parse_line
-from causal_openlock.schemas.schema import DOOR, NAME, Gate, Schema
-from causal_openlock.schemas.schema_file import (
-    parse_schema,
-    read_schema_file,
-    schema_from_dict,
-)
+from causal_openlock.schemas.schema import DOOR, NAME, Schema
+from causal_openlock.schemas.schema_file import parse_schema, schema_from_dict
 from causal_openlock.wording import nearest
-
-if TYPE_CHECKING:
-    from pgmpy.factors.discrete import TabularCPD
-    from pgmpy.models import DiscreteBayesianNetwork
 
 
 class Format(NamedTuple):
@@ -101,10 +88,7 @@ def import_schema(text: str, format: str, name: str = "imported") -> Schema:
     chosen = _format(format)
     if chosen.read is None:
         readable = ", ".join(known for known, each in FORMATS.items() if each.read)
-        raise OpenLockError(
-            f"{chosen.name} can only be written, as it does not hold all of a schema; "
-            f"formats that can be read: {readable}"
-        )
+        raise OpenLockError(f"{chosen.name} can only be written; formats that are read: {readable}")
     if len(text) > MAX_BYTES:
         raise SchemaError(
             f"this {chosen.name} text has {len(text):,} characters, more than the {MAX_BYTES:,} "
@@ -121,8 +105,7 @@ def write_schema(schema: Schema, path: Path | str, format: str | None = None) ->
     Raises:
         OpenLockError: If the format is unknown, or the file cannot be written.
     """
-    chosen = _format(format or _format_of(path)).name
-    write_text(path, export_schema(schema, chosen))
+    write_text(path, _format(format or Path(path).suffix).write(schema))
 
 
 def read_schema(path: Path | str, format: str | None = None) -> Schema:
@@ -133,310 +116,362 @@ def read_schema(path: Path | str, format: str | None = None) -> Schema:
         OpenLockError: If the file cannot be read or holds no schema; the text begins with its path.
     """
     path = Path(path)
-    chosen = format or _format_of(path)
-    if chosen == "yaml":
-        return read_schema_file(path)
-    text = read_text(path)
+    chosen, text = _format(format or path.suffix), read_text(path)
+    if chosen.name == "yaml":
+        return parse_schema(text, path)
     stem = path.stem.replace("-", "_").replace(" ", "_")
     try:
-        return import_schema(text, chosen, stem if NAME.fullmatch(stem) else "imported")
+        return import_schema(text, chosen.name, stem if NAME.fullmatch(stem) else "imported")
     except SchemaError as error:
         raise _prefixed(f"{path}", error) from None
 
 
 def _format(name: str) -> Format:
     """A format by its name or suffix."""
-    for format in FORMATS.values():
-        if name == format.name or f".{name}" in format.suffixes:
-            return format
-    raise OpenLockError(f"there is no schema format {name!r}; {nearest(name, FORMATS)}")
+    suffixes = {suffix: format for format in FORMATS.values() for suffix in format.suffixes}
+    for known in (FORMATS, suffixes):
+        for key in (name.lower(), f".{name}"):
+            if key in known:
+                return known[key]
+    known = suffixes if name.startswith(".") else FORMATS
+    raise OpenLockError(f"there is no schema format {name!r:.64}; {nearest(name[:64], known)}")
 
 
-def _format_of(path: Path | str) -> str:
-    suffix = Path(path).suffix.lower()
-    known = {known: format.name for format in FORMATS.values() for known in format.suffixes}
-    if suffix not in known:
-        raise OpenLockError(
-            f"{path}: the suffix {suffix!r} stands for no schema format; {nearest(suffix, known)}"
-        )
-    return known[suffix]
+# -- a graph as a schema ---------------------------------------------------------------------------
+
+LOOKS = re.compile(
+    r"""(x|head|tail)?label(font\w+|angle|distance|loc)? | LabelGraphics | font(name|size|color)
+      | (fill)?color | fill | style | penwidth | arrowsize | outline | smooth | bend | constraint
+      | shape(_type)? | sides | peripheries | regular | orientation | fixedsize | image | size
+      | width | height | len | minlen | margin | pos | lp | [fv]?[xyz] | [whdrgb] | point | Line
+      | (head|tail)port | same(head|tail) | group | ordering | rank | id | index | key | name | type
+      | class | comment | description | tooltip | url | URL | href""",
+    re.VERBOSE,
+)
+"""Attributes that only say how a node or an edge is drawn, or what is written at it."""
+_HIDDEN = re.compile(r"invis|transparent|none|^0+\.?0*$|^#\w{6}00$", re.IGNORECASE)
+_HEADS = ("normal", "vee", "open", "empty", "onormal", "standard", "delta", "plain")
+_EDGE_SAYS = {
+    "arrow": ("last", "first"),
+    "arrowhead": _HEADS,
+    "arrowtail": _HEADS,
+    "dir": ("forward", "back"),
+    "sourceArrow": ("none",),
+    "targetArrow": _HEADS,
+    "value": ("1", "1.0"),
+    "weight": ("1", "1.0"),
+}
+"""Values of what else an edge may say; ``first`` and ``back`` turn it."""
 
 
-# -- a schema as a plain graph, and back ----------------------------------------------------------
-
-
-def _plain_graph(schema: Schema) -> nx.DiGraph:
-    """The schema as a graph whose attributes are names, numbers and lists of names."""
-    about = {"name": schema.name, "title": schema.title}
-    graph = nx.DiGraph(**about, levers=list(schema.levers), inert=list(schema.inert))
-    for node in [*schema.levers, DOOR]:
-        graph.add_node(node, kind="door" if node == DOOR else "lever")
-        if schema.causes(node):
-            graph.nodes[node]["gate"] = str(schema.gate(node)).replace("at least", "at_least")
-        for cause, strength in zip(schema.causes(node), schema.strengths(node), strict=True):
-            graph.add_edge(cause, node, strength=strength)
-    return graph
-
-
-def schema_of_graph(graph: nx.DiGraph, format: str, name: str) -> Schema:
+def schema_of_graph(graph: nx.Graph, format: str, name: str) -> Schema:
     """The schema that a graph holds, from a file or from networkx.
 
     Raises:
         SchemaError: If it holds none; the message names the format.
     """
-    about = graph.graph
-    if not graph.is_directed() or graph.is_multigraph():
-        raise SchemaError(
-            f"this {format} graph is not a directed graph with at most one edge from a node to "
-            "another; declare it directed and list each edge once"
-        )
+    if not graph.is_directed():
+        raise SchemaError(f"this {format} graph is not directed; write edges as cause -> effect")
+    graph = _by_label(graph)
     if DOOR not in graph:
         raise SchemaError(
             f"this {format} graph has no node named {DOOR}; rename the node that stands for the "
-            f"door; {nearest(DOOR, map(str, graph))}"
+            f"door; {nearest(DOOR, map(str, graph))[:500]}"
         )
-    data = {
-        "name": about.get("name") or name,
-        "title": about.get("title", ""),
-        "levers": _names(about["levers"] if "levers" in about else [n for n in graph if n != DOOR]),
-        "edges": {
-            cause: {
-                effect: {"strength": _number(edge.get("strength", 1.0), float)}
-                for effect, edge in effects.items()
-            }
-            for cause, effects in graph.adjacency()
-            if effects
-        },
-        "gates": {
-            node: _gate(gate)
-            for node, gate in graph.nodes(data="gate")
-            if gate not in (None, Gate())
-        },
-        "inert": _names(about.get("inert", [])),
-    }
+    edges: dict[Any, dict[Any, Any]] = {}
+    gates: dict[Any, Any] = {}
     try:
-        for node in graph if isinstance(data["levers"], list) else ():
-            if node != DOOR and node not in data["levers"]:
-                raise SchemaError(f"the list of levers lacks the node {node!r}; add it to the list")
-        return schema_from_dict(data)
+        for node, says in graph.nodes(data=True):
+            kind = "door" if node == DOOR else "lever"
+            gate = _meant(f"the node {node!s:.64}", says, {"kind": (kind,)}, "gate").get("gate")
+            at_least = re.fullmatch(r"at[_ ]least (\d{1,9})", str(gate))
+            if gate is not None and str(gate) != "any":
+                gates[node] = {"at_least": int(at_least[1])} if at_least else str(gate)
+        for cause, effect, says in graph.edges(data=True):
+            edge = f"the edge {cause!s:.64} -> {effect!s:.64}"
+            meant = _meant(edge, says, _EDGE_SAYS, "strength")
+            if meant.get("dir") == "back" or meant.get("arrow") == "first":
+                cause, effect = effect, cause
+            if effect in edges.setdefault(cause, {}):
+                raise SchemaError(f"{edge} is there twice; remove one of them")
+            strength = meant.get("strength", 1.0)
+            with suppress(ValueError):
+                strength = float(strength) if isinstance(strength, str) else strength
+            edges[cause][effect] = {"strength": strength}
+        names = {key: graph.graph[key] for key in ("title", "inert") if key in graph.graph}
+        if isinstance(names.get("inert"), str):
+            names["inert"] = names["inert"].split()
+        levers = [node for node in graph if node != DOOR]
+        names |= {"name": graph.graph.get("name") or name, "levers": levers}
+        return schema_from_dict({**names, "edges": edges, "gates": gates})
     except SchemaError as error:
         raise _prefixed(f"this {format} graph is not a schema", error) from None
 
 
+def _meant(
+    what: str, says: Mapping[str, Any], allowed: Mapping[str, tuple[str, ...]], meaning: str
+) -> dict[str, Any]:
+    """What a node or an edge says that has a meaning here.
+
+    Raises:
+        SchemaError: If it says anything else than how it is drawn, or is drawn as not there.
+    """
+    if isinstance(graphics := says.get("graphics"), Mapping):  # of GML
+        says = {**graphics, **{key: value for key, value in says.items() if key != "graphics"}}
+    for key, value in says.items():
+        if key in allowed:
+            good = str(value).lower() in allowed[key]
+        elif key in ("style", "color", "penwidth"):
+            good = not _HIDDEN.search(str(value))
+        else:
+            good = key == meaning or LOOKS.fullmatch(str(key)) is not None
+        if not good:
+            raise SchemaError(
+                f"{what} says {key!s:.64}={value!s:.64}, which is not understood; take it out"
+            )
+    return {key: value for key, value in says.items() if key == meaning or key in allowed}
+
+
+def _by_label(graph: nx.Graph) -> nx.Graph:
+    """The graph, with nodes named by their labels where none is named door."""
+    for key in ("label", "name"):
+        labels = dict(graph.nodes(data=key))
+        if DOOR not in graph and all(isinstance(label, str) for label in labels.values()):
+            if len({*labels.values()}) < len(labels):
+                raise SchemaError(f"two nodes have the same {key}; give each its own")
+            return nx.relabel_nodes(graph, labels)
+    return graph
+
+
 def _prefixed(what: str, error: SchemaError) -> OpenLockError:
     """The same faults, each with what has them."""
-    return together([SchemaError(f"{what}: {one}", one.at) for one in error.parts])
-
-
-def _names(value: Any) -> Any:
-    """A list of names, which most formats hold as one text."""
-    return value.split() if isinstance(value, str) else value
-
-
-def _gate(value: Any) -> Any:
-    """A gate as a schema file has it, from ``at_least 2`` or a :class:`Gate`."""
-    text = str(value).replace("at least", "at_least") if isinstance(value, Gate) else value
-    if isinstance(text, str) and text.startswith("at_least "):
-        return {"at_least": _number(text.removeprefix("at_least "), int)}
-    return text
-
-
-def _number(value: Any, kind: type[int] | type[float]) -> Any:
-    """A number that a format may hold as text; anything else is left to validation."""
-    with suppress(ValueError):
-        return kind(value) if isinstance(value, str) else value
-    return value
-
-
-def _no_graph(format: str, why: object, remedy: str) -> SchemaError:
-    """An error from an exception of networkx."""
-    return SchemaError(f"this is no {format} graph ({' '.join(str(why).split())[:160]}); {remedy}")
+    return together([SchemaError(f"{what}: {part}", part.at) for part in error.parts])
 
 
 # -- the formats ----------------------------------------------------------------------------------
 
-_UNREADABLE = (LookupError, ValueError, TypeError, AttributeError, RecursionError, nx.NetworkXError)
-"""Exceptions that networkx raises for a text that is not a graph."""
 
-
-def _write_node_link(schema: Schema) -> str:
-    data = nx.node_link_data(_plain_graph(schema), edges="edges")
-    return json.dumps(data, indent=2, ensure_ascii=False) + "\n"
-
-
-_NODE_LINK = 'write one with networkx.node_link_data(graph, edges="edges") and json.dumps'
-
-
-def _read_node_link(text: str, name: str) -> Schema:
-    remedy = _NODE_LINK
-    try:
-        data = json.loads(text, object_pairs_hook=each_once)
-        edges = "edges" if "edges" in data else "links"
-        _check_node_link(data, edges)
-        graph = nx.node_link_graph(data, data.get("directed", True), False, edges=edges)
-    except SchemaError:
-        raise
-    except DoubledKeyError as error:
-        raise SchemaError(f"this is not a node-link graph: {error}; take one out") from None
-    except KeyError as error:
-        raise _no_graph("node-link", f"the key {error} is missing", remedy) from None
-    except _UNREADABLE as error:
-        raise _no_graph("node-link", error, remedy) from None
-    return schema_of_graph(graph, "node-link", name)
-
-
-def _check_node_link(data: Any, edges: str) -> None:
-    """Refuse what networkx would misread, or would not say plainly."""
-
-    def refuse(what: str) -> None:
-        raise SchemaError(f"this is not a node-link graph: {what}; {_NODE_LINK}")
-
-    if not isinstance(data, dict):
-        refuse("it begins with a list or a value; a graph is an object with nodes and edges")
-    if not isinstance(data.get("graph", {}), dict):
-        refuse('"graph" holds the attributes of the graph, {"name": ...}; leave it out if empty')
-    for key in ("nodes", edges):
-        if key not in data:
-            refuse(f"the key {key!r} is missing")
-        if not (isinstance(data.get(key), list) and all(isinstance(x, dict) for x in data[key])):
-            refuse(f"{key} is a list of objects; write {key} like [{{...}}]")
-    names = [one.get("id") for one in data["nodes"]]
-    if None in names:
-        refuse('a node has no id; write {"id": "L0"}')
-    ends = [one.get(end) for one in data[edges] for end in ("source", "target")]
-    if any(type(end) is int for end in ends) and not any(type(name) is int for name in names):
-        refuse(f"its {edges} name nodes by their place in the list; name them by id")
-    for name in names:
-        if names.count(name) > 1:
-            refuse(f"the node {name!r} is there twice; take one out")
-    for end in ends:
-        if end not in names:
-            refuse(f"the edge from or to {end!r} is of no node; add the node, or correct the edge")
-
-
-def _text_graph(schema: Schema) -> nx.DiGraph:
-    """The schema as a graph whose lists of names are texts, left out if empty."""
-    graph = _plain_graph(schema)
-    for key in ("levers", "inert"):
-        graph.graph[key] = " ".join(graph.graph[key])
-        if not graph.graph[key]:
-            del graph.graph[key]
+def _graph_of(schema: Schema) -> nx.DiGraph:
+    """The schema as a graph whose attributes are texts and numbers."""
+    graph = nx.DiGraph(name=schema.name, title=schema.title)
+    if schema.inert:
+        graph.graph["inert"] = " ".join(schema.inert)
+    for node in [*schema.levers, DOOR]:
+        graph.add_node(node, kind="door" if node == DOOR else "lever")
+        if schema.causes(node):
+            graph.nodes[node]["gate"] = str(schema.gate(node)).replace("at least", "at_least")
+    graph.add_edges_from(schema.graph.edges(data=True))
     return graph
 
 
-_SHORT_NUMBER = re.compile(
-    r'^(?:[^"\n#]|"[^"\n]*")*?(?<![\w.+-])([+-]?\d+[eE][+-]?\d+)', re.MULTILINE
-)
-"""A number with an exponent and no point, of which networkx reads the digits before the e."""
+def _reading(format: str, graph_of: Callable[[str], nx.Graph]) -> Callable[[str, str], Schema]:
+    """The reader of a format from what makes a graph of its text."""
+
+    def read(text: str, name: str) -> Schema:
+        try:
+            with warnings.catch_warnings(action="ignore"):
+                graph = graph_of(text)
+        except OpenLockError:
+            raise
+        except Exception as error:  # libraries raise what they like at a text that is no graph
+            why = " ".join(f"{type(error).__name__} {error}".split())[:160]
+            raise SchemaError(f"this is not a {format} graph ({why}); correct it") from None
+        return schema_of_graph(graph, format, name)
+
+    return read
 
 
-def _check_gml(text: str) -> None:
-    if found := _SHORT_NUMBER.search(text):
-        line, number = text.count("\n", 0, found.start(1)) + 1, found[1]
-        raise SchemaError(
-            f"line {line} of this gml text: {number} would be misread; write it with a point, such "
-            f"as {float(number)!r}"
-        )
+def _node_link_text(schema: Schema) -> str:
+    data = nx.node_link_data(_graph_of(schema), edges="edges")
+    return json.dumps(data, indent=2, ensure_ascii=False) + "\n"
 
 
-def _read_gml(text: str, name: str) -> Schema:
-    _check_gml(text)
-    try:
-        labelled = re.search(r"[\s\[]label\s", text) or not re.search(r"[\s\[]name\s", text)
-        by = "label" if labelled else "name"
-        graph = nx.parse_gml(text, label=by)  # igraph writes names and no labels
-    except _UNREADABLE as error:
-        raise _no_graph("gml", error, "write one with networkx.write_gml") from None
-    if "title" in graph.graph:
-        # networkx takes the texts "()" and "[]" for empty lists.
+def _node_link_graph(text: str) -> nx.Graph:
+    """The graph; networkx would merge doubled nodes and edges, and add nodes that edges name."""
+    data = json.loads(text, object_pairs_hook=each_once)
+    graph = (nx.MultiDiGraph if data.get("directed", True) else nx.MultiGraph)()
+    graph.graph.update(data.get("graph", {}))
+    for node in data["nodes"]:
+        if node["id"] in graph:
+            raise SchemaError(f"the node {node['id']!r:.64} of this node-link graph is there twice")
+        graph.add_nodes_from([(node["id"], node)])
+    for edge in data["edges" if "edges" in data else "links"]:
+        ends = edge.pop("source"), edge.pop("target")
+        for end in ends:
+            if end not in graph:
+                raise SchemaError(f"an edge of this node-link graph names no node: {end!r:.64}")
+        graph.add_edges_from([(*ends, edge)])
+    return graph
+
+
+def _gml_graph(text: str) -> nx.Graph:
+    graph = nx.parse_gml(text, label="id")
+    if "title" in graph.graph:  # networkx takes the texts "()" and "[]" for empty lists
         graph.graph["title"] = str(graph.graph["title"])
-    return schema_of_graph(graph, "gml", name)
+    return graph
 
 
-def _write_bif(schema: Schema) -> str:
-    from pgmpy.readwrite import BIFWriter
+def _graphml_graph(text: str) -> nx.Graph:
+    """The graph; networkx would pass over doubled, nested and second parts, and arrows of yEd."""
+    count = {"node": 0, "edge": 0}
+    for element in ElementTree.fromstring(text).iter():
+        tag = element.tag.rpartition("}")[2]
+        arrows = element.get("source"), element.get("target")
+        keys = [part.get("key") for part in element if part.tag.endswith("}data")]
+        if tag in count:
+            count[tag] += 1
+        if len({*keys}) < len(keys):
+            raise SchemaError(f"a {tag} of this graphml graph says something twice; remove one")
+        if tag == "Arrows" and (arrows[0] != "none" or arrows[1] not in _HEADS):
+            raise SchemaError(
+                f"an edge of this graphml graph has the arrows {arrows}, not an effect"
+            )
+    graph = nx.parse_graphml(text, force_multigraph=True)
+    if [len(graph), graph.number_of_edges()] != [*count.values()]:
+        raise SchemaError("this graphml graph has a node or an edge twice, or outside of the graph")
+    for kind, parts in (("node", graph.nodes), ("edge", graph.edges)):
+        for says in parts.values():
+            says |= {**graph.graph[f"{kind}_default"], **says}
+    return graph
 
-    return str(BIFWriter(to_bayesian_network(schema)))
+
+_TEXT = r'"(?:[^"\\]|\\.)*"'
+_COMMENT = r"//[^\n]*|/\*.*?\*/|^\#[^\n]*"
+_TEXT_OR_COMMENT = re.compile(f"{_TEXT}|{_COMMENT}", re.DOTALL | re.MULTILINE)
 
 
-def _read_dagitty(text: str, name: str) -> Schema:
-    graph = parse_graph(text, "dagitty")
-    outcomes = [node for node, data in graph.nodes(data=True) if {"outcome", "target"} & {*data}]
-    if DOOR not in graph and len(outcomes) > 1:
+def _dot_graph(text: str) -> nx.Graph:
+    """The graph; pydot would read ``--`` as ``->``, and pass over what follows the graph."""
+    try:
+        import pydot
+    except ImportError:
+        raise OpenLockError(
+            "DOT is read by pydot, which is not installed; pip install 'causal_openlock[dot]', or "
+            "give the schema in another format"
+        ) from None
+    body = _TEXT_OR_COMMENT.sub('""', text).partition("{")[2]
+    for sign, what in (("--", "an edge without direction"), ("{", "a group or subgraph")):
+        if sign in body:
+            raise SchemaError(f"this dot graph has {what} ({sign}); write each edge as A -> B")
+    with redirect_stdout(io.StringIO()) as complaint:
+        drawings = pydot.graph_from_dot_data(text)
+    if not drawings or body.rpartition("}")[2].strip():
+        raise ValueError(complaint.getvalue()[-100:] or "text follows the graph")
+    (drawing,) = drawings
+    graph = (nx.MultiDiGraph if drawing.get_type() == "digraph" else nx.MultiGraph)()
+    default: dict[str, dict[str, str]] = {"graph": {}, "node": {}, "edge": {}}
+    parts: list[Any] = [*drawing.get_nodes(), *drawing.get_edges()]
+    for part in sorted(parts, key=lambda part: part.get_sequence()):
+        says = {_unquoted(key): _unquoted(value) for key, value in part.get_attributes().items()}
+        is_edge = isinstance(part, pydot.Edge)
+        if not is_edge and part.get_name() in default:
+            default[part.get_name()] |= says
+            continue
+        ends = [part.get_source(), part.get_destination()] if is_edge else [part.get_name()]
+        nodes = [_unquoted(end) for end in ends]
+        graph.add_nodes_from((node, default["node"]) for node in nodes if node not in graph)
+        if is_edge:
+            graph.add_edges_from([(*nodes, {**default["edge"], **says})])
+        else:
+            graph.nodes[nodes[0]].update(says)
+    about = {key: _unquoted(value) for key, value in drawing.get_attributes().items()}
+    graph.graph = {"name": _unquoted(drawing.get_name()), **default["graph"], **about}
+    return graph
+
+
+_NODE = rf"{_TEXT}|[\w.]+"
+_LINK = re.compile(rf"\s*([-<>@]{{2,3}})\s*({_NODE})")
+_ATTRIBUTE = re.compile(rf"({_TEXT}|\w+)\s*(?:=\s*({_TEXT}|[^\s,\]]+))?")
+_DAGITTY = re.compile(rf"\s*(?:dag|digraph)\s*({_TEXT}|\w*)\s*\{{(.*)\}}\s*", re.DOTALL)
+_STATEMENT = re.compile(
+    rf"\w+\s*=\s*{_TEXT}|({_NODE})((?:{_LINK.pattern})*)\s*(?:\[((?:{_TEXT}|[^\]\"])*)\])?"
+)
+
+
+def _dagitty_graph(text: str) -> nx.Graph:
+    parts = _DAGITTY.fullmatch(text)
+    if not parts:
+        raise SchemaError("a dagitty graph is written `dag { A -> B }`; is this the right file?")
+    graph, body, at = nx.MultiDiGraph(name=_unquoted(parts[1])), parts[2], 0
+    for statement in [*_STATEMENT.finditer(body), None]:
+        between = body[at : statement.start() if statement else None]
+        if _TEXT_OR_COMMENT.sub("", between).strip("; \t\r\n"):
+            raise SchemaError(f"this dagitty graph is not understood at {between.strip()!r:.64}")
+        at = statement.end() if statement else at
+        if not statement or not statement[1]:  # the end, or a setting of the drawing
+            continue
+        links = _LINK.findall(statement[2])
+        nodes = [_unquoted(node) for node in (statement[1], *(node for _, node in links))]
+        attributes = _ATTRIBUTE.findall(statement[5] or "")
+        says = {_unquoted(key): _unquoted(value) if value else True for key, value in attributes}
+        graph.add_nodes_from(nodes, **({} if links else says))
+        for (arrow, _), ends in zip(links, pairwise(nodes), strict=True):
+            if arrow not in ("->", "<-"):
+                raise SchemaError(f"in this dagitty graph, {arrow} is not -> from cause to effect")
+            graph.add_edges_from([(*(ends if arrow == "->" else ends[::-1]), says)])
+    outcomes = [node for node, says in graph.nodes(data=True) if says.pop("outcome", None)]
+    if len([node for node in outcomes if node != DOOR]) > (DOOR not in graph):
         raise SchemaError(
-            f"this dagitty graph has {len(outcomes)} outcomes ({', '.join(outcomes)}), and a room "
-            "has one door; name one of them door"
+            f"this dagitty graph has the outcomes {', '.join(outcomes)[:200]}, and a room has one "
+            "door; keep one of them, or name it door"
         )
-    if DOOR not in graph and len(outcomes) == 1:
-        nx.relabel_nodes(graph, {outcomes[0]: DOOR}, copy=False)
-    of_graph = graph.nodes.get(DOOR, {})
-    graph.graph |= {key: of_graph[key] for key in ("title", "levers", "inert") if key in of_graph}
-    for *_, edge in graph.edges(data=True):
-        edge["strength"] = edge.get("beta", 1.0)
-    return schema_of_graph(graph, "dagitty", name)
+    if DOOR not in graph:
+        graph = nx.relabel_nodes(graph, dict.fromkeys(outcomes, DOOR))
+    for says in graph.nodes.values():
+        says.pop("exposure", None)
+    door = graph.nodes.get(DOOR, {})
+    graph.graph |= {key: door.pop(key) for key in ("title", "inert") if key in door}
+    for says in graph.edges.values():
+        says |= {"strength": says.pop("beta", 1.0)}
+    return graph
 
 
-def to_bayesian_network(
-    schema: Schema, push_probability: float = 1.0, lock: bool = False
-) -> DiscreteBayesianNetwork:
-    """The causal model of one push per lever, causes before effects, then of the door.
-
-    A lever's state is 1 if it moved: it was pushed and as many of its causes transmitted as its
-    gate needs. The door's state is 1 if it opens when it is pushed then. For an intervention, cut
-    the model and condition on the state that was set, in pgmpy
-    ``VariableElimination(model.do(["L0"])).query(["door"], evidence={"L0": 1})``;
-    its ``CausalInference.query`` is wrong where levers that cause one another are set together.
-
-    Args:
-        schema: The levers and the door.
-        push_probability: Probability that a lever is pushed, independent of the others.
-        lock: Whether the door's state is instead that it is unlocked, whatever its strengths.
-
-    Returns:
-        A checked model whose nodes are the schema's and have the states 0 and 1.
-
-    Raises:
-        OpenLockError: If ``push_probability`` is not a probability.
-    """
-    from pgmpy.models import DiscreteBayesianNetwork
-
-    if not 0.0 <= push_probability <= 1.0:
-        raise OpenLockError(f"push_probability is {push_probability}; give a number from 0 to 1")
-    network = DiscreteBayesianNetwork()
-    network.name = schema.name
-    network.add_nodes_from(schema.graph.nodes)
-    network.add_edges_from(schema.graph.edges)
-    for node in schema.graph.nodes:
-        causes = schema.causes(node)
-        bits = [schema.mask([cause]) for cause in causes]
-        # pgmpy counts through the causes' states with the first cause slowest.
-        states = product((0, 1), repeat=len(causes))
-        moved = np.array([sum(compress(bits, each)) for each in states], dtype=np.int64)
-        chance = gate_chance(schema, node, moved)
-        if lock and node == DOOR:
-            chance = (np.bitwise_count(moved) >= schema.threshold(DOOR)).astype(float)
-        # Rounding may leave a sum of probabilities just above 1.
-        chance = chance * (1.0 if node == DOOR else push_probability)
-        network.add_cpds(binary_cpd(node, chance, causes))
-    network.check_model()
-    return network
+def _unquoted(text: Any) -> str:
+    """A name or value of DOT or DAGitty, without a port."""
+    if (text := str(text)).startswith('"'):
+        inside = text[1 : text.rindex('"')]
+        return html.unescape(inside.replace("\\\n", "").replace('\\"', '"'))
+    return text.partition(":")[0]
 
 
-def binary_cpd(node: str, chance: FloatArray, causes: Sequence[str] = ()) -> TabularCPD:
-    """A conditional probability table of pgmpy for a node with the states 0 and 1.
+def _quoted(text: object) -> str:
+    """A quoted text of DOT or DAGitty; characters that could end it become entities."""
+    return '"' + re.sub(r'[&"\\\n\r]', lambda sign: f"&#{ord(sign[0])};", str(text)) + '"'
 
-    ``chance``, ``[2^K]``, is the probability of 1 by the states of the causes, the first slowest.
-    """
-    from pgmpy.factors.discrete import TabularCPD
 
-    return TabularCPD(
-        node,
-        2,
-        [1.0 - chance, chance],
-        evidence=list(causes),
-        evidence_card=[2] * len(causes),
-        state_names={each: [0, 1] for each in (node, *causes)},
-    )
+def _line(says: Mapping[str, object], *ends: str) -> str:
+    """A node or an edge, with what it says in brackets."""
+    written = [key if value is True else f"{key}={_quoted(value)}" for key, value in says.items()]
+    return f"  {' -> '.join(map(_quoted, ends))}" + (f" [{', '.join(written)}]" if says else "")
+
+
+def _dot_text(schema: Schema) -> str:
+    """The schema in DOT; the door is drawn as a box, inert levers are dashed."""
+    graph = _graph_of(schema)
+    about = [f"  {key}={_quoted(value)}" for key, value in graph.graph.items() if key != "name"]
+    lines = [f"digraph {_quoted(schema.name)} {{", *about]
+    for node, says in graph.nodes(data=True):
+        look = {"style": "dashed"} if node in schema.inert else {}
+        lines.append(_line({**says, **look, "shape": "box" if node == DOOR else "circle"}, node))
+    for cause, effect, says in graph.edges(data=True):
+        label = {"label": f"{says['strength']:g}"} if says["strength"] < 1.0 else {}
+        lines.append(_line(says | label, cause, effect))
+    return "\n".join([*lines, "}\n"])
+
+
+def _dagitty_text(schema: Schema) -> str:
+    """The schema in DAGitty's language; the attributes of the graph are on the door."""
+    graph = _graph_of(schema)
+    about = {key: value for key, value in graph.graph.items() if key != "name"}
+    lines = [f"dag {_quoted(schema.name)} {{"]
+    for node, says in graph.nodes(data=True):
+        free = "gate" not in says and node not in schema.inert
+        role = {"outcome": True, **about} if node == DOOR else {"exposure": True} if free else {}
+        gate = {"gate": says["gate"]} if says.get("gate", "any") != "any" else {}
+        lines.append(_line(role | gate, node))
+    for *ends, strength in graph.edges(data="strength"):
+        lines.append(_line({"beta": strength} if strength < 1.0 else {}, *ends))
+    return "\n".join([*lines, "}\n"])
 
 
 FORMATS: dict[str, Format] = {
@@ -447,13 +482,17 @@ FORMATS: dict[str, Format] = {
         Format("line", (".txt",), "one line of text: A -> B, C; B | C -> door",
                lambda schema: one_line(schema) + "\n", parse_line),
         Format("node-link", (".json",), "networkx node-link JSON, also for D3",
-               _write_node_link, _read_node_link),
+               _node_link_text, _reading("node-link", _node_link_graph)),
         Format("gml", (".gml",), "Graph Modelling Language: networkx, Gephi, igraph, yEd",
-               lambda schema: "\n".join(nx.generate_gml(_text_graph(schema))) + "\n", _read_gml),
-        Format("dot", (".dot", ".gv"), "Graphviz", lambda schema: dot_text(_text_graph(schema)),
-               lambda text, name: schema_of_graph(parse_graph(text, "dot"), "dot", name)),
+               lambda schema: "\n".join(nx.generate_gml(_graph_of(schema))) + "\n",
+               _reading("gml", _gml_graph)),
+        Format("graphml", (".graphml",), "GraphML: networkx, Gephi, igraph, yEd",
+               lambda schema: "\n".join(nx.generate_graphml(_graph_of(schema))) + "\n",
+               _reading("graphml", _graphml_graph)),
+        Format("dot", (".dot", ".gv"), "Graphviz; to be read it needs the extra dot",
+               _dot_text, _reading("dot", _dot_graph)),
         Format("dagitty", (".dagitty",), "DAGitty in the browser and in R",
-               lambda schema: dagitty_text(_text_graph(schema)), _read_dagitty),
-        Format("bif", (".bif",), "Bayesian network: pgmpy, bnlearn", _write_bif),
+               _dagitty_text, _reading("dagitty", _dagitty_graph)),
+        Format("bif", (".bif",), "Bayesian network: pgmpy, bnlearn", bif_text),
     )
 }  # fmt: skip

@@ -156,7 +156,7 @@ class Schema:
             for effect, strength in effects.items():
                 at = ("edges", cause, effect)
                 faults.unless_known(effect, nodes, *at)
-                if not isinstance(strength, Real) or not 0.0 < strength <= 1.0:
+                if not isinstance(strength, Real) or not 0.0 < float(strength) <= 1.0:
                     edge = f"{cause!s:.64} -> {effect!s:.64}"
                     text = f"the strength {strength!r:.64} of {edge} must be above 0 and at most 1"
                     faults.add(text, *at, "strength")

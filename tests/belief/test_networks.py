@@ -16,7 +16,7 @@ from causal_openlock.belief.grammar import class_prior
 from causal_openlock.belief.hypotheses import strengths
 from causal_openlock.belief.marginals import edge_probabilities, model_of, probability_unlocked
 from causal_openlock.experiment.session import Session
-from causal_openlock.schemas.graphs import to_bayesian_network
+from causal_openlock.schemas.bayes_net import to_bayesian_network
 from causal_openlock.schemas.schema import DOOR
 from causal_openlock.testing import schemas
 from causal_openlock.world.room import position_names

@@ -181,6 +181,21 @@ def node_link(nodes: str, edge: str = "", **changes: Any) -> Any:
     return schema_text(json.dumps(graph), "node-link")
 
 
+def graphml(parts: str) -> Any:
+    """Read a GraphML graph of the nodes A and door, and these parts."""
+    keys = "".join(
+        f'<key id="{key}" for="edge" attr.name="{name}" attr.type="double"/>'
+        for key, name in (("s", "strength"), ("w", "weight"))
+    )
+    return schema_text(
+        '<graphml xmlns="http://graphml.graphdrawing.org/xmlns" '
+        'xmlns:y="http://www.yworks.com/xml/graphml">'
+        f'{keys}<key id="g" for="edge" yfiles.type="edgegraphics"/><graph edgedefault="directed">'
+        f'<node id="A"/><node id="door"/>{parts}</graph></graphml>',
+        "graphml",
+    )
+
+
 def session(condition: Any = "CC3", subjects: Any = 2, **settings: Any) -> Any:
     """Begin a session of a condition, under the protocol of people with some settings changed."""
     module = "causal_openlock.experiment.protocol"

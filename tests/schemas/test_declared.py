@@ -72,11 +72,13 @@ def test_any_line_is_a_schema_or_refused(pieces):
 def test_any_schema_comes_back_from_a_graph_and_from_edges(drawn):
     gates = {node: drawn.gate(node) for node in [*drawn.levers, DOOR] if drawn.causes(node)}
     assert schema(nx.DiGraph(drawn.graph), inert=drawn.inert) == drawn
-    strengths = {(a, b): p for a, b, p in drawn.graph.edges(data="strength")}
+    edges = {cause: {} for cause in drawn.levers}
+    for cause, effect, strength in drawn.graph.edges(data="strength"):
+        edges[cause][effect] = strength
     ordered = nx.DiGraph()
     ordered.add_nodes_from(drawn.levers)
-    ordered.add_edges_from(strengths)
-    again = schema(ordered, gates=gates, strengths=strengths, inert=drawn.inert, name=drawn.name)
+    ordered.add_edges_from((a, b, {"strength": p}) for a in edges for b, p in edges[a].items())
+    again = schema(ordered, gates=gates, inert=drawn.inert, name=drawn.name)
     assert again == drawn
 
 

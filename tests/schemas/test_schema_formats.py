@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.building import make_experiment
 from causal_openlock.experiment.protocol import Condition
+from causal_openlock.schemas.bayes_net import to_bayesian_network
 from causal_openlock.schemas.declared import schema
 from causal_openlock.schemas.finding import bundled_schemas, find_schema
 from causal_openlock.schemas.graphs import (
@@ -19,7 +20,6 @@ from causal_openlock.schemas.graphs import (
     export_schema,
     import_schema,
     read_schema,
-    to_bayesian_network,
     write_schema,
 )
 from causal_openlock.schemas.schema import DOOR, Gate, Schema
@@ -90,7 +90,9 @@ def test_files_are_known_by_their_suffix(tmp_path, format):
             assert read_schema(other, format) == schema
 
 
-@pytest.mark.parametrize("suffix", [".dot", ".GV", ".gml", ".dagitty", ".json", ".yml", ".txt"])
+@pytest.mark.parametrize(
+    "suffix", [".dot", ".GV", ".gml", ".graphml", ".dagitty", ".json", ".yml", ".txt"]
+)
 def test_every_format_is_read_wherever_a_schema_is_named(tmp_path, suffix):
     own, path = schema("A -> B; B -> door; C -> door", name="mine"), tmp_path / f"mine{suffix}"
     write_schema(own, path)
@@ -116,6 +118,7 @@ def test_a_graph_from_elsewhere_gets_the_defaults(tmp_path):
     texts = {
         ".json": json.dumps(nx.node_link_data(graph)),
         ".gml": "\n".join(nx.generate_gml(graph)),
+        ".graphml": "\n".join(nx.generate_graphml(graph)),
         ".dot": "digraph { A -> B -> door }",
         ".dagitty": "dag{A->B door<-B}",
     }
@@ -130,6 +133,30 @@ def test_a_graph_from_elsewhere_gets_the_defaults(tmp_path):
         " edge [ source 0 target 1 ] edge [ source 1 target 2 strength 1.0e0 ] ]"
     )
     assert import_schema(named, "gml", "my_lock") == expected
+
+
+def test_edges_that_are_drawn_backwards_are_turned():
+    expected = {("bolt", "wheel"), ("wheel", "door"), ("bolt", "door")}
+    gml = """graph [ directed 1
+      node [ id 5 label "wheel" ] node [ id 6 label "bolt" ] node [ id 7 label "door" ]
+      edge [ source 5 target 6 graphics [ type "line" arrow "first" ] ]
+      edge [ source 5 target 7 graphics [ arrow "last" ] ]
+      edge [ source 6 target 7 ] ]"""
+    dot = """strict digraph "safe" { # comment
+      wheel -> bolt [dir=back, style=dashed]; edge [color=red]; wheel -> door:n;
+      node [shape=box]; bolt:e -> door [label=<b>] }"""
+    assert {*import_schema(gml, "gml").graph.edges} == expected
+    assert {*import_schema(dot, "dot").graph.edges} == expected
+
+
+def test_defaults_of_a_graph_hold_for_what_follows():
+    dot = """digraph { A; node [gate=all]; edge [strength=.5]; A -> B; A -> door [strength=.25]
+      graph [title="T &amp; \\"t\\""]; edge [strength=1]; B -> door; B [color=red] }"""
+    found = import_schema(dot, "dot")
+    assert found.graph.edges["A", "B"]["strength"] == 0.5
+    assert found.graph.edges["A", "door"]["strength"] == 0.25
+    assert found.graph.edges["B", "door"]["strength"] == 1.0
+    assert (found.title, found.gate("door")) == ('T & "t"', Gate("all"))
 
 
 def test_dagitty_as_its_web_page_writes_it():

@@ -1,0 +1,87 @@
+"""A schema as a Bayesian network of pgmpy: one push per lever, then of the door."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import compress, product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from causal_openlock.errors import OpenLockError
+from causal_openlock.schemas.fsm import FloatArray, gate_chance
+from causal_openlock.schemas.schema import DOOR, Schema
+
+if TYPE_CHECKING:
+    from pgmpy.factors.discrete import TabularCPD
+    from pgmpy.models import DiscreteBayesianNetwork
+
+
+def to_bayesian_network(
+    schema: Schema, push_probability: float = 1.0, lock: bool = False
+) -> DiscreteBayesianNetwork:
+    """The causal model of one push per lever, causes before effects, then of the door.
+
+    A lever's state is 1 if it moved: it was pushed and as many of its causes transmitted as its
+    gate needs. The door's state is 1 if it opens when it is pushed then. For an intervention, cut
+    the model and condition on the state that was set, in pgmpy
+    ``VariableElimination(model.do(["L0"])).query(["door"], evidence={"L0": 1})``;
+    its ``CausalInference.query`` is wrong where levers that cause one another are set together.
+
+    Args:
+        schema: The levers and the door.
+        push_probability: Probability that a lever is pushed, independent of the others.
+        lock: Whether the door's state is instead that it is unlocked, whatever its strengths.
+
+    Returns:
+        A checked model whose nodes are the schema's and have the states 0 and 1.
+
+    Raises:
+        OpenLockError: If ``push_probability`` is not a probability.
+    """
+    from pgmpy.models import DiscreteBayesianNetwork
+
+    if not 0.0 <= push_probability <= 1.0:
+        raise OpenLockError(f"push_probability is {push_probability}; give a number from 0 to 1")
+    network = DiscreteBayesianNetwork()
+    network.name = schema.name
+    network.add_nodes_from(schema.graph.nodes)
+    network.add_edges_from(schema.graph.edges)
+    for node in schema.graph.nodes:
+        causes = schema.causes(node)
+        bits = [schema.mask([cause]) for cause in causes]
+        # pgmpy counts through the causes' states with the first cause slowest.
+        states = product((0, 1), repeat=len(causes))
+        moved = np.array([sum(compress(bits, each)) for each in states], dtype=np.int64)
+        chance = gate_chance(schema, node, moved)
+        if lock and node == DOOR:
+            chance = (np.bitwise_count(moved) >= schema.threshold(DOOR)).astype(float)
+        # Rounding may leave a sum of probabilities just above 1.
+        chance = chance * (1.0 if node == DOOR else push_probability)
+        network.add_cpds(binary_cpd(node, chance, causes))
+    network.check_model()
+    return network
+
+
+def binary_cpd(node: str, chance: FloatArray, causes: Sequence[str] = ()) -> TabularCPD:
+    """A conditional probability table of pgmpy for a node with the states 0 and 1.
+
+    ``chance``, ``[2^K]``, is the probability of 1 by the states of the causes, the first slowest.
+    """
+    from pgmpy.factors.discrete import TabularCPD
+
+    return TabularCPD(
+        node,
+        2,
+        [1.0 - chance, chance],
+        evidence=list(causes),
+        evidence_card=[2] * len(causes),
+        state_names={each: [0, 1] for each in (node, *causes)},
+    )
+
+
+def bif_text(schema: Schema) -> str:
+    """The network as text in the Bayesian Interchange Format."""
+    from pgmpy.readwrite import BIFWriter
+
+    return str(BIFWriter(to_bayesian_network(schema)))
