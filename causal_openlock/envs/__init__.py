@@ -2,7 +2,7 @@
 
 ``gymnasium.make("causal_openlock/OpenLock-v0", schema="CC4", layout="trial7")`` gives one room,
 ``gymnasium.make_vec(..., num_envs=16384, vectorization_mode="vector_entry_point")`` many. Both step
-the tables of :mod:`causal_openlock.world.tables`.
+:mod:`causal_openlock.world.rooms`.
 
 An *episode* is either one attempt or a whole trial:
 

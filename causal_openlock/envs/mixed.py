@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
-from causal_openlock.envs.settings import Recreatable, plain_arguments
+from causal_openlock.envs.settings import Recreatable, check_options, plain_arguments
 from causal_openlock.envs.single import OpenLockEnv
 from causal_openlock.errors import OpenLockError
 
@@ -78,7 +78,7 @@ class MixedRoomsEnv(Recreatable, gymnasium.Env[NDArray[np.int8], int]):
             ):
                 room.reset(seed=int(own))
             self._room = None
-        asked = options is not None and options.get("new_trial", False)
+        asked = check_options(options, "new_trial")
         if self._room is None or asked or self._whole_trial or self._room.trial_over:
             self._room = self._rooms[int(self.np_random.integers(len(self._rooms)))]
             options = {**(options or {}), "new_trial": True}

@@ -155,6 +155,19 @@ def plain_arguments(given: Mapping[str, Any], settings: Settings) -> dict[str, A
     return found
 
 
+def check_options(options: Any, name: str) -> Any:
+    """The option of this name of a reset; None if it is not given.
+
+    Raises:
+        OpenLockError: If the options are not a mapping.
+    """
+    if options is None:
+        return None
+    if not isinstance(options, Mapping):
+        raise OpenLockError(f"options is a dictionary such as {{{name!r}: ...}}, not {options!r}")
+    return options.get(name)
+
+
 def check_render_size(size: int) -> int:
     """The height of a picture, checked.
 

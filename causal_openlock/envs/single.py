@@ -18,13 +18,25 @@ from causal_openlock.envs.settings import (
     Episode,
     Recreatable,
     Settings,
+    check_options,
     check_render_size,
 )
 from causal_openlock.errors import OpenLockError
-from causal_openlock.world.reward_table import ALWAYS, IF_FOUND, IF_REPEATED, RewardTable
+from causal_openlock.schemas.fsm import compile_schema, unroll
+from causal_openlock.world.events import rewards_by_event
+from causal_openlock.world.kernel import (
+    INACTIVE,
+    NEW,
+    ON_PATH,
+    OPENS,
+    REPEATED,
+    RETRACED,
+    UNLOCKED,
+    WORDS,
+)
 from causal_openlock.world.rewards import BASIC_REWARD, RewardForm
 from causal_openlock.world.room import RANDOM_LAYOUT, Layout
-from causal_openlock.world.tables import ACTIONS_LEFT, RoomTables
+from causal_openlock.world.rooms import RoomTables, events_of
 
 if TYPE_CHECKING:
     from causal_openlock.physics.room import PhysicalRoom
@@ -37,35 +49,31 @@ KEPT_ROWS = 500_000
 """The most rows, over all layouts met, to keep observations of: about 100 bytes each."""
 
 
-class _Listed:
-    """The tables of one room as Python lists, the fastest to read in a single step.
-
-    They are used for the schema in all layouts: an action in another layout is looked up as the
-    action on the same lever in this one.
-    """
+class _Table:
+    """The tables of a schema as Python lists, the fastest to read in a single step."""
 
     def __init__(self, settings: Settings) -> None:
-        tables = RoomTables(settings.positions)
-        layout = Layout(tuple(range(len(settings.schema.levers))), settings.positions)
-        tables.add([(settings.schema, layout, settings.action_limit)])
-        self.tables = tables
-        self.rewards = RewardTable(settings.reward, tables)
-        self.effect: list[int] = tables.effect.tolist()
-        self.chance: list[float] = tables.chance.tolist()
-        self.unlocked: list[bool] = tables.unlocked.tolist()
-        self.actions_left: list[int] = (tables.status & ACTIONS_LEFT).tolist()
-        self.solution: list[int] = np.where(tables.opened, tables.solution, -1).tolist()
-        self.paid: list[float] = self.rewards.paid.tolist()
+        limit = settings.action_limit
+        tables = RoomTables.of([(settings.schema, limit)], settings.positions)
+        self.attempt = unroll(compile_schema(settings.schema), limit)
+        self.fails, self.columns = tables.fails, tables.waits + 1
+        self.after: list[int] = tables.lookup.after.ravel().tolist()
+        self.event: list[int] = tables.lookup.event.ravel().tolist()
+        self.chance: list[float] = tables.lookup.chance.ravel().tolist()
+        self.solution: list[int] = tables.lookup.solution.tolist()
+        self.actions_left: list[int] = tables.lookup.actions_left.tolist()
+        self.begins = tables.lookup.begins
+        solutions = len(settings.schema.solutions)
+        (self.paid,) = rewards_by_event([settings.reward], tables.lookup.event, solutions)
 
 
 class _Bodies:
-    """The physical room of a trial; its states are rows of the listed room."""
+    """The physical room of a trial; its states are rows of the table."""
 
-    def __init__(self, listed: _Listed) -> None:
-        tables = listed.tables
-        self._fsm = tables.rooms[0].fsm
-        self._used: list[int] = tables.used.tolist()
-        states = zip(self._used, tables.state.tolist(), strict=True)
+    def __init__(self, table: _Table) -> None:
+        self._fsm = table.attempt.fsm
+        self._used: list[int] = table.attempt.used.tolist()
+        states = zip(self._used, table.attempt.state.tolist(), strict=True)
         self._rows = {used_and_state: row for row, used_and_state in enumerate(states)}
         self.room: PhysicalRoom | None = None
         self.watch: Callable[[Pose], None] | None = None
@@ -163,22 +171,13 @@ class OpenLockEnv(Recreatable, gymnasium.Env[NDArray[np.int8], int]):
         self._render_size = check_render_size(render_size)
         self._render_console = render_console
         self._reveal = reveal
-        self._listed = _Listed(self.settings)
-        self._bodies = _Bodies(self._listed) if physics else None
-        # For each layout, its observation at each row and the listed action for each action.
+        self._table = _Table(self.settings)
+        self._bodies = _Bodies(self._table) if physics else None
+        # For each layout, its observation at each row and the column of each action.
         self._layouts: dict[Layout, tuple[list[NDArray[np.int8]], list[int]]] = {}
-        self._actions = self._listed.tables.actions
-        self._columns, self._failed = self._listed.tables.columns, self._listed.tables.failed
+        self._actions = 2 * self.settings.positions + 1
         self._whole_trial = self.settings.whole_trial
         self._stochastic = not self.settings.schema.deterministic
-        # When the reward of an action has to be evaluated again. One number, since Python looks up
-        # the attributes of an object that has more than 30 of them more slowly.
-        function = self.settings.reward
-        self._history = (
-            function.depends_on_found * IF_FOUND
-            | function.depends_on_repeats * IF_REPEATED
-            | (physics or function.depends_on_everything) * ALWAYS
-        )
         # Row of the room; after the end of an episode its complement, which is negative.
         self._row = -1
         self._new_trial_due = True
@@ -196,7 +195,7 @@ class OpenLockEnv(Recreatable, gymnasium.Env[NDArray[np.int8], int]):
             super().reset(seed=seed)
         if self._row > 0 and not self._whole_trial:
             self._spend_attempt()  # the attempt in progress is given up
-        asked = options is not None and options.get("new_trial", False)
+        asked = check_options(options, "new_trial")
         if self._new_trial_due or self._whole_trial or seed is not None or asked:
             self._begin_trial()
         if self._bodies is not None:
@@ -208,14 +207,15 @@ class OpenLockEnv(Recreatable, gymnasium.Env[NDArray[np.int8], int]):
     def _begin_trial(self) -> None:
         layout = self.settings.draw_layout(self.np_random)
         if layout not in self._layouts:
-            tables = self._listed.tables
-            if len(self._layouts) * tables.rows >= KEPT_ROWS:
+            attempt = self._table.attempt
+            if len(self._layouts) * len(attempt.state) >= KEPT_ROWS:
                 self._layouts.clear()
-            observations = layout.observations(tables.rooms[0].fsm, tables.state)
-            actions = layout.actions_in(tables.rooms[0].layout)
-            self._layouts[layout] = [*observations], actions.tolist()
+            observations = layout.observations(attempt.fsm, attempt.state)
+            lever = layout.lever_at()
+            columns = [*lever, *(layout.positions + lever), 2 * layout.positions]
+            self._layouts[layout] = [*observations], [*map(int, columns)]
         self._layout = layout
-        self._observations, self._same_action = self._layouts[layout]
+        self._observations, self._column = self._layouts[layout]
         if self._bodies is not None:
             self._bodies.enter(layout)
         self._attempts_left = self.settings.attempt_limit
@@ -239,48 +239,35 @@ class OpenLockEnv(Recreatable, gymnasium.Env[NDArray[np.int8], int]):
             action = -1
         if not 0 <= action < self._actions:
             raise InvalidAction(f"an action is an integer from 0 to {self._actions - 1}")
-        asked, action = action, self._same_action[action]
-        listed = self._listed
-        flat = row * self._columns + action
-        fails = self._stochastic and self.np_random.random() >= listed.chance[flat] > 0.0
+        table, found = self._table, self._found
+        at = row * table.columns
+        place = at + self._column[action]
+        fails = self._stochastic and self.np_random.random() >= table.chance[place] > 0.0
         if fails:
-            flat = row * self._columns + self._failed
-        after, reward = listed.effect[flat], listed.paid[flat]
+            place = at + table.fails
+        after, event = table.after[place], table.event[place]
         if self._bodies is not None:
-            after = self._bodies.move(row, asked, not fails)
-        if self._history:
-            if (
-                (self._history & IF_FOUND and self._found and listed.unlocked[after])
-                or (self._history & IF_REPEATED and action == self._previous)
-                or self._history & ALWAYS
-            ):
-                reward = self._judge(row, action, after)
-            self._previous = action
-        if listed.actions_left[after]:
+            after = self._bodies.move(row, action, not fails)
+            event = event & INACTIVE | int(events_of(table.attempt, row, np.array(after)))
+        if event & UNLOCKED and table.solution[after] not in (-1, *found):
+            event |= NEW
+        if action == self._previous:
+            event |= REPEATED
+        if found and event & ON_PATH and table.begins[after, list(found)].any():
+            event |= RETRACED
+        reward = table.paid.item(event & (WORDS - 1), len(found))
+        self._previous = action
+        if table.actions_left[after]:
             self._row = after
             return self._observations[after].copy(), reward, False, False, self._info(after)
-        return self._end_attempt(listed, after, reward)
-
-    def _judge(self, row: int, action: int, after: int) -> float:
-        """The reward where it depends on the past or on the simulation."""
-        found = np.zeros((1, len(self.settings.schema.solutions)), dtype=bool)
-        found[0, list(self._found)] = True
-        paid = self._listed.rewards.judge(
-            np.array([row]),
-            np.array([action]),
-            np.array([after]),
-            np.array([action == self._previous]),
-            found,
-        )
-        return float(paid[0])
+        return self._end_attempt(after, event, reward)
 
     def _end_attempt(
-        self, listed: _Listed, after: int, reward: float
+        self, after: int, event: int, reward: float
     ) -> tuple[NDArray[np.int8], float, bool, bool, dict[str, Any]]:
-        # The same rule as in world/batch.py, for one room.
-        solution = listed.solution[after]
-        if solution >= 0 and solution not in self._found:
-            self._found.add(solution)
+        # The same rule as in world/kernel.py, for one room.
+        if event & OPENS and event & NEW:
+            self._found.add(self._table.solution[after])
             self._solutions_left -= 1
         solved = not self._solutions_left
         spent = self._attempts_left == 1 and not solved
@@ -312,7 +299,7 @@ class OpenLockEnv(Recreatable, gymnasium.Env[NDArray[np.int8], int]):
                 "solutions_left": self._solutions_left,
                 "solutions_found": len(self._found),
                 "attempts_left": self._attempts_left,
-                "actions_left": self._listed.actions_left[row],
+                "actions_left": self._table.actions_left[row],
             },
         }
         if self._reveal:
@@ -399,5 +386,5 @@ class OpenLockEnv(Recreatable, gymnasium.Env[NDArray[np.int8], int]):
         return Panel(
             solutions=(*[None] * found, *[""] * self._solutions_left),
             attempts_left=self._attempts_left if self._solutions_left else None,
-            actions_left=self._listed.actions_left[row],
+            actions_left=self._table.actions_left[row],
         )

@@ -37,10 +37,9 @@ from causal_openlock.schemas.finding import SUFFIXES
 from causal_openlock.schemas.schema import NAME, Schema
 from causal_openlock.wording import counted, nearest
 from causal_openlock.world.room import Layout, positions_for, published_layouts
-from causal_openlock.world.tables import ACTIONS_LEFT
 
 PAPER_ACTION_LIMIT = 3
-MAX_ACTION_LIMIT = int(ACTIONS_LEFT)
+MAX_ACTION_LIMIT = 63
 HUMAN_PROTOCOL = "human"
 """The protocol under which people played in the paper."""
 

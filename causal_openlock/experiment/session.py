@@ -1,7 +1,7 @@
 """A session: B subjects play the trials of a condition, and every attempt is recorded.
 
 The session steps all subjects at once, whatever trial each of them is in, gives a learner only what
-subjects perceive, and keeps the record. :mod:`causal_openlock.world.batch` decides when attempts
+subjects perceive, and keeps the record. :mod:`causal_openlock.world.rooms` decides when attempts
 and trials end and which solutions are new.
 
 :meth:`Session.play` runs a learner to the end, :meth:`Session.steps` step by step. With
@@ -30,13 +30,20 @@ from causal_openlock.contract.learner import (
 from causal_openlock.errors import LearnerError, ProtocolError
 from causal_openlock.experiment.protocol import Condition, Protocol, Visit, check_trial, plan
 from causal_openlock.experiment.record import AttemptLog, assemble
-from causal_openlock.schemas.fsm import BoolArray, IntArray
+from causal_openlock.schemas.fsm import BoolArray, IntArray, compile_schema
 from causal_openlock.schemas.schema import Schema
-from causal_openlock.world.batch import BatchStep, RoomBatch
+from causal_openlock.world.kernel import (
+    ATTEMPTS_LEFT,
+    CHANGED,
+    SOLUTIONS_FOUND,
+    SOLUTIONS_LEFT,
+    UNLOCKED,
+    Outcome,
+)
 from causal_openlock.world.randomness import Streams, generators, unrelated_generators
 from causal_openlock.world.rewards import PAPER_REWARD, RewardForm, find_reward
-from causal_openlock.world.room import Layout, action_names, positions_for
-from causal_openlock.world.tables import ACTIONS_LEFT, RoomTables
+from causal_openlock.world.room import Layout, Room, action_names, positions_for
+from causal_openlock.world.rooms import Rooms, RoomTables
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -106,22 +113,27 @@ class Session:
             plan(condition, protocol, generator, subject)
             for subject, generator in zip(numbers, environment, strict=True)
         ]
-        self._tables = RoomTables(max(positions_for(schema) for schema in condition.schemas))
-        self._rooms, layouts = self._stack(visits)
-        schemas = [room.schema.name for room in self._tables.rooms]
+        self._tables = tables = RoomTables.of(
+            [(schema, protocol.actions_for(schema)) for schema in condition.schemas],
+            max(positions_for(schema) for schema in condition.schemas),
+        )
+        self._room, layouts = self._lay_out(visits)
+        schemas = [room.schema for room in self._layouts]
+        self._schema = np.array([condition.schemas.index(schema) for schema in schemas])
+        self._lever = np.array([room.layout.lever_at() for room in self._layouts])
         self._visits = {
             "phase": np.array([[visit.phase for visit in row] for row in visits], dtype=object),
             "loop": np.array([[visit.loop for visit in row] for row in visits], dtype=np.int32),
             "trial": np.array([[visit.trial for visit in row] for row in visits], dtype=np.int32),
-            "schema": np.array(schemas, dtype=object)[self._rooms],
+            "schema": np.array([schema.name for schema in schemas], dtype=object)[self._room],
             "layout": layouts,
-            "solutions": self._tables.solutions.astype(np.int16)[self._rooms],
+            "solutions": tables.solutions[self._schema].astype(np.int16)[self._room],
         }
         self._orders = [[visit.order for visit in row if visit.order] for row in visits]
         self.shown_trials = len(self._orders[0])
-        self._luck = Streams(environment) if self._tables.stochastic else None
-        self._batch = RoomBatch(
-            self._tables,
+        self._luck = Streams(environment) if tables.stochastic else None
+        self._rooms = Rooms(
+            tables,
             [find_reward(reward)],
             self.subjects,
             protocol.attempt_limit,
@@ -129,19 +141,19 @@ class Session:
         )
         self.brief = Brief(
             subjects=self.subjects,
-            positions=self._tables.positions,
-            action_names=action_names(self._tables.positions),
-            action_limit=int(self._tables.action_limit.max()),
+            positions=tables.positions,
+            action_names=action_names(tables.positions),
+            action_limit=int(tables.action_limit.max()),
             attempt_limit=protocol.attempt_limit,
-            trials=self._rooms.shape[1],
+            trials=self._room.shape[1],
             generators=unrelated_generators(seed, f"learner/{learner}/{place}", numbers),
         )
         self._log = AttemptLog(self.brief.action_limit)
         self._clock = time.perf_counter()
-        self._batch.begin_trials(slice(None), self._rooms[:, 0])
         self._visit = np.zeros(self.subjects, dtype=np.int64)
         self._playing = np.ones(self.subjects, dtype=bool)
         self._everyone = np.arange(self.subjects)
+        self._begin_trials(self._everyone)
         # What has happened in the attempt in progress.
         self._actions = np.zeros((self.subjects, self.brief.action_limit), dtype=np.uint8)
         self._moved = self._actions.astype(bool)
@@ -149,26 +161,41 @@ class Session:
         self._earned = np.zeros(self.subjects)
         self._view = self._perceive()
 
-    def _stack(self, visits: list[list[Visit]]) -> tuple[IntArray, NDArray[np.object_]]:
+    def _lay_out(self, visits: list[list[Visit]]) -> tuple[IntArray, NDArray[np.object_]]:
         """``[B, T]`` index of the room of each trial, and ``[B, T]`` the name of its layout.
 
         Layouts with different names can be the same positions, and are then one room; so the name
         of the layout is kept with the trial.
         """
-        positions, protocol = self._tables.positions, self.protocol
-        limits = {schema: protocol.actions_for(schema) for schema in self.condition.schemas}
-        distinct: dict[tuple[int, Layout], int] = {}
-        rooms: list[tuple[Schema, Layout, int]] = []
+        machines = {schema: compile_schema(schema) for schema in self.condition.schemas}
+        rooms: dict[tuple[Schema, tuple[int, ...]], Room] = {}
+        numbers: dict[tuple[int, Layout], int] = {}
         which = np.zeros((len(visits), len(visits[0])), dtype=np.int64)
+        names = np.empty(which.shape, dtype=object)
         for subject, row in enumerate(visits):
             for trial, visit in enumerate(row):
-                room = distinct.setdefault((id(visit.schema), visit.layout), len(rooms))
-                which[subject, trial] = room
-                if room == len(rooms):
-                    layout = visit.layout.in_room(positions)
-                    rooms.append((visit.schema, layout, limits[visit.schema]))
-        names = np.array([layout.name for _, layout, _ in rooms], dtype=object)
-        return self._tables.add(rooms)[which], names[which]
+                met = id(visit.schema), visit.layout
+                if met not in numbers:
+                    layout = visit.layout.in_room(self._tables.positions)
+                    placed = visit.schema, layout.places
+                    rooms.setdefault(placed, Room(machines[visit.schema], layout))
+                    numbers[met] = list(rooms).index(placed)
+                which[subject, trial] = numbers[met]
+                names[subject, trial] = visit.layout.in_room(self._tables.positions).name
+        self._layouts = tuple(rooms.values())
+        return which, names
+
+    def _begin_trials(self, which: IntArray) -> None:
+        """Begin the trial of these subjects that is next."""
+        # After its last trial, a subject's room stays at the start of it.
+        visit = np.minimum(self._visit[which], self.brief.trials - 1)
+        room = self._room[which, visit]
+        self._rooms.begin_trials(which, self._schema[room], self._lever[room])
+
+    def _room_now(self) -> IntArray:
+        """``[B]`` index of the room that each subject is in."""
+        visit = np.minimum(self._visit, self.brief.trials - 1)
+        return self._room[self._everyone, visit]
 
     # -- what is seen, and what is latent -------------------------------------------------------
 
@@ -190,33 +217,25 @@ class Session:
         """
         if not self.shown_trials or self._visit.min() >= self.shown_trials:
             return None
-        tables, batch = self._tables, self._batch
-        actions = []
-        for subject, orders in enumerate(self._orders):
-            room = tables.rooms[batch.room[subject]]
-            which = orders[self._visit[subject]][batch.attempt[subject] - 1]
-            solution = room.action_of(room.schema.solutions[which])
-            actions.append(solution[tables.used[batch.row[subject]]])
+        actions, used = [], self._tables.used[self._rooms.row]
+        for subject, number in enumerate(self._room_now()):
+            room, orders = self._layouts[number], self._orders[subject]
+            which = orders[self._visit[subject]][self._view.attempt[subject] - 1]
+            actions.append(room.action_of(room.schema.solutions[which])[used[subject]])
         return np.array(actions)
 
     @property
     def truth(self) -> Truth:
         """Latent facts, for informed learners and for analysis."""
-        return Truth(rooms=tuple(self._tables.rooms), room=self._batch.room.copy())
+        return Truth(rooms=self._layouts, room=self._room_now())
 
     def _perceive(self) -> View:
-        tables, batch = self._tables, self._batch
-        row = batch.row
+        console = self._rooms.console.astype(np.int64)
         return View(
-            observation=_read_only(tables.observation.take(row, axis=0)),
-            console=Console(
-                solutions_left=_read_only(batch.solutions - batch.found_count),
-                solutions_found=_read_only(batch.found_count.copy()),
-                attempts_left=_read_only(self.protocol.attempt_limit + 1 - batch.attempt),
-                actions_left=_read_only(tables.status.take(row) & ACTIONS_LEFT),
-            ),
+            observation=_read_only(self._rooms.observation),
+            console=Console(*(_read_only(column.copy()) for column in console.T)),
             trial=_read_only(self._visit + 1),
-            attempt=_read_only(batch.attempt.copy()),
+            attempt=_read_only(self.protocol.attempt_limit + 1 - console[:, ATTEMPTS_LEFT]),
             playing=_read_only(self._playing.copy()),
         )
 
@@ -307,30 +326,30 @@ class Session:
         """
         tables, view = self._tables, self._view
         action = self._checked(action)
-        done = action if self._playing.all() else np.where(self._playing, action, tables.wait)
-        row = self._batch.row
-        taken = self._batch.step(done, self._luck.uniform() if self._luck else None)
-        moment = tables.used.take(row)
+        done = action if self._playing.all() else np.where(self._playing, action, tables.waits)
+        moment = tables.used[self._rooms.row]
+        outcome = self._rooms.step(done, self._luck.uniform() if self._luck else None, seen=True)
+        event = self._rooms.event
         self._actions[self._everyone, moment] = action
-        self._moved[self._everyone, moment] = tables.state.take(taken.after) != tables.state[row]
-        self._was_unlocked |= tables.unlocked.take(taken.after)
-        if self.shown_trials and taken.any_new_solution:
+        self._moved[self._everyone, moment] = event & CHANGED != 0
+        self._was_unlocked |= event & UNLOCKED != 0
+        if self.shown_trials and outcome.new_solution.any():
             # Whatever the protocol says, a shown trial ends with its last solution.
-            seen = self._batch.found_count == self._batch.solutions
-            over = taken.trial_over | (seen & (self._visit < self.shown_trials))
-            taken = taken._replace(trial_over=over, any_trial_over=bool(over.any()))
-        self._earned += taken.reward
-        if taken.any_attempt_over:
-            self._end_attempts(taken)
+            seen_all = self._rooms.console[:, SOLUTIONS_LEFT] == 0
+            over = outcome.trial_over | (seen_all & (self._visit < self.shown_trials))
+            outcome = outcome._replace(trial_over=over)
+        self._earned += outcome.reward
+        if outcome.attempt_over.any():
+            self._end_attempts(outcome)
         self._view = self._perceive()
         return Step(
             view=view,
             action=_read_only(action),
-            outcome=_read_only(tables.observation.take(taken.after, axis=0)),
-            reward=_read_only(taken.reward.view()),  # the rooms use their own arrays again
-            attempt_over=_read_only(taken.attempt_over.view()),
-            trial_over=_read_only(taken.trial_over.view()),
-            new_solution=_read_only(taken.new_solution.view()),
+            outcome=_read_only(outcome.seen),
+            reward=_read_only(outcome.reward),
+            attempt_over=_read_only(outcome.attempt_over),
+            trial_over=_read_only(outcome.trial_over),
+            new_solution=_read_only(outcome.new_solution),
             next=self._view,
         )
 
@@ -353,37 +372,35 @@ class Session:
             )
         return chosen
 
-    def _end_attempts(self, taken: BatchStep) -> None:
+    def _end_attempts(self, outcome: Outcome) -> None:
         """Log the attempts that ended, and begin the trials that follow."""
-        tables, batch = self._tables, self._batch
-        ended = np.flatnonzero(taken.attempt_over)
-        row = taken.after[ended]
+        tables, rooms = self._tables, self._rooms
+        ended = np.flatnonzero(outcome.attempt_over)
+        row = rooms.after[ended]
         opened = tables.opened[row]
         self._log.append(
             subject=ended,
             visit=self._visit[ended],
-            attempt=batch.attempt[ended] - 1,  # the next one has begun
+            attempt=self._view.attempt[ended],
             used=tables.used[row],
             actions=self._actions[ended],
             moved=self._moved[ended],
             unlocked=self._was_unlocked[ended],
             opened=opened,
-            solution=np.where(opened, tables.solution[row], -1),
-            new_solution=taken.new_solution[ended],
-            solutions_found=batch.found_count[ended],
+            solution=np.where(opened, tables.lookup.solution[row], -1),
+            new_solution=outcome.new_solution[ended],
+            solutions_found=rooms.console[ended, SOLUTIONS_FOUND],
             reward=self._earned[ended],
             wall_time=self.seconds,
         )
         self._was_unlocked[ended] = False
         self._earned[ended] = 0.0
-        if not taken.any_trial_over:
+        finished = np.flatnonzero(outcome.trial_over)
+        if not len(finished):
             return
-        finished = np.flatnonzero(taken.trial_over)
         self._visit[finished] += 1
         self._playing[finished] = self._visit[finished] < self.brief.trials
-        # After its last trial, a subject's room stays at the start of another one.
-        last = np.minimum(self._visit[finished], self.brief.trials - 1)
-        batch.begin_trials(finished, self._rooms[finished, last])
+        self._begin_trials(finished)
 
     @property
     def log(self) -> AttemptLog:
@@ -409,15 +426,13 @@ class Session:
     def state(self) -> dict[str, Any]:
         """All that changes while a session is played, for a checkpoint."""
         changing = {name: getattr(self, name) for name in CHANGING}
-        rooms, log = self._batch.arrays(), self._log.since(0)
+        rooms, log = self._rooms.state, self._log.since(0)
         return {**changing, "rooms": rooms, "log": log, "seconds": self.seconds}
 
     def resume(self, state: dict[str, Any]) -> None:
         """Continue from the state of another session with the same arguments."""
         vars(self).update({name: state[name] for name in CHANGING})
-        for name, array in self._batch.arrays().items():
-            array[:] = state["rooms"][name]
-        self._batch.row = state["rooms"]["row"]
+        self._rooms.state = state["rooms"]
         self._log.extend(state["log"])
         self._clock = time.perf_counter() - state["seconds"]
         self._view = self._perceive()

@@ -19,10 +19,10 @@ from causal_openlock.errors import StoreError
 from causal_openlock.experiment.protocol import Condition, Protocol
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.storage.stored import recorded_layout
-from causal_openlock.world.batch import RoomBatch
+from causal_openlock.world.kernel import CHANGED, SOLUTIONS_FOUND
 from causal_openlock.world.rewards import RewardFunction
 from causal_openlock.world.room import positions_for
-from causal_openlock.world.tables import ACTIONS_LEFT, RoomTables
+from causal_openlock.world.rooms import Rooms, RoomTables
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -61,32 +61,30 @@ def replay(
         StoreError: If something else comes of it than is on record.
     """
     columns = {name: record[name].combine_chunks() for name in record.column_names}
-    tables, room = _rooms(columns, condition, protocol)
+    tables, schema, lever = _rooms(columns, condition, protocol)
     used = columns["actions"].value_lengths().to_numpy().astype(np.int64)
     actions, moved = (_padded(columns[name], used) for name in ("actions", "moved"))
-    found = _found_before(columns, int(tables.solutions.max(initial=1)))
-    batch = RoomBatch(tables, [reward], len(room), attempt_limit=1, put_back=False)
-    batch.begin_trials(slice(None), room)
-    batch.found[:] = found
-    batch.found_count[:] = found.sum(axis=1)
-    begins = tables.observation[batch.row]
+    rooms = Rooms(tables, [reward], len(schema), protocol.attempt_limit, put_back=False)
+    rooms.begin_trials(slice(None), schema, lever)
+    rooms.state.found[:] = _found_before(columns, rooms.state.found.shape[1])
+    rooms.state.console[:, SOLUTIONS_FOUND] = rooms.state.found.sum(axis=1)
+    begins = rooms.observation
     seen = np.zeros((*actions.shape, begins.shape[1]), np.int8)
     rewards = np.zeros(actions.shape)
-    agrees = actions.max(axis=1, initial=0) < tables.actions
+    agrees = actions.max(axis=1, initial=0) < tables.fails
     actions = np.where(agrees[:, None], actions, 0).astype(np.int64)
     for number in range(actions.shape[1]):
-        going, before = number < used, batch.row
-        action = np.where(going, actions[:, number], tables.wait)
+        going = number < used
+        action = np.where(going, actions[:, number], tables.waits)
         # No luck is as bad as none at all: an action takes effect where it did, and only there.
-        luck = np.where(moved[:, number], 0.0, 1.0) if tables.stochastic else None
-        rewards[:, number] = batch.step(action, luck).reward
-        has_moved = tables.state[batch.row] != tables.state[before]
-        agrees &= (has_moved == moved[:, number]) | ~going
-        seen[going, number] = tables.observation[batch.row[going]]
-    row = batch.row
-    opened = tables.opened[row]
-    agrees &= tables.status[row] & ACTIONS_LEFT == 0
-    agrees &= np.where(opened, tables.solution[row], -1) == columns["solution"].to_numpy()
+        outcome = rooms.step(action, np.where(moved[:, number], 0.0, 1.0))
+        rewards[:, number] = outcome.reward
+        agrees &= ((rooms.event & CHANGED != 0) == moved[:, number]) | ~going
+        seen[going, number] = rooms.observation[going]
+    row = rooms.row
+    agrees &= tables.lookup.actions_left[row] == 0
+    solution = np.where(tables.opened[row], tables.lookup.solution[row], -1)
+    agrees &= solution == columns["solution"].to_numpy()
     agrees &= np.isclose(rewards.sum(axis=1), columns["reward"].to_numpy())
     if not agrees.all():
         raise _disagreement(columns, int(np.argmin(agrees)), condition)
@@ -106,22 +104,25 @@ def trial_numbers(record: pa.Table) -> IntArray:
 
 def _rooms(
     columns: Mapping[str, Any], condition: Condition, protocol: Protocol
-) -> tuple[RoomTables, IntArray]:
-    """The rooms of a condition, and ``[N]`` in which of them each attempt is."""
+) -> tuple[RoomTables, IntArray, IntArray]:
+    """The tables of a condition; of each attempt the schema, ``[N]``, and levers, ``[N, P]``."""
     schemas = {schema.name: schema for schema in condition.schemas}
-    tables = RoomTables(max(map(positions_for, condition.schemas)))
+    tables = RoomTables.of(
+        [(schema, protocol.actions_for(schema)) for schema in schemas.values()],
+        max(map(positions_for, condition.schemas)),
+    )
     names = [columns[name].dictionary.to_pylist() for name in ("schema", "layout")]
     codes = [columns[name].indices.to_numpy().astype(np.int64) for name in ("schema", "layout")]
     met, which = np.unique(codes[0] * len(names[1]) + codes[1], return_inverse=True)
-    rooms = []
+    numbers, levers = [], []
     for code in met.tolist():
         schema, layout = names[0][code // len(names[1])], names[1][code % len(names[1])]
         if schema not in schemas:
             raise StoreError(f"the record has a room of {schema}, which {condition.name} has not")
-        known = schemas[schema]
-        placed = recorded_layout(known, layout, tables.positions)
-        rooms.append((known, placed, protocol.actions_for(known)))
-    return tables, tables.add(rooms)[which]
+        placed = recorded_layout(schemas[schema], layout, tables.positions)
+        numbers.append(list(schemas).index(schema))
+        levers.append(placed.lever_at())
+    return tables, np.array(numbers)[which], np.array(levers)[which]
 
 
 def _padded(lists: Any, used: IntArray) -> NDArray[Any]:

@@ -7,12 +7,10 @@ next to the experiment file, or in an installed package::
         # Opening the door pays more while fewer solutions are found.
         return 50.0 * events.opens / (1 + events.found) - 0.1
 
-It gets the :class:`~causal_openlock.world.reward_table.Events` of N actions and returns N numbers.
-Each number must depend on the events of its own action alone: the function is called for many
-actions at once, in any order, in several processes, and also for actions that are never taken. It
-is tried out before anything is played.
-
-In Python the function itself can be given, also one that a notebook's cell defines.
+It gets the :class:`~causal_openlock.world.events.Events` of N actions and returns N numbers, each
+of which must depend on the events of its own action alone: the function is called once for all
+events that there can be. In Python the function itself can be given, also one that a notebook's
+cell defines.
 
 A hash of the function's file and of the user's modules that it imports is recorded, so that results
 of different code can be distinguished; results can be read without the code.
@@ -23,7 +21,7 @@ from __future__ import annotations
 import inspect
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import EntryPoint
 from pathlib import Path
@@ -37,7 +35,7 @@ from causal_openlock.usercode.code_digest import code_digest, imported_digest
 from causal_openlock.usercode.misspelt import misspelt
 from causal_openlock.usercode.module_source import MODULE_AND_NAME, look_beside
 from causal_openlock.usercode.session_code import is_of_session, session_origin
-from causal_openlock.world.reward_table import Events, RewardFunction
+from causal_openlock.world.events import Events, RewardFunction, possible
 
 
 @dataclass(frozen=True)
@@ -51,15 +49,14 @@ class OwnReward(RewardFunction):
 
     name: str
     source: str
-
-    depends_on_everything = True
+    is_own = True
 
     def pay(self, events: Events) -> FloatArray:
         """``[N]`` the reward of each action.
 
         Raises:
-            RewardError: If the function fails, does not return N numbers, or is not the one that
-                was recorded.
+            RewardError: If the function fails, does not return N finite numbers, or is not the one
+                that was recorded.
         """
         function, source = _loaded(self.name)
         # A worker has the functions of a session as they were packed, without their source.
@@ -68,25 +65,19 @@ class OwnReward(RewardFunction):
                 f"the reward {self.name} was {self.source} and is {source}; bring back the file as "
                 "it was"
             )
-        number = len(events.first)
         try:
-            answer = np.asarray(function(_read_only(events)))
+            paid = np.asarray(function(events))
         except Exception as error:  # a user's code can fail in any way
             raise RewardError(
                 f"the reward {self.name} fails ({type(error).__name__}: {error})"
             ) from error
-        if answer.shape != (number,) or answer.dtype.kind not in "iufb":
+        number = len(events.first)
+        if paid.shape != (number,) or paid.dtype.kind not in "iufb" or not np.isfinite(paid).all():
             raise RewardError(
-                f"the reward {self.name} has to return one number for each of {number} actions, "
-                f"and returned {answer.dtype} of shape {answer.shape}"
+                f"the reward {self.name} has to return one finite number for each of {number} "
+                f"actions, and returned {paid.dtype} of shape {paid.shape}: {paid}"
             )
-        paid = answer.astype(np.float64)
-        if not np.isfinite(paid).all():
-            raise RewardError(
-                f"the reward {self.name} pays {paid[~np.isfinite(paid)][0]}; let it pay finite "
-                "numbers"
-            )
-        return paid
+        return paid.astype(np.float64)
 
     def as_dict(self) -> dict[str, Any]:
         """The reward as plain data."""
@@ -94,7 +85,7 @@ class OwnReward(RewardFunction):
 
 
 def own_reward(name: str) -> OwnReward:
-    """A reward by ``module:function``, tried out on some actions.
+    """A reward by ``module:function``, tried out on all events, and on some of them apart.
 
     Raises:
         RewardError: If there is no such function, or it does not work as a reward.
@@ -106,7 +97,13 @@ def own_reward(name: str) -> OwnReward:
             f"the code of the reward {name} has changed since it was imported (it was "
             f"{reward.source} and is {now}); reload it with importlib.reload, or begin anew"
         )
-    _try_out(reward)
+    words, found = possible(np.arange(256), 2)
+    paid, apart = (reward.pay(Events.of(words[::n], found[::n])) for n in (1, 7))
+    if not np.allclose(paid[::7], apart, rtol=1e-9, atol=1e-12):
+        raise RewardError(
+            f"the reward {name} pays an action differently when it is called again, or among other "
+            "actions; let it depend on the events of each action alone"
+        )
     return reward
 
 
@@ -159,38 +156,3 @@ def source_of(name: str, hash_of: Callable[[Path, list[str]], str] = code_digest
 def forget() -> None:
     """Load every function again when it is next evaluated: its file may have changed."""
     _loaded.cache_clear()
-
-
-def _read_only(events: Events) -> Events:
-    """The same events in read-only arrays."""
-    shown = {field.name: getattr(events, field.name).view() for field in fields(Events)}
-    for array in shown.values():
-        array.flags.writeable = False
-    return Events(**shown)
-
-
-def _try_out(reward: OwnReward) -> None:
-    """Evaluate every action in a room, with and without a past, together and one by one."""
-    from causal_openlock.schemas.schema import Schema
-    from causal_openlock.world.room import Layout
-    from causal_openlock.world.tables import RoomTables
-
-    tables = RoomTables(7)
-    fork = Schema("fork", ["A", "B", "C"], {"A": ["B", "C"], "B": ["door"], "C": ["door"]})
-    tables.add([(fork, Layout((0, 1, 2)), 3)])
-    row, action = np.divmod(np.arange(tables.rows * tables.actions), tables.actions)
-    fresh = Events.of(tables, row, action, tables.effect[row * tables.columns + action])
-    later = replace(fresh, repeated=row % 2 == 0, new=~fresh.new, found=1 + row % 2)
-    for events in (fresh, later):
-        paid = reward.pay(events)
-        if not np.array_equal(paid, reward.pay(events)):
-            raise RewardError(
-                f"the reward {reward.name} pays the same actions differently when it is called "
-                "again; let it depend on the events alone"
-            )
-        apart = [reward.pay(events.at(np.array([index]))) for index in range(0, len(row), 7)]
-        if not np.allclose(np.concatenate(apart), paid[::7], rtol=1e-9, atol=1e-12):
-            raise RewardError(
-                f"the reward {reward.name} pays an action differently among other actions; let it "
-                "evaluate each action by itself"
-            )

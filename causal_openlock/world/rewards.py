@@ -38,8 +38,8 @@ from numpy.typing import ArrayLike
 from causal_openlock.errors import RewardError
 from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.wording import nearest
-from causal_openlock.world.reward_table import Events as Events
-from causal_openlock.world.reward_table import RewardFunction as RewardFunction
+from causal_openlock.world.events import Events as Events
+from causal_openlock.world.events import RewardFunction as RewardFunction
 
 UNLOCK, OPEN = 10.0, 50.0
 MULTIPLIER = 1.5

@@ -257,18 +257,10 @@ class Layout:
         roles[-1] = 2 * levers
         return roles
 
-    def actions_in(self, other: Layout) -> IntArray:
-        """``[2P + 1]`` for each action here, the one on the same lever in another layout.
-
-        Different inactive levers here are different inactive levers there.
-        """
-        here, there = (
-            [*layout.places, *(p for p in range(self.positions) if p not in layout.places)]
-            for layout in (self, other)
-        )
-        lever = np.empty(self.positions, dtype=np.int64)
-        lever[here] = there
-        return np.concatenate([lever, self.positions + lever, [2 * self.positions]])
+    def lever_at(self) -> IntArray:
+        """``[P]`` the index of the lever at each position; inactive ones come after the active."""
+        inactive = [place for place in range(self.positions) if place not in self.places]
+        return np.argsort([*self.places, *inactive])
 
     def observations(self, fsm: FSM, states: IntArray) -> NDArray[np.int8]:
         """``[len(states), 2P + 2]`` the observation in each of these states of the machine."""

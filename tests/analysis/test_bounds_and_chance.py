@@ -27,7 +27,7 @@ from causal_openlock.analysis.results.summary import headline_table, summary_tab
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.room import Layout, Room
-from causal_openlock.world.tables import RoomTables
+from causal_openlock.world.rooms import RoomTables
 from support.fabricated_records import table, trial_rows
 from support.made_up_experiments import declared
 
@@ -194,20 +194,17 @@ def test_chance_is_the_share_of_all_sequences_that_open_the_door(name, ways):
 )
 def test_chance_agrees_with_a_million_random_attempts(name, limit, positions):
     schema = find_schema(name)
-    tables = RoomTables(positions)
-    tables.add([(schema, Layout(tuple(range(len(schema.levers))), positions), limit)])
+    tables = RoomTables.of([(schema, limit)], positions)
     rng = np.random.default_rng(1)
     many = 1_000_000
-    row = np.full(many, tables.start[0])
+    row = np.zeros(many, int)
     opened = np.zeros(many, bool)
     for _ in range(limit):
-        action = rng.integers(tables.actions, size=many)
-        choice = row * tables.columns + action
-        if tables.stochastic:
-            luck = rng.random(many)
-            fails = (luck >= tables.chance[choice]) & (tables.chance[choice] > 0)
-            choice = np.where(fails, row * tables.columns + tables.failed, choice)
-        row = np.where(opened, row, tables.effect[choice])
+        action = rng.integers(tables.fails, size=many)
+        chance = tables.lookup.chance[row, action]
+        fails = (rng.random(many) >= chance) & (chance > 0)
+        after = tables.lookup.after[row, np.where(fails, tables.fails, action)]
+        row = np.where(opened, row, after)
         opened = tables.opened[row]
     exact = chance_of_opening(schema, limit, positions)
     error = math.sqrt(exact * (1 - exact) / many)

@@ -166,12 +166,11 @@ def consoles_of(info):
 
 def layouts_of(info):
     """The layout of each of many rooms, as ``reveal`` tells."""
-    tables = info["latent"]["tables"]
-    return [tables.rooms[room].layout.places for room in tables.room[info["latent"]["row"]]]
+    layouts = info["latent"]["layout"]
+    return [tuple(row.index(k) for k in range(max(row) + 1)) for row in layouts.tolist()]
 
 
 @each_episode
-@pytest.mark.parametrize("forgets", [False, True])
 @pytest.mark.parametrize(
     ("name", "terms", "limits"),
     [
@@ -180,9 +179,7 @@ def layouts_of(info):
         ("two_keys", OTHER, {"attempt_limit": 1, "action_limit": 6}),
     ],
 )
-def test_many_rooms_are_the_oracles_rooms(name, terms, limits, episode, forgets, monkeypatch):
-    if forgets:  # the tables of layouts that nobody is in any more
-        monkeypatch.setattr("causal_openlock.envs.vector.KEPT_CHOICES", 1)
+def test_many_rooms_are_the_oracles_rooms(name, terms, limits, episode):
     if episode == "trial":  # which shows no outcome of the last action, so nor its luck
         name = name.removeprefix("noisy_")
     schema, generator, many = SCHEMAS[name], np.random.default_rng(1), 6
@@ -195,7 +192,7 @@ def test_many_rooms_are_the_oracles_rooms(name, terms, limits, episode, forgets,
     seen, info = env.reset(seed=0, options={"reset_mask": [True] + [False] * 5})  # all, at first
     answers = [room.begin_trial(at) for room, at in zip(rooms, layouts_of(info), strict=True)]
     assert [*zip(seen.tolist(), consoles_of(info), strict=True)] == answers
-    kept, ends, stacked = [], set(), 0
+    kept, ends = [], set()
     for moment in range(250):
         if moment == 100:
             env = pickle.loads(pickle.dumps(env))
@@ -217,10 +214,14 @@ def test_many_rooms_are_the_oracles_rooms(name, terms, limits, episode, forgets,
         columns = [array.tolist() for array in (seen, *rest)]
         assert [*zip(*columns, consoles_of(info), strict=True)] == answers
         ends.update(answer[2:4] for answer in answers)
-        tables, row = info["latent"]["tables"], info["latent"]["row"]
-        assert (tables.observation[row] == seen).all()
-        stacked = max(stacked, len(tables.rooms))
-        arrays = [*result[:4], row, *info["console"].values()]
+        for room, known in zip(rooms, info["latent"]["found"], strict=True):
+            solutions = {*map(room.room.rules.solution, room.room.found)}
+            levers = [
+                frozenset(room.layout[schema.levers.index(lever)] for lever in solution)
+                for solution in schema.solutions
+            ]
+            assert {levers[k] for k in np.flatnonzero(known)} == solutions
+        arrays = [*result[:4], *info["latent"].values(), *info["console"].values()]
         kept += [(array, array.copy()) for array in arrays]
         if moment % 30 == 29:
             mask = generator.random(many) < 0.5
@@ -231,7 +232,6 @@ def test_many_rooms_are_the_oracles_rooms(name, terms, limits, episode, forgets,
                 assert (anew[index].tolist(), consoles_of(info)[index]) == answer
     assert all((array == copied).all() for array, copied in kept)
     assert len(ends) == (2 if episode == "attempt" else 3)
-    assert (stacked <= 4 * many) == forgets
 
 
 # -- chance ---------------------------------------------------------------------------------------
@@ -306,7 +306,7 @@ def test_a_noisy_room_obeys_as_often_as_its_strengths_say():
     before, failed = seen.copy(), seen[:, 4] == 0  # their next try has luck of its own
     again = many.step(np.full(pushes, 4))[0]
     assert again[failed, 4].mean() == pytest.approx(0.8, abs=0.06)
-    for _ in range(6):  # so many rooms use arrays again, but none that somebody keeps
+    for _ in range(6):  # what was handed out stays as it was
         many.step(np.full(pushes, 14))
     assert (seen == before).all()
 

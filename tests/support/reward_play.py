@@ -1,11 +1,8 @@
-"""Rewards of actions told by role, and of many actions at once."""
-
-import numpy as np
+"""Rewards of actions told by role."""
 
 from causal_openlock.envs import OpenLockEnv
 from causal_openlock.schemas.finding import bundled_schemas
 from causal_openlock.schemas.schema import DOOR
-from causal_openlock.world.batch import RoomBatch
 from causal_openlock.world.room import Layout
 
 SCHEMAS = bundled_schemas()
@@ -32,23 +29,3 @@ class Play:
         if word == DOOR:
             return 14
         return self.places[word.removeprefix("-")] + 7 * word.startswith("-")
-
-
-def pay(table, row, action, previous, found):
-    """The rows after some actions, all of which take effect, and the rewards for them.
-
-    Args:
-        table: The table of the reward.
-        row: ``[N]`` where each room is.
-        action: ``[N]`` the actions.
-        previous: ``[N]`` the actions before them, -1 for none.
-        found: ``[N, K]`` which solutions are found before.
-    """
-    batch = RoomBatch(table.tables, [table.reward], len(row), attempt_limit=2, put_back=False)
-    batch.begin_trials(slice(None), table.tables.room[row])
-    batch.row = row.copy()
-    batch.previous[:] = previous
-    batch.found[:] = found
-    batch.found_count[:] = found.sum(axis=1)
-    taken = batch.step(np.array(action), np.zeros(len(row)))
-    return taken.after, taken.reward

@@ -6,31 +6,27 @@ from itertools import chain, combinations, product
 import numpy as np
 import pytest
 
-from causal_openlock.world.reward_table import RewardTable
+from causal_openlock.world.kernel import SOLUTIONS_FOUND
 from causal_openlock.world.rewards import find_reward
 from causal_openlock.world.room import Layout
-from causal_openlock.world.tables import RoomTables
+from causal_openlock.world.rooms import Rooms, RoomTables
 from support.authors_program import AUTHORS_MODES, authors_reward, authors_room
-from support.reward_play import LAYOUTS, SCHEMAS, Play, pay
+from support.reward_play import LAYOUTS, SCHEMAS, Play
 
 SEQUENCES = np.array([*product(range(15), repeat=3)])
 authors_room = cache(authors_room)
 
 
-def table_rewards(name, reward, found):
+def rewards_of_all(name, reward, found):
     """``[3375, 3]`` what every sequence of three actions is paid."""
-    tables, schema = RoomTables(7), SCHEMAS[name]
-    tables.add([(schema, Layout.of(schema, LAYOUTS[name]), 3)])
-    table = RewardTable(find_reward(reward), tables)
-    known = np.zeros((len(SEQUENCES), len(schema.solutions)), dtype=bool)
-    known[:, list(found)] = True
-    row = np.repeat(tables.start, len(SEQUENCES))
-    previous, paid = np.full(len(SEQUENCES), -1), []
-    for action in SEQUENCES.T:
-        row, reward_then = pay(table, row, action, previous, known)
-        previous = action
-        paid.append(reward_then)
-    return np.stack(paid, axis=1)
+    schema = SCHEMAS[name]
+    tables = RoomTables.of([(schema, 3)], 7)
+    rooms = Rooms(tables, [find_reward(reward)], len(SEQUENCES), attempt_limit=9)
+    lever = np.tile(Layout.of(schema, LAYOUTS[name]).lever_at(), (len(SEQUENCES), 1))
+    rooms.begin_trials(slice(None), np.zeros(len(SEQUENCES), int), lever)
+    rooms.state.found[:, list(found)] = True
+    rooms.state.console[:, SOLUTIONS_FOUND] = len(found)
+    return np.stack([rooms.step(action).reward for action in SEQUENCES.T], axis=1)
 
 
 @pytest.mark.parametrize("name", LAYOUTS)
@@ -44,7 +40,7 @@ def test_the_authors_presets_pay_what_their_program_paid_for_every_sequence(name
         expected = [
             [authors_reward(mode, step, solutions, found) for step in steps] for steps in happened
         ]
-        paid = table_rewards(name, f"authors_2018_{mode}", which)
+        paid = rewards_of_all(name, f"authors_2018_{mode}", which)
         np.testing.assert_array_equal(paid, expected, err_msg=f"found before: {which}")
 
 

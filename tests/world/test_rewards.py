@@ -1,4 +1,4 @@
-"""Rewards: names, weights, and worked examples (any history in any schema: test_tables.py)."""
+"""Rewards: names, weights, and worked examples (any history in any schema: test_rooms.py)."""
 
 from functools import cache
 

@@ -13,7 +13,6 @@ from scipy import stats
 from causal_openlock.schemas.finding import bundled_schemas
 from causal_openlock.schemas.schema import DOOR
 from causal_openlock.testing import layouts, schemas
-from causal_openlock.world.batch import RoomBatch
 from causal_openlock.world.rewards import find_reward
 from causal_openlock.world.room import (
     Layout,
@@ -25,7 +24,7 @@ from causal_openlock.world.room import (
     positions_for,
     published_layouts,
 )
-from causal_openlock.world.tables import RoomTables
+from causal_openlock.world.rooms import Rooms, RoomTables
 from oracle import Room as Trial
 from oracle import Rules
 from support.places import DATA
@@ -55,12 +54,12 @@ def rules_at(schema, places):
 
 def walk(room, sequences, limit=3):
     """``[N, T+1, 2P+2]`` what is seen before and after each action of N sequences of T."""
-    tables = RoomTables(room.positions)
-    index = tables.add([(room.schema, room.layout, limit)])
-    batch = RoomBatch(tables, [find_reward("basic")], len(sequences), 1, put_back=False)
-    batch.begin_trials(slice(None), index.repeat(len(sequences)))
-    seen = [tables.observation[batch.row]]
-    seen += [tables.observation[batch.step(action).after] for action in sequences.T]
+    many, tables = len(sequences), RoomTables.of([(room.schema, limit)], room.positions)
+    rooms = Rooms(tables, [find_reward("basic")], many, attempt_limit=1, put_back=False)
+    lever = np.tile(room.layout.lever_at(), (many, 1))
+    rooms.begin_trials(slice(None), np.zeros(many, int), lever)
+    seen = [rooms.observation]
+    seen += [rooms.step(action, seen=True).seen for action in sequences.T]
     return np.stack(seen, axis=1)
 
 

@@ -122,7 +122,7 @@ def replayed(
         subject=subject,
         seed=int(row["seed"]),
         # A user's own code is not run to read results; learners with beliefs ignore rewards.
-        reward=PAPER_REWARD if spec.reward.depends_on_everything else spec.reward,
+        reward=PAPER_REWARD if spec.reward.is_own else spec.reward,
         label=spec.name,
     )
     schema = next(one for one in rooms[condition].schemas if one.name == row["schema"])

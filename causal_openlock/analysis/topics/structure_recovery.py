@@ -153,7 +153,7 @@ def _own(
 def _again(own: pd.DataFrame, spec: LearnerSpec, condition: Condition) -> Iterator[dict[str, Any]]:
     """Let some subjects play again, and ask each when it leaves a room."""
     seed, numbers = own["seed"].iloc[0], own["subject"].unique().tolist()
-    reward = PAPER_REWARD if spec.reward.depends_on_everything else spec.reward
+    reward = PAPER_REWARD if spec.reward.is_own else spec.reward
     session = Session(
         condition, spec.protocol, numbers, seed=int(seed), reward=reward, learner=spec.name
     )

@@ -2,9 +2,7 @@
 
 A :class:`~causal_openlock.experiment.session.Session` plans every trial beforehand and keeps a
 record. Meta-training needs neither and goes through millions of rooms, so that they are drawn as it
-runs. The tables of :mod:`causal_openlock.world.tables` hold each schema once, its levers at
-the first positions; where they are in a trial is a permutation of the positions, applied to what
-is seen and done. What a learner perceives has the same form as in a session.
+runs. What a learner perceives has the same form as in a session.
 
 A *life* is what a memory lasts for: some trials, the first in a room of a schema that is drawn, and
 each of the others in another room of the same schema, or now and then of another one.
@@ -15,19 +13,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from causal_openlock.contract.learner import Brief, Console, Step, View
 from causal_openlock.experiment.protocol import default_action_limit
 from causal_openlock.schemas.fsm import BoolArray, IntArray
 from causal_openlock.schemas.schema import Schema
-from causal_openlock.world.batch import RoomBatch
+from causal_openlock.world.kernel import ATTEMPTS_LEFT, PAYER, SOLUTIONS_LEFT
 from causal_openlock.world.rewards import find_reward
-from causal_openlock.world.room import PAPER_POSITIONS, Layout, action_names
-from causal_openlock.world.tables import ACTIONS_LEFT, RoomTables
+from causal_openlock.world.room import PAPER_POSITIONS, action_names
+from causal_openlock.world.rooms import Rooms, RoomTables
 
 POSITIONS = len(PAPER_POSITIONS)
-_KEPT = ("_schema", "_listed_at", "_bits", "_trial", "_trials", "life_over")
 
 
 @dataclass(frozen=True)
@@ -60,19 +56,12 @@ class MetaRooms:
     ) -> None:
         self.distribution, self.generator = distribution, generator
         self._levers = np.array([len(schema.levers) for schema in distribution.schemas])
-        self._tables = RoomTables(POSITIONS)
-        listed = [
-            (
-                schema,
-                Layout(tuple(range(len(schema.levers))), POSITIONS),
-                default_action_limit(schema),
-            )
-            for schema in distribution.schemas
-        ]
-        self._listed = self._tables.add(listed)
+        self._tables = RoomTables.of(
+            [(schema, default_action_limit(schema)) for schema in distribution.schemas], POSITIONS
+        )
         weights = np.array(distribution.weights, dtype=float)
         self._reached = np.cumsum(weights / weights.sum())
-        self._batch = RoomBatch(
+        self._rooms = Rooms(
             self._tables,
             [find_reward(name) for name in distribution.rewards],
             rooms,
@@ -95,10 +84,6 @@ class MetaRooms:
         )
         self._everyone = np.arange(rooms)
         self._schema = np.zeros(rooms, dtype=np.int64)
-        # Which listed position is at each of the room's, and by action.
-        self._listed_at = np.zeros((rooms, POSITIONS), dtype=np.int64)
-        self._bits = np.zeros((rooms, 2 * POSITIONS + 2), dtype=np.int64)
-        self._bits[:, -2:] = 2 * POSITIONS, 2 * POSITIONS + 1
         self._trial = np.ones(rooms, dtype=np.int64)
         self._trials = np.ones(rooms, dtype=np.int64)
         self._playing = np.ones(rooms, dtype=bool)
@@ -116,8 +101,8 @@ class MetaRooms:
     @property
     def layout(self) -> IntArray:
         """``[B, 7]`` which lever of its schema is where; -1 where none is."""
-        levers = self._levers[self._schema][:, None]
-        return np.where(self._listed_at < levers, self._listed_at, -1)
+        lever = self._rooms.state.column[:, :POSITIONS].astype(np.int64)
+        return np.where(lever < self._levers[self._schema][:, None], lever, -1)
 
     def _new_trials(self, who: IntArray, lives: BoolArray) -> None:
         """Begin a trial in the rooms ``who``, and in those of ``lives`` also a new life."""
@@ -130,15 +115,11 @@ class MetaRooms:
         reward = generator.integers(len(known.rewards), size=len(who))
         self._schema[who] = schema
         self._trials[who] = np.where(lives, length, self._trials[who])
-        self._batch.reward[who] = np.where(lives, reward, self._batch.reward[who])
+        payer = self._rooms.state.situation[:, PAYER]
+        payer[who] = np.where(lives, reward, payer[who])
         self._trial[who] = np.where(lives, 1, self._trial[who] + 1)
         places = self._places(self._levers[schema])
-        listed_at = np.empty_like(places)
-        np.put_along_axis(listed_at, places, np.arange(POSITIONS)[None], axis=1)
-        self._listed_at[who] = listed_at
-        self._bits[who, :POSITIONS] = listed_at
-        self._bits[who, POSITIONS : 2 * POSITIONS] = listed_at + POSITIONS
-        self._batch.begin_trials(who, self._listed[schema])
+        self._rooms.begin_trials(who, schema, places.argsort(axis=1))
 
     def _places(self, levers: IntArray) -> IntArray:
         """``[n, 7]`` positions for rooms, by their numbers of levers ``[n]``."""
@@ -158,47 +139,34 @@ class MetaRooms:
         return places
 
     def _perceive(self) -> View:
-        tables, batch = self._tables, self._batch
-        row = batch.row
+        console = self._rooms.console.astype(np.int64)
         return View(
-            observation=self._seen(row),
-            console=Console(
-                solutions_left=batch.solutions - batch.found_count,
-                solutions_found=batch.found_count.copy(),
-                attempts_left=self.distribution.attempt_limit + 1 - batch.attempt,
-                actions_left=tables.status.take(row) & ACTIONS_LEFT,
-            ),
+            observation=self._rooms.observation,
+            console=Console(*console.T.copy()),
             trial=self._trial.copy(),
-            attempt=batch.attempt.copy(),
+            attempt=self.distribution.attempt_limit + 1 - console[:, ATTEMPTS_LEFT],
             playing=self._playing,
         )
-
-    def _seen(self, row: IntArray) -> NDArray[np.int8]:
-        """Observations at rows of the tables, with the levers where they are in each room."""
-        return np.take_along_axis(self._tables.observation.take(row, axis=0), self._bits, axis=1)
 
     def step(self, action: IntArray) -> Step:
         """Take one action, ``[B]``, in each room."""
         view = self.view
-        # The door's bit is behind those of all levers, where the actions have the door itself.
-        listed = self._bits[self._everyone, np.where(action == 2 * POSITIONS, -2, action)]
         luck = self.generator.random(len(action)) if self._tables.stochastic else None
-        taken = self._batch.step(listed, luck)
-        outcome = self._seen(taken.after)
+        outcome = self._rooms.step(action, luck, seen=True)
         self.last_schema = self._schema.copy()
-        self.last_solved = self._batch.found_count == self._batch.solutions
-        self.life_over = taken.trial_over & (self._trial >= self._trials)
-        over = np.flatnonzero(taken.trial_over)
+        self.last_solved = self._rooms.console[:, SOLUTIONS_LEFT] == 0
+        self.life_over = outcome.trial_over & (self._trial >= self._trials)
+        over = np.flatnonzero(outcome.trial_over)
         if len(over):
             self._new_trials(over, self.life_over[over])
         self.view = self._perceive()
         return Step(
             view=view,
             action=action,
-            outcome=outcome,
-            reward=taken.reward,
-            attempt_over=taken.attempt_over,
-            trial_over=taken.trial_over,
-            new_solution=taken.new_solution,
+            outcome=outcome.seen,
+            reward=outcome.reward,
+            attempt_over=outcome.attempt_over,
+            trial_over=outcome.trial_over,
+            new_solution=outcome.new_solution,
             next=self.view,
         )

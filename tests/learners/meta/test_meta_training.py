@@ -21,6 +21,7 @@ from causal_openlock.files.seal import sealed
 from causal_openlock.schemas.finding import bundled, find_schema
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.facts import room_facts
+from causal_openlock.world.kernel import PAYER
 from causal_openlock.world.room import PAPER_POSITIONS, Layout
 from openlock_learners.meta.command import train
 from openlock_learners.meta.random_schemas import behaviour, random_schemas
@@ -55,7 +56,7 @@ def test_its_rooms_are_as_the_environment_in_the_same_layouts():
     def beside(room):
         schema = schemas[rooms.schema[room]]
         places = [rooms.layout[room].tolist().index(lever) for lever in range(len(schema.levers))]
-        reward = REWARDS[rooms._batch.reward[room]]
+        reward = REWARDS[rooms._rooms.state.situation[room, PAYER]]
         env = OpenLockEnv(schema, Layout(tuple(places)), reward, "trial", attempt_limit=4)
         observation, _ = env.reset(seed=0)
         assert observation.tolist() == rooms.view.observation[room].tolist()

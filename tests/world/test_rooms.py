@@ -8,10 +8,16 @@ from hypothesis import strategies as st
 from causal_openlock.schemas.finding import bundled_schemas
 from causal_openlock.schemas.schema import DOOR, Gate, Schema
 from causal_openlock.testing import schemas
-from causal_openlock.world.batch import RoomBatch
+from causal_openlock.world.kernel import (
+    ACTIONS_LEFT,
+    ATTEMPTS_LEFT,
+    PAYER,
+    SOLUTIONS_FOUND,
+    SOLUTIONS_LEFT,
+)
 from causal_openlock.world.rewards import TERMS, find_reward
 from causal_openlock.world.room import Layout
-from causal_openlock.world.tables import RoomTables
+from causal_openlock.world.rooms import Rooms, RoomTables
 from oracle import WEIGHTS, Rules, reward
 from oracle import Room as Trial
 
@@ -102,8 +108,7 @@ class Subject:
 
 def play(rooms, positions, generator, put_back, stop_when_solved, steps=40):
     """Rooms in one batch, trial after trial, each compared with the oracle's after every action."""
-    tables = RoomTables(positions)
-    index = tables.add(rooms[:-1])
+    tables = RoomTables.of([(schema, limit) for schema, _, limit in rooms], positions)
     terms = [
         sorted(TERMS)[i] for i in generator.permutation(len(TERMS))[: generator.integers(1, 7)]
     ]
@@ -114,33 +119,29 @@ def play(rooms, positions, generator, put_back, stop_when_solved, steps=40):
     forms = [terms, {"terms": terms, **own}, every_field, late]
     functions = [*map(find_reward, forms)]
     size, limit = 2 * len(rooms), 4
-    batch = RoomBatch(tables, functions, size, limit, stop_when_solved=stop_when_solved,
-                      put_back=put_back)  # fmt: skip
-    batch.reward[:] = np.arange(size) % 4
+    batch = Rooms(tables, functions, size, limit, stop_when_solved=stop_when_solved,
+                  put_back=put_back)  # fmt: skip
+    batch.state.situation[:, PAYER] = np.arange(size) % 4
     subjects = [None] * size
 
     def begin(which):
-        nonlocal index
-        if len(tables.rooms) < len(rooms):  # the last room comes while others are played
-            index = tables.add(rooms)
-        chosen = generator.integers(len(index), size=len(which))
-        batch.begin_trials(which, index[chosen])
+        chosen = generator.integers(len(rooms), size=len(which))
+        batch.begin_trials(which, chosen, np.array([rooms[n][1].lever_at() for n in chosen]))
         for row, number in zip(which, chosen.tolist(), strict=True):
             subjects[row] = Subject(*rooms[number], positions)
 
-    index = index.copy()
-    first = generator.integers(len(index), size=size)
-    batch.begin_trials(slice(None), index[first])
-    subjects[:] = [Subject(*rooms[number], positions) for number in first.tolist()]
+    begin([*range(size)])
+    kept = []
     opened = 0
     for _ in range(steps):
         action = np.array([subject.useful(generator) for subject in subjects])
         waits = generator.random(size) < 0.05 * put_back
-        luck, seen = generator.random(size), np.zeros((size, 2 * positions + 2), np.int8)
+        luck = generator.random(size)
         resets = [subject.room.over for subject in subjects]  # only where they are not put back
-        asked = np.where(waits, tables.wait, action)
-        taken = batch.step(asked, luck, seen if put_back else None)
-        finished = []
+        asked = np.where(waits, tables.waits, action)
+        taken, finished = batch.step(asked, luck, seen=True), []
+        seen, console = batch.observation, batch.console
+        kept += [(array, array.copy()) for array in (seen, console, *taken)]
         for row, subject in enumerate(subjects):
             room, expected = subject.room, (False, False, False, 0.0)
             if waits[row]:
@@ -161,27 +162,25 @@ def play(rooms, positions, generator, put_back, stop_when_solved, steps=40):
                     finished.append(row)
             got = (taken.attempt_over, taken.trial_over, taken.new_solution, taken.reward)
             assert tuple(each[row] for each in got) == pytest.approx(expected)
-            assert batch.found_count[row] == len(room.found)
+            assert console[row, SOLUTIONS_FOUND] == len(room.found)
+            assert console[row, SOLUTIONS_LEFT] == len(subject.solutions) - len(room.found)
             found = {k for k, levers in enumerate(subject.solutions)
                      if levers in map(subject.rules.solution, room.found)}  # fmt: skip
-            assert set(np.flatnonzero(batch.found[row])) == found
-            if not put_back:
-                assert tables.observation[taken.after[row]].tolist() == room.observation()
-                assert tables.used[taken.after[row]] == room.used
-            elif room.over:
+            assert set(np.flatnonzero(batch.state.found[row])) == found
+            if not waits[row] and not resets[row]:
+                assert taken.seen[row].tolist() == room.observation()
+                assert tables.used[batch.after[row]] == room.used
+            if put_back and room.over:
                 room.begin()
                 subject.done = []
-            if put_back:
-                assert seen[row].tolist() == room.observation()
+            assert seen[row].tolist() == room.observation()
             left = 0 if room.over else room.action_limit - room.used
-            assert taken.actions_left[row] == left
-            if row not in finished:
-                assert batch.attempt[row] == subject.attempt
-        assert taken.any_attempt_over == taken.attempt_over.any()
-        assert taken.any_trial_over == taken.trial_over.any()
-        assert taken.any_new_solution == taken.new_solution.any()
+            assert console[row, ACTIONS_LEFT] == left
+            if row not in finished and not room.over:
+                assert console[row, ATTEMPTS_LEFT] == limit + 1 - subject.attempt
         if finished:
             begin(finished)
+    assert all((array == copied).all() for array, copied in kept)
     return opened
 
 
