@@ -106,13 +106,14 @@ class PerSubjectAdapter(Learner):
         actions = np.zeros(len(self._players), dtype=np.int64)
         for subject in np.flatnonzero(view.playing):
             # Players may change the observation that they get, but learn from the original one.
-            answer = self._players[subject].act(view.observation[subject].copy())
+            player = self._players[subject]
+            answer = player.act(view.observation[subject].copy())
             try:
                 actions[subject] = operator.index(answer)
-            except TypeError:  # NumPy would silently round 2.7
+            except (TypeError, OverflowError):  # NumPy would silently round 2.7
                 raise LearnerError(
-                    f"{self.single.__name__} has to answer with the index of an action, an "
-                    f"integer, and answered {answer!r}"
+                    f"{self.single.__name__} has to answer with the index of an action, an integer "
+                    f"from 0 to {player.brief.actions - 1}, and answered {answer!r}"
                 ) from None
         return actions
 

@@ -159,6 +159,10 @@ class LanguageModel(Learner):
     Parameters = LanguageModelParameters
     parameters: LanguageModelParameters
 
+    @classmethod
+    def prior_attempts(cls, parameters: LanguageModelParameters) -> None:
+        """Nobody knows what a model has read."""
+
     def begin(self, brief: Brief) -> None:
         """Draw the words of each subject."""
         if not self.parameters.model:

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from causal_openlock import compare, open_results
+from causal_openlock.analysis.topics.learning_cost import learning_costs, shown
 from causal_openlock.contract.one_subject import OneSubjectLearner, PerSubjectAdapter
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.protocol import PROTOCOLS, Condition
@@ -141,11 +143,51 @@ def test_a_player_is_told_what_its_own_action_led_to():
     assert second[1].outcome.tolist() == closed  # UPPER was pulled back
 
 
-@pytest.mark.parametrize("answer", [2.7, None, "3", np.array([1, 2])])
+@pytest.mark.parametrize("answer", [2.7, None, "3", np.array([1, 2]), 2**70])
 def test_a_player_that_answers_no_integer_is_named(answer):
     kind = type("Vague", (OneSubjectLearner,), {"act": lambda self, observation: answer})
     with pytest.raises(LearnerError, match="Vague"):
         session("CC3").play(PerSubjectAdapter(kind))
+
+
+class Experienced(OneSubjectLearner):
+    """Has played before, nobody knows how often if ``known`` is false."""
+
+    known = True
+
+    @classmethod
+    def prior_attempts(cls, parameters):
+        return 5000 if cls.known else None
+
+    def act(self, observation):
+        return int(self.generator.integers(self.brief.actions))
+
+
+class OfUnknownOrigin(Experienced):
+    known = False
+
+
+class Wrong(Experienced):
+    @classmethod
+    def prior_attempts(cls, parameters):
+        return -1
+
+
+def test_attempts_before_the_experiment_count(tmp_path):
+    results = compare("CC3", [Experienced, OfUnknownOrigin], subjects=1, workers=0, out=tmp_path)
+    for read in (results, open_results(tmp_path)):
+        assert read.trained_before == pytest.approx(
+            {"Experienced": 5000, "OfUnknownOrigin": np.nan}, nan_ok=True
+        )
+    board = results.leaderboard.set_index("learner")["before"]
+    assert (board["Experienced"], np.isnan(board["OfUnknownOrigin"])) == (5000, True)
+    costs = learning_costs(results)
+    assert shown(costs)["before the experiment"].tolist() == ["5,000", "unknown"]
+    assert costs["attempts"].iloc[0] > 5000
+    assert np.isfinite(costs["asked"]).all()
+    assert "What OfUnknownOrigin had learned before the experiment is unknown." in results.methods()
+    with pytest.raises(LearnerError, match=r"prior_attempts of .*Wrong.*-1"):
+        compare("CC3", Wrong, subjects=1, workers=0)
 
 
 # -- randomness -----------------------------------------------------------------------------------

@@ -76,7 +76,8 @@ def methods(results: Material) -> Methods:
         cells=len(experiment.files),
         described=[_described(spec) for spec in learners],
         informed=[spec.name for spec in learners if spec.origin.informed],
-        trained=results.trained_before,
+        trained={name: int(n) for name, n in results.trained_before.items() if n == n},
+        unknown=[name for name, n in results.trained_before.items() if n != n],
         rewards={spec.reward.name: _terms(spec.reward) for spec in learners},
         not_applicable=experiment.reasons,
         references=[

@@ -107,13 +107,18 @@ class Material:
         ]
 
     @property
-    def trained_before(self) -> dict[str, int]:
+    def trained_before(self) -> dict[str, float]:
         """Attempts of training before the experiment, by learner, where there was any.
 
-        A record may have learners that its experiment lacks; nothing is known of their training.
+        NaN where nobody knows, as of a language model. A record may have learners that its
+        experiment lacks; nothing is known of their training.
         """
         attempts = {spec.name: spec.origin.prior_attempts for spec in self.experiment.learners}
-        return {name: number for name, number in attempts.items() if number}
+        return {
+            name: float("nan") if number is None else number
+            for name, number in attempts.items()
+            if number != 0
+        }
 
     def compared(self, trials: pd.DataFrame) -> pd.DataFrame:
         """The rows of a table with which any reference is comparable."""

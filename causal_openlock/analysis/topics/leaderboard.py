@@ -374,7 +374,7 @@ def leaderboard_tables(table: pd.DataFrame) -> Iterator[LeaderboardTable]:
             del columns["to_best"]
         if rows["score"].isna().all():
             del columns["score"]
-        if not (rows["before"] > 0).any():
+        if (rows.loc[~rows["reference"].astype(bool), "before"] == 0).all():
             del columns["before"]
         narrow = ("attempts", *gaps, "to_best", "score", "solved", "found", "n")
         narrow = tuple(name for name in narrow if name in columns)
@@ -526,6 +526,8 @@ def _cell(column: str, row: Mapping[str, Any], cut: Collection[str]) -> Cell:
         if row["solved"] == 0:
             return f"> {row['limit']}", ""
         return ("≥ " if row["solved"] < 1 else "") + number(value), ""
+    if column == "before" and value is None and not row["reference"]:
+        return "unknown", ""
     if value is None:
         return ("best", "") if column == "to_best" and row["learner"] == row["best"] else ("–", "")
     if column == "attempts":

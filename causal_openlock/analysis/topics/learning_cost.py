@@ -71,7 +71,7 @@ def costs_by_learner(each: pd.DataFrame) -> pd.DataFrame:
     for (learner, protocol), own in each.groupby(["learner", "protocol"], observed=True, sort=True):
         cost = own["cost"].to_numpy(float)
         reached = float(np.isfinite(cost).mean())
-        size, before = len(own), int(own["before"].iloc[0])
+        size, before = len(own), own["before"].iloc[0]
         about = (str(learner), str(protocol), size, before, reached)
         rows.append((*about, *median_cost(cost), int(own["asked"].max())))
     columns = ["learner", "protocol", "subjects", "before", "reached"]
@@ -83,8 +83,9 @@ def subject_costs(
 ) -> pd.DataFrame:
     """:func:`cost_of_learning` with what learners were trained with ``before``, which it counts."""
     table = cost_of_learning(trials, results.bounds, within, repeats)
-    before = table["learner"].astype(str).map(results.trained_before).fillna(0).astype(int)
-    added = table[["cost", "asked"]].add(before, axis=0)
+    trained = results.trained_before
+    before = table["learner"].astype(str).map(lambda name: trained.get(name, 0))
+    added = table[["cost", "asked"]].add(before.fillna(0), axis=0)
     return table.assign(before=before, **added)
 
 
@@ -291,13 +292,20 @@ def shown(table: pd.DataFrame) -> pd.DataFrame:
                 "protocol": row["protocol"],
                 "n": row["subjects"],
                 "reached": row["reached"],
-                "before the experiment": f"{row['before']:,}" if row["before"] else "none",
+                "before the experiment": _trained(row["before"]),
                 "attempts, median": _printed(row["attempts"]) if known else never,
                 "95% interval": " to ".join(ends) if known else "",
             }
         )
     frame = pd.DataFrame(rows)
     return frame.drop(columns="protocol") if frame["protocol"].nunique() == 1 else frame
+
+
+def _trained(attempts: float) -> str:
+    """Attempts of training before the experiment; NaN where nobody knows."""
+    if np.isnan(attempts):
+        return "unknown"
+    return f"{attempts:,.0f}" if attempts else "none"
 
 
 def _printed(attempts: float) -> str:
