@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 from pathlib import Path
 from typing import Annotated
@@ -11,7 +12,6 @@ import typer
 from causal_openlock.cli.terminal import say
 from causal_openlock.errors import OpenLockError
 from causal_openlock.files.atomic import write_text
-from causal_openlock.files.notebooks import without_outputs
 
 SUFFIX = ".ipynb"
 
@@ -37,5 +37,9 @@ def notebook(
         source = lessons[lesson - 1]
     else:
         raise OpenLockError(f"there is no lesson {lesson}; there are lessons 1 to {len(lessons)}")
-    write_text(path, without_outputs(source.read_text(encoding="utf-8")))
+    contents = json.loads(source.read_text(encoding="utf-8"))
+    for cell in contents["cells"]:
+        if cell["cell_type"] == "code":
+            cell.update(execution_count=None, outputs=[])
+    write_text(path, json.dumps(contents, indent=1, ensure_ascii=False) + "\n")
     say(f"{path} written; open it in an editor, or with: jupyter lab {shlex.quote(str(path))}")

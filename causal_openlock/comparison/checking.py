@@ -26,7 +26,6 @@ from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.files.atomic import write_text
-from causal_openlock.files.json_text import parse_json
 from causal_openlock.schemas.finding import bundled
 from causal_openlock.storage.versions import other_versions, versions
 
@@ -65,7 +64,7 @@ def check_installation(**options: Any) -> tuple[list[Check], str]:
     """
     experiment = check_experiment()
     try:
-        stored = parse_json(STORED.read_bytes())
+        stored = json.loads(STORED.read_bytes())
         known, learners, before = (stored[key] for key in ("experiment", "learners", "versions"))
         for one in (before, learners, *learners.values()):
             one.items()

@@ -105,7 +105,8 @@ def write_bundle(store: Store, path: Path | str, licence: str = "") -> list[str]
             f"{store.folder} has no report; write it first, with: causal-openlock report "
             f"{store.folder}"
         )
-    who, described = store.record(["learner", "condition", "subject", "phase"])
+    record, described = store.record()  # all columns, so that no damage is packed
+    who = record.select(["learner", "condition", "subject", "phase"])
     versions = described.versions
     packages = _packages(experiment, versions)
     again = any(spec.learner != PERSON for spec in experiment.learners)

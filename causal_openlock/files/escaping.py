@@ -1,14 +1,8 @@
-"""Escaping of untrusted text for terminals and spreadsheets.
-
-A label, a title or the text of an exception can come from anybody's file or learner. A terminal
-obeys escape sequences in it, and a spreadsheet takes a cell that begins with ``=`` for a formula.
-Here these characters are made readable and harmless.
-"""
+"""Untrusted text made harmless: escape sequences in a terminal, formulas in a spreadsheet."""
 
 from __future__ import annotations
 
 import re
-import sys
 from typing import TYPE_CHECKING
 
 from causal_openlock.errors import OpenLockError
@@ -21,8 +15,6 @@ _CONTROL = re.compile(
     "\\u061c\\u200e\\u200f\\u2028-\\u202e\\u2066-\\u2069"  # changes of the direction of writing
     "\\ud800-\\udfff]"  # unpaired surrogates, which no encoding has
 )
-_RETURN = re.compile("\r\n?")
-_FORMULA = re.compile(r"[=+\-@\t\n＝＋－＠]")
 
 
 def printable(text: object) -> str:
@@ -31,12 +23,8 @@ def printable(text: object) -> str:
     >>> printable("\x1b[31mred")
     '\\x1b[31mred'
     """
-
-    def spelled(found: re.Match[str]) -> str:
-        code = ord(found[0])
-        return f"\\x{code:02x}" if code < 256 else f"\\u{code:04x}"
-
-    return _CONTROL.sub(spelled, str(text).replace("\r\n", "\n"))
+    text = str(text).replace("\r\n", "\n")
+    return _CONTROL.sub(lambda control: ascii(control[0])[1:-1], text)
 
 
 def cell(text: str) -> str:
@@ -45,16 +33,9 @@ def cell(text: str) -> str:
     >>> cell("=1+1"), cell("-0.5"), cell("CC3-CC4")
     ("'=1+1", '-0.5', 'CC3-CC4')
     """
-    text = _RETURN.sub("\n", text)  # Python's csv leaves it unquoted, and it would end the row
-    return f"'{text}" if _FORMULA.match(text) and not _is_number(text) else text
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return text.strip() == text
+    text = re.sub("\r\n?", "\n", text)  # Python's csv leaves it unquoted, and it would end the row
+    is_number = re.fullmatch(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?|[+-](inf|nan)", text)
+    return f"'{text}" if text.startswith(tuple("=+-@\t\n＝＋－＠")) and not is_number else text
 
 
 def csv_of(table: pd.DataFrame) -> str:
@@ -72,9 +53,7 @@ def require_utf8(name: str) -> None:
     try:
         name.encode()
     except UnicodeEncodeError:
-        encoding = sys.getfilesystemencoding().upper()
-        remedy = "" if encoding == "UTF-8" else "set PYTHONUTF8=1, "
         raise OpenLockError(
-            f"the name {printable(name)} is not valid {encoding}, so results could not say it; "
-            f"{remedy}rename it, or give another"
+            f"the name {printable(name)} is not valid UTF-8, so results could not say it; rename "
+            "it, or set PYTHONUTF8=1 where the system has another encoding"
         ) from None

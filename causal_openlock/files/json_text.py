@@ -5,7 +5,6 @@ Python keeps the last of two, other readers the first; a person who wrote both m
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Mapping
 from typing import Any
@@ -26,23 +25,6 @@ def each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         ((twice, _),) = Counter(name for name, _ in pairs).most_common(1)
         raise DoubledKeyError(f"the key {twice!r} is there twice")
     return found
-
-
-def parse_json(text: str | bytes) -> Any:
-    """The content of a JSON text.
-
-    >>> parse_json('{"levers": 3}')
-    {'levers': 3}
-
-    Raises:
-        ValueError: If it is not JSON, or holds what is none, such as NaN, or a key twice.
-        RecursionError: If it is nested too deeply.
-    """
-
-    def refuse(constant: str) -> None:
-        raise ValueError(f"{constant} is not JSON")
-
-    return json.loads(text, parse_constant=refuse, object_pairs_hook=each_once)
 
 
 def present(values: Mapping[str, Any]) -> dict[str, Any]:

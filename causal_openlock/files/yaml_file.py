@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from causal_openlock.errors import Fault, FileError, OpenLockError
-from causal_openlock.files.decoding import decoded
 from causal_openlock.files.validation import Where as Where
 from causal_openlock.files.validation import described, faults_of
 
@@ -111,10 +110,10 @@ def read_text(path: Path | str) -> str:
     if len(content) > MAX_BYTES:
         raise FileError(path, [TOO_LARGE])
     try:
-        return decoded(content)
+        return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        before = content[: error.start].decode("utf-8")
-        message = f"this is not UTF-8 text ({error.reason}); save the file as UTF-8"
+        before = error.object[: error.start].decode()
+        message = "this is not UTF-8 text; save the file as UTF-8"
         raise FileError(path, [_fault_after(before, message)]) from None
 
 

@@ -17,7 +17,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from causal_openlock.files.json_text import DoubledKeyError, each_once
 from causal_openlock.importing.imported_actions import (
     ActionEntry,
     Place,
@@ -101,7 +100,7 @@ def _within(value: Any, depth: int = 0) -> str | None:
 
 def _entries(path: Path) -> Iterator[tuple[Place, dict[str, Any]]]:
     """The objects in a list, each with its place, which the standard reader does not give."""
-    text, decoder = read_text(path), json.JSONDecoder(object_pairs_hook=each_once)
+    text, decoder = read_text(path), json.JSONDecoder()
     at = counted = depth = entries = 0
     line = 1
     while (at := _BETWEEN.match(text, at).end()) < len(text):  # type: ignore[union-attr]
@@ -117,8 +116,6 @@ def _entries(path: Path) -> Iterator[tuple[Place, dict[str, Any]]]:
             raise place.fault("this is not a list of entries, as jsPsych saves it")
         try:
             entry, at = decoder.raw_decode(text, at)
-        except DoubledKeyError as error:
-            raise place.fault(f"{error}; take one out") from None
         except (ValueError, RecursionError):
             raise place.fault("this is not JSON; is the file whole?") from None
         entries += 1

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import BinaryIO
 
 from causal_openlock.errors import OpenLockError
-from causal_openlock.files.decoding import decoded
 
 MOST_BYTES, MOST_LINES = 128 << 20, 1_000_000
 """Limits of an unpacked file, which is held in memory: a few hundred bytes for each line."""
@@ -29,9 +28,9 @@ def read_text(path: Path) -> str:
                 f"{path} has more than {MOST_BYTES >> 20} MB or {MOST_LINES:,} lines; import it in "
                 "parts, and read the results together"
             )
-        return decoded(content)
-    except UnicodeDecodeError as error:
-        raise OpenLockError(f"{path} is not UTF-8 ({error.reason}); save it as UTF-8") from None
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise OpenLockError(f"{path} is not UTF-8; save it as UTF-8") from None
     except (OSError, EOFError, zlib.error) as error:
         why = getattr(error, "strerror", None) or "it is not a whole gzip file"
         raise OpenLockError(f"{path} cannot be read ({why}); give a file of CSV or JSON") from None

@@ -15,7 +15,6 @@ import typer
 from causal_openlock.cli.options import Budgets
 from causal_openlock.cli.terminal import say
 from causal_openlock.errors import OpenLockError
-from causal_openlock.files.decoding import decoded
 from causal_openlock.wording import counted
 
 
@@ -151,9 +150,9 @@ def play(
 
 def _text(path: Path) -> str:
     try:
-        text = decoded(path.read_bytes())
+        text = path.read_text("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        why = error.strerror if isinstance(error, OSError) else f"no UTF-8: {error.reason}"
+        why = error.strerror if isinstance(error, OSError) else "it is not UTF-8"
         raise OpenLockError(f"{path} cannot be read ({why}); give a file of Markdown") from None
     if not text.strip() or len(text) > 100_000:
         raise OpenLockError(f"{path} is empty, or too long for a page; give a file of Markdown")

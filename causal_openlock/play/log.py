@@ -19,7 +19,6 @@ from typing import Any
 
 from causal_openlock.errors import StoreError
 from causal_openlock.files.atomic import write_bytes
-from causal_openlock.files.json_text import each_once
 
 Entry = dict[str, Any]
 
@@ -137,7 +136,7 @@ def _checked(line: bytes) -> bytes | None:
 
 def _parse(text: bytes) -> Entry | None:
     try:
-        entry = json.loads(text, object_pairs_hook=each_once)
+        entry = json.loads(text)
     except (ValueError, RecursionError):
         return None
     return entry if isinstance(entry, dict) else None

@@ -18,7 +18,7 @@ EVIL = (
     "a\x1b[31mb\x1b]0;title\x07c\x9b2J\r\bd\u202ee [bold]f[/] [link=http://x]g[/link] :bomb: \ud800"
 )
 SHOWN = (
-    r"a\x1b[31mb\x1b]0;title\x07c\x9b2J\x0d\x08d\u202ee [bold]f[/] [link=http://x]g[/link] :bomb: "
+    r"a\x1b[31mb\x1b]0;title\x07c\x9b2J\r\x08d\u202ee [bold]f[/] [link=http://x]g[/link] :bomb: "
     r"\ud800"
 )
 

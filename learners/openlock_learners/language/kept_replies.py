@@ -27,7 +27,6 @@ from pathlib import Path
 from typing import Any
 
 from causal_openlock.errors import NotAvailableError
-from causal_openlock.files.json_text import parse_json
 from openlock_learners.language.offered_actions import plainly
 from openlock_learners.language.reply import Reply, is_whole, plain
 
@@ -94,7 +93,7 @@ class Replay:
 
     def _take(self, line: bytes) -> None:
         try:
-            kept = parse_json(line)
+            kept = json.loads(line)
             key, reply = kept["key"], plain(kept["reply"])
             whole = isinstance(key, str) and is_whole(reply)
         except (KeyError, TypeError, ValueError, OverflowError, RecursionError):

@@ -14,7 +14,6 @@ import re
 from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
 
-from causal_openlock.files.json_text import parse_json
 from causal_openlock.render.words import Wording
 
 Fault = Literal["malformed", "refused", "out of range", "cut off"]
@@ -189,7 +188,7 @@ def _argument(call: dict[str, Any]) -> str | None:
     try:
         found = function["arguments"]
         for _ in range(2):  # JSON in text, or once more in text, or read already
-            found = parse_json(found) if isinstance(found, str) else found
+            found = json.loads(found) if isinstance(found, str) else found
         action = found["action"]
     except (KeyError, TypeError, ValueError, RecursionError):
         return None
@@ -229,7 +228,7 @@ def read_structure(reply: Message, words: Wording, nodes: Sequence[str]) -> list
     try:
         said = without_thoughts(_text(reply)) or ""
         fenced = said.removeprefix("```json").removeprefix("```").removesuffix("```")
-        pairs = parse_json(fenced)["enables"]
+        pairs = json.loads(fenced)["enables"]
         named = [[known[pair["cause"]], known[pair["effect"]]] for pair in pairs]
     except (KeyError, TypeError, ValueError, RecursionError):
         return None

@@ -15,6 +15,7 @@ it is shortened.
 from __future__ import annotations
 
 import asyncio
+import json
 import os
 import re
 import time
@@ -27,7 +28,6 @@ import httpx2
 import openai
 
 from causal_openlock.errors import NotAvailableError, in_short
-from causal_openlock.files.json_text import parse_json
 from openlock_learners.language.offered_actions import plainly
 from openlock_learners.language.reply import Reply, is_whole, plain
 
@@ -96,7 +96,7 @@ def _status(status: int, content: bytes) -> int:
     if status != 200:
         return status
     try:
-        said = parse_json(content)
+        said = json.loads(content)
     except (ValueError, RecursionError):
         return status
     if not isinstance(said, dict) or not said.get("error") or said.get("choices"):
@@ -182,7 +182,7 @@ class Server:
                 raw = await self._asked(request)
                 latency = time.perf_counter() - began
                 text = raw.http_response.content.decode("utf-8", "replace")
-                said = plain(parse_json(text), self._secrets)
+                said = plain(json.loads(text), self._secrets)
                 choice, usage = said["choices"][0], said.get("usage") or {}
                 reply = {
                     "message": dict(choice["message"]),

@@ -20,7 +20,6 @@ from pydantic import Field
 
 from causal_openlock.errors import LearnerError, in_short
 from causal_openlock.files.atomic import replacing
-from causal_openlock.files.json_text import parse_json
 from causal_openlock.files.validation import StrictModel
 from causal_openlock.schemas.schema import MAX_LEVERS
 from causal_openlock.world.room import PAPER_POSITIONS
@@ -118,7 +117,7 @@ def _unpacked(archive: Any, name: str, least: int, most: int) -> Any:
 
 
 def _about(archive: Any) -> Any:
-    return parse_json(str(_unpacked(archive, "about", 0, _MOST_ABOUT)).encode("ascii"))
+    return json.loads(str(_unpacked(archive, "about", 0, _MOST_ABOUT)).encode("ascii"))
 
 
 def _weights(archive: Any, name: str, shape: tuple[int, ...]) -> Any:
