@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from causal_openlock.comparison.results import Results
     from causal_openlock.contract.learner import Learner
     from causal_openlock.envs.playable import Picture, PlayableRoom
-    from causal_openlock.experiment.experiment import Experiment, LearnerSpec
+    from causal_openlock.experiment.experiment import Experiment
+    from causal_openlock.play.background import OpenedRoom
     from causal_openlock.render.film import Shot
     from causal_openlock.render.watch import WatchedTrial
     from causal_openlock.schemas.schema import Schema
@@ -33,50 +34,53 @@ LARGEST = 600_000
 
 _CARD = "display:inline-block;background:#fff;color:#000;padding:0.6em;max-width:100%"
 _ROW = "display:flex;flex-wrap:wrap;gap:0.5em;align-items:flex-start"
-_LEFT = "text-align:left;vertical-align:top"
 
 
 def schema_html(schema: Schema) -> str:
     """A schema: its graph, and the solutions that follow from it."""
+    import matplotlib as mpl
+
+    from causal_openlock.render.graph import draw_schema
+
+    svg = io.StringIO()
+    with mpl.rc_context():
+        mpl.rcdefaults()  # whatever a notebook has set for figures of its own
+        mpl.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": schema.name})
+        figure: Any = draw_schema(schema).figure
+        nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+        figure.savefig(svg, format="svg", metadata=nothing)
+    # matplotlib's style sheet would hold for the whole page.
+    graph = re.sub(r"<style.*?</style>", "", svg.getvalue(), flags=re.DOTALL)
+    graph = graph.replace("<svg ", '<svg style="stroke-linejoin: round; stroke-linecap: butt" ', 1)
     solutions = schema.solutions
-    lines = [escape(" ".join([*levers, "door"])) for levers in solutions[:MOST_SOLUTIONS]]
+    lines = [" ".join([*levers, "door"]) for levers in solutions[:MOST_SOLUTIONS]]
     if len(solutions) > MOST_SOLUTIONS:
         lines.append(f"and {len(solutions) - MOST_SOLUTIONS} more")
-    listed = f"{counted(len(solutions), 'solution')}:<br>" + "<br>".join(lines)
     title = schema.name if schema.title == schema.name else f"{schema.name}: {schema.title}"
-    return _card(title, _schema_svg(schema), f"<div>{listed}</div>")
+    return _card(title, _inline(graph), _text(f"{counted(len(solutions), 'solution')}:", *lines))
 
 
 def room_html(room: Room) -> str:
     """A room at the start of an attempt, and the position of each lever."""
-    from causal_openlock.render.scene import Look
-    from causal_openlock.render.svg import room_svg
-
-    title = f"{room.schema.name} in {room.layout.name}"
-    look = Look.of_observation(room.observation[0], room.positions)
     places = room.layout.as_mapping(room.schema).items()
     listed = ", ".join(f"{lever} {place}" for lever, place in places)
-    return _card(title, _inline(room_svg(look, title=title)), f"<div>{escape(listed)}</div>")
+    title = f"{room.schema.name} in {room.layout.name}"
+    return _room(title, room.observation[0], None, _text(listed))
 
 
-def picture_html(shown: Picture, title: str = "") -> str:
+def picture_html(shown: Picture) -> str:
     """A room and its console; of :class:`Seen`, also the action and its result."""
-    from causal_openlock.render.scene import Look
-    from causal_openlock.render.svg import room_svg
-
-    look = Look.of_observation(shown.observation, len(shown.observation) // 2 - 1)
-    title = title or getattr(shown, "title", "A room")
-    return _card(title, _inline(room_svg(look, shown.panel, title)))
+    return _room(getattr(shown, "title", "A room"), shown.observation, shown.panel)
 
 
 def playable_html(room: PlayableRoom) -> str:
     """A room to try out, as it is now, and how to act in it."""
-    card = picture_html(room.picture, f"{room.schema.name} in {room.layout.name}")
     names = ", ".join(name.removeprefix("push ") for name in room.actions[: room.positions])
-    return card.removesuffix("</div>") + f"<div>push or pull {names}; or push door</div></div>"
+    title, now = f"{room.schema.name} in {room.layout.name}", room.picture
+    return _room(title, now.observation, now.panel, _text(f"push or pull {names}; or push door"))
 
 
-def opened_html(opened: Any) -> str:
+def opened_html(opened: OpenedRoom) -> str:
     """The link of a room that is open in the browser."""
     url = escape(opened.url)
     return _card(repr(opened).strip("<>"), f'<div><a href="{url}" target="_blank">{url}</a></div>')
@@ -85,65 +89,54 @@ def opened_html(opened: Any) -> str:
 def watched_html(watched: WatchedTrial) -> str:
     """A trial as a strip of pictures, one after each action; of a long one the first."""
     shots = [shot for shot in watched.shots if shot.action or shot is watched.shots[0]]
-    body, shown = "", 0
-    while shown < len(shots) and len(body) < LARGEST:
-        body += _moment(watched, shots[shown], small=True)
+    strip, shown = "", 0
+    while shown < len(shots) and len(strip) < LARGEST:
+        strip += _moment(watched, shots[shown])
         shown += 1
     if more := len(shots) - shown:
-        body += f"<div>and {counted(more, 'more action')}</div>"
-    return _card(watched.title, f'<div style="{_ROW}">{body}</div>', _legend(watched))
+        strip += _text(f"and {counted(more, 'more action')}")
+    legend = "Arrows are what it believes, the darker the more probable; dashed: the true schema."
+    below = [f"<small>{legend}</small>"] if watched.trace else []
+    return _card(watched.title, f'<div style="{_ROW}">{strip}</div>', *below)
 
 
-def _legend(watched: WatchedTrial) -> str:
-    words = "Arrows are what it believes, the darker the more probable; dashed: the true schema."
-    return f"<small>{words}</small>" if watched.trace else ""
-
-
-def _moment(watched: WatchedTrial, shot: Shot, small: bool = False) -> str:
+def _moment(watched: WatchedTrial, shot: Shot) -> str:
     """A moment of a trial: the room, and what the learner believes."""
     from causal_openlock.belief.trace import belief_in_words
     from causal_openlock.render.svg import room_svg
     from causal_openlock.render.watch import belief_svg, in_words
 
-    parts = [_inline(room_svg(shot.look, None if small else shot.panel, in_words(shot)))]
     words = in_words(shot)
+    pictures = [_inline(room_svg(shot.look, None, words))]
     if (belief := watched.belief(shot)) and watched.trace:
-        parts.append(_inline(belief_svg(belief, watched.trace)))
+        pictures.append(_inline(belief_svg(belief, watched.trace)))
         words += f"; {belief_in_words(belief)}"
-    pictures = f'<div style="{_ROW}">{"".join(parts)}</div>'
-    if small:
-        size = r'width="[\d.]+in" height="[\d.]+in"'
-        pictures = re.sub(size, 'style="width:14em;height:auto"', pictures)
+    size = r'width="[\d.]+in" height="[\d.]+in"'
+    row = re.sub(size, 'style="width:14em;height:auto"', "".join(pictures))
+    style = f"margin:0.3em;width:{15 * len(pictures)}em;font-size:80%"
     caption = f"<figcaption>{escape(words)}</figcaption>"
-    style = f"margin:0.3em;width:{15 * len(parts)}em;font-size:80%" if small else "margin:0"
-    return f'<figure style="{style}">{pictures}{caption}</figure>'
+    return f'<figure style="{style}"><div style="{_ROW}">{row}</div>{caption}</figure>'
 
 
 def experiment_html(experiment: Experiment) -> str:
     """An experiment: who plays what, and how much work that is."""
-    heads = ["name", "learner", "protocol", "reward", "subjects", "changed parameters"]
-    rows = [
-        [
-            *map(escape, (entry.name, entry.learner, entry.protocol.name, entry.reward.name)),
-            str(entry.subjects),
-            escape(", ".join(f"{name} {value}" for name, value in _changed(entry).items())),
-        ]
-        for entry in experiment.learners
-    ]
-    names = ", ".join(condition.name for condition in experiment.conditions)
-    cells = counted(len(experiment.cells()), "cell")
-    summary = f"conditions {names}; seed {experiment.seed}; {cells}"
-    title = experiment.title or experiment.name
-    return _card(title, _table(heads, rows), f"<div>{escape(summary)}</div>")
-
-
-def _changed(entry: LearnerSpec) -> dict[str, Any]:
-    """The hyper-parameters that differ from their defaults."""
     from causal_openlock.contract.registry import changed_parameters
 
-    if entry.recorded is not None:  # showing results runs no code that they name
-        return entry.parameters
-    return changed_parameters(entry.learner, entry.parameters)
+    rows = []
+    for spec in experiment.learners:
+        changed = spec.parameters
+        if spec.recorded is None:  # showing results runs no code that they name
+            changed = changed_parameters(spec.learner, spec.parameters)
+        words = ", ".join(f"{name} {value}" for name, value in changed.items())
+        played = (spec.name, spec.learner, spec.protocol.name, spec.reward.name)
+        rows.append([*map(escape, (*played, str(spec.subjects), words))])
+    table = _table(
+        ["name", "learner", "protocol", "reward", "subjects", "changed parameters"], rows
+    )
+    names = ", ".join(condition.name for condition in experiment.conditions)
+    cells = counted(len(experiment.cells()), "cell")
+    summary = _text(f"conditions {names}; seed {experiment.seed}; {cells}")
+    return _card(experiment.title or experiment.name, table, summary)
 
 
 def learner_html(learner: Learner) -> str:
@@ -152,15 +145,14 @@ def learner_html(learner: Learner) -> str:
     from causal_openlock.contract.registry import parameter_table
 
     kind = learner.single if isinstance(learner, PerSubjectAdapter) else type(learner)
-    parameters = learner.parameters
     rows = []
-    for row in parameter_table(type(parameters)):
-        value = getattr(parameters, row.name)
+    for parameter in parameter_table(type(learner.parameters)):
+        value = getattr(learner.parameters, parameter.name)
         shown = escape(str(value))
-        shown = shown if value == row.default else f"<b>{shown}</b>"
-        rows.append([escape(row.name), shown, escape(row.meaning)])
-    table = _table(["parameter", "value", "meaning"], rows) if rows else ""
-    return _card(kind.__name__, f"<div>{escape(first_line(kind.__doc__))}</div>", table)
+        shown = shown if value == parameter.default else f"<b>{shown}</b>"
+        rows.append([escape(parameter.name), shown, escape(parameter.meaning)])
+    table = [_table(["parameter", "value", "meaning"], rows)] if rows else []
+    return _card(kind.__name__, _text(first_line(kind.__doc__)), *table)
 
 
 def results_html(results: Results) -> str:
@@ -176,39 +168,39 @@ def results_html(results: Results) -> str:
     for table in results.by_condition:
         heads = ["attempts", *(f"{name}, {measured}" for name, measured in table.columns)]
         rows = [
-            [f"<i>{escape(name)}</i>", *("" if one is None else number(one) for one in row)]
-            for name, row in table.beside.items()
+            [f"<i>{escape(name)}</i>", *("" if mean is None else number(mean) for mean in means)]
+            for name, means in table.beside.items()
         ]
         rows += [
-            [f"<b>{escape(learner)}</b>", *(small(in_cell(row)) for row in cells)]
+            [f"<b>{escape(learner)}</b>", *(small(in_cell(cell)) for cell in cells)]
             for learner, cells in table.rows.items()
         ]
-        parts.append(f"<div>protocol {escape(table.protocol)}</div>{_table(heads, rows)}")
-    known = escape(" ".join(results.warnings))
+        parts += [_text(f"protocol {table.protocol}"), _table(heads, rows)]
     about = (
         "Mean attempts to find every solution, in small type their 95% interval if subjects differ."
     )
-    return _card(results.experiment.title, *parts, f"<div><small>{about} {known}</small></div>")
+    known = escape(" ".join([about, *results.warnings]))
+    return _card(results.experiment.title, *parts, f"<div><small>{known}</small></div>")
 
 
 def report_html(report: Report) -> str:
     """The page of a report, in a frame."""
     page = escape(report.path.read_text(encoding="utf-8"))
     look = "width:100%;height:40em;border:1px solid #ccc;background:#fff"
-    return f'<iframe style="{look}" srcdoc="{page}"></iframe><div>{escape(str(report.path))}</div>'
+    return f'<iframe style="{look}" srcdoc="{page}"></iframe>{_text(str(report.path))}'
 
 
-SHOWN_AS = {
-    ("causal_openlock.schemas.schema", "Schema"): schema_html,
-    ("causal_openlock.world.room", "Room"): room_html,
-    ("causal_openlock.envs.playable", "PlayableRoom"): playable_html,
-    ("causal_openlock.envs.playable", "Picture"): picture_html,
-    ("causal_openlock.play.background", "OpenedRoom"): opened_html,
-    ("causal_openlock.render.watch", "WatchedTrial"): watched_html,
-    ("causal_openlock.experiment.experiment", "Experiment"): experiment_html,
-    ("causal_openlock.contract.learner", "Learner"): learner_html,
-    ("causal_openlock.comparison.results", "Results"): results_html,
-    ("causal_openlock.analysis.report.writing", "Report"): report_html,
+SHOWN_AS: dict[str, Callable[[Any], str]] = {
+    "causal_openlock.schemas.schema.Schema": schema_html,
+    "causal_openlock.world.room.Room": room_html,
+    "causal_openlock.envs.playable.PlayableRoom": playable_html,
+    "causal_openlock.envs.playable.Picture": picture_html,
+    "causal_openlock.play.background.OpenedRoom": opened_html,
+    "causal_openlock.render.watch.WatchedTrial": watched_html,
+    "causal_openlock.experiment.experiment.Experiment": experiment_html,
+    "causal_openlock.contract.learner.Learner": learner_html,
+    "causal_openlock.comparison.results.Results": results_html,
+    "causal_openlock.analysis.report.writing.Report": report_html,
 }
 """Formatter of the instances of each type and of its subclasses."""
 
@@ -220,8 +212,8 @@ def register_formatters() -> None:
     shell: Any = get_ipython()
     if shell:
         html = shell.display_formatter.formatters["text/html"]
-        for (module, name), formatter in SHOWN_AS.items():
-            html.for_type_by_name(module, name, formatter)
+        for kind, formatter in SHOWN_AS.items():
+            html.for_type_by_name(*kind.rsplit(".", 1), formatter)
 
 
 # -- pieces of HTML -------------------------------------------------------------------------------
@@ -232,35 +224,30 @@ def _card(title: str, *parts: str) -> str:
     return f'<div style="{_CARD}"><b>{escape(title)}</b>{"".join(parts)}</div>'
 
 
-def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def _text(*lines: str) -> str:
+    return f"<div>{'<br>'.join(map(escape, lines))}</div>"
+
+
+def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A table of cells that are HTML already."""
 
     def line(tag: str, cells: Iterable[str]) -> str:
-        return "<tr>" + "".join(f'<{tag} style="{_LEFT}">{c}</{tag}>' for c in cells) + "</tr>"
+        style = "text-align:left;vertical-align:top"
+        return "<tr>" + "".join(f'<{tag} style="{style}">{c}</{tag}>' for c in cells) + "</tr>"
 
-    head, body = line("th", map(escape, heads)), "".join(line("td", row) for row in rows)
-    return f"<table><thead>{head}</thead><tbody>{body}</tbody></table>"
+    body = "".join(line("td", row) for row in rows)
+    return f"<table>{line('th', map(escape, heads))}{body}</table>"
 
 
-def _schema_svg(schema: Schema) -> str:
-    import matplotlib as mpl
+def _room(title: str, observation: Any, panel: Any, *below: str) -> str:
+    """A room as an observation shows it, with or without its console."""
+    from causal_openlock.render.scene import Look
+    from causal_openlock.render.svg import room_svg
 
-    from causal_openlock.render.graph import draw_schema
-
-    text = io.StringIO()
-    nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-    with mpl.rc_context():
-        mpl.rcdefaults()  # whatever a notebook has set for figures of its own
-        mpl.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": schema.name})
-        figure: Any = draw_schema(schema).figure
-        figure.savefig(text, format="svg", metadata=nothing)
-    return _inline(text.getvalue())
+    look = Look.of_observation(observation, len(observation) // 2 - 1)
+    return _card(title, _inline(room_svg(look, panel, title)), *below)
 
 
 def _inline(svg: str) -> str:
     """An SVG document for inside a page."""
-    # matplotlib's style sheet would hold for the whole page.
-    svg, styled = re.subn(r"<style.*?</style>", "", svg[svg.index("<svg") :], flags=re.DOTALL)
-    if styled:
-        svg = svg.replace("<svg ", '<svg style="stroke-linejoin: round; stroke-linecap: butt" ', 1)
-    return f"<div>{svg}</div>"
+    return f"<div>{svg[svg.index('<svg') :]}</div>"
