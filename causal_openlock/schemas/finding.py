@@ -9,7 +9,7 @@ from pathlib import Path
 
 from causal_openlock.errors import OpenLockError
 from causal_openlock.schemas.graphs import FORMATS, read_schema
-from causal_openlock.schemas.schema import NAME, Schema
+from causal_openlock.schemas.schema import Schema
 from causal_openlock.wording import nearest
 
 PACKAGE = Path(__file__).parents[1]
@@ -59,10 +59,8 @@ def find_schema(name: str | os.PathLike[str] | Schema, beside: Iterable[Path] = 
     collections = [*(folder / "schemas" for folder in folders), bundled("schemas")]
     for folder in [*folders, *collections]:
         if _is_file(folder / f"{text}.yaml"):
-            # In a checkout, the working directory may be where the bundled schemas are.
-            if folder.absolute() == collections[-1] and NAME.fullmatch(text):
-                return _bundled_schema(text)
-            return read_schema(folder / f"{text}.yaml")
+            read = _bundled_schema if folder is collections[-1] else read_schema
+            return read(folder / f"{text}.yaml")
     known = {path.stem for folder in collections for path in folder.glob("*.yaml")}
     raise OpenLockError(
         f"there is no schema {text!r}; {nearest(text, known)}, or give the path of a file"
@@ -76,14 +74,11 @@ def _is_file(path: Path) -> bool:
         return False
 
 
-@cache
-def _bundled_schema(name: str) -> Schema:
-    return read_schema(bundled("schemas") / f"{name}.yaml")
+_bundled_schema = cache(read_schema)
 
 
 def bundled_schemas() -> dict[str, Schema]:
     """The schemas that come with the package by name, the paper's four first."""
-    names = sorted(path.stem for path in bundled("schemas").glob("*.yaml"))
-    paper = ["CC3", "CE3", "CC4", "CE4"]
-    ordered = [*paper, *(name for name in names if name not in paper)]
-    return {name: _bundled_schema(name) for name in ordered}
+    paths = {path.stem: path for path in sorted(bundled("schemas").glob("*.yaml"))}
+    names = dict.fromkeys(["CC3", "CE3", "CC4", "CE4", *paths])
+    return {name: _bundled_schema(paths[name]) for name in names}

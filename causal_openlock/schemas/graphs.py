@@ -21,6 +21,7 @@ import io
 import json
 import re
 import warnings
+from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import redirect_stdout, suppress
 from itertools import pairwise
@@ -287,20 +288,12 @@ def _node_link_text(schema: Schema) -> str:
 
 
 def _node_link_graph(text: str) -> nx.Graph:
-    """The graph; networkx would merge doubled nodes and edges, and add nodes that edges name."""
     data = json.loads(text, object_pairs_hook=each_once)
-    graph = (nx.MultiDiGraph if data.get("directed", True) else nx.MultiGraph)()
-    graph.graph.update(data.get("graph", {}))
-    for node in data["nodes"]:
-        if node["id"] in graph:
-            raise SchemaError(f"the node {node['id']!r:.64} of this node-link graph is there twice")
-        graph.add_nodes_from([(node["id"], node)])
-    for edge in data["edges" if "edges" in data else "links"]:
-        ends = edge.pop("source"), edge.pop("target")
-        for end in ends:
-            if end not in graph:
-                raise SchemaError(f"an edge of this node-link graph names no node: {end!r:.64}")
-        graph.add_edges_from([(*ends, edge)])
+    edges = "edges" if "edges" in data else "links"
+    # Every edge is kept, whatever its key, so that a doubled one is seen.
+    graph = nx.node_link_graph({**data, "multigraph": True}, directed=True, edges=edges, key="")
+    if len(graph) != len(data["nodes"]):
+        raise SchemaError("a node of this node-link graph is there twice, or only in an edge")
     return graph
 
 
@@ -313,21 +306,18 @@ def _gml_graph(text: str) -> nx.Graph:
 
 def _graphml_graph(text: str) -> nx.Graph:
     """The graph; networkx would pass over doubled, nested and second parts, and arrows of yEd."""
-    count = {"node": 0, "edge": 0}
+    count = Counter({"node": 0, "edge": 0})
     for element in ElementTree.fromstring(text).iter():
         tag = element.tag.rpartition("}")[2]
-        arrows = element.get("source"), element.get("target")
-        keys = [part.get("key") for part in element if part.tag.endswith("}data")]
-        if tag in count:
-            count[tag] += 1
-        if len({*keys}) < len(keys):
+        count[tag] += 1
+        keys = Counter(part.get("key") for part in element if part.tag.endswith("}data"))
+        if [*keys.values()].count(1) < len(keys):
             raise SchemaError(f"a {tag} of this graphml graph says something twice; remove one")
-        if tag == "Arrows" and (arrows[0] != "none" or arrows[1] not in _HEADS):
-            raise SchemaError(
-                f"an edge of this graphml graph has the arrows {arrows}, not an effect"
-            )
+        ends = element.get("source"), element.get("target")
+        if tag == "Arrows" and (ends[0] != "none" or ends[1] not in _HEADS):
+            raise SchemaError(f"an edge of this graphml graph has the arrows {ends}, not an effect")
     graph = nx.parse_graphml(text, force_multigraph=True)
-    if [len(graph), graph.number_of_edges()] != [*count.values()]:
+    if (len(graph), graph.number_of_edges()) != (count["node"], count["edge"]):
         raise SchemaError("this graphml graph has a node or an edge twice, or outside of the graph")
     for kind, parts in (("node", graph.nodes), ("edge", graph.edges)):
         for says in parts.values():

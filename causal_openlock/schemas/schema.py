@@ -123,11 +123,11 @@ class Schema:
     def _check_names(self) -> None:
         faults = _Faults()
         if illegal := NO_TEXT.search(self.title):
-            character = f"U+{ord(illegal[0]):04X}"
-            faults.add(f"the title holds the character {character}; take it out", "title")
+            text = f"the title holds the character U+{ord(illegal[0]):04X}; take it out"
+            faults.add(text, "title")
         if not NAME.fullmatch(self.name):
-            text = f"the name {self.name!r:.80} must begin with a letter and hold at most 64"
-            faults.add(f"{text} letters, digits and underscores", "name")
+            text = f"the name {self.name!r:.64} is not a letter and up to 63 letters, digits and _"
+            faults.add(text, "name")
         if not 1 <= len(self.levers) <= MAX_LEVERS:
             text = f"{len(self.levers)} levers; a schema needs a lever and has at most {MAX_LEVERS}"
             faults.add(text, "levers")
@@ -173,26 +173,27 @@ class Schema:
                 text = f"{node} has a gate and no cause; give it a cause or drop the gate"
                 faults.add(text, "gates", node)
             elif complete and causes and gate.threshold(causes) not in range(1, causes + 1):
-                text = f"the gate of {node} requires at least {gate.k!r:.64} of {causes} causes"
-                faults.add(f"{text} and can never hold; require 1 to {causes}", "gates", node)
+                text = (
+                    f"the gate of {node} needs {gate.k} of {causes} causes; require 1 to {causes}"
+                )
+                faults.add(text, "gates", node)
         cycle: list[str] = []
         if not nx.is_directed_acyclic_graph(graph):
             cycle = [cause for cause, _ in nx.find_cycle(graph)]
-            text = f"{' -> '.join([*cycle, cycle[0]])} is a cycle, and none of these levers could"
-            at = ("edges", cycle[0], [*cycle, cycle[0]][1])
-            faults.add(f"{text} move first; remove one of these edges", *at)
-        if complete and not graph.in_degree(DOOR):
+            around = [*cycle, cycle[0]]
+            text = f"{' -> '.join(around)} is a cycle; no lever could move first; remove an edge"
+            faults.add(text, "edges", *around[:2])
+        useful = nx.ancestors(graph, DOOR)
+        if complete and not useful:
             hint = "".join(f"; is {near} the door?" for near in get_close_matches(DOOR, nodes[:-1]))
             faults.add(f"nothing unlocks the door; add an edge from a lever to it{hint}", "edges")
-        elif complete:
-            useful = nx.ancestors(graph, DOOR)
-            for index, lever in enumerate(self.levers):
-                if lever not in (*useful, *self.inert, *cycle):
-                    text = f"lever {lever} is on no path to the door; connect it or list it under"
-                    faults.add(f"{text} inert", "levers", index)
-                if lever in useful and lever in self.inert:
-                    text = f"lever {lever} leads to the door and cannot be inert; take it out of"
-                    faults.add(f"{text} inert", "inert", self.inert.index(lever))
+        for index, lever in enumerate(self.levers if complete and useful else ()):
+            if lever not in (*useful, *self.inert, *cycle):
+                text = f"lever {lever} is on no path to the door; connect it or list it as inert"
+                faults.add(text, "levers", index)
+            if lever in useful and lever in self.inert:
+                text = f"lever {lever} leads to the door; take it out of inert"
+                faults.add(text, "inert", self.inert.index(lever))
         faults.check()
 
     # -- the graph ------------------------------------------------------------------------------
@@ -232,20 +233,23 @@ class Schema:
         the gates of its own levers and of the door.
         """
         subsets = np.arange(1 << len(self.levers))
-        works = np.ones(len(subsets), dtype=bool)
+        works = self._holds(DOOR, subsets)
         for bit, lever in enumerate(self.levers):
-            holds = self._pushed_causes(lever, subsets) >= self.threshold(lever)
-            works &= holds | (subsets >> bit & 1 == 0)
-        works &= self._pushed_causes(DOOR, subsets) >= self.threshold(DOOR)
+            works &= self._holds(lever, subsets) | (subsets >> bit & 1 == 0)
         minimal: list[int] = []
         for subset in sorted(subsets[works].tolist(), key=int.bit_count):
             if not any(smaller & subset == smaller for smaller in minimal):
                 minimal.append(subset)
-        ordered = self._topological_levers
-        found = [
-            tuple(lever for lever in ordered if subset & self.mask([lever])) for subset in minimal
+        nodes = [*self.levers, DOOR]
+        ordered = [*nx.lexicographical_topological_sort(self.graph, key=nodes.index)]
+        solutions = [
+            tuple(node for node in ordered if subset >> nodes.index(node) & 1) for subset in minimal
         ]
-        return tuple(sorted(found, key=lambda levers: [self.levers.index(x) for x in levers]))
+        return tuple(sorted(solutions, key=lambda levers: [*map(nodes.index, levers)]))
+
+    def _holds(self, node: str, pushed: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Whether a node's gate holds while these sets of levers are pushed."""
+        return np.bitwise_count(pushed & self.mask(self.causes(node))) >= self.threshold(node)
 
     @property
     def least_action_limit(self) -> int:
@@ -255,16 +259,6 @@ class Schema:
     def mask(self, levers: Iterable[str]) -> int:
         """A set of levers as an integer: bit *i* is set if ``self.levers[i]`` is in it."""
         return sum(1 << self.levers.index(lever) for lever in set(levers))
-
-    def _pushed_causes(self, node: str, pushed: NDArray[np.int64]) -> NDArray[np.int64]:
-        return np.bitwise_count(pushed & self.mask(self.causes(node))).astype(np.int64)
-
-    @cached_property
-    def _topological_levers(self) -> tuple[str, ...]:
-        ordered = nx.lexicographical_topological_sort(
-            self.graph, key=lambda node: MAX_LEVERS if node == DOOR else self.levers.index(node)
-        )
-        return tuple(node for node in ordered if node != DOOR)
 
     # -- as data --------------------------------------------------------------------------------
 

@@ -40,7 +40,7 @@ def test_all_faults_of_a_file_are_told_at_once_each_with_its_place():
         (5, 7, "B -> C -> B"),
         (8, 3, "'X'"),
         (9, 3, "E has a gate"),
-        (10, 3, "at least 2 of 1"),
+        (10, 3, "2 of 1"),
     ]
     for fault, (*place, words) in zip(error.faults, said, strict=True):
         assert [fault.line, fault.column] == place
