@@ -106,6 +106,10 @@ def _status(status: int, content: bytes) -> int:
     return code if type(code) is int and 400 <= code < 600 else 400
 
 
+def _refuse(constant: str) -> None:
+    raise ValueError(f"{constant} is not JSON")  # and could not be sent again
+
+
 class Server:
     """A server that models are asked at.
 
@@ -182,7 +186,7 @@ class Server:
                 raw = await self._asked(request)
                 latency = time.perf_counter() - began
                 text = raw.http_response.content.decode("utf-8", "replace")
-                said = plain(json.loads(text), self._secrets)
+                said = plain(json.loads(text, parse_constant=_refuse), self._secrets)
                 choice, usage = said["choices"][0], said.get("usage") or {}
                 reply = {
                     "message": dict(choice["message"]),
