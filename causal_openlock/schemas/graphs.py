@@ -289,6 +289,7 @@ def _node_link_text(schema: Schema) -> str:
 
 def _node_link_graph(text: str) -> nx.Graph:
     data = json.loads(text, object_pairs_hook=each_once)
+    data["graph"] = dict(data.get("graph", {}))
     edges = "edges" if "edges" in data else "links"
     # Every edge is kept, whatever its key, so that a doubled one is seen.
     graph = nx.node_link_graph({**data, "multigraph": True}, directed=True, edges=edges, key="")
@@ -410,7 +411,8 @@ def _dagitty_graph(text: str) -> nx.Graph:
     for says in graph.nodes.values():
         says.pop("exposure", None)
     door = graph.nodes.get(DOOR, {})
-    graph.graph |= {key: door.pop(key) for key in ("title", "inert") if key in door}
+    for key in {"title", "inert", "levers"} & door.keys():  # in texts of 0.2 too
+        graph.graph[key] = door.pop(key)
     for says in graph.edges.values():
         says |= {"strength": says.pop("beta", 1.0)}
     return graph
