@@ -14,7 +14,7 @@ from causal_openlock.errors import LayoutError, OpenLockError, ProtocolError
 from causal_openlock.experiment.protocol import MAX_ACTION_LIMIT, default_action_limit
 from causal_openlock.files.validation import check_arguments, plain, whole_number
 from causal_openlock.schemas.schema import Schema
-from causal_openlock.world.rewards import RewardForm, RewardFunction, find_reward, form_of
+from causal_openlock.world.rewards import RewardForm, RewardFunction, find_reward
 from causal_openlock.world.room import RANDOM_LAYOUT, Layout, position_names, positions_for
 
 if TYPE_CHECKING:
@@ -147,7 +147,7 @@ def plain_arguments(given: Mapping[str, Any], settings: Settings) -> dict[str, A
         elif isinstance(value, Layout):
             found |= {name: value.as_mapping(settings.schema), "positions": settings.positions}
         elif isinstance(value, RewardFunction):
-            found[name] = form_of(value)
+            found[name] = value.written()
         elif isinstance(value, os.PathLike):
             found[name] = os.fspath(value)
         else:

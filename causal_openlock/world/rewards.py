@@ -2,7 +2,7 @@
 
 The paper describes seven reward functions as changes to a basic one, so each is a *term* here and a
 reward is the sum of its terms (paper, "Reward Functions"). A term is a pure function of what
-happened in one action (:mod:`causal_openlock.world.reward_table`), for many actions at once:
+happened in one action (:mod:`causal_openlock.world.events`), for many actions at once:
 
 ======================= ==========================================================================
 ``basic``               10 on the action that unlocks the door, 50 on the one that opens it.
@@ -28,8 +28,9 @@ presets ``authors_2018_*``, to test whether a result depends on the difference.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Annotated, Any, get_type_hints
 
 import numpy as np
@@ -100,49 +101,20 @@ class Reward(RewardFunction):
 
     def as_dict(self) -> dict[str, Any]:
         """The reward as plain data, with the weights that differ from the paper's."""
-        changed = _changed(self.weights)
-        data: dict[str, Any] = {"name": self.name, "terms": self.terms}
+        papers, data = asdict(Weights()), {"name": self.name, "terms": self.terms}
+        changed = {name: w for name, w in asdict(self.weights).items() if w != papers[name]}
         return {**data, "weights": changed} if changed else data
 
     def written(self) -> Any:
-        """A preset's name, a list of terms, or either with weights."""
-        base = self.name.partition("(")[0]
+        """A preset's name, a list of terms, or either with the weights that the name lists."""
+        base, _, listed = self.name.partition("(")
         preset = PRESETS.get(base)
-        given = _given_weights(self, preset.terms if isinstance(preset, Reward) else ())
-        for form in (base, base.split("+"), {"preset": base, **given}):
-            try:
-                if find_reward(form) == self:
-                    return form
-            except RewardError:
-                continue
-        return {"terms": base.split("+"), **_given_weights(self, tuple(base.split("+")))}
-
-    @property
-    def depends_on_repeats(self) -> bool:
-        """Whether the reward depends on the action before."""
-        return "negative_repeat" in self.terms
-
-    @property
-    def depends_on_found(self) -> bool:
-        """Whether the reward depends on which solutions are already found."""
-        return not {"unique_solutions", "solution_multiplier"}.isdisjoint(self.terms)
-
-
-def _changed(weights: Weights) -> dict[str, float]:
-    """The weights that differ from the paper's."""
-    papers = asdict(Weights())
-    return {name: value for name, value in asdict(weights).items() if value != papers[name]}
-
-
-def _given_weights(reward: Reward, base: tuple[str, ...]) -> dict[str, float]:
-    """The weights that turn the terms ``base`` into a reward: changed ones and those it adds."""
-    added = {*reward.terms} - {*base}
-    changed = _changed(reward.weights)
-    return {
-        name: value
-        for name, value in asdict(reward.weights).items()
-        if name in changed or term_of(name) in added
-    }
+        is_preset = isinstance(preset, Reward) and preset.terms == self.terms[: len(preset.terms)]
+        form = base if is_preset else base.split("+")
+        if not listed:
+            return form
+        weights = {name: getattr(self.weights, name) for name in re.findall(r"(\w+)=", listed)}
+        return {"preset" if is_preset else "terms": form, **weights}
 
 
 def _basic(events: Events, reward: Reward) -> FloatArray:
@@ -230,16 +202,6 @@ class AuthorsReward(RewardFunction):
             default=0.0,
         )
 
-    @property
-    def depends_on_repeats(self) -> bool:
-        """Whether the reward depends on the action before."""
-        return self.repeat
-
-    @property
-    def depends_on_found(self) -> bool:
-        """Whether the reward depends on which solutions are already found."""
-        return self.unique or self.multiplier
-
     def as_dict(self) -> dict[str, Any]:
         """The reward as plain data."""
         return asdict(self)
@@ -251,41 +213,34 @@ PAPER_REWARD = "paper"
 """The paper's best combination, and the default of sessions and experiments."""
 
 
-def _presets() -> dict[str, RewardFunction]:
-    presets: dict[str, RewardFunction] = {
-        # Each is added to the basic reward, as in the paper.
-        name: Reward(name, ("basic",) if name == "basic" else ("basic", name))
-        for name in TERMS
-    }
-    presets["partial_sequence"] = Reward(
-        "partial_sequence", ("basic", "state_change", "partial_sequence")
-    )
-    presets[PAPER_REWARD] = Reward(
+_AUTHORS_CASES = {
+    "basic": "",
+    "change_state": "change",
+    "unique_solutions": "unique",
+    "change_state_unique_solutions": "unique change",
+    "negative_immovable": "immovable",
+    "negative_immovable_unique_solutions": "unique immovable",
+    "negative_immovable_negative_repeat": "immovable repeat",
+    "negative_immovable_partial_action_seq": "immovable partial",
+    "negative_immovable_solution_multiplier": "immovable multiplier",
+    "negative_immovable_partial_action_seq_solution_multiplier": "immovable partial multiplier",
+}
+
+PRESETS: dict[str, RewardFunction] = {
+    # Each is added to the basic reward, as in the paper.
+    **{term: Reward(term, tuple(dict.fromkeys(["basic", term]))) for term in TERMS},
+    "partial_sequence": Reward("partial_sequence", ("basic", "state_change", "partial_sequence")),
+    PAPER_REWARD: Reward(
         PAPER_REWARD, ("basic", "negative_immovable", "partial_sequence", "solution_multiplier")
-    )
-    for short, cases in {
-        "basic": "",
-        "change_state": "change",
-        "unique_solutions": "unique",
-        "change_state_unique_solutions": "unique change",
-        "negative_immovable": "immovable",
-        "negative_immovable_unique_solutions": "unique immovable",
-        "negative_immovable_negative_repeat": "immovable repeat",
-        "negative_immovable_partial_action_seq": "immovable partial",
-        "negative_immovable_solution_multiplier": "immovable multiplier",
-        "negative_immovable_partial_action_seq_solution_multiplier": (
-            "immovable partial multiplier"
-        ),
-    }.items():
-        name = f"authors_2018_{short}"
-        presets[name] = AuthorsReward(name, **dict.fromkeys(cases.split(), True))
-    presets["authors_2018"] = AuthorsReward(
-        "authors_2018", immovable=True, partial=True, multiplier=True
-    )
-    return presets
-
-
-PRESETS = _presets()
+    ),
+    **{
+        f"authors_2018_{name}": AuthorsReward(
+            f"authors_2018_{name}", **dict.fromkeys(cases.split(), True)
+        )
+        for name, cases in _AUTHORS_CASES.items()
+    },
+    "authors_2018": AuthorsReward("authors_2018", immovable=True, partial=True, multiplier=True),
+}
 
 
 RewardForm = (
@@ -346,17 +301,6 @@ def find_reward(reward: RewardForm) -> RewardFunction:
     return Reward("+".join(terms), terms)
 
 
-def form_of(reward: RewardFunction) -> str | dict[str, Any]:
-    """The description of a reward as plain data, from which :func:`find_reward` makes it.
-
-    >>> form_of(find_reward({"terms": ["basic"], "open": 5})), form_of(find_reward("paper"))
-    ({'terms': ['basic'], 'open': 5.0}, 'paper')
-    """
-    if PRESETS.get(reward.name) == reward or not isinstance(reward, Reward):
-        return reward.name
-    return {"terms": list(reward.terms), **_given_weights(reward, reward.terms)}
-
-
 def _weighted(description: Mapping[str, Any]) -> Reward:
     """A reward with changed weights; a weight of a term that it does not have adds the term."""
     given = dict(description)
@@ -376,11 +320,11 @@ def _weighted(description: Mapping[str, Any]) -> Reward:
             raise RewardError(f"there is no weight {name!r}; {nearest(str(name), WEIGHTS)}")
         if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
             raise RewardError(f"the weight {name} is a number, not {value!r}")
-    added = [term_of(name) for name in WEIGHTS if name in given]  # in a fixed order
-    terms = [*base.terms, *added]
-    found = Reward(
-        base.name, tuple(dict.fromkeys(terms)), Weights(**{n: float(v) for n, v in given.items()})
-    )
-    weights = _given_weights(found, base.terms)
-    listed = ", ".join(f"{name}={value:g}" for name, value in weights.items())
-    return replace(found, name=f"{base.name}({listed})") if listed else base
+    terms = dict.fromkeys([*base.terms, *(term_of(name) for name in WEIGHTS if name in given)])
+    weights = Weights(**{name: float(value) for name, value in given.items()})
+    listed = [
+        f"{name}={value:g}"
+        for name, value in asdict(weights).items()
+        if value != getattr(Weights(), name) or term_of(name) in terms.keys() - {*base.terms}
+    ]
+    return Reward(f"{base.name}({', '.join(listed)})", (*terms,), weights) if listed else base
