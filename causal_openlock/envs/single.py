@@ -57,14 +57,14 @@ class _Table:
         tables = RoomTables.of([(settings.schema, limit)], settings.positions)
         self.attempt = unroll(compile_schema(settings.schema), limit)
         self.fails, self.columns = tables.fails, tables.waits + 1
-        self.after: list[int] = tables.lookup.after.ravel().tolist()
-        self.event: list[int] = tables.lookup.event.ravel().tolist()
-        self.chance: list[float] = tables.lookup.chance.ravel().tolist()
-        self.solution: list[int] = tables.lookup.solution.tolist()
-        self.actions_left: list[int] = tables.lookup.actions_left.tolist()
-        self.begins = tables.lookup.begins
+        self.after: list[int] = tables.after.ravel().tolist()
+        self.event: list[int] = tables.event.ravel().tolist()
+        self.chance: list[float] = tables.chance.ravel().tolist()
+        self.solution: list[int] = tables.solution.tolist()
+        self.actions_left: list[int] = tables.actions_left.tolist()
+        self.begins = tables.begins
         solutions = len(settings.schema.solutions)
-        (self.paid,) = rewards_by_event([settings.reward], tables.lookup.event, solutions)
+        (self.paid,) = rewards_by_event([settings.reward], tables.event, solutions)
 
 
 class _Bodies:
@@ -248,7 +248,7 @@ class OpenLockEnv(Recreatable, gymnasium.Env[NDArray[np.int8], int]):
         after, event = table.after[place], table.event[place]
         if self._bodies is not None:
             after = self._bodies.move(row, action, not fails)
-            event = event & INACTIVE | int(events_of(table.attempt, row, np.array(after)))
+            event = event & INACTIVE | int(events_of(table.attempt, np.array(row), np.array(after)))
         if event & UNLOCKED and table.solution[after] not in (-1, *found):
             event |= NEW
         if action == self._previous:

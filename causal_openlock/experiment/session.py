@@ -33,17 +33,19 @@ from causal_openlock.experiment.record import AttemptLog, assemble
 from causal_openlock.schemas.fsm import BoolArray, IntArray, compile_schema
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.kernel import (
+    AFTER,
     ATTEMPTS_LEFT,
     CHANGED,
+    EVENT,
+    ROW,
     SOLUTIONS_FOUND,
     SOLUTIONS_LEFT,
     UNLOCKED,
-    Outcome,
 )
 from causal_openlock.world.randomness import Streams, generators, unrelated_generators
 from causal_openlock.world.rewards import PAPER_REWARD, RewardForm, find_reward
 from causal_openlock.world.room import Layout, Room, action_names, positions_for
-from causal_openlock.world.rooms import Rooms, RoomTables
+from causal_openlock.world.rooms import Outcome, Rooms, RoomTables
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -143,7 +145,7 @@ class Session:
             subjects=self.subjects,
             positions=tables.positions,
             action_names=action_names(tables.positions),
-            action_limit=int(tables.action_limit.max()),
+            action_limit=int(tables.actions_left.max()),
             attempt_limit=protocol.attempt_limit,
             trials=self._room.shape[1],
             generators=unrelated_generators(seed, f"learner/{learner}/{place}", numbers),
@@ -217,7 +219,7 @@ class Session:
         """
         if not self.shown_trials or self._visit.min() >= self.shown_trials:
             return None
-        actions, used = [], self._tables.used[self._rooms.row]
+        actions, used = [], self._tables.used[self._rooms.now(ROW)]
         for subject, number in enumerate(self._room_now()):
             room, orders = self._layouts[number], self._orders[subject]
             which = orders[self._visit[subject]][self._view.attempt[subject] - 1]
@@ -327,9 +329,9 @@ class Session:
         tables, view = self._tables, self._view
         action = self._checked(action)
         done = action if self._playing.all() else np.where(self._playing, action, tables.waits)
-        moment = tables.used[self._rooms.row]
+        moment = tables.used[self._rooms.now(ROW)]
         outcome = self._rooms.step(done, self._luck.uniform() if self._luck else None, seen=True)
-        event = self._rooms.event
+        event = self._rooms.now(EVENT)
         self._actions[self._everyone, moment] = action
         self._moved[self._everyone, moment] = event & CHANGED != 0
         self._was_unlocked |= event & UNLOCKED != 0
@@ -376,7 +378,7 @@ class Session:
         """Log the attempts that ended, and begin the trials that follow."""
         tables, rooms = self._tables, self._rooms
         ended = np.flatnonzero(outcome.attempt_over)
-        row = rooms.after[ended]
+        row = rooms.now(AFTER)[ended]
         opened = tables.opened[row]
         self._log.append(
             subject=ended,
@@ -387,7 +389,7 @@ class Session:
             moved=self._moved[ended],
             unlocked=self._was_unlocked[ended],
             opened=opened,
-            solution=np.where(opened, tables.lookup.solution[row], -1),
+            solution=np.where(opened, tables.solution[row], -1),
             new_solution=outcome.new_solution[ended],
             solutions_found=rooms.console[ended, SOLUTIONS_FOUND],
             reward=self._earned[ended],

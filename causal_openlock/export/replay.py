@@ -19,7 +19,7 @@ from causal_openlock.errors import StoreError
 from causal_openlock.experiment.protocol import Condition, Protocol
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.storage.stored import recorded_layout
-from causal_openlock.world.kernel import CHANGED, SOLUTIONS_FOUND
+from causal_openlock.world.kernel import CHANGED, EVENT, ROW, SOLUTIONS_FOUND
 from causal_openlock.world.rewards import RewardFunction
 from causal_openlock.world.room import positions_for
 from causal_openlock.world.rooms import Rooms, RoomTables
@@ -79,11 +79,11 @@ def replay(
         # No luck is as bad as none at all: an action takes effect where it did, and only there.
         outcome = rooms.step(action, np.where(moved[:, number], 0.0, 1.0))
         rewards[:, number] = outcome.reward
-        agrees &= ((rooms.event & CHANGED != 0) == moved[:, number]) | ~going
+        agrees &= ((rooms.now(EVENT) & CHANGED != 0) == moved[:, number]) | ~going
         seen[going, number] = rooms.observation[going]
-    row = rooms.row
-    agrees &= tables.lookup.actions_left[row] == 0
-    solution = np.where(tables.opened[row], tables.lookup.solution[row], -1)
+    row = rooms.now(ROW)
+    agrees &= tables.actions_left[row] == 0
+    solution = np.where(tables.opened[row], tables.solution[row], -1)
     agrees &= solution == columns["solution"].to_numpy()
     agrees &= np.isclose(rewards.sum(axis=1), columns["reward"].to_numpy())
     if not agrees.all():

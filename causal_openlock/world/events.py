@@ -14,6 +14,7 @@ from itertools import product
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.world import kernel
@@ -90,7 +91,7 @@ class RewardFunction(ABC):
 
 
 def rewards_by_event(
-    rewards: Sequence[RewardFunction], words: IntArray, solutions: int
+    rewards: Sequence[RewardFunction], words: NDArray[Any], solutions: int
 ) -> FloatArray:
     """``[F, WORDS, solutions + 1]`` what F rewards pay for each event, by solutions found before.
 
@@ -102,7 +103,7 @@ def rewards_by_event(
     Example:
         >>> from causal_openlock.world.rewards import find_reward
         >>> opens = np.array([kernel.OPENS | UNLOCKED])
-        >>> rewards_by_event([find_reward("basic")], opens, 1)[0, opens | NEW]
+        >>> rewards_by_event([find_reward("basic")], opens, 1)[0, opens]
         array([[50., 50.]])
     """
     word, found = possible(words, solutions)
@@ -112,7 +113,7 @@ def rewards_by_event(
     return paid
 
 
-def possible(words: IntArray, solutions: int) -> tuple[IntArray, IntArray]:
+def possible(words: NDArray[Any], solutions: int) -> tuple[IntArray, IntArray]:
     """``[N]`` these events with every past that they can have, ``[N]`` solutions found before."""
     pasts = [sum(bits) for bits in product((0, REPEATED), (0, NEW), (0, RETRACED))]
     some = np.unique(words[words & IDLE == 0] & (IDLE - 1)).astype(np.int64)

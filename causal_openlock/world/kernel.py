@@ -14,13 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from causal_openlock.files.compiling import compiled
-from causal_openlock.schemas.fsm import BoolArray, FloatArray
+from causal_openlock.schemas.fsm import FloatArray
 
 FIRST, LAST, INACTIVE, CHANGED, UNLOCKS, UNLOCKED, OPENS, ON_PATH = (1 << bit for bit in range(8))
 """Bits of an event, as in :class:`~causal_openlock.world.events.Events`."""
@@ -34,78 +34,18 @@ UNSURE, PUT_BACK = 1 << 12, 1 << 13
 """The action can fail by chance; the attempt was over before, so the room is put back."""
 
 ROW, START, AFTER, EVENT, PREVIOUS, PAYER = range(6)
-"""Columns of :attr:`State.situation`."""
+"""Columns of :attr:`causal_openlock.world.rooms.State.situation`."""
 SOLUTIONS_LEFT, SOLUTIONS_FOUND, ATTEMPTS_LEFT, ACTIONS_LEFT = range(4)
-"""Columns of :attr:`State.console`."""
-
-
-class Tables(NamedTuple):
-    """What actions lead to: R rows, W columns (the 2P + 1 actions, to fail, to wait), K solutions.
-
-    Attributes:
-        after: ``[R, W]`` the row after an action that takes effect.
-        event: ``[R, W]`` its event.
-        chance: ``[R, W]`` the probability that it takes effect; 0 where it can do nothing.
-        solution: ``[R]`` the solution whose levers are pushed, -1 for none.
-        begins: ``[R, K]`` whether the actions so far are the beginning of each solution.
-        actions_left: ``[R]`` the actions left in the attempt.
-    """
-
-    after: NDArray[np.uint32]
-    event: NDArray[np.uint16]
-    chance: FloatArray
-    solution: NDArray[np.int32]
-    begins: BoolArray
-    actions_left: NDArray[np.int32]
-
-
-class State(NamedTuple):
-    """All that changes in B rooms.
-
-    Attributes:
-        situation: ``[B, 6]`` the row, the first row of the schema, the row that the last action
-            led to and its event, the action before the next one in the attempt (to wait for none),
-            and which of the rewards is paid.
-        console: ``[B, 4]`` solutions left and found, attempts left, actions left.
-        found: ``[B, K]`` which solutions are found in the trial.
-        column: ``[B, W]`` the column of each action: the same on the lever at that position.
-        observation: ``[B, 2P + 2]`` what is seen.
-        luck: ``[B]`` states of random generators, none 0, for rooms that are given no luck.
-    """
-
-    situation: NDArray[np.uint32]
-    console: NDArray[np.int32]
-    found: BoolArray
-    column: NDArray[np.uint8]
-    observation: NDArray[np.int8]
-    luck: NDArray[np.uint64]
-
-
-class Outcome(NamedTuple):
-    """What an action in each of B rooms led to, to be written.
-
-    Attributes:
-        reward: ``[B]`` the reward.
-        attempt_over: ``[B]`` whether the attempt is over.
-        trial_over: ``[B]`` whether the trial is over.
-        new_solution: ``[B]`` whether it found a solution for the first time in the trial.
-        seen: ``[B, 2P + 2]`` what is seen before a room is put back; empty if nobody asks.
-    """
-
-    reward: FloatArray
-    attempt_over: BoolArray
-    trial_over: BoolArray
-    new_solution: BoolArray
-    seen: NDArray[np.int8]
+"""Columns of :attr:`causal_openlock.world.rooms.State.console`."""
 
 
 def step(
-    state: State,
-    tables: Tables,
+    state: tuple[Any, ...],
+    tables: tuple[Any, ...],
     paid: FloatArray,
     action: NDArray[np.int64],
     given_luck: FloatArray,
-    outcome: Outcome,
+    outcome: tuple[Any, ...],
     legal: int,
     stop_when_solved: bool,
     put_back: bool,
@@ -113,17 +53,15 @@ def step(
     """Take one action in each room; False, and nothing is changed, if one is not legal.
 
     Args:
-        state: The rooms; changed.
-        tables: The tables of their schemas.
+        state: A :class:`~causal_openlock.world.rooms.State`; changed.
+        tables: The first six of :class:`~causal_openlock.world.rooms.RoomTables`.
         paid: ``[F, WORDS, K + 1]`` rewards by function, event and number of solutions found before.
         action: ``[B]`` the actions.
-        given_luck: ``[B]`` numbers in [0, 1): an action takes effect if its chance is above. Empty
-            if each room is to draw its own.
-        outcome: Where to write what the actions led to.
+        given_luck: ``[B]`` numbers in [0, 1); empty if each room is to draw its own.
+        outcome: An :class:`~causal_openlock.world.rooms.Outcome`, to be written.
         legal: Actions are below it.
         stop_when_solved: Whether a trial is over once all solutions are found.
-        put_back: Whether a room is put back as soon as its attempt is over; otherwise its next
-            action puts it back and does nothing else.
+        put_back: Whether a room is put back as soon as its attempt is over.
     """
     situation, console, found, columns, observation, luck = state
     afters, events, chances, solutions, begins, actions_left = tables

@@ -8,7 +8,7 @@ attempt is left; then the caller begins another one (:meth:`Rooms.begin_trials`)
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,106 +24,105 @@ from causal_openlock.schemas.fsm import (
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world import kernel
 from causal_openlock.world.events import RewardFunction, rewards_by_event
-from causal_openlock.world.kernel import Outcome, State, Tables
 from causal_openlock.world.room import Layout
 
 
-@dataclass(frozen=True, eq=False)
-class RoomTables:
-    """The unrolled attempts of G schemas, stacked, in rooms of P positions.
+class RoomTables(NamedTuple):
+    """The unrolled attempts of G schemas, stacked, their levers at the first of P positions.
 
-    A *row* is a state of a schema in an attempt (:func:`causal_openlock.schemas.fsm.unroll`); the
-    levers are at the first positions. R rows; A = 2P + 1 actions, and two more columns: to try what
-    has a chance and fails, and to wait, which changes and pays nothing.
+    R rows (:func:`causal_openlock.schemas.fsm.unroll`), K solutions, and W columns: the 2P + 1
+    actions, to try what has a chance and fail, and to wait, which changes and pays nothing. The
+    kernel looks up the first six.
 
     Attributes:
-        positions: P.
-        lookup: What the kernel looks up.
-        state: ``[R]`` state of the schema's machine.
+        after: ``[R, W]`` the row after an action that takes effect.
+        event: ``[R, W]`` its event (:mod:`causal_openlock.world.kernel`).
+        chance: ``[R, W]`` the probability that it takes effect; 0 where it can do nothing.
+        solution: ``[R]`` the solution whose levers are pushed, -1 for none.
+        begins: ``[R, K]`` whether the actions so far are the beginning of each solution.
+        actions_left: ``[R]`` the actions left in the attempt.
         used: ``[R]`` actions used so far in the attempt.
         opened: ``[R]`` whether the door is open.
         start: ``[G]`` the first row of each schema, where its attempts begin.
         levers: ``[G]`` how many levers each schema has.
         solutions: ``[G]`` how many solutions.
-        action_limit: ``[G]`` how many actions an attempt has.
 
     Example:
         >>> from causal_openlock import find_schema
         >>> tables = RoomTables.of([(find_schema("CC3"), 3)], positions=7)
-        >>> tables.used[tables.lookup.after[0, :2]]  # after one action
+        >>> tables.used[tables.after[0, :2]]  # after one action
         array([1, 1])
     """
 
-    positions: int
-    lookup: Tables
-    state: IntArray
+    after: NDArray[np.uint32]
+    event: NDArray[np.uint16]
+    chance: FloatArray
+    solution: NDArray[np.int32]
+    begins: BoolArray
+    actions_left: NDArray[np.int32]
     used: IntArray
     opened: BoolArray
     start: IntArray
     levers: IntArray
     solutions: IntArray
-    action_limit: IntArray
 
     @classmethod
     def of(cls, schemas: Sequence[tuple[Schema, int]], positions: int) -> RoomTables:
         """Unroll the attempts of schemas, each with the number of actions in an attempt."""
-        most = max(len(schema.solutions) for schema, _ in schemas)
-        attempts = [unroll(compile_schema(schema), limit) for schema, limit in schemas]
-        sizes = [len(attempt.state) for attempt in attempts]
-        start = np.cumsum([0, *sizes[:-1]])
-        stacked = [
-            _lookup(attempt, first, positions, most)
-            for attempt, first in zip(attempts, start.tolist(), strict=True)
-        ]
-        return cls(
-            positions=positions,
-            lookup=Tables(*map(np.concatenate, zip(*stacked, strict=True))),
-            state=np.concatenate([attempt.state for attempt in attempts]),
-            used=np.concatenate([attempt.used for attempt in attempts]),
-            opened=np.concatenate([attempt.fsm.opened[attempt.state] for attempt in attempts]),
-            start=start,
-            levers=np.array([len(schema.levers) for schema, _ in schemas]),
-            solutions=np.array([len(schema.solutions) for schema, _ in schemas]),
-            action_limit=np.array([limit for _, limit in schemas]),
-        )
+        most, first = max(len(schema.solutions) for schema, _ in schemas), 0
+        tables = []
+        for schema, limit in schemas:
+            attempt = unroll(compile_schema(schema), limit)
+            tables.append(_table(attempt, first, positions, most))
+            first += len(attempt.state)
+        return cls(*map(np.concatenate, zip(*tables, strict=True)))
+
+    @property
+    def positions(self) -> int:
+        """Number of positions, P."""
+        return self.fails // 2
 
     @property
     def fails(self) -> int:
-        """The column of an action that has a chance and moves nothing."""
-        return 2 * self.positions + 1
+        """The column of an action that has a chance and moves nothing; the number of actions."""
+        return self.after.shape[1] - 2
 
     @property
     def waits(self) -> int:
         """The column of no action at all."""
-        return 2 * self.positions + 2
+        return self.after.shape[1] - 1
 
     @property
     def stochastic(self) -> bool:
         """Whether any action can fail by chance."""
-        return bool((self.lookup.event & kernel.UNSURE).any())
+        return bool((self.event & kernel.UNSURE).any())
 
 
-def _lookup(attempt: Attempt, first: int, positions: int, solutions: int) -> Tables:
-    """The tables of one schema, whose rows begin at ``first``."""
-    fsm, rows = attempt.fsm, np.arange(len(attempt.state))
-    roles = Layout(tuple(range(fsm.levers)), positions).role_actions()
+def _table(attempt: Attempt, first: int, positions: int, solutions: int) -> RoomTables:
+    """The table of one schema, whose rows begin at ``first``."""
+    fsm, rows, levers = attempt.fsm, np.arange(len(attempt.state)), attempt.fsm.levers
+    roles = Layout(tuple(range(levers)), positions).role_actions()
     after = np.column_stack([attempt.effect[:, roles], attempt.effect[:, -1], rows])
     chance = np.pad(attempt.chance[:, roles], ((0, 0), (0, 2)))
     event = events_of(attempt, rows[:, None], after)
-    event[:, fsm.levers : positions] |= kernel.INACTIVE
-    event[:, positions + fsm.levers : 2 * positions] |= kernel.INACTIVE
+    event[:, levers:positions] |= kernel.INACTIVE
+    event[:, positions + levers : 2 * positions] |= kernel.INACTIVE
     event[(chance > 0) & (chance < 1)] |= kernel.UNSURE
     after[attempt.over, :-1], event[attempt.over] = 0, kernel.IDLE | kernel.PUT_BACK
     event[:, -1] = kernel.IDLE
-    return Tables(
+    left = np.where(attempt.over, 0, attempt.action_limit - attempt.used)
+    return RoomTables(
         after=(first + after).astype(np.uint32),
         event=event,
         chance=chance,
         solution=fsm.solution[attempt.state].astype(np.int32),
         begins=np.pad(attempt.begins, ((0, 0), (0, solutions - attempt.begins.shape[1]))),
-        actions_left=np.where(attempt.over, 0, attempt.action_limit - attempt.used).astype(
-            np.int32
-        ),
+        actions_left=left.astype(np.int32),
+        used=attempt.used,
+        opened=fsm.opened[attempt.state],
+        start=np.array([first]),
+        levers=np.array([levers]),
+        solutions=np.array([len(fsm.schema.solutions)]),
     )
 
 
@@ -137,7 +136,7 @@ def events_of(attempt: Attempt, row: IntArray, after: IntArray) -> NDArray[np.ui
         kernel.UNLOCKS: unlocked[after] & ~unlocked[row],
         kernel.UNLOCKED: unlocked[after],
         kernel.OPENS: opened[after] & ~opened[row],
-        kernel.ON_PATH: attempt.begins.any(axis=1)[after],
+        kernel.ON_PATH: np.asarray(attempt.begins.any(axis=1))[after],
     }
     event = np.zeros(after.shape, np.uint16)
     for bit, holds in facts.items():
@@ -145,11 +144,51 @@ def events_of(attempt: Attempt, row: IntArray, after: IntArray) -> NDArray[np.ui
     return event
 
 
+class State(NamedTuple):
+    """All that changes in B rooms of P positions.
+
+    Attributes:
+        situation: ``[B, 6]`` the row, the first row of the schema, the row that the last action
+            led to and its event, the action before the next one in the attempt (to wait for none),
+            and which of the rewards is paid.
+        console: ``[B, 4]`` solutions left and found, attempts left, actions left.
+        found: ``[B, K]`` which solutions are found in the trial.
+        column: ``[B, W]`` the column of each action: the same on the lever at that position.
+        observation: ``[B, 2P + 2]`` what is seen.
+        luck: ``[B]`` states of random generators, none 0, for rooms that are given no luck.
+    """
+
+    situation: NDArray[np.uint32]
+    console: NDArray[np.int32]
+    found: BoolArray
+    column: NDArray[np.uint8]
+    observation: NDArray[np.int8]
+    luck: NDArray[np.uint64]
+
+
+class Outcome(NamedTuple):
+    """What an action in each of B rooms led to.
+
+    Attributes:
+        reward: ``[B]`` the reward.
+        attempt_over: ``[B]`` whether the attempt is over.
+        trial_over: ``[B]`` whether the trial is over.
+        new_solution: ``[B]`` whether it found a solution for the first time in the trial.
+        seen: ``[B, 2P + 2]`` what is seen before a room is put back; empty if nobody asked.
+    """
+
+    reward: FloatArray
+    attempt_over: BoolArray
+    trial_over: BoolArray
+    new_solution: BoolArray
+    seen: NDArray[np.int8]
+
+
 class Rooms:
     """B rooms, each somewhere in an attempt and a trial.
 
     Args:
-        tables: The schemas there are.
+        tables: The tables of their schemas.
         rewards: Reward functions; each room is paid by one of them.
         size: B.
         attempt_limit: Attempts in a trial.
@@ -165,7 +204,7 @@ class Rooms:
         >>> from causal_openlock.world.rewards import find_reward
         >>> tables = RoomTables.of([(find_schema("CC3"), 3)], positions=7)
         >>> rooms = Rooms(tables, [find_reward("basic")], size=1, attempt_limit=30)
-        >>> rooms.begin_trials([0], schema=[0], lever=[range(7)])
+        >>> rooms.begin_trials(slice(None), schema=np.array([0]), lever=np.arange(7)[None])
         >>> [rooms.step(np.array([action])).reward.item() for action in (0, 1, 14)]
         [0.0, 10.0, 50.0]
     """
@@ -183,9 +222,8 @@ class Rooms:
         self.tables, self.attempt_limit = tables, attempt_limit
         self.stop_when_solved, self.put_back = stop_when_solved, put_back
         solutions = int(tables.solutions.max())
-        # An attempt finds at most one.
-        most = min(solutions, attempt_limit)
-        self.paid = rewards_by_event(rewards, tables.lookup.event, most)
+        most = min(solutions, attempt_limit)  # an attempt finds at most one
+        self._paid = rewards_by_event(rewards, tables.event, most)
         self.state = State(
             situation=np.zeros((size, 6), np.uint32),
             console=np.zeros((size, 4), np.int32),
@@ -195,12 +233,7 @@ class Rooms:
             luck=np.ones(size, np.uint64),
         )
 
-    def begin_trials(
-        self,
-        which: IntArray | Sequence[int] | slice,
-        schema: IntArray | Sequence[int],
-        lever: IntArray | Sequence[Sequence[int]],
-    ) -> None:
+    def begin_trials(self, which: IntArray | slice, schema: IntArray, lever: IntArray) -> None:
         """Begin a trial for some of the rooms.
 
         Args:
@@ -209,40 +242,24 @@ class Rooms:
             lever: ``[n, P]`` which lever is at each position; those that the schema does not have
                 are inactive.
         """
-        tables, state, positions = self.tables, self.state, self.tables.positions
-        schema, lever = np.asarray(schema), np.asarray(lever)
-        start = tables.start[schema]
-        state.situation[which, kernel.ROW] = state.situation[which, kernel.START] = start
-        state.situation[which, kernel.PREVIOUS] = tables.waits
-        state.console[which] = np.column_stack(
-            [
-                tables.solutions[schema],
-                np.zeros_like(schema),
-                np.full_like(schema, self.attempt_limit),
-                tables.action_limit[schema],
-            ]
-        )
-        state.found[which] = False
-        state.column[which, :positions] = lever
-        state.column[which, positions : 2 * positions] = positions + lever
-        state.observation[which, :positions] = 0
-        state.observation[which, positions : 2 * positions] = lever < tables.levers[schema][:, None]
-        state.observation[which, -2:] = 1, 0
+        tables, (situation, console, found, column, observation, _) = self.tables, self.state
+        positions, start = tables.positions, tables.start[schema]
+        situation[which, kernel.ROW] = situation[which, kernel.START] = start
+        situation[which, kernel.PREVIOUS] = tables.waits
+        console[which, kernel.SOLUTIONS_LEFT] = tables.solutions[schema]
+        console[which, kernel.SOLUTIONS_FOUND] = 0
+        console[which, kernel.ATTEMPTS_LEFT] = self.attempt_limit
+        console[which, kernel.ACTIONS_LEFT] = tables.actions_left[start]
+        found[which] = False
+        column[which, :positions] = lever
+        column[which, positions : 2 * positions] = positions + lever
+        observation[which, :positions] = 0
+        observation[which, positions:-2] = lever < tables.levers[schema][:, None]
+        observation[which, -2:] = 1, 0
 
-    @property
-    def row(self) -> IntArray:
-        """``[B]`` the row of each room, where its next action begins."""
-        return self.state.situation[:, kernel.ROW].astype(np.int64)
-
-    @property
-    def after(self) -> IntArray:
-        """``[B]`` the row that the last action of each room led to."""
-        return self.state.situation[:, kernel.AFTER].astype(np.int64)
-
-    @property
-    def event(self) -> IntArray:
-        """``[B]`` the event of the last action of each room."""
-        return self.state.situation[:, kernel.EVENT].astype(np.int64)
+    def now(self, what: int) -> IntArray:
+        """``[B]`` a column of the situation, such as :data:`causal_openlock.world.kernel.ROW`."""
+        return self.state.situation[:, what].astype(np.int64)
 
     @property
     def observation(self) -> NDArray[np.int8]:
@@ -281,8 +298,8 @@ class Rooms:
         # Plain tuples and one type of each array, which numba recognises fastest.
         taken = kernel.compiled_step()(
             tuple(self.state),
-            tuple(self.tables.lookup),
-            self.paid,
+            self.tables[:6],
+            self._paid,
             np.array(action, np.int64),
             _NO_LUCK if luck is None else np.array(luck, np.float64),
             tuple(outcome),

@@ -201,9 +201,9 @@ def test_chance_agrees_with_a_million_random_attempts(name, limit, positions):
     opened = np.zeros(many, bool)
     for _ in range(limit):
         action = rng.integers(tables.fails, size=many)
-        chance = tables.lookup.chance[row, action]
+        chance = tables.chance[row, action]
         fails = (rng.random(many) >= chance) & (chance > 0)
-        after = tables.lookup.after[row, np.where(fails, tables.fails, action)]
+        after = tables.after[row, np.where(fails, tables.fails, action)]
         row = np.where(opened, row, after)
         opened = tables.opened[row]
     exact = chance_of_opening(schema, limit, positions)

@@ -10,6 +10,7 @@ from causal_openlock.schemas.schema import DOOR, Gate, Schema
 from causal_openlock.testing import schemas
 from causal_openlock.world.kernel import (
     ACTIONS_LEFT,
+    AFTER,
     ATTEMPTS_LEFT,
     PAYER,
     SOLUTIONS_FOUND,
@@ -169,7 +170,7 @@ def play(rooms, positions, generator, put_back, stop_when_solved, steps=40):
             assert set(np.flatnonzero(batch.state.found[row])) == found
             if not waits[row] and not resets[row]:
                 assert taken.seen[row].tolist() == room.observation()
-                assert tables.used[batch.after[row]] == room.used
+                assert tables.used[batch.now(AFTER)[row]] == room.used
             if put_back and room.over:
                 room.begin()
                 subject.done = []

@@ -77,7 +77,7 @@ class MetaRooms:
             subjects=rooms,
             positions=POSITIONS,
             action_names=action_names(POSITIONS),
-            action_limit=int(self._tables.action_limit.max()),
+            action_limit=int(self._tables.actions_left.max()),
             attempt_limit=distribution.attempt_limit,
             trials=distribution.trials[1],
             generators=(),
