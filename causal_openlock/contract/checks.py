@@ -5,11 +5,10 @@ from __future__ import annotations
 import pickle
 import random
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from importlib import import_module
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -41,37 +40,47 @@ def are_probabilities(found: Any, actions: int) -> bool:
     >>> are_probabilities(np.full((2, 4), 0.25), 4), are_probabilities(np.ones((2, 4)), 4)
     (True, False)
     """
-    if not (isinstance(found, np.ndarray) and found.dtype.kind in "fiu"):
-        return False
-    if found.ndim != 2 or found.shape[1] != actions:
-        return False
-    return bool((found >= 0).all() and np.allclose(found.sum(axis=1), 1.0, atol=1e-6))
+    return (
+        isinstance(found, np.ndarray)
+        and found.dtype.kind in "fiu"
+        and found.shape[1:] == (actions,)
+        and bool((found >= 0).all() and np.allclose(found.sum(axis=1), 1.0, atol=1e-6))
+    )
 
 
-@dataclass(frozen=True)
-class GlobalRandomness:
+class _Generator(NamedTuple):
+    """A random generator that all code of a process shares."""
+
+    state: Callable[[], Any]
+    put: Callable[[Any], None]
+    seed: Callable[[int], Any]
+
+
+def _generators() -> dict[str, _Generator]:
+    """The generators of Python, NumPy and, if it is imported, torch, by their modules."""
+    legacy: Any = np.random
+    shared = {
+        "random": _Generator(random.getstate, random.setstate, random.seed),
+        "numpy.random": _Generator(
+            legacy.get_state, legacy.set_state, lambda seed: legacy.seed(seed % 2**32)
+        ),
+    }
+    if torch := sys.modules.get("torch"):
+        shared["torch"] = _Generator(
+            lambda: torch.random.get_rng_state().numpy(),
+            lambda state: torch.random.set_rng_state(torch.from_numpy(state)),
+            torch.manual_seed,
+        )
+    return shared
+
+
+class GlobalRandomness(dict[str, Any]):
     """States of the random generators that all code of a process shares, by their modules."""
-
-    states: dict[str, Any]
 
     @classmethod
     def now(cls) -> GlobalRandomness:
         """The states now; torch's included if torch is imported."""
-        states: dict[str, Any] = {
-            "random": random.getstate(),
-            "numpy.random": np.random.get_state(),  # noqa: NPY002
-        }
-        if torch := sys.modules.get("torch"):
-            states["torch"] = torch.random.get_rng_state().numpy()
-        return cls(states)
-
-    @staticmethod
-    def seed(seed: int) -> None:
-        """Seed all of them."""
-        random.seed(seed)
-        np.random.seed(seed % 2**32)  # noqa: NPY002
-        if torch := sys.modules.get("torch"):
-            torch.manual_seed(seed)
+        return cls({name: one.state() for name, one in _generators().items()})
 
     @classmethod
     @contextmanager
@@ -82,7 +91,8 @@ class GlobalRandomness:
             The states at the beginning of the block.
         """
         before = cls.now()
-        cls.seed(seed)
+        for generator in _generators().values():
+            generator.seed(seed)
         try:
             yield cls.now()
         finally:
@@ -90,25 +100,17 @@ class GlobalRandomness:
 
     def restore(self) -> None:
         """Put these states in place."""
-        random.setstate(self.states["random"])
-        np.random.set_state(self.states["numpy.random"])  # noqa: NPY002
-        if "torch" in self.states:
-            import_module("torch")
-        if torch := sys.modules.get("torch"):
-            torch.random.set_rng_state(torch.from_numpy(self._of_torch(torch)))
+        for name, state in self.items():
+            import_module(name)  # torch, in a process that continues from a checkpoint
+            _generators()[name].put(state)
 
     def differs_from(self, other: GlobalRandomness) -> list[str]:
-        """Names of the modules whose generator has another state."""
-        states = self.states
-        if "torch" in other.states:
-            states = {**states, "torch": self._of_torch(sys.modules["torch"])}
-        return [
-            name
-            for name, state in states.items()
-            if pickle.dumps(state) != pickle.dumps(other.states[name])
-        ]
+        """Names of the modules whose generator has another state.
 
-    def _of_torch(self, torch: Any) -> Any:
-        """Torch's state; if torch has been imported since then, the one that it began with."""
-        fresh = torch.Generator().manual_seed(torch.initial_seed()).get_state().numpy()
-        return self.states.get("torch", fresh)
+        If torch has been imported since, it began with the state of its present seed.
+        """
+        if "torch" in other and "torch" not in self:
+            torch = sys.modules["torch"]
+            fresh = torch.Generator().manual_seed(torch.initial_seed()).get_state().numpy()
+            return GlobalRandomness(self, torch=fresh).differs_from(other)
+        return [name for name in self if pickle.dumps(self[name]) != pickle.dumps(other[name])]

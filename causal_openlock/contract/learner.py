@@ -152,15 +152,12 @@ class Structure:
     gates: FloatArray
 
     def __post_init__(self) -> None:
-        edges, gates = np.asarray(self.edges), np.asarray(self.gates)
-        positions = len(edges)
-        if edges.shape != (positions, positions + 1) or gates.shape != (positions + 1,):
-            raise ValueError(
-                f"edges have to be [P, P + 1] and gates [P + 1], and these are {edges.shape} and "
-                f"{gates.shape}"
-            )
-        values = [*edges.flat, *gates[~np.isnan(gates)]]
-        if not all(-1e-6 <= value <= 1 + 1e-6 for value in values):
+        shapes = np.shape(self.edges), np.shape(self.gates)
+        positions = len(self.edges)
+        if shapes != ((positions, positions + 1), (positions + 1,)):
+            raise ValueError(f"edges have to be [P, P + 1] and gates [P + 1]; these are {shapes}")
+        values = np.concatenate([np.ravel(self.edges), self.gates[~np.isnan(self.gates)]])
+        if not ((values >= -1e-6) & (values <= 1 + 1e-6)).all():
             raise ValueError("edges and gates have to be probabilities, from 0 to 1")
 
 

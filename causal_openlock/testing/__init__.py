@@ -8,17 +8,8 @@ a package that adds one subclasses it, in three lines::
     class TestMine(LearnerContract):
         learner = "my_package:MyLearner"  # or its registered name
 
-:mod:`~causal_openlock.testing.strategies` has Hypothesis strategies: any schema and layout, for
-tests of what should hold for all of them::
-
-    from hypothesis import given
-    from causal_openlock.testing import schemas
-
-    @given(schemas(max_levers=5))
-    def test_every_schema_can_be_solved(schema):
-        assert schema.solutions
-
-Hypothesis is needed only for these (``pip install hypothesis``), and loaded with the first of them.
+:mod:`~causal_openlock.testing.strategies` has Hypothesis strategies, for tests of what should hold
+for any schema and layout. Hypothesis is loaded with the first of them (``pip install hypothesis``).
 """
 
 from __future__ import annotations

@@ -16,10 +16,6 @@ from hypothesis import strategies as st
 from causal_openlock.schemas.schema import DOOR, Gate, Schema
 from causal_openlock.world.room import Layout, positions_for
 
-CERTAIN = st.just(1.0)
-UNCERTAIN = CERTAIN | st.floats(0.05, 1.0, allow_subnormal=False)
-"""Strengths of edges."""
-
 
 @st.composite
 def schemas(
@@ -40,32 +36,26 @@ def schemas(
     """
     levers = [f"L{index}" for index in range(draw(st.integers(1, max_levers), label="levers"))]
     # Causes come first in this order, which is not the order of the levers.
-    order = draw(st.permutations(levers), label="causal order")
+    order = [*draw(st.permutations(levers), label="causal order"), DOOR]
     pairs = [(cause, effect) for i, cause in enumerate(order) for effect in order[i + 1 :]]
-    pairs += [(lever, DOOR) for lever in order]
     # As often sparse as dense, which a coin for each pair would not be.
     edges = draw(st.permutations(pairs), label="pairs")[: draw(st.integers(0, len(pairs)))]
     graph = nx.DiGraph(edges)
-    graph.add_nodes_from([*levers, DOOR])
+    graph.add_nodes_from(order)
     if not graph.in_degree(DOOR):
         graph.add_edge(draw(st.sampled_from(levers), label="cause of the door"), DOOR)
     if draw(st.booleans(), label="no inert levers"):
         ends = [lever for lever in levers if graph.out_degree(lever) == 0]
         graph.add_edges_from((lever, DOOR) for lever in ends)
+    strengths = st.just(1.0)
+    if stochastic:
+        strengths |= st.floats(0.05, 1.0, allow_subnormal=False)
     useful = nx.ancestors(graph, DOOR)
-    strengths = UNCERTAIN if stochastic else CERTAIN
     return Schema(
         name,
         levers,
-        {
-            cause: {effect: draw(strengths) for effect in graph.successors(cause)}
-            for cause in levers
-        },
-        gates={
-            node: draw(_gates(causes), label=f"gate of {node}")
-            for node, causes in graph.in_degree()
-            if causes
-        },
+        {lever: {effect: draw(strengths) for effect in graph[lever]} for lever in levers},
+        gates={node: draw(_gates(causes)) for node, causes in graph.in_degree() if causes},
         inert=draw(st.permutations([lever for lever in levers if lever not in useful])),
         title=draw(titles) if titles is not None else "",
     )

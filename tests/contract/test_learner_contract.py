@@ -344,7 +344,7 @@ class TestDice(LearnerContract):
         (LearnsFromTheFinished, FINISHED, "step.view.playing"),
         (DrawsGlobally, GLOBAL, "numpy.random"),
         (SeedsGlobally, GLOBAL, "random"),
-        (DrawsItsOwnSeed, GLOBAL, "global generators"),
+        (DrawsItsOwnSeed, GLOBAL, "depends on random"),
         (NeedsToAct, OTHERS, "AttributeError"),
         (Forgets, RESUMES, "agree for"),
         (WithThawed, PARAMETERS, "frozen=True"),
