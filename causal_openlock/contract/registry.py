@@ -1,18 +1,14 @@
 """Finding learners by name, and checking their hyper-parameters.
 
-Learners are found through the entry-point group ``causal_openlock.learners``, so any package can
-add learners by declaring them::
+Any package can add learners, in the way in which those of the toolkit are declared::
 
     [project.entry-points."causal_openlock.learners"]
     mine = "my_package:MyLearner"
 
-The learners that come with the toolkit are registered in the same way. ``module:Class`` names a
-learner that is not registered, such as one in a file of the working directory or next to the
-experiment file.
-
-Hyper-parameters are the fields of the learner's frozen dataclass ``Parameters``. The values in an
-experiment file are checked against the types of these fields; a text in their ``Annotated`` types
-explains them to users.
+``module:Class`` names a learner that is not registered, such as one in a file of the working
+directory or next to the experiment file. Hyper-parameters are the fields of its frozen dataclass
+``Parameters``: values are checked against their types, and a text in an ``Annotated`` type explains
+a parameter to users.
 """
 
 from __future__ import annotations
@@ -129,35 +125,33 @@ def learner_class(name: str) -> type[LearnerBase]:
 
 @cache
 def _load(name: str) -> type[LearnerBase]:
-    if ":" in name:
-        if not MODULE_AND_NAME.fullmatch(name):
-            raise LearnerError(f"{name!r} names no learner; write it like my_module:MyLearner")
-        look_beside()
-        entry = EntryPoint(name, name, LEARNERS)
-    else:
+    entry = _entry(name)
+    called = f"the learner {name!r} ({entry.value})"
+    try:
+        kind = entry.load()
+    except Exception as error:  # a module can fail in any way while it is imported
+        meant = misspelt(entry, error, "class", _is_whole) if name == entry.value else None
+        what = f"{called} cannot be imported: {type(error).__name__}: {error}"
+        raise LearnerError(meant or what) from error
+    if not (isinstance(kind, type) and issubclass(kind, LearnerBase)):
+        raise LearnerError(f"{called} is not a subclass of Learner or OneSubjectLearner")
+    _require_methods(kind)
+    return kind
+
+
+def _entry(name: str) -> EntryPoint:
+    if ":" not in name:
         known = registry()
         if name not in known:
             raise LearnerError(
                 f"there is no learner {name!r}; {nearest(name, known)}; one that is not installed "
                 "is written module:Class"
             )
-        entry = known[name]
-    try:
-        loaded = entry.load()
-    except Exception as error:  # a module can fail in any way while it is imported
-        meant = misspelt(entry, error, "class", _is_whole) if name == entry.value else None
-        message = meant or (
-            f"the learner {name!r} ({entry.value}) cannot be imported: "
-            f"{type(error).__name__}: {error}"
-        )
-        raise LearnerError(message) from error
-    if not (isinstance(loaded, type) and issubclass(loaded, LearnerBase)):
-        raise LearnerError(
-            f"the learner {name!r} ({entry.value}) is not a subclass of Learner or "
-            "OneSubjectLearner"
-        )
-    _require_methods(loaded)
-    return loaded
+        return known[name]
+    if not MODULE_AND_NAME.fullmatch(name):
+        raise LearnerError(f"{name!r} names no learner; write it like my_module:MyLearner")
+    look_beside()
+    return EntryPoint(name, name, LEARNERS)
 
 
 def _is_whole(kind: Any) -> bool:
