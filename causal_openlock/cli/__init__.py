@@ -31,7 +31,6 @@ from causal_openlock.cli import (
 from causal_openlock.cli.groups import GroupedCommands
 from causal_openlock.cli.terminal import complain, say, warn_in_a_line, write_anything
 from causal_openlock.errors import OpenLockError, in_short
-from causal_openlock.files.escaping import require_utf8
 from causal_openlock.files.plugins import COMMANDS, registered
 from causal_openlock.version import __version__
 
@@ -100,7 +99,8 @@ def main() -> None:
     warn_in_a_line()
     try:
         for word in sys.argv[1:]:
-            require_utf8(word)
+            if word.encode(errors="replace") != word.encode(errors="surrogatepass"):
+                raise OpenLockError(f"{word} is not valid UTF-8; rename it, or set PYTHONUTF8=1")
         app()
     except OpenLockError as error:
         _fail(str(error), error.status)

@@ -9,15 +9,13 @@ from __future__ import annotations
 
 import os
 import re
-import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
+from uuid import uuid4
 
 from causal_openlock.errors import StoreError
-
-PARTIAL = ".*.partial"
 
 
 def folder_at(place: Path | str) -> Path:
@@ -34,6 +32,7 @@ def folder_at(place: Path | str) -> Path:
             "and copy it before and after, for S3 with: aws s3 sync s3://BUCKET/NAME results/NAME"
         )
     try:
+        str(place).encode()  # results say it
         Path(place).resolve()  # fails at links in a circle, which exists() takes for nothing
         path = next(path for path in (Path(place), *Path(place).parents) if path.exists())
         is_folder = path.is_dir()
@@ -66,24 +65,19 @@ def replacing(path: Path | str) -> Iterator[BinaryIO]:
         StoreError: If the folder cannot be written to or the disk is full; the old file stays.
     """
     path = Path(path)
-    temporary = ""
+    partial = path.with_name(f".{path.name[:100]}.{uuid4().hex}.partial")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(
-            dir=path.parent, prefix=f".{path.name[:100]}.", suffix=".partial"
-        )
-        with os.fdopen(handle, "wb") as file:
+        with partial.open("xb") as file:
             yield file
             file.flush()
             os.fsync(file.fileno())
-        Path(temporary).chmod(0o666 & ~_umask())
-        Path(temporary).replace(path)
-        temporary = ""
+        partial.replace(path)
     except OSError as error:
         raise unwritable(path, error) from None
     finally:
-        if temporary:
-            Path(temporary).unlink(missing_ok=True)
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
 
 
 def write_bytes(path: Path | str, content: bytes) -> None:
@@ -99,11 +93,5 @@ def write_text(path: Path | str, text: str) -> None:
 
 def sweep(folder: Path) -> None:
     """Remove the temporary files of killed processes."""
-    for partial in folder.glob(PARTIAL):
+    for partial in folder.glob(".*.partial"):
         partial.unlink(missing_ok=True)
-
-
-def _umask() -> int:
-    current = os.umask(0)
-    os.umask(current)
-    return current

@@ -5,8 +5,6 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from causal_openlock.errors import OpenLockError
-
 if TYPE_CHECKING:
     import pandas as pd
 
@@ -42,18 +40,3 @@ def csv_of(table: pd.DataFrame) -> str:
     """A table as CSV, its texts escaped by :func:`cell`."""
     escaped = table.map(lambda value: cell(value) if isinstance(value, str) else value)
     return escaped.rename(columns=lambda name: cell(str(name))).to_csv(index=False)
-
-
-def require_utf8(name: str) -> None:
-    """Refuse a name that no file of results could say, before hours of work.
-
-    Raises:
-        OpenLockError: If a part of the name is not a character.
-    """
-    try:
-        name.encode()
-    except UnicodeEncodeError:
-        raise OpenLockError(
-            f"the name {printable(name)} is not valid UTF-8, so results could not say it; rename "
-            "it, or set PYTHONUTF8=1 where the system has another encoding"
-        ) from None

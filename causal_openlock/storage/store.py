@@ -34,7 +34,6 @@ from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.experiment import Cell, Experiment
 from causal_openlock.files.atomic import folder_at, is_empty, sweep, unwritable, write_bytes
 from causal_openlock.files.checksums import ChecksumError, json_bytes, read_json
-from causal_openlock.files.escaping import require_utf8
 from causal_openlock.storage.cell_file import read_cell_file, write_cell_file
 from causal_openlock.storage.failures import Failures
 from causal_openlock.storage.folder_lock import FolderLock
@@ -92,7 +91,7 @@ class Store:
         """
         self.close()
         try:
-            require_utf8(str(self.folder))
+            folder_at(self.folder)
             self._check_inside([])
             files = [cell.file_name for cell in experiment.cells()]
             to_declare = self._is_to_declare(experiment, files, changed)
@@ -115,7 +114,7 @@ class Store:
 
     def _is_to_declare(self, experiment: Experiment, files: list[str], changed: bool) -> bool:
         """Whether ``experiment.json`` has to be written; refuses a folder of another experiment."""
-        if is_empty(folder_at(self.folder)):
+        if is_empty(self.folder):
             return True
         done = {path.name for path in self.cells.glob("*.parquet")}
         try:
