@@ -38,30 +38,10 @@ def compiled(function: Compiled, **options: Any) -> Compiled:
     try:
         kernel._cache = _cache()(function)
     except RuntimeError:  # numba finds no folder that can be written to
-        if not _without_cache:
-            _without_cache.append(SLOW)
-            if multiprocessing.parent_process() is None:  # a worker's run says it, once for all
-                warnings.warn(SLOW, stacklevel=2)
+        if not _without_cache and multiprocessing.parent_process() is None:
+            warnings.warn(SLOW, stacklevel=2)  # a worker's run says it, once for all
+        _without_cache[:] = [SLOW]
     return cast(Compiled, kernel)
-
-
-def direct(function: Compiled, *arguments: Any) -> Compiled:
-    """Return the machine code of a compiled function for arguments like these.
-
-    Numba looks up the type of every argument at every call, half the time of a call with two dozen
-    arrays. Nobody looks here: each array has to be of the same type, contiguous and writeable.
-
-    Args:
-        function: What :func:`compiled` gave.
-        arguments: Arguments with which it is called once, so that there is machine code.
-    """
-    import numba  # takes a while to load
-
-    if not hasattr(function, "overloads"):  # NUMBA_DISABLE_JIT leaves it as it is
-        return function
-    function(*arguments)
-    versions: Any = function
-    return cast(Compiled, versions.overloads[tuple(map(numba.typeof, arguments))].entry_point)
 
 
 def without_cache() -> list[str]:
@@ -81,7 +61,6 @@ def _cache() -> Any:
             except Exception:  # what is no pickle can fail in any way
                 with suppress(OSError):
                     self.flush()  # type: ignore[no-untyped-call]
-                return None
 
         def save_overload(self, *key: Any) -> None:
             with suppress(OSError):  # a full disk, or a folder that has become read-only

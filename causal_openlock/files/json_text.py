@@ -1,7 +1,4 @@
-"""JSON as it is read here: an object that has a key twice is refused.
-
-Python keeps the last of two, other readers the first; a person who wrote both meant one.
-"""
+"""Mappings in JSON: refusing doubled keys, and leaving out what is None."""
 
 from __future__ import annotations
 
@@ -10,21 +7,12 @@ from collections.abc import Mapping
 from typing import Any
 
 
-class DoubledKeyError(ValueError):
-    """A key that is twice in one object; the message names it."""
-
-
 def each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """An ``object_pairs_hook`` for :mod:`json` that refuses doubled keys.
-
-    Raises:
-        DoubledKeyError: If a key is there twice.
-    """
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        ((twice, _),) = Counter(name for name, _ in pairs).most_common(1)
-        raise DoubledKeyError(f"the key {twice!r} is there twice")
-    return found
+    """An ``object_pairs_hook`` for :mod:`json`; raises ValueError if a key is there twice."""
+    counts = Counter(name for name, _ in pairs)
+    if len(counts) < len(pairs):
+        raise ValueError(f"the key {counts.most_common(1)[0][0]!r} is there twice")
+    return dict(pairs)
 
 
 def present(values: Mapping[str, Any]) -> dict[str, Any]:
