@@ -104,9 +104,10 @@ def read_text(path: Path | str) -> str:
         with Path(path).open("rb") as file:
             content = file.read(MAX_BYTES + 1)
     except OSError as error:
-        raise OpenLockError(f"{path}: cannot be read ({error.strerror}); check the name") from None
+        message = f"{path!s:.200}: cannot be read ({error.strerror}); check the name"
+        raise OpenLockError(message) from None
     except ValueError:
-        raise OpenLockError(f"{str(path)!r} is not a name that a file can have") from None
+        raise OpenLockError(f"{str(path)!r:.200} is not a name that a file can have") from None
     if len(content) > MAX_BYTES:
         raise FileError(path, [TOO_LARGE])
     try:
@@ -130,16 +131,12 @@ def parse_document(text: str, path: Path | str = "<text>") -> Document:
     if len(text) > MAX_BYTES:
         raise FileError(path, [TOO_LARGE])
     yaml = YAML(typ="safe", pure=True)
-    reader = _Reader(path, yaml.constructor.construct_object)
     try:
         root = yaml.compose(text)
-        return Document(Path(path), root and reader.content(root, ()), reader.places)
-    except FileError:
-        raise
     except MarkedYAMLError as error:
         problem = ", ".join(filter(None, (error.context, error.problem)))
         message = f"this is not valid YAML: {problem}; correct this line or the one before it"
-        fault = _fault_at(error.problem_mark or error.context_mark, message)
+        fault = Fault(*_place(error.problem_mark or error.context_mark), message)
     except ReaderError as error:
         message = f"the character U+{ord(text[error.position]):04X} is not allowed; take it out"
         fault = _fault_after(text[: error.position], message)
@@ -148,6 +145,9 @@ def parse_document(text: str, path: Path | str = "<text>") -> Document:
     except (AssertionError, ValueError, OverflowError):  # of ruamel.yaml
         message = "this is not YAML 1.2: correct %YAML, or a \\U that is beyond all characters"
         fault = Fault(1, 1, message)
+    else:
+        reader = _Reader(path, yaml.constructor.construct_object)
+        return Document(Path(path), root and reader.content(root, ()), reader.places)
     raise FileError(path, [fault])
 
 
@@ -157,8 +157,9 @@ def _fault_after(before: str, message: str) -> Fault:
     return Fault(len(lines), len(lines[-1]) + 1, message)
 
 
-def _fault_at(mark: Any, message: str) -> Fault:
-    return Fault(mark.line + 1, mark.column + 1, message)
+def _place(mark: Any) -> tuple[int, int]:
+    """Line and column, from 1, of a mark of ruamel.yaml."""
+    return mark.line + 1, mark.column + 1
 
 
 class _Reader:
@@ -184,7 +185,7 @@ class _Reader:
     def items(self, node: Any, where: tuple[str, ...]) -> list[Any]:
         items: list[Any] = []
         for item in node.value:
-            self.places[*where, str(len(items))] = place = self.place(item)
+            self.places[*where, str(len(items))] = place = _place(item.start_mark)
             items.append(self.content(item, (*where, str(len(items)))))
             if isinstance(item.value, str):
                 self.places.setdefault((*where, item.value), place)
@@ -199,28 +200,22 @@ class _Reader:
             below = (*where, str(name + 0 if isinstance(name, bool) else name))  # as in a loc
             if below in self.places:
                 raise self.refused(key, f"the key {key.value[:64]!r} is written twice; remove one")
-            self.places[below] = self.place(key)
+            self.places[below] = _place(key.start_mark)
             entries[name] = self.content(value, below)
         return entries
 
     def scalar(self, node: Any, kind: str) -> Any:
-        if any("\ud800" <= character <= "\udfff" for character in node.value):
-            raise self.refused(
-                node, "half a character is written as \\u; write the character itself"
-            )
         if kind == "int" and len(node.value) > MAX_DIGITS:
             raise self.refused(node, f"a number has {len(node.value):,} digits; correct it")
         try:
+            node.value.encode()
             return self.construct(node)
-        except (ValueError, LookupError):  # a 31st of June
-            what = f"{described(node.value)} looks like a number or a date and is none"
+        except (ValueError, LookupError):  # half a character; a 31st of June
+            what = f"{described(node.value)} is no text, number or date; correct it"
             raise self.refused(node, what) from None
 
-    def place(self, node: Any) -> tuple[int, int]:
-        return node.start_mark.line + 1, node.start_mark.column + 1
-
     def refused(self, node: Any, message: str) -> FileError:
-        return FileError(self.path, [Fault(*self.place(node), message)])
+        return FileError(self.path, [Fault(*_place(node.start_mark), message)])
 
 
 def dump_yaml(data: Any) -> str:

@@ -62,11 +62,11 @@ def schema(
     if inside and (gates or inert):
         raise OpenLockError("gates and inert go with edges or a graph; write them into the source")
     if isinstance(source, str) and "->" in source:
-        found = parse_line(source)
+        declared = parse_line(source)
     elif isinstance(source, str | os.PathLike | Schema):
-        found = find_schema(source)
+        declared = find_schema(source)
     elif inside and isinstance(source, Mapping):
-        found = schema_from_dict(source)
+        declared = schema_from_dict(source)
     else:
         form = "networkx" if isinstance(source, nx.Graph) else "declared"
         graph = source.copy() if isinstance(source, nx.Graph) else _graph(source)
@@ -81,8 +81,8 @@ def schema(
                 raise SchemaError(f"{node!r:.64} has a gate and is not there; {known}")
             graph.nodes[node]["gate"] = gate
         graph.graph["inert"] = [*inert] or graph.graph.get("inert", [])
-        found = schema_of_graph(graph, form, "schema")
-    return found if name is None else schema_from_dict({**found.as_dict(), "name": name})
+        declared = schema_of_graph(graph, form, "schema")
+    return declared if name is None else schema_from_dict({**declared.as_dict(), "name": name})
 
 
 def _graph(source: Any) -> nx.MultiDiGraph:

@@ -47,7 +47,7 @@ def find_schema(name: str | os.PathLike[str] | Schema, beside: Iterable[Path] = 
         return name
     if not isinstance(name, str | os.PathLike):
         raise OpenLockError(
-            f"a schema is given by its name, the path of a file or a Schema, not by {name!r}"
+            f"a schema is given by its name, the path of a file or a Schema, not by {name!r:.64}"
         )
     text = os.fspath(name)
     folders = [*map(Path, beside), Path()]
@@ -63,7 +63,7 @@ def find_schema(name: str | os.PathLike[str] | Schema, beside: Iterable[Path] = 
             return read(folder / f"{text}.yaml")
     known = {path.stem for folder in collections for path in folder.glob("*.yaml")}
     raise OpenLockError(
-        f"there is no schema {text!r}; {nearest(text, known)}, or give the path of a file"
+        f"there is no schema {text!r:.64}; {nearest(text[:64], known)}, or give the path of a file"
     )
 
 

@@ -72,8 +72,6 @@ def parse_line(text: str, name: str = "schema") -> Schema:
             (side,) = sides[:1]
             if len(sides) > 1 or side.gate or {*side.strengths.values()} != {None}:
                 raise _fault(statement, "levers are listed by names and ',' alone")
-            if listed and not prefix:
-                raise _fault(statement, "levers are listed again")
             (inert if prefix else listed).extend(side.strengths)
         elif sides[-1].gate:
             raise _fault(statement, "effects are separated by ',', as a gate joins causes,")
