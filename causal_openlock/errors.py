@@ -118,11 +118,16 @@ class CellsFailed(LearnerError):  # noqa: N818 - the others did not
         super().__init__("\n".join([*_first(self.reasons), self.summary]))
 
     @property
+    def every(self) -> bool:
+        """Whether no cell was played."""
+        return len(self.reasons) == self.cells
+
+    @property
     def summary(self) -> str:
         """Number of failed cells, and what to do."""
         failed = len(self.reasons)
         what = f"{failed:,} of {self.cells:,} cells failed, and all others are done"
-        if failed == self.cells:
+        if self.every:
             what = "every cell failed"
         return (
             f"{what}; fix or remove the failing learners and run the same command again; only "

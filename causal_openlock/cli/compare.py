@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -13,6 +13,9 @@ from causal_openlock.cli.report import report_store
 from causal_openlock.cli.stopping import resumable
 from causal_openlock.comparison.progress_bar import shown
 from causal_openlock.errors import OpenLockError
+
+if TYPE_CHECKING:
+    from causal_openlock.running.progress import RunProgress
 
 
 def compare(
@@ -99,29 +102,36 @@ def compare(
     chosen = read_experiment(find_experiment(experiment), changes, console.print_line)
     # A changed experiment is another one, and has results of its own.
     own = "" if changes == Changes() else f"-{chosen.identity[:8]}"
-    before: list[bool] = []
+    before: list[int] = []
     folder = folder_at(out or Path("results") / f"{chosen.name}{own}")
     with resumable():
         if own and (name := Store(folder).name):  # other learners, say: one comparison all the same
             chosen = replace(chosen, name=name)
         with shown(chosen.name, console) as show:
+
+            def progress(standing: RunProgress) -> None:
+                before[:] = before or [standing.done]
+                show(standing)
+
             failed = play(
                 chosen,
                 folder,
                 warn=console.warn,
-                progress=show,
+                progress=progress,
                 workers=workers,
                 cluster=cluster,
                 shard=part,
                 retry_failed=retry_failed,
                 allow_version=allow_version,
-                done=lambda _, was_there: before.append(was_there),
                 watching=Watching(checkpoint_every, str(tensorboard) if tensorboard else None),
                 time_limit=time_limit,
             )
         if any(before) and not failed:
-            console.print(f"{sum(before)} of {len(before)} cells were there already")
-        if part is None:
+            cells = part.of(chosen.cells()) if part else chosen.cells()
+            console.print(f"{before[0]} of {len(cells)} cells were there already")
+        if failed and failed.every:
+            pass
+        elif part is None:
             report_store(folder, console, references=references, reasons=False)
         else:
             console.print_line(

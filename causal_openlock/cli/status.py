@@ -18,7 +18,7 @@ def status(folder: ResultsFolder) -> None:
     """
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.comparison.progress_bar import duration
-    from causal_openlock.running.status import status_of
+    from causal_openlock.running.progress import status_of
     from causal_openlock.storage.store import Store
 
     console = Terminal()

@@ -90,7 +90,8 @@ def check_experiment() -> Experiment:
 def played(experiment: Experiment, **options: Any) -> Results:
     """Play an experiment in a folder that is gone afterwards."""
     with tempfile.TemporaryDirectory() as place:
-        play(experiment, Path(place) / experiment.name, **options)
+        if failed := play(experiment, Path(place) / experiment.name, **options):
+            raise failed
         results = open_results(Path(place) / experiment.name)
         assert len(results.actions)  # read while the folder is there
     return results

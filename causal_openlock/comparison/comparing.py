@@ -28,7 +28,7 @@ from causal_openlock.experiment.building import (
     listed,
     make_experiment,
 )
-from causal_openlock.experiment.experiment import Cell, Experiment
+from causal_openlock.experiment.experiment import Experiment
 from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.protocol import Condition
 from causal_openlock.files.atomic import folder_at
@@ -121,12 +121,10 @@ def compare(
     given = {key: one for key, one in {**changes, **declared}.items() if one is not None}
     experiment = _experiment(what, learners, given, out)
     references = find_references(reference)  # before anything is played: one may be misspelt
-    done: list[Cell] = []
-
     folder = _temporary_folder(experiment) if out is None else folder_at(out)
     try:
         with shown_here(experiment.name) as show:
-            play(
+            failed = play(
                 experiment,
                 folder,
                 warn=_warn,
@@ -134,17 +132,19 @@ def compare(
                 cluster=cluster,
                 retry_failed=retry_failed,
                 allow_version=allow_version,
-                done=lambda cell, _: done.append(cell),
                 progress=show,
                 watching=Watching(checkpoint_every, str(tensorboard) if tensorboard else None),
                 time_limit=time_limit,
             )
     except KeyboardInterrupt:
-        cells = len(experiment.cells())
+        store, cells = Store(folder), experiment.cells()
+        done = sum(store.path(cell).exists() for cell in cells)
         raise Interrupted(
-            f"stopped: {len(done)} of {cells} cells are done and stored; compare the same again, "
+            f"stopped: {done} of {len(cells)} cells are done and stored; compare the same again, "
             "and it continues where it stopped"
         ) from None
+    if failed and failed.every:
+        raise failed
     return open_results(folder, reference=references)
 
 
@@ -166,27 +166,17 @@ def play(
         **options: As for :func:`~causal_openlock.running.runner.run`.
 
     Returns:
-        That cells failed, if some did and others did not.
+        That cells failed, if some did; the reasons have been told.
 
     Raises:
-        CellsFailed: If all of them did.
         OpenLockError: If what is asked for cannot be done.
     """
     reasons = experiment.reasons if experiment.cells() else ()  # else it is an error
     for warning in [*experiment.warnings(), *reasons]:
         warn(warning)
     try:
-        run(
-            experiment,
-            folder,
-            failed=lambda _, why: warn(why),
-            warn=warn,
-            progress=progress,
-            **options,
-        )
+        run(experiment, folder, warn=warn, progress=progress, **options)
     except CellsFailed as failed:
-        if len(failed.reasons) == failed.cells:
-            raise
         return failed
     return None
 

@@ -28,10 +28,11 @@ from causal_openlock.contract.one_subject import OneSubjectLearner, PerSubjectAd
 from causal_openlock.errors import LearnerError, in_short, together
 from causal_openlock.files.plugins import LEARNERS, registered
 from causal_openlock.files.validation import plain
-from causal_openlock.usercode.code_digest import code_digest, imported_digest
 from causal_openlock.usercode.misspelt import misspelt
-from causal_openlock.usercode.module_source import (
+from causal_openlock.usercode.own_files import (
     MODULE_AND_NAME,
+    code_digest,
+    imported_digest,
     is_installed,
     look_beside,
     module_source,
@@ -85,7 +86,7 @@ def origin(name: str, *, imported: bool = False) -> str:
         return "unknown"
     # The class may be in another module than the one that it is named by.
     modules = {kind.__module__} if package else {name.partition(":")[0], kind.__module__}
-    code = (imported_digest if imported else code_digest)(Path(source), modules)
+    code = (imported_digest if imported else code_digest)(modules)
     return f"{package}+{code}" if package else f"{Path(source).name} {code}"
 
 

@@ -64,7 +64,7 @@ from causal_openlock.files.yaml_file import Document, Where
 from causal_openlock.schemas.declared import schema
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.schemas.schema import NAME, Schema
-from causal_openlock.usercode.module_source import look_beside
+from causal_openlock.usercode.own_files import look_beside
 from causal_openlock.wording import joined
 from causal_openlock.world.rewards import (
     PAPER_REWARD,

@@ -49,9 +49,7 @@ from causal_openlock.files.atomic import replacing, write_bytes
 from causal_openlock.files.digest import digest
 from causal_openlock.files.yaml_file import dump_yaml
 from causal_openlock.storage.stored import StoredExperiment, Versions
-from causal_openlock.usercode.code_digest import code_digest
-from causal_openlock.usercode.local_modules import local_modules
-from causal_openlock.usercode.module_source import module_source
+from causal_openlock.usercode.own_files import digest_of, module_source, own_files
 from causal_openlock.usercode.session_code import is_of_session
 from causal_openlock.version import RESULTS_VERSION
 from causal_openlock.world.reward_code import OwnReward
@@ -216,7 +214,7 @@ def _module(
     source = module_source(spec.origin.class_name.partition(":")[0], places)
     module = name.partition(":")[0]
     modules = {module, spec.origin.class_name.partition(":")[0]}
-    now = f"{source.name} {code_digest(source, modules, places)}" if source else "not found"
+    now = f"{source.name} {digest_of(own_files(modules, places).files)}" if source else "not found"
     # Results of earlier versions tell of the file alone.
     alone = source is not None and f"{source.name} {digest(source.read_bytes())}" == package
     if now != package and not alone:
@@ -224,7 +222,7 @@ def _module(
             f"{name} is not what the results were made with (that was {package}, and this is "
             f"{now}); restore it, or compare again"
         )
-    found = local_modules(module, places)
+    found = own_files([module], places)
     warnings = []
     helpers = sorted(set(found.files) - {f"{module.replace('.', '/')}.py"})
     if helpers and now != package:

@@ -1,5 +1,9 @@
 """The progress of a comparison, and the time left.
 
+Workers report the share of their cells that is done in files next to the cells, wherever they run,
+and a finished record has the seconds that it took. So the progress is the same whether processes, a
+cluster or the shards of a job array play, and whether the run itself or ``status`` asks.
+
 A cell of ``random`` takes a second and one of ``ddqn`` an hour, so work is counted in attempts: the
 most that a cell can have. The time of an attempt is estimated for each learner from the cells that
 it has played; for a learner that has not begun, it is the mean of the others. No result depends on
@@ -8,7 +12,9 @@ it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import time
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 
@@ -16,7 +22,13 @@ import numpy as np
 
 from causal_openlock.experiment.experiment import Cell
 from causal_openlock.experiment.protocol import Condition, Protocol, plan
-from causal_openlock.schemas.fsm import FloatArray
+from causal_openlock.storage.running_files import MOST_SECONDS, reported_progress
+from causal_openlock.storage.store import Store
+
+QUIET = 120.0
+"""Seconds without a report after which a cell counts as stopped: steps rarely take as long."""
+MOST_READ = 3
+"""Finished cells of each learner whose time is read: the last ones."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +38,7 @@ class Playing:
     Attributes:
         cell: The cell.
         share: The share of it that is done.
-        seconds: How long it has been played in this run.
+        seconds: How long it has been played.
         still: Seconds since its last report.
     """
 
@@ -46,7 +58,7 @@ class RunProgress:
         failed: Number of failed cells.
         playing: The cells that are being played.
         share: The share of the work that is done.
-        left: Seconds left, if they can be estimated.
+        left: Seconds left with as many cells at a time as now, if they can be estimated.
     """
 
     cells: int
@@ -62,103 +74,62 @@ class RunProgress:
         return self.done + self.failed == self.cells
 
 
-@dataclass
-class _Begun:
-    """When a cell began in this run, and its first and last report."""
-
-    cell: Cell
-    began: float
-    heard: float
-    since: float
-    report: int = 0
-    first: float = 0.0
-    share: float = 0.0
-
-    def spent(self, now: float, share: float) -> FloatArray:
-        """Seconds, and the attempts played in them, when this share of the cell is done."""
-        return np.array([now - self.since, (share - self.first) * work(self.cell)])
-
-
-class ProgressEstimator:
-    """Estimates progress from reports of cells. Every call passes the time in seconds.
+class Course:
+    """Which cells are done, and how long they took.
 
     Args:
         cells: All cells.
-        workers: How many are played at a time; this may change.
+
+    Attributes:
+        left: The cells that are neither done nor failed, by the names of their files.
     """
 
-    def __init__(self, cells: Iterable[Cell], workers: int) -> None:
-        self._left = {cell.file_name: work(cell) for cell in cells}
-        self._cells, self._work = len(self._left), sum(self._left.values())
-        self.workers = workers
+    def __init__(self, cells: Iterable[Cell]) -> None:
+        self.left = {cell.file_name: cell for cell in cells}
+        self._cells, self._work = len(self.left), sum(map(work, self.left.values()))
         self._failed = 0
-        self._begun: dict[str, _Begun] = {}
-        self._spent: dict[str, FloatArray] = {}  # of each learner: seconds, attempts
+        self._seconds: defaultdict[str, float] = defaultdict(float)  # of each learner
+        self._attempts: defaultdict[str, float] = defaultdict(float)
 
-    def began(self, cell: Cell, now: float) -> None:
-        """Register that a cell has begun."""
-        self._begun[cell.file_name] = _Begun(cell, now, now, since=now)
-
-    def heard(self, cell: Cell, report: int, share: float, now: float) -> None:
-        """Register a cell's report of the share that is done; each report has another number."""
-        begun = self._begun[cell.file_name]
-        if report == begun.report:
-            return
-        if not begun.report:  # what was done before this run took no time in it
-            begun.since, begun.first = now, share
-        begun.report, begun.heard, begun.share = report, now, share
-
-    def put_back(self, cell: Cell) -> None:
-        """Register that a cell has lost its worker and waits for another one."""
-        self._begun.pop(cell.file_name, None)
-
-    def ended(self, cell: Cell, now: float, failed: bool = False) -> None:
-        """Register that a cell is done, perhaps in an earlier run, or has failed."""
-        begun = self._begun.pop(cell.file_name, None)
-        if begun and not failed:
-            self._spent[cell.spec.name] = begun.spent(now, 1.0) + self._spent.get(cell.spec.name, 0)
-        del self._left[cell.file_name]
+    def ended(self, cell: Cell, seconds: float = 0.0, *, failed: bool = False) -> None:
+        """Register that a cell has failed, or is done after some seconds, if these are known."""
+        del self.left[cell.file_name]
         self._failed += failed
+        if seconds:
+            self._seconds[cell.spec.name] += seconds
+            self._attempts[cell.spec.name] += work(cell)
 
-    def playing(self, now: float) -> tuple[Playing, ...]:
-        """The cells that are being played."""
-        return tuple(
-            Playing(one.cell, one.share, now - one.began, now - one.heard)
-            for one in self._begun.values()
-        )
-
-    def standing(self, now: float, pending: Iterable[Cell] = ()) -> RunProgress:
-        """The progress of all cells.
-
-        Args:
-            now: The time.
-            pending: The cells that have not begun.
-        """
-        spent = dict(self._spent)
-        for one in self._begun.values():
-            name = one.cell.spec.name
-            spent[name] = spent.get(name, 0) + one.spent(now, one.share)
-        rates = {name: seconds / played for name, (seconds, played) in spent.items() if played > 0}
-        seconds, played = sum(spent.values(), np.zeros(2))
-        open_ = [(one.cell, 1 - one.share) for one in self._begun.values()]
-        open_ += [(cell, 1.0) for cell in pending]
-        costs = [
-            share * work(cell) * rates.get(cell.spec.name, seconds / max(played, 1e-9))
-            for cell, share in open_
-        ]
-        left = None
-        if rates or not costs:
-            left = max(sum(costs) / self.workers, max(costs, default=0.0))
-        begun = sum(one.share * work(one.cell) for one in self._begun.values())
-        to_do = sum(self._left.values()) - begun
+    def standing(self, playing: Iterable[Playing]) -> RunProgress:
+        """The progress, given the cells that are being played."""
+        playing, shares = tuple(playing), dict.fromkeys(self.left, 0.0)
+        seconds, attempts = self._seconds.copy(), self._attempts.copy()
+        for one in playing:
+            shares[one.cell.file_name] = one.share
+            seconds[one.cell.spec.name] += one.seconds
+            attempts[one.cell.spec.name] += one.share * work(one.cell)
+        rates = {name: seconds[name] / played for name, played in attempts.items() if played}
+        mean = sum(seconds.values()) / (sum(attempts.values()) or 1.0)
+        to_do = {name: (1 - shares[name]) * work(cell) for name, cell in self.left.items()}
+        costs = [to_do[name] * rates.get(self.left[name].spec.name, mean) for name in to_do]
+        left = max(sum(costs) / max(len(playing), 1), max(costs, default=0.0))
         return RunProgress(
             cells=self._cells,
-            done=self._cells - len(self._left) - self._failed,
+            done=self._cells - len(self.left) - self._failed,
             failed=self._failed,
-            playing=self.playing(now),
-            share=1 - to_do / self._work if self._work else 1.0,
-            left=left,
+            playing=playing,
+            share=1 - sum(to_do.values()) / self._work if self._work else 1.0,
+            left=left if rates or not costs else None,
         )
+
+
+def playing_in(store: Store, cells: Iterable[Cell]) -> list[Playing]:
+    """Those of some cells that have reported their progress."""
+    playing = []
+    for cell in cells:
+        if report := reported_progress(store.path(cell)):
+            still = max(0.0, time.time() - report[0] / 1e9)
+            playing.append(Playing(cell, report[1], report[2] + still, still))
+    return playing
 
 
 def work(cell: Cell) -> int:
@@ -170,3 +141,52 @@ def work(cell: Cell) -> int:
 @cache
 def _trials(condition: Condition, protocol: Protocol) -> int:
     return len(plan(condition, protocol, np.random.default_rng(0)))
+
+
+@dataclass(frozen=True)
+class Status:
+    """Status of a comparison, as far as its results folder says.
+
+    Attributes:
+        name: Its name.
+        progress: What is done, failed and being played, and the seconds left at the speed of the
+            workers that play at the moment; of one worker, if none does.
+        quiet: Cells that were begun and report nothing, and seconds since their last report.
+        failures: Why cells failed, a sentence each.
+    """
+
+    name: str
+    progress: RunProgress
+    quiet: Mapping[str, float]
+    failures: tuple[str, ...]
+
+
+def status_of(store: Store) -> Status:
+    """Status of the comparison in a results folder.
+
+    Raises:
+        StoreError: If the folder holds no results.
+    """
+    experiment = store.experiment()
+    cells = experiment.cells()
+    course, failures, quiet = Course(cells), [], {}
+    paths = zip(cells, (store.cells / name for name in experiment.files), strict=False)
+    done = [(path.stat().st_mtime, cell, path) for cell, path in paths if path.exists()]
+    read: Counter[str] = Counter()
+    for _, cell, path in sorted(done, key=lambda row: -row[0]):
+        read[cell.spec.name] += 1
+        seconds = 0.0
+        if read[cell.spec.name] <= MOST_READ:
+            seconds = float(store.read(path, columns=["wall_time"])["wall_time"].to_numpy().max())
+        course.ended(cell, seconds if 0 < seconds <= MOST_SECONDS else 0.0)  # no NaN
+    begun = {one.cell.file_name: one for one in playing_in(store, course.left.values())}
+    for name, cell in [*course.left.items()]:
+        if name in begun and begun[name].still < QUIET:
+            continue
+        if why := store.failures.of(name)[1]:
+            failures.append(why)
+            course.ended(cell, failed=True)
+        elif name in begun:
+            quiet[cell.in_words] = begun[name].still
+    playing = [one for one in begun.values() if one.still < QUIET]
+    return Status(experiment.name, course.standing(playing), quiet, tuple(failures))

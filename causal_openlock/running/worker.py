@@ -12,7 +12,6 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,11 +27,14 @@ from causal_openlock.running.checkpoint import Checkpoint, CheckpointError
 from causal_openlock.storage.running_files import remove_files_of, report_progress
 from causal_openlock.storage.store import Store
 from causal_openlock.storage.versions import versions
-from causal_openlock.usercode.module_source import is_users_own
-from causal_openlock.usercode.session_code import is_of_session, unpack
+from causal_openlock.usercode.own_files import imported_digest, is_users_own
+from causal_openlock.usercode.session_code import unpack
+from causal_openlock.world.reward_code import OwnReward, source_of
 
 REPORT_EVERY = 1.0
 """Seconds between a worker's reports of its progress."""
+MOST_WRITTEN = 20_000
+"""Characters of a traceback."""
 
 IN_TORCH = (
     "; in torch, pass a torch.Generator that is seeded from these, and put what takes none under "
@@ -78,11 +80,13 @@ def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = 
         NotAwaitedError: If the run has been stopped; there is a checkpoint then.
         OpenLockError: If a file cannot be written.
     """
-    unpack(definitions)
     store = Store(folder)
+    path = store.path(cell)
     made_with = {"identity": cell.identity, **versions()}
-    checkpoint = Checkpoint(store.path(cell), made_with, watching.checkpoint_every)
+    checkpoint = Checkpoint(path, made_with, watching.checkpoint_every)
+    report_progress(path, 0.0, 0.0)
     try:
+        unpack(definitions)
         _require_declared(cell.spec)  # which imports its code, and that may draw random numbers
         with ExitStack() as stack:
             start = stack.enter_context(_own_randomness(cell))
@@ -90,32 +94,36 @@ def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = 
             if is_ours(cell.spec.learner) and (torch := sys.modules.get("torch")):
                 stack.callback(torch.set_num_threads, torch.get_num_threads())
                 torch.set_num_threads(getattr(learner.parameters, "threads", 1))
-            after = [_reporter(session, store.path(cell), watching.awaited)]
+            draw = None
             if watching.tensorboard is not None:
                 from causal_openlock.running.tensorboard import curves
 
                 logs = Path(watching.tensorboard) / cell.name
-                after.append(stack.enter_context(curves(session, learner, logs)))
-
+                draw = stack.enter_context(curves(session, learner, logs))
+            due = time.perf_counter() + REPORT_EVERY
             for _ in session.steps(learner):
                 checkpoint.keep(session, learner)
-                try:
-                    for look in after:
-                        look()
-                except NotAwaitedError:
-                    checkpoint.keep(session, learner, now=True)
-                    raise
+                if draw:
+                    draw()
+                if time.perf_counter() >= due:
+                    due = time.perf_counter() + REPORT_EVERY
+                    report_progress(path, session.progress, session.seconds)
+                    if watching.awaited and _is_gone(watching.awaited):
+                        checkpoint.keep(session, learner, now=True)
+                        raise NotAwaitedError(f"the run of {cell.in_words} was stopped")
             record, account = session.record(), learner.account()
             checkpoint.warnings += _used(start, cell.spec)
         store.write_transcripts(cell, account.transcripts)
     except NotAwaitedError:
         raise
-    except (Exception, SystemExit) as error:
+    except (Exception, SystemExit, KeyboardInterrupt) as error:
+        if isinstance(error, KeyboardInterrupt) and _is_users_process():
+            raise
         # The learner has to be corrected, so its checkpoint is of no use.
-        remove_files_of(store.path(cell))
+        remove_files_of(path)
         raise LearnerError(record_failure(store, cell, error)) from None
     store.write(cell, record)
-    remove_files_of(store.path(cell))
+    remove_files_of(path)
     store.failures.clear(cell)
     warnings = [*checkpoint.warnings, *account.remarks]
     slow = without_cache() if multiprocessing.parent_process() else []
@@ -137,6 +145,8 @@ def record_failure(store: Store, cell: Cell, error: BaseException) -> str:
         trace = "".join(traceback.format_exception(error))
     except Exception:  # a foreign exception's own attributes may raise
         trace = f"{type(error).__name__}\n"
+    if len(trace) > MOST_WRITTEN:  # an exception's text may be of any length
+        trace = f"{trace[: MOST_WRITTEN // 2]}\n...\n{trace[-MOST_WRITTEN // 2 :]}"
     counts = not isinstance(error, NotAvailableError)
     return store.failures.record(cell, f"failed: {what}", trace, counts=counts)
 
@@ -203,42 +213,33 @@ def made(cell: Cell) -> tuple[Session, Learner]:
 
 
 def _require_declared(spec: LearnerSpec) -> None:
-    """Raise NotAvailableError if this process has imported other code than was declared."""
-    if is_ours(spec.learner) or is_of_session(spec.learner):
-        return
-    imported = origin(spec.learner, imported=True)
-    if imported != spec.origin.package:
-        raise NotAvailableError(
-            f"the code of {spec.learner} is {imported} in the process that plays, and was declared "
-            f"as {spec.origin.package}: it was changed meanwhile, or is another one there; give "
-            "the same command again, in a notebook after a restart of the kernel"
-        )
+    """Raise NotAvailableError if this process has other code than was declared."""
+    codes = {}
+    if not is_ours(spec.learner):
+        codes[spec.learner] = spec.origin.package, origin(spec.learner, imported=True)
+    if isinstance(spec.reward, OwnReward):
+        codes[spec.reward.name] = spec.reward.source, source_of(spec.reward.name, imported_digest)
+    for name, (declared, present) in codes.items():
+        if present != declared:
+            raise NotAvailableError(
+                f"the code of {name} is {present} in the process that plays, and was declared as "
+                f"{declared}: it was changed meanwhile, or is another one there; give the same "
+                "command again, in a notebook after a restart of the kernel"
+            )
 
 
-def _require(awaited: str) -> None:
-    """Raise :class:`NotAwaitedError` if the file is missing; ignore other OS errors."""
+def _is_users_process() -> bool:
+    """Whether Ctrl-C reaches this thread: elsewhere only the learner can have interrupted."""
+    in_main_thread = threading.current_thread() is threading.main_thread()
+    return in_main_thread and multiprocessing.parent_process() is None
+
+
+def _is_gone(awaited: str) -> bool:
+    """Whether a file is missing; other errors may pass."""
     try:
         Path(awaited).stat()
     except FileNotFoundError:
-        message = "the comparison that this cell was played for was stopped"
-        raise NotAwaitedError(message) from None
+        return True
     except OSError:
         pass
-
-
-def _reporter(session: Session, record: Path, awaited: str | None) -> Callable[[], None]:
-    """A function that reports the progress of a session every second.
-
-    It raises :class:`NotAwaitedError` if the file ``awaited`` is gone.
-    """
-    due = time.perf_counter() + REPORT_EVERY
-
-    def report() -> None:
-        nonlocal due
-        if (now := time.perf_counter()) >= due:
-            due = now + REPORT_EVERY
-            report_progress(record, session.progress, session.seconds)
-            if awaited is not None:
-                _require(awaited)
-
-    return report
+    return False

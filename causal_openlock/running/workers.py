@@ -1,10 +1,11 @@
-"""The workers that play cells: processes of this machine, or a given executor.
+"""The workers that play cells: processes of this machine, this process, or a given executor.
 
-(Those of a cluster are in :mod:`causal_openlock.running.cluster`.)
+Each of the three is an iterator over the jobs that are done. In between it yields None, at least
+every :data:`LOOK_EVERY` seconds, so that whoever waits can look at the progress. (The workers of a
+cluster are in :mod:`causal_openlock.running.cluster`.)
 
-When a process dies, its whole pool is broken, and the pool does not report which job was the cause.
-So each process here is a pool of its own and plays one cell at a time: the cell in which it died is
-known, another process replaces it, and a process that hangs can be ended without the others.
+A process does one job at a time over a pipe of its own. If it dies, its job is known and the others
+continue. It is the head of a process group: what a learner starts is ended with it.
 """
 
 from __future__ import annotations
@@ -12,222 +13,309 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 import threading
-from collections.abc import Callable, Iterator
-from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
-from contextlib import contextmanager
-from functools import partial
+import time
+import warnings
+from collections import deque
+from collections.abc import Callable, Collection, Iterator
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+)
+from concurrent.futures import wait as wait_for
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
-from typing import Any, TypeVar
+from pathlib import Path
+from typing import Any, NamedTuple
 
 from causal_openlock.errors import OpenLockError
 
 # One thread for each worker: the cores are shared out by cells, and the matrices are small.
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+LOOK_EVERY = 1.0
+"""Seconds after which an iterator yields None, if no job is done."""
+GRACE = 1.0
+"""Seconds that processes have to end by themselves."""
+NO_GUARD = 79
+"""Exit status of a worker whose program compares again while the worker imports it."""
+GUARD = 'call compare under: if __name__ == "__main__":'
+WORKER_ITSELF = (
+    "this process is itself a worker and may not start others, so it plays one cell after another"
+)
 
-Result = TypeVar("Result")
+Do = Callable[[Any], Any]
 
 
-class WorkerPool:
-    """Processes of this machine; if one dies, the others continue.
+class Done(NamedTuple):
+    """A job that is over: its result, its error, or what happened to its worker."""
+
+    job: Any
+    result: Any = None
+    error: BaseException | None = None
+    lost: str = ""
+    late: bool = False
+
+
+def in_this_process(do: Do, jobs: deque[Any]) -> Iterator[Done | None]:
+    """Do jobs here, one after another."""
+    while jobs:
+        yield None
+        job = jobs.popleft()
+        try:
+            done = Done(job, do(job))
+        except Exception as error:
+            done = Done(job, error=error)
+        yield done
+
+
+def in_executor(
+    executor: Executor, do: Do, jobs: deque[Any], most: Callable[[], float] = lambda: float("inf")
+) -> Iterator[Done | None]:
+    """Let an executor do jobs, at most as many at a time as ``most`` returns.
+
+    Raises:
+        OpenLockError: If the executor is broken, since its other jobs are also lost.
+    """
+    running: dict[Future[Any], Any] = {}
+    try:
+        while jobs or running:
+            while jobs and len(running) < most():
+                job = jobs.popleft()
+                running[executor.submit(do, job)] = job
+            if not running:
+                time.sleep(LOOK_EVERY)
+            for future in wait_for(running, LOOK_EVERY, FIRST_COMPLETED).done:
+                job, error = running.pop(future), future.exception()
+                if isinstance(error, BrokenExecutor):
+                    raise OpenLockError(
+                        "a worker of the executor ended without a message (killed, out of memory, "
+                        "or a learner that ends its process); run the same command again, perhaps "
+                        "with fewer workers: it continues where it stopped"
+                    )
+                yield Done(job, error=error) if error else Done(job, future.result())
+            yield None
+    finally:
+        for future in running:
+            future.cancel()
+
+
+def in_processes(
+    do: Do,
+    jobs: deque[Any],
+    workers: int,
+    alone: Callable[[Any], bool],
+    time_limit: float = float("inf"),
+) -> Iterator[Done | None]:
+    """Do jobs in processes of this machine.
 
     Args:
+        do: What is done with a job; it is pickled.
+        jobs: The jobs. More may be added while they are done.
         workers: Number of processes.
+        alone: Whether a job needs a process that does no other job.
+        time_limit: Seconds after which the process of a job is ended.
+
+    Raises:
+        OpenLockError: If a process cannot be started.
     """
+    pool: list[_Worker] = []
+    try:
+        while jobs or any(worker.busy for worker in pool):
+            while jobs and sum(worker.busy for worker in pool) < workers:
+                job = jobs.popleft()
+                worker = next((worker for worker in pool if not worker.busy), None)
+                if worker and alone(job):
+                    worker.leave(pool)
+                if worker not in pool:
+                    pool.append(worker := _Worker(do))
+                worker.give(job)
+            busy = [worker for worker in pool if worker.busy]
+            ready = wait([worker.pipe for worker in busy], LOOK_EVERY)
+            for worker in busy:
+                done = worker.take() if worker.pipe in ready else worker.late(time_limit)
+                if done is not None:
+                    if done.lost or alone(done.job):
+                        worker.leave(pool)
+                    yield done
+            yield None
+    finally:  # ended even if idle, since a learner's thread could keep them alive
+        end([worker.process for worker in pool])
 
-    def __init__(self, workers: int) -> None:
-        self._idle = [_Process() for _ in range(workers)]
-        self._busy: dict[Future[Any], _Process] = {}
 
-    def free(self) -> bool:
-        """Whether a process is idle."""
-        return bool(self._idle)
+class _Worker:
+    """A process and its job."""
 
-    def submit(
-        self, job: Callable[..., Result], *arguments: Any, alone: bool = False
-    ) -> Future[Result]:
-        """Start a job; if ``alone``, in a process that runs no other job."""
-        process = self._idle.pop(0)
-        if process.is_spent or (alone and process.has_worked):
-            process = process.replaced()
+    def __init__(self, do: Do) -> None:
+        # A fresh process: a forked torch or Arrow may hang.
+        context = multiprocessing.get_context("spawn")
+        self.pipe, other = context.Pipe()
+        self.process = context.Process(target=_work, args=(other, do))
+        with _one_thread():
+            self.process.start()
+        other.close()
+        self.job: Any = None
+        self.busy = self.has_begun = False
+        self.began = 0.0
+
+    def give(self, job: Any) -> None:
+        """Give the process a job."""
+        self.job, self.busy, self.began = job, True, float("inf")
+        with suppress(OSError):  # it is dead, which is seen when the answer is read
+            self.pipe.send(job)
+
+    def take(self) -> Done | None:
+        """What the pipe has: the job's end, or nothing if it has just begun."""
         try:
-            future = process.submit(job, *arguments, alone=alone)
-        except BrokenExecutor:  # it died while it was idle
-            process = process.replaced()
-            future = process.submit(job, *arguments, alone=alone)
-        self._busy[future] = process
-        return future
+            message = self.pipe.recv()
+        except (EOFError, OSError):
+            self.process.join(GRACE)
+            return Done(self.job, lost=self._how_lost())
+        if message is None:
+            self.has_begun, self.began = True, time.monotonic()
+            return None
+        self.busy = False
+        return Done(self.job, *message)
 
-    def number(self) -> int:
-        """Number of workers."""
-        return len(self._idle) + len(self._busy)
+    def late(self, time_limit: float) -> Done | None:
+        """The job, if it is to be ended."""
+        if time.monotonic() - self.began < time_limit:
+            return None
+        return Done(self.job, lost=f"was ended after {time_limit:g} s", late=True)
 
-    def begun(self, future: Future[Any]) -> bool:
-        """Whether the process has started."""
-        return self._busy[future].has_begun
+    def leave(self, pool: list[_Worker]) -> None:
+        """End the process, and take it out of the pool."""
+        pool.remove(self)
+        self.pipe.close()
+        end([self.process])
 
-    def end(self, future: Future[Any]) -> bool:
-        """Kill the process of a job; returns whether that is possible.
-
-        The future then fails with a broken pool.
-        """
-        self._busy[future].process.kill()
-        return True
-
-    def done(self, future: Future[Any]) -> str:
-        """Free the process of a finished job; returns how it ended, if it did.
-
-        Its job may then be given to another one.
-
-        Raises:
-            OpenLockError: If the process could not be started.
-        """
-        process = self._busy.pop(future)
-        if not isinstance(future.exception(), BrokenExecutor):
-            self._idle.append(process)
-            return ""
-        how = process.close()
-        if not process.has_begun:
+    def _how_lost(self) -> str:
+        code = self.process.exitcode
+        if self.has_begun and code is None:
+            return "closed the connection to its worker, perhaps with all its file descriptors"
+        how = _how_ended(code)
+        if self.has_begun:
+            return f"ended its process ({how})"
+        if code == NO_GUARD:
+            raise OpenLockError(f"each worker first runs this program, which compares; {GUARD}")
+        if code is not None and code >= 0:
             raise OpenLockError(
-                f"a process to play in cannot be started ({how}); free some memory, or ask for "
-                "fewer --workers. In your own program, call compare under: "
-                'if __name__ == "__main__":'
+                f"a process to play in ended before it could play ({how}); it runs this program "
+                f"first, and its error is printed above. In your own program, {GUARD}"
             )
-        self._idle.append(_Process())
-        return how
-
-    def close(self) -> None:
-        """End the processes, even during jobs."""
-        for process in (*self._idle, *self._busy.values()):
-            process.close()
+        raise OpenLockError(
+            f"a process to play in cannot be started ({how}); free some memory, or ask for fewer "
+            "--workers"
+        )
 
 
-class _Process:
-    """A process that plays cells.
+def _work(pipe: Connection, do: Do) -> None:
+    """Do the jobs that come through a pipe, and say when one begins and how it ends."""
+    begin_worker()
+    with suppress(EOFError, OSError):
+        while True:
+            job = pipe.recv()
+            pipe.send(None)
+            try:
+                message: tuple[Any, OpenLockError | None] = (do(job), None)
+            except OpenLockError as error:
+                message = (None, error)
+            pipe.send(message)
 
-    Attributes:
-        has_worked: Whether it has had a job.
-        is_spent: Whether it must not get another one.
+
+# -- processes ------------------------------------------------------------------------------------
+
+
+def begin_worker(prepare: Callable[[], None] | None = None) -> None:
+    """Make this process a worker: the head of a group, which ends when its parent has ended.
+
+    It ignores Ctrl-C and SIGTERM, which its parent handles: a batch system sends SIGTERM to all
+    processes at once, and a worker that it ends would look like a learner that ended its process.
     """
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: None)  # SIG_IGN would be inherited
+    with suppress(AttributeError, OSError):  # Windows has none; or it is the head already
+        os.setsid()
+    parent = multiprocessing.parent_process()
+    if parent is not None:
 
-    has_worked = is_spent = False
+        def end_with_parent() -> None:
+            parent.join()
+            end_groups([os.getpid()])
+            os._exit(1)
 
-    def __init__(self) -> None:
-        self.pool = _spawning_pool(1, start_alone)
-        others = set(multiprocessing.active_children())
-        self._hello = self.pool.submit(os.getpid)
-        self._started = _new(others)  # more than one if another thread starts processes, too
-
-    def submit(self, job: Callable[..., Result], *arguments: Any, alone: bool) -> Future[Result]:
-        """Start a job; no other one may follow a job that runs alone."""
-        self.has_worked, self.is_spent = True, alone
-        return self.pool.submit(job, *arguments)
-
-    @property
-    def process(self) -> BaseProcess:
-        """The process itself."""
-        known = self._hello.result() if self.has_begun else None
-        return next(one for one in self._started if known in (None, one.pid))
-
-    @property
-    def has_begun(self) -> bool:
-        """Whether the process was ever ready to play."""
-        return self._hello.done() and self._hello.exception() is None
-
-    def close(self) -> str:
-        """End it; returns how it ended."""
-        self.process.kill()
-        self.pool.shutdown(cancel_futures=True)
-        return how_ended(self.process.exitcode)
-
-    def replaced(self) -> _Process:
-        """End it; returns a new one."""
-        self.close()
-        return _Process()
+        threading.Thread(target=end_with_parent, daemon=True).start()
+    if prepare:
+        prepare()
 
 
-class ExternalExecutor:
-    """An executor from elsewhere; it cannot report on its processes or end them."""
+def end(processes: Collection[BaseProcess]) -> None:
+    """End workers and what is left of their groups."""
+    for process in processes:
+        process.kill()
+    for process in processes:
+        process.join()
+    end_groups([process.pid for process in processes if process.pid])
 
-    def __init__(self, executor: Executor) -> None:
-        self._executor = executor
 
-    def number(self) -> int:
-        """Number of workers: not known, so 0."""
-        return 0
+def end_groups(groups: list[int]) -> None:
+    """End process groups: with SIGTERM, and after some time with SIGKILL."""
+    last = time.monotonic() + GRACE
+    groups = [group for group in groups if _reached(group, signal.SIGTERM)]
+    while groups and time.monotonic() < last:
+        time.sleep(0.02)
+        groups = [group for group in groups if _reached(group, 0)]
+    for group in groups:
+        _reached(group, signal.SIGKILL)
 
-    def free(self) -> bool:
-        """Whether the executor takes another job: always."""
-        return True
 
-    def submit(
-        self, job: Callable[..., Result], *arguments: Any, alone: bool = False
-    ) -> Future[Result]:
-        """Start a job; ``alone`` is ignored."""
-        return self._executor.submit(job, *arguments)
-
-    def begun(self, future: Future[Any]) -> bool:
-        """Whether a job has begun: not known, so False."""
+def _reached(group: int, number: int) -> bool:
+    try:
+        os.killpg(group, number)
+    except (OSError, AttributeError):  # there is none, or this is Windows
         return False
-
-    def end(self, future: Future[Any]) -> bool:
-        """Whether a job was ended: not possible, so False."""
-        return False
-
-    def done(self, future: Future[Any]) -> str:
-        """Raise an error if the executor is broken, since its other jobs are also lost."""
-        if isinstance(future.exception(), BrokenExecutor):
-            raise OpenLockError(
-                "a worker of the executor ended without a message (killed, out of memory, or a "
-                "learner that ends its process); run the same command again, perhaps with fewer "
-                "workers: it continues where it stopped"
-            )
-        return ""
+    return True
 
 
-class InlineExecutor(ExternalExecutor):
-    """This process plays, one job after the other; it cannot report on a job while it runs."""
-
-    def __init__(self) -> None:
-        self._free = True
-
-    def free(self) -> bool:
-        """Whether the last job was taken note of."""
-        return self._free
-
-    def submit(
-        self, job: Callable[..., Result], *arguments: Any, alone: bool = False
-    ) -> Future[Result]:
-        """Do a job; ``alone`` is ignored."""
-        self._free = False
-        future: Future[Result] = Future()
-        try:
-            future.set_result(job(*arguments))
-        except Exception as error:
-            future.set_exception(error)
-        return future
-
-    def done(self, future: Future[Any]) -> str:
-        """Take the next job."""
-        self._free = True
-        return ""
+def _how_ended(code: int | None) -> str:
+    """End of a process in words, by its exit code."""
+    if code is None:
+        return "it does not answer"
+    if code >= 0:
+        return f"exit status {code}"
+    names = {number.value: number.name for number in signal.Signals}
+    name = names.get(-code, f"signal {-code}")
+    return f"killed by {name}" + (", perhaps for lack of memory" if name == "SIGKILL" else "")
 
 
-Workers = WorkerPool | ExternalExecutor
+def may_start_processes() -> bool:
+    """Whether this process may start others: workers of multiprocessing and joblib may not."""
+    method = multiprocessing.get_start_method(allow_none=True)
+    foreign = method not in (None, *multiprocessing.get_all_start_methods())
+    return not (foreign or multiprocessing.current_process().daemon)
 
 
-@contextmanager
-def open_workers(executor: Executor | None, workers: int) -> Iterator[Workers]:
-    """Yield the external executor, a pool of processes, or, with 0 workers, an inline executor."""
-    if executor is not None or not workers:
-        yield ExternalExecutor(executor) if executor else InlineExecutor()
-        return
-    with _one_thread():
-        processes = WorkerPool(workers)
-        try:
-            yield processes
-        finally:  # killed even if idle, since a learner's thread could keep them alive
-            processes.close()
+def require_program() -> None:
+    """Make sure that workers can run this program, which they do before anything else.
+
+    Raises:
+        OpenLockError: If it cannot be read again.
+        SystemExit: If this is a worker, whose program compares without a guard.
+    """
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        raise SystemExit(NO_GUARD)
+    main = sys.modules["__main__"]
+    file = getattr(main, "__file__", None)
+    if file and getattr(main, "__spec__", None) is None and not Path(file).exists():
+        raise OpenLockError(
+            f"the processes that play run this program first, and it is in no file ({file}); save "
+            f"it in one and {GUARD} Or compare with workers=0"
+        )
 
 
 @contextmanager
@@ -238,23 +326,21 @@ def worker_pool(workers: int, prepare: Callable[[], None] | None = None) -> Iter
         workers: How many.
         prepare: Called in each before it works; it is pickled.
     """
+    if not may_start_processes():
+        warnings.warn(WORKER_ITSELF, stacklevel=3)
+        with ThreadPoolExecutor(1, initializer=prepare) as thread:
+            yield thread
+        return
+    require_program()
+    context = multiprocessing.get_context("spawn")
     with _one_thread():
-        pool = _spawning_pool(workers, partial(_start, prepare) if prepare else start_worker)
-        others = set(multiprocessing.active_children())
+        pool = ProcessPoolExecutor(workers, context, begin_worker, (prepare,))
         try:
             yield pool
-        except BaseException:
+        finally:
+            processes = [*pool._processes.values()]
             pool.shutdown(wait=False, cancel_futures=True)
-            for worker in _new(others):
-                worker.terminate()
-            raise
-        pool.shutdown()
-
-
-def _spawning_pool(workers: int, initializer: Callable[[], None]) -> ProcessPoolExecutor:
-    # Fresh processes: a forked torch or Arrow may hang.
-    context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(workers, mp_context=context, initializer=initializer)
+            end(processes)
 
 
 @contextmanager
@@ -270,53 +356,6 @@ def _one_thread() -> Iterator[None]:
                 del os.environ[name]
             else:
                 os.environ[name] = value
-
-
-def _new(others: set[BaseProcess]) -> set[BaseProcess]:
-    return set(multiprocessing.active_children()) - others
-
-
-def _start(prepare: Callable[[], None]) -> None:
-    start_worker()
-    prepare()
-
-
-def start_worker() -> None:
-    """Ignore Ctrl-C, which the parent handles, and end when the parent has ended."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-
-        def end_with_parent() -> None:
-            parent.join()
-            os._exit(1)
-
-        threading.Thread(target=end_with_parent, daemon=True).start()
-
-
-def start_alone() -> None:
-    """Do as :func:`start_worker`, and also ignore SIGTERM, which the parent handles.
-
-    A batch system sends it to all processes at once; a worker that it ends would look like a
-    learner that had ended its process.
-    """
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    start_worker()
-
-
-def how_ended(code: int | None) -> str:
-    """End of a process in words, by its exit code."""
-    if code is None:
-        return "it is not known how"
-    if code >= 0:
-        return f"exit status {code}"
-    try:
-        name = signal.Signals(-code).name
-    except ValueError:
-        name = f"signal {-code}"
-    if name == "SIGKILL":
-        return "killed by SIGKILL, perhaps for lack of memory"
-    return f"killed by {name}"
 
 
 def available_cores() -> int:

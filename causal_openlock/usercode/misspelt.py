@@ -7,14 +7,13 @@ from __future__ import annotations
 
 import pkgutil
 import sys
-import sysconfig
 from collections.abc import Callable
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
-from causal_openlock.usercode.module_source import is_installed
-from causal_openlock.wording import joined, nearest
+from causal_openlock.usercode.own_files import users_folders
+from causal_openlock.wording import nearest
 
 
 def misspelt(
@@ -36,26 +35,17 @@ def misspelt(
     """
     if isinstance(error, ModuleNotFoundError):
         missing = error.name or ""
-        return _no_module(missing) if f"{entry.module}.".startswith(f"{missing}.") else None
+        if not f"{entry.module}.".startswith(f"{missing}."):
+            return None
+        package, _, last = missing.rpartition(".")
+        places = [*getattr(sys.modules.get(package), "__path__", map(str, users_folders()))]
+        known = {found.name for found in pkgutil.iter_modules(places)}
+        where = " or ".join(dict.fromkeys(places))
+        return f"there is no module {missing} in {where}; {nearest(last, known)}"
     module = sys.modules.get(entry.module)  # one that fails while it is imported is not kept
     if module is None or entry.module == "__main__" or not isinstance(error, AttributeError):
         return None
     source = Path(getattr(module, "__file__", None) or entry.module)
     shown = source.relative_to(Path.cwd()) if source.is_relative_to(Path.cwd()) else source
-    known = [name for name, value in vars(module).items() if name[0] != "_" and fits(value)]
+    known = {name for name, value in vars(module).items() if name[0] != "_" and fits(value)}
     return f"{shown} has no {kind} {entry.attr}; {nearest(entry.attr, known)}"
-
-
-def _no_module(missing: str) -> str:
-    """Message for a missing module, with the nearest of those on the search path."""
-    package, _, last = missing.rpartition(".")
-    if package:
-        places = [*getattr(sys.modules.get(package), "__path__", ())]
-    else:
-        ours = {Path(__file__).parents[2], Path(sysconfig.get_path("scripts"))}
-        paths = [Path(place).resolve() for place in sys.path if Path(place) not in ours]
-        own = [path for path in paths if path.is_dir() and not is_installed(path)]
-        places = [str(path) for path in dict.fromkeys([Path.cwd(), *own])]
-    where = f" in {joined(places)}" if places else ""
-    known = {found.name for found in pkgutil.iter_modules(places)}
-    return f"there is no module {missing}{where}; {nearest(last, known)}"

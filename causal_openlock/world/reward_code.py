@@ -31,9 +31,13 @@ import numpy as np
 
 from causal_openlock.errors import RewardError
 from causal_openlock.schemas.fsm import FloatArray
-from causal_openlock.usercode.code_digest import code_digest, imported_digest
 from causal_openlock.usercode.misspelt import misspelt
-from causal_openlock.usercode.module_source import MODULE_AND_NAME, look_beside
+from causal_openlock.usercode.own_files import (
+    MODULE_AND_NAME,
+    code_digest,
+    imported_digest,
+    look_beside,
+)
 from causal_openlock.usercode.session_code import is_of_session, session_origin
 from causal_openlock.world.events import Events, RewardFunction, possible
 
@@ -142,7 +146,7 @@ def _loaded(name: str) -> tuple[Callable[[Events], Any], str]:
     return function, "" if is_of_session(name) else source_of(name, imported_digest)
 
 
-def source_of(name: str, hash_of: Callable[[Path, list[str]], str] = code_digest) -> str:
+def source_of(name: str, hash_of: Callable[[list[str]], str] = code_digest) -> str:
     """The file of the named module, even if the function was defined elsewhere, and a hash."""
     if is_of_session(name):
         return session_origin(name)
@@ -150,7 +154,7 @@ def source_of(name: str, hash_of: Callable[[Path, list[str]], str] = code_digest
     source = inspect.getsourcefile(sys.modules[module])
     if source is None:
         raise RewardError(f"{name!r} has no source that can be recorded; write it in a file")
-    return f"{Path(source).name} {hash_of(Path(source), [module])}"
+    return f"{Path(source).name} {hash_of([module])}"
 
 
 def forget() -> None:

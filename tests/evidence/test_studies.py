@@ -377,11 +377,15 @@ def stopped_run(root, monkeypatch):
     """A run that is stopped after its first cell."""
     play = running.play
 
-    def stop(*_):
-        raise KeyboardInterrupt
+    def stop(standing):
+        if standing.done:
+            raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
-        patched.setattr(running, "play", lambda *asked, **how: play(*asked, done=stop, **how))
+        patched.setattr("causal_openlock.running.workers.LOOK_EVERY", 0.0)
+        patched.setattr(
+            running, "play", lambda *asked, **how: play(*asked, **{**how, "progress": stop})
+        )
         with pytest.raises(KeyboardInterrupt):
             run(root)
     return read_study(root / "small")

@@ -8,9 +8,8 @@ from types import ModuleType
 import pytest
 
 from causal_openlock.contract.registry import origin
-from causal_openlock.errors import CellsFailed, LearnerError, RewardError
+from causal_openlock.errors import CellsFailed, RewardError
 from causal_openlock.experiment.file import read_experiment
-from causal_openlock.running.carried_code import carry
 from causal_openlock.running.runner import run
 from causal_openlock.storage.store import Store
 from causal_openlock.world.reward_code import _loaded, own_reward
@@ -176,14 +175,3 @@ def test_a_module_next_to_a_notebook_counts(folder, monkeypatch, above, inside, 
     assert origin("__main__:Mine") == before
     (folder / "a_helper.py").write_text(CHANGED)
     assert origin("__main__:Mine") != before
-
-
-def test_a_cluster_is_not_sent_what_changed_since_it_was_declared(folder):
-    declare(folder, "{learner: 'a_mine:Mine', reward: 'a_reward:pay'}")
-    experiment = read_experiment(folder / "e.yaml")
-    assert [cell.identity for cell in experiment.cells()]
-    sent = {*carry(experiment, folder / "out").files}
-    assert sent == {"a_mine.py", "a_base.py", "a_helper.py", "a_reward.py"}
-    (folder / "a_helper.py").write_text(CHANGED)
-    with pytest.raises(LearnerError, match="a_mine:Mine has changed"):
-        carry(experiment, folder / "out")

@@ -11,7 +11,7 @@ from causal_openlock.fitting.candidates import FILE, Plan, fit
 from causal_openlock.fitting.kept import keep_fit
 from causal_openlock.fitting.search import Range, bundled_search, search_space
 from causal_openlock.running.runner import run
-from causal_openlock.usercode.module_source import look_beside
+from causal_openlock.usercode.own_files import look_beside
 from support.command import at_once, modules_of
 
 pytest.importorskip("optuna")

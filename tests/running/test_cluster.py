@@ -15,7 +15,7 @@ from causal_openlock.analysis.results.summary import summary_table
 from causal_openlock.analysis.table import write_table
 from causal_openlock.errors import CellsFailed, OpenLockError, StoreError
 from causal_openlock.experiment.file import read_experiment
-from causal_openlock.running import runner
+from causal_openlock.running import runner, workers
 from causal_openlock.running.worker import Watching
 from causal_openlock.storage import folder_lock
 from causal_openlock.storage.shard import Shard
@@ -80,7 +80,7 @@ def folder(tmp_path, monkeypatch):
     (tmp_path / "my_helper.py").write_text("FIRST = 7\n", encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
-    monkeypatch.setattr(runner, "LOOK_EVERY", 0.1)
+    monkeypatch.setattr(workers, "LOOK_EVERY", 0.1)
     start_prepared(monkeypatch)
     with modules_of(tmp_path):
         yield tmp_path

@@ -50,6 +50,11 @@ def play(experiment, folder, **options):
     return runner.run(experiment, folder, workers=0, **options)
 
 
+def files(folder):
+    """When each cell's file was written."""
+    return {path: path.stat().st_mtime_ns for path in (folder / "cells").glob("*.parquet")}
+
+
 def contents(store):
     return store.record()[0].drop_columns(["wall_time"])
 
@@ -101,14 +106,11 @@ def test_a_folder_is_reused_for_another_form_of_its_experiment(experiment, tmp_p
     kept = {path: path.read_bytes() for path in first.cells.iterdir()}
     known = {cell.identity for cell in experiment.cells()}
     for name, form in forms.items():
-        new = []
-        store = play(
-            form,
-            tmp_path / "out",
-            done=lambda cell, before, new=new: before or new.append(cell.identity),
-        )
-        assert set(new) == {cell.identity for cell in form.cells()} - known, name
-        known |= set(new)
+        there = files(tmp_path / "out")
+        store = play(form, tmp_path / "out")
+        played = files(tmp_path / "out").items() - there.items()
+        assert len(played) == len({cell.identity for cell in form.cells()} - known), name
+        known |= {cell.identity for cell in form.cells()}
         fresh = play(form, tmp_path / name)
         assert contents(store).equals(contents(fresh)), name
         assert store.experiment() == fresh.experiment(), name
@@ -136,9 +138,9 @@ def test_a_description_that_was_deleted_is_made_again(experiment, tmp_path):
         read_results(store)
     with pytest.raises(StoreError, match="its cells are there"):
         play(dataclasses.replace(experiment, seed=4), tmp_path / "out")
-    seen = []
-    play(experiment, tmp_path / "out", done=lambda cell, before: seen.append(before))
-    assert all(seen)
+    there = files(tmp_path / "out")
+    play(experiment, tmp_path / "out")
+    assert files(tmp_path / "out") == there
     assert contents(store).equals(before)
 
 
@@ -166,9 +168,9 @@ def test_a_damaged_description_is_named_and_made_again(experiment, tmp_path):
         assert named in str(refused.value)
         with pytest.raises(StoreError, match="is damaged"):
             play(dataclasses.replace(experiment, seed=4), tmp_path / "out")
-        seen = []
-        play(experiment, tmp_path / "out", done=lambda cell, before, seen=seen: seen.append(before))
-        assert all(seen)
+        there = files(tmp_path / "out")
+        play(experiment, tmp_path / "out")
+        assert files(tmp_path / "out") == there
         assert path.read_bytes() == content
 
 
@@ -215,14 +217,9 @@ def test_tables_of_another_form_are_named_and_their_cells_played_again(experimen
         with pytest.raises(StoreError) as told:
             read_results(store)
         assert f"{path} is damaged (" in str(told.value)
-        warnings, again = [], []
-        play(
-            experiment,
-            tmp_path / "out",
-            warn=warnings.append,
-            done=lambda cell, before, again=again: before or again.append(cell),
-        )
-        assert again == [first]
+        warnings, there = [], files(tmp_path / "out")
+        play(experiment, tmp_path / "out", warn=warnings.append)
+        assert [file for file, _ in files(tmp_path / "out").items() - there.items()] == [path]
         assert str(path) in warnings[0]
         assert len(warnings) == 1
         assert contents(store).equals(before)

@@ -22,8 +22,7 @@ from causal_openlock.analysis.report import writing
 from causal_openlock.cli import main
 from causal_openlock.comparison import progress_bar
 from causal_openlock.contract.registry import _load
-from causal_openlock.running import runner, workers
-from causal_openlock.running.workers import ExternalExecutor
+from causal_openlock.running import workers
 
 
 class AtOnce(Executor):
@@ -39,14 +38,10 @@ class AtOnce(Executor):
         return future
 
 
-@contextlib.contextmanager
-def _at_once(executor: Executor | None, workers: int) -> Iterator[ExternalExecutor]:
-    yield ExternalExecutor(executor or AtOnce())
-
-
 def play_here(patches: pytest.MonkeyPatch) -> None:
     """Have cells played in this process, and subjects scored and fitted."""
-    patches.setattr(runner, "open_workers", _at_once)
+    here = lambda do, jobs, *_: workers.in_this_process(do, jobs)  # noqa: E731
+    patches.setattr(workers, "in_processes", here)
     patches.setattr(workers, "available_cores", lambda: 1)
 
 

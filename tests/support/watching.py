@@ -23,4 +23,4 @@ class _Watching:
 def look_often(patches: pytest.MonkeyPatch, look: Callable[..., None]) -> None:
     """Have a function called while a comparison runs, and after each of its cells."""
     patches.setattr("causal_openlock.comparison.comparing.shown_here", _Watching(look))
-    patches.setattr("causal_openlock.running.runner.LOOK_EVERY", 0.0)
+    patches.setattr("causal_openlock.running.workers.LOOK_EVERY", 0.0)

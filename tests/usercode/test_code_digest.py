@@ -6,8 +6,7 @@ import sys
 import pytest
 
 from causal_openlock.files.digest import digest
-from causal_openlock.usercode.code_digest import code_digest, imported_digest
-from causal_openlock.usercode.module_source import module_source
+from causal_openlock.usercode.own_files import code_digest, imported_digest
 from support.command import modules_of
 
 
@@ -29,9 +28,7 @@ def write(folder, files):
 
 
 def of(module):
-    source = module_source(module)
-    assert source is not None
-    return code_digest(source, [module])
+    return code_digest([module])
 
 
 @pytest.mark.parametrize(
@@ -98,11 +95,10 @@ def test_the_hash_does_not_depend_on_where_files_are(folder):
 def test_what_a_process_imported_is_known_until_it_is_imported_anew(folder):
     write(folder, {"a_mine.py": "import a_other", "a_other.py": "x = 1"})
     module = importlib.import_module("a_mine")
-    source = folder / "a_mine.py"
-    first = imported_digest(source, ["a_mine"])
-    assert first == code_digest(source, ["a_mine"])
+    first = imported_digest(["a_mine"])
+    assert first == of("a_mine")
     write(folder, {"a_other.py": "x = 1 + 1"})
-    assert code_digest(source, ["a_mine"]) != first
-    assert imported_digest(source, ["a_mine"]) == first
+    assert of("a_mine") != first
+    assert imported_digest(["a_mine"]) == first
     importlib.reload(module.a_other)
-    assert imported_digest(source, ["a_mine"]) == code_digest(source, ["a_mine"]) != first
+    assert imported_digest(["a_mine"]) == of("a_mine") != first

@@ -184,10 +184,9 @@ def test_what_changes_after_it_was_declared_does_not_play(run, tmp_path):
     run(REWARD.replace("0.1", "0.2"))
     assert find_reward(main["eager"]) != before
     run("SCALE = 9\n")
-    for declared, named in ((rewarded, "the reward __main__:eager"), (experiment, "Mine")):
-        with pytest.raises(LearnerError, match=f"{named} has changed since"):
-            ol.run(declared, tmp_path / "r", workers=0)
-    assert not (tmp_path / "r").exists()
+    for declared, named in ((rewarded, "__main__:eager"), (experiment, "__main__:Mine")):
+        with pytest.raises(LearnerError, match=f"the code of {named} is .* was declared as"):
+            ol.run(declared, tmp_path / named[-4:], workers=0)
 
 
 def test_what_workers_could_not_find_or_get_is_refused(run):
@@ -246,8 +245,6 @@ class Mine(ol.OneSubjectLearner):
         "@cache\ndef table(n):\n    return n + 1",
         "half = lambda x: x // 3 * SCALE",
         "WORDS.add('five')",
-        "Mine.rate = 5",
-        "def other(self, observation):\n    return 3\nMine.act = other",
         "SCALE = 8",
     ],
 )
