@@ -5,17 +5,17 @@ subjects perceive, and keeps the record. :mod:`causal_openlock.world.rooms` deci
 and trials end and which solutions are new.
 
 :meth:`Session.play` runs a learner to the end, :meth:`Session.steps` step by step. With
-:meth:`Session.view` and :meth:`Session.step`, the caller takes the steps, as for a person.
+``Session.view`` and :meth:`Session.step`, the caller takes the steps, as for a person.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from itertools import chain
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from causal_openlock.contract.learner import (
     Brief,
@@ -28,10 +28,9 @@ from causal_openlock.contract.learner import (
     put_back,
 )
 from causal_openlock.errors import LearnerError, ProtocolError
-from causal_openlock.experiment.protocol import Condition, Protocol, Visit, check_trial, plan
+from causal_openlock.experiment.protocol import Condition, Protocol, check_trial, plan
 from causal_openlock.experiment.record import AttemptLog, assemble
 from causal_openlock.schemas.fsm import BoolArray, IntArray, compile_schema
-from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.kernel import (
     AFTER,
     ATTEMPTS_LEFT,
@@ -44,17 +43,19 @@ from causal_openlock.world.kernel import (
 )
 from causal_openlock.world.randomness import Streams, generators, unrelated_generators
 from causal_openlock.world.rewards import PAPER_REWARD, RewardForm, find_reward
-from causal_openlock.world.room import Layout, Room, action_names, positions_for
+from causal_openlock.world.room import Room, action_names, positions_for
 from causal_openlock.world.rooms import Outcome, Rooms, RoomTables
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-CHANGING = ("_visit", "_playing", "_actions", "_moved", "_was_unlocked", "_earned", "_luck")
+CHANGING = ("_visit", "_actions", "_moved", "_was_unlocked", "_earned", "_luck")
 """The attributes of a session that change, apart from the rooms, the log and the clock."""
 
 AT_ONCE = 40
 """Number of recorded subjects replayed in one batch."""
+
+Told = TypeVar("Told", View, Console, Step)
 
 
 class Session:
@@ -71,7 +72,11 @@ class Session:
         experiment: Name of the experiment, for the record.
 
     Attributes:
+        brief: What a learner is told before it begins.
+        view: Perception of the subjects now.
         shown_trials: How many trials each subject is shown before it plays.
+        solutions: ``[B, T]`` how many solutions the room of each trial has.
+        log: The attempts so far, in the order in which they ended.
 
     Raises:
         ProtocolError: If a schema of the condition does not fit the protocol, or there is no
@@ -119,17 +124,26 @@ class Session:
             [(schema, protocol.actions_for(schema)) for schema in condition.schemas],
             max(positions_for(schema) for schema in condition.schemas),
         )
-        self._room, layouts = self._lay_out(visits)
-        schemas = [room.schema for room in self._layouts]
-        self._schema = np.array([condition.schemas.index(schema) for schema in schemas])
-        self._lever = np.array([room.layout.lever_at() for room in self._layouts])
+        machines = {schema: compile_schema(schema) for schema in condition.schemas}
+        met = {(id(visit.schema), visit.layout): visit for visit in chain(*visits)}
+        self._met = tuple(
+            Room(machines[visit.schema], visit.layout.in_room(tables.positions))
+            for visit in met.values()
+        )
+        number = {place: i for i, place in enumerate(met)}
+        self._room = np.array([[number[id(v.schema), v.layout] for v in row] for row in visits])
+        self._schema = np.array([condition.schemas.index(room.schema) for room in self._met])
+        self._lever = np.array([room.layout.lever_at() for room in self._met])
+        self.solutions = tables.solutions[self._schema].astype(np.int16)[self._room]
+        names = [(room.schema.name, room.layout.name) for room in self._met]
+        schemas, layouts = np.array(names, dtype=object).T
         self._visits = {
             "phase": np.array([[visit.phase for visit in row] for row in visits], dtype=object),
             "loop": np.array([[visit.loop for visit in row] for row in visits], dtype=np.int32),
             "trial": np.array([[visit.trial for visit in row] for row in visits], dtype=np.int32),
-            "schema": np.array([schema.name for schema in schemas], dtype=object)[self._room],
-            "layout": layouts,
-            "solutions": tables.solutions[self._schema].astype(np.int16)[self._room],
+            "schema": schemas[self._room],
+            "layout": layouts[self._room],
+            "solutions": self.solutions,
         }
         self._orders = [[visit.order for visit in row if visit.order] for row in visits]
         self.shown_trials = len(self._orders[0])
@@ -150,10 +164,9 @@ class Session:
             trials=self._room.shape[1],
             generators=unrelated_generators(seed, f"learner/{learner}/{place}", numbers),
         )
-        self._log = AttemptLog(self.brief.action_limit)
+        self.log = AttemptLog(self.brief.action_limit)
         self._clock = time.perf_counter()
         self._visit = np.zeros(self.subjects, dtype=np.int64)
-        self._playing = np.ones(self.subjects, dtype=bool)
         self._everyone = np.arange(self.subjects)
         self._begin_trials(self._everyone)
         # What has happened in the attempt in progress.
@@ -161,55 +174,24 @@ class Session:
         self._moved = self._actions.astype(bool)
         self._was_unlocked = np.zeros(self.subjects, dtype=bool)
         self._earned = np.zeros(self.subjects)
-        self._view = self._perceive()
+        self.view = self._perceive()
 
-    def _lay_out(self, visits: list[list[Visit]]) -> tuple[IntArray, NDArray[np.object_]]:
-        """``[B, T]`` index of the room of each trial, and ``[B, T]`` the name of its layout.
-
-        Layouts with different names can be the same positions, and are then one room; so the name
-        of the layout is kept with the trial.
-        """
-        machines = {schema: compile_schema(schema) for schema in self.condition.schemas}
-        rooms: dict[tuple[Schema, tuple[int, ...]], Room] = {}
-        numbers: dict[tuple[int, Layout], int] = {}
-        which = np.zeros((len(visits), len(visits[0])), dtype=np.int64)
-        names = np.empty(which.shape, dtype=object)
-        for subject, row in enumerate(visits):
-            for trial, visit in enumerate(row):
-                met = id(visit.schema), visit.layout
-                if met not in numbers:
-                    layout = visit.layout.in_room(self._tables.positions)
-                    placed = visit.schema, layout.places
-                    rooms.setdefault(placed, Room(machines[visit.schema], layout))
-                    numbers[met] = list(rooms).index(placed)
-                which[subject, trial] = numbers[met]
-                names[subject, trial] = visit.layout.in_room(self._tables.positions).name
-        self._layouts = tuple(rooms.values())
-        return which, names
+    def _room_now(self) -> IntArray:
+        """``[B]`` index of the room that each subject is in, or was in last."""
+        visit = np.minimum(self._visit, self.brief.trials - 1)
+        return self._room[self._everyone, visit]
 
     def _begin_trials(self, which: IntArray) -> None:
         """Begin the trial of these subjects that is next."""
-        # After its last trial, a subject's room stays at the start of it.
-        visit = np.minimum(self._visit[which], self.brief.trials - 1)
-        room = self._room[which, visit]
+        room = self._room_now()[which]
         self._rooms.begin_trials(which, self._schema[room], self._lever[room])
-
-    def _room_now(self) -> IntArray:
-        """``[B]`` index of the room that each subject is in."""
-        visit = np.minimum(self._visit, self.brief.trials - 1)
-        return self._room[self._everyone, visit]
 
     # -- what is seen, and what is latent -------------------------------------------------------
 
     @property
-    def view(self) -> View:
-        """Perception of the subjects now."""
-        return self._view
-
-    @property
     def over(self) -> bool:
         """Whether every subject has finished."""
-        return not self._playing.any()
+        return not self.view.playing.any()
 
     @property
     def shown(self) -> IntArray | None:
@@ -221,24 +203,26 @@ class Session:
             return None
         actions, used = [], self._tables.used[self._rooms.now(ROW)]
         for subject, number in enumerate(self._room_now()):
-            room, orders = self._layouts[number], self._orders[subject]
-            which = orders[self._visit[subject]][self._view.attempt[subject] - 1]
+            room, orders = self._met[number], self._orders[subject]
+            which = orders[self._visit[subject]][self.view.attempt[subject] - 1]
             actions.append(room.action_of(room.schema.solutions[which])[used[subject]])
         return np.array(actions)
 
     @property
     def truth(self) -> Truth:
         """Latent facts, for informed learners and for analysis."""
-        return Truth(rooms=self._layouts, room=self._room_now())
+        return Truth(rooms=self._met, room=self._room_now())
 
     def _perceive(self) -> View:
         console = self._rooms.console.astype(np.int64)
-        return View(
-            observation=_read_only(self._rooms.observation),
-            console=Console(*(_read_only(column.copy()) for column in console.T)),
-            trial=_read_only(self._visit + 1),
-            attempt=_read_only(self.protocol.attempt_limit + 1 - console[:, ATTEMPTS_LEFT]),
-            playing=_read_only(self._playing.copy()),
+        return _read_only(
+            View(
+                observation=self._rooms.observation,
+                console=_read_only(Console(*(column.copy() for column in console.T))),
+                trial=self._visit + 1,
+                attempt=self.protocol.attempt_limit + 1 - console[:, ATTEMPTS_LEFT],
+                playing=self._visit < self.brief.trials,
+            )
         )
 
     # -- the loop -------------------------------------------------------------------------------
@@ -282,7 +266,7 @@ class Session:
         check_trial(trial, self.brief.trials, where)
         self.begin(learner)
         steps = self.steps(learner)
-        while self._view.trial[0] < trial:
+        while self.view.trial[0] < trial:
             next(steps)
 
     def steps(self, learner: Learner) -> Iterator[Step]:
@@ -299,8 +283,8 @@ class Session:
         """``[B]`` what is done next: what the learner answers, unless it is shown something."""
         shown = self.shown
         if shown is None:
-            return learner.act(self._view)
-        learner.probabilities(self._view)  # as the contract has it where actions are given
+            return learner.act(self.view)
+        learner.probabilities(self.view)  # as the contract has it where actions are given
         return shown
 
     def following(self, done: Sequence[IntArray]) -> Iterator[tuple[BoolArray, Step]]:
@@ -326,9 +310,9 @@ class Session:
         Raises:
             LearnerError: If there are not B integers, or one is outside the action space.
         """
-        tables, view = self._tables, self._view
+        tables, view = self._tables, self.view
         action = self._checked(action)
-        done = action if self._playing.all() else np.where(self._playing, action, tables.waits)
+        done = np.where(view.playing, action, tables.waits)
         moment = tables.used[self._rooms.now(ROW)]
         outcome = self._rooms.step(done, self._luck.uniform() if self._luck else None, seen=True)
         event = self._rooms.now(EVENT)
@@ -343,16 +327,18 @@ class Session:
         self._earned += outcome.reward
         if outcome.attempt_over.any():
             self._end_attempts(outcome)
-        self._view = self._perceive()
-        return Step(
-            view=view,
-            action=_read_only(action),
-            outcome=_read_only(outcome.seen),
-            reward=_read_only(outcome.reward),
-            attempt_over=_read_only(outcome.attempt_over),
-            trial_over=_read_only(outcome.trial_over),
-            new_solution=_read_only(outcome.new_solution),
-            next=self._view,
+        self.view = self._perceive()
+        return _read_only(
+            Step(
+                view=view,
+                action=action,
+                outcome=outcome.seen,
+                reward=outcome.reward,
+                attempt_over=outcome.attempt_over,
+                trial_over=outcome.trial_over,
+                new_solution=outcome.new_solution,
+                next=self.view,
+            )
         )
 
     def _checked(self, action: Any) -> IntArray:
@@ -365,7 +351,7 @@ class Session:
                 f"a learner answers with {self.subjects} integers, one for each subject, and not "
                 f"with {actions.dtype} of shape {actions.shape}"
             )
-        chosen: IntArray = np.where(self._playing, actions, 0).astype(np.int64)
+        chosen: IntArray = np.where(self.view.playing, actions, 0).astype(np.int64)
         if chosen.min() < 0 or chosen.max() >= self.brief.actions:
             wrong = chosen[(chosen < 0) | (chosen >= self.brief.actions)][0]
             raise LearnerError(
@@ -380,10 +366,10 @@ class Session:
         ended = np.flatnonzero(outcome.attempt_over)
         row = rooms.now(AFTER)[ended]
         opened = tables.opened[row]
-        self._log.append(
+        self.log.append(
             subject=ended,
             visit=self._visit[ended],
-            attempt=self._view.attempt[ended],
+            attempt=self.view.attempt[ended],
             used=tables.used[row],
             actions=self._actions[ended],
             moved=self._moved[ended],
@@ -397,22 +383,9 @@ class Session:
         )
         self._was_unlocked[ended] = False
         self._earned[ended] = 0.0
-        finished = np.flatnonzero(outcome.trial_over)
-        if not len(finished):
-            return
-        self._visit[finished] += 1
-        self._playing[finished] = self._visit[finished] < self.brief.trials
-        self._begin_trials(finished)
-
-    @property
-    def log(self) -> AttemptLog:
-        """The attempts so far, in the order in which they ended."""
-        return self._log
-
-    @property
-    def solutions(self) -> IntArray:
-        """``[B, T]`` how many solutions the room of each trial has."""
-        return self._visits["solutions"]
+        if len(finished := np.flatnonzero(outcome.trial_over)):
+            self._visit[finished] += 1
+            self._begin_trials(finished)
 
     @property
     def progress(self) -> float:
@@ -428,26 +401,28 @@ class Session:
     def state(self) -> dict[str, Any]:
         """All that changes while a session is played, for a checkpoint."""
         changing = {name: getattr(self, name) for name in CHANGING}
-        rooms, log = self._rooms.state, self._log.since(0)
+        rooms, log = self._rooms.state, self.log.since(0)
         return {**changing, "rooms": rooms, "log": log, "seconds": self.seconds}
 
     def resume(self, state: dict[str, Any]) -> None:
         """Continue from the state of another session with the same arguments."""
         vars(self).update({name: state[name] for name in CHANGING})
         self._rooms.state = state["rooms"]
-        self._log.extend(state["log"])
+        self.log.extend(state["log"])
         self._clock = time.perf_counter() - state["seconds"]
-        self._view = self._perceive()
+        self.view = self._perceive()
 
     def record(self) -> pa.Table:
         """The attempts so far as a record, sorted by subject and time."""
-        return assemble(self._log, self._visits, self._constants)
+        return assemble(self.log, self._visits, self._constants)
 
 
-def _read_only(array: NDArray[Any]) -> NDArray[Any]:
-    """The same array, which a learner cannot write to: the session uses it later."""
-    array.setflags(write=False)
-    return array
+def _read_only(told: Told) -> Told:
+    """The same, with arrays that a learner cannot write to: the session uses them later."""
+    for value in vars(told).values():
+        if isinstance(value, np.ndarray):
+            value.setflags(write=False)
+    return told
 
 
 def padded(done: Sequence[IntArray]) -> tuple[IntArray, BoolArray]:
