@@ -32,14 +32,9 @@ def generators(seed: int, key: str, subjects: Iterable[int]) -> tuple[np.random.
         >>> alone[0].random() == among.random()
         True
     """
-    digest = hashlib.sha256(key.encode()).digest()[:16]
-    words = tuple(int.from_bytes(digest[i : i + 4], "big") for i in range(0, 16, 4))
-    return tuple(
-        np.random.Generator(
-            np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(*words, subject)))
-        )
-        for subject in subjects
-    )
+    words = np.frombuffer(hashlib.sha256(key.encode()).digest()[:16], ">u4").tolist()
+    seeds = (np.random.SeedSequence(seed, spawn_key=(*words, subject)) for subject in subjects)
+    return tuple(np.random.Generator(np.random.PCG64(seed)) for seed in seeds)
 
 
 def unrelated_generators(
@@ -64,10 +59,8 @@ def unrelated_generators(
     """
     # The key comes last, so that no two inputs give the same text.
     digests = (hashlib.sha256(f"{seed} {subject} {key}".encode()).digest() for subject in subjects)
-    return tuple(
-        np.random.Generator(np.random.PCG64(np.random.SeedSequence(int.from_bytes(digest, "big"))))
-        for digest in digests
-    )
+    seeds = (int.from_bytes(digest, "big") for digest in digests)
+    return tuple(np.random.Generator(np.random.PCG64(seed)) for seed in seeds)
 
 
 def pick(odds: FloatArray, draw: float) -> int:
@@ -84,18 +77,6 @@ def pick(odds: FloatArray, draw: float) -> int:
     sums = odds.cumsum()
     # Rounding may take the draw to the total.
     return min(int(np.searchsorted(sums, draw * sums[-1], side="right")), len(sums) - 1)
-
-
-def certain(actions: NDArray[np.int64], number: int) -> FloatArray:
-    """``[B, number]`` probabilities of actions of which each subject, ``[B]``, takes one for sure.
-
-    Example:
-        >>> certain(np.array([2, 0]), 3).tolist()
-        [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]
-    """
-    found = np.zeros((len(actions), number))
-    found[np.arange(len(actions)), actions] = 1.0
-    return found
 
 
 class Streams:

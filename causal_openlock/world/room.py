@@ -88,11 +88,10 @@ def action_index(action: str | int, positions: int) -> int:
     """
     names = action_names(positions)
     if isinstance(action, str):
-        known = {name.lower(): place for place, name in enumerate(names)}
+        index = {name.lower(): place for place, name in enumerate(names)}
         asked = "_".join(action.lower().split())
-        for name in (asked, f"push_{asked}"):
-            if name in known:
-                return known[name]
+        if (name := asked if asked in index else f"push_{asked}") in index:
+            return index[name]
         written = names if "_" in action else [name.replace("_", " ") for name in names]
         raise LayoutError(f"there is no action {action!r}; {nearest(action, written)}")
     is_number = isinstance(action, int | np.integer) and not isinstance(action, bool)
@@ -147,12 +146,7 @@ class Layout:
                     f"two levers are at {names[place]}; give each lever a position of its own"
                 )
         if not self.name:
-            object.__setattr__(self, "name", self._by_position)
-
-    @property
-    def _by_position(self) -> str:
-        """The name of an unpublished layout."""
-        return " ".join(position_names(self.positions)[place] for place in self.places)
+            object.__setattr__(self, "name", " ".join(names[place] for place in self.places))
 
     @classmethod
     def of(
@@ -177,49 +171,37 @@ class Layout:
             >>> Layout.of(find_schema("CC3"), "trial1").as_mapping(find_schema("CC3"))
             {'L0': 'UPPERRIGHT', 'L1': 'LOWERLEFT', 'L2': 'UPPERLEFT'}
         """
-        resized = positions is not None
-        positions = positions or positions_for(schema)
-        names = position_names(positions)
-        if isinstance(layout, Layout):
-            if len(layout.places) != len(schema.levers):
-                raise LayoutError(
-                    f"the layout {layout.name} places {len(layout.places)} levers and "
-                    f"{schema.name} has {len(schema.levers)}"
-                )
-            return layout.in_room(positions) if resized else layout
-        label = ""
         if isinstance(layout, str):
             published = room_facts()["layouts"]
             if layout not in published:
                 raise LayoutError(f"there is no layout {layout!r}; {nearest(layout, published)}")
-            label, values = layout, list(published[layout].values())
-            if len(values) != len(schema.levers):
-                fitting = ", ".join(published_layouts(schema)) or "random"
+            places = tuple(map(PAPER_POSITIONS.index, published[layout].values()))
+            layout = cls(places, positions or positions_for(schema), layout)
+        if isinstance(layout, Layout):
+            if len(layout.places) != len(schema.levers):
+                fitting = ", ".join(published_layouts(schema)) or RANDOM_LAYOUT
                 raise LayoutError(
-                    f"the layout {layout} places {len(values)} levers and {schema.name} has "
-                    f"{len(schema.levers)}; layouts that fit: {fitting}"
+                    f"the layout {layout.name} places {len(layout.places)} levers and "
+                    f"{schema.name} has {len(schema.levers)}; layouts that fit: {fitting}"
                 )
-            layout = dict(zip(schema.levers, values, strict=True))
-            names = PAPER_POSITIONS  # in a larger room, the first seven
+            return layout.in_room(positions or layout.positions)
         if not isinstance(layout, Mapping):
             raise LayoutError(
                 f"{layout!r} is not a layout; give a name such as trial1, or {{lever: position}}"
             )
-        for lever in layout:
+        names = position_names(positions or positions_for(schema))
+        for lever, place in layout.items():
             if lever not in schema.levers:
                 raise LayoutError(
                     f"the layout places {lever!r}, which {schema.name} does not have; "
                     f"{nearest(str(lever), schema.levers)}"
                 )
-        places = []
-        for lever in schema.levers:
-            if lever not in layout:
-                raise LayoutError(f"the layout gives no position to {lever}; add one")
-            place = layout[lever]
             if place not in names:
                 raise LayoutError(f"{lever} cannot be at {place!r}; {nearest(str(place), names)}")
-            places.append(names.index(place))
-        return cls(tuple(places), positions, label)
+        if missing := [lever for lever in schema.levers if lever not in layout]:
+            raise LayoutError(f"the layout gives no position to {missing[0]}; add one")
+        places = tuple(names.index(layout[lever]) for lever in schema.levers)
+        return cls(places, len(names))
 
     @classmethod
     def random(
@@ -233,15 +215,14 @@ class Layout:
     def as_mapping(self, schema: Schema) -> dict[str, str]:
         """The layout as ``{lever: position name}``."""
         names = position_names(self.positions)
-        return {
-            lever: names[place] for lever, place in zip(schema.levers, self.places, strict=True)
-        }
+        return dict(zip(schema.levers, (names[place] for place in self.places), strict=True))
 
     def in_room(self, positions: int) -> Layout:
         """The same positions in a room of another size."""
         if positions == self.positions:
             return self
-        return Layout(self.places, positions, "" if self.name == self._by_position else self.name)
+        unpublished = self.name == Layout(self.places, self.positions).name
+        return Layout(self.places, positions, "" if unpublished else self.name)
 
     def role_actions(self) -> IntArray:
         """``[2P + 1]`` the machine's action for each of the room's actions.
@@ -249,13 +230,9 @@ class Layout:
         An action on an inactive lever maps to the machine's number of actions, the index of the
         action that never moves anything in :class:`~causal_openlock.schemas.fsm.Attempt`.
         """
-        levers = len(self.places)
-        roles = np.full(2 * self.positions + 1, 2 * levers + 1)
-        for role, place in enumerate(self.places):
-            roles[place] = role
-            roles[self.positions + place] = levers + role
-        roles[-1] = 2 * levers
-        return roles
+        lever, levers = self.lever_at(), len(self.places)
+        push, pull = (np.where(lever < levers, lever + n, 2 * levers + 1) for n in (0, levers))
+        return np.concatenate([push, pull, [2 * levers]])
 
     def lever_at(self) -> IntArray:
         """``[P]`` the index of the lever at each position; inactive ones come after the active."""
@@ -264,13 +241,11 @@ class Layout:
 
     def observations(self, fsm: FSM, states: IntArray) -> NDArray[np.int8]:
         """``[len(states), 2P + 2]`` the observation in each of these states of the machine."""
-        seen = np.zeros((len(states), 2 * self.positions + 2), dtype=np.int8)
-        for role, place in enumerate(self.places):
-            seen[:, place] = states >> role & 1
-            seen[:, self.positions + place] = 1
-        seen[:, -2] = ~fsm.unlocked[states]
-        seen[:, -1] = fsm.opened[states]
-        return seen
+        lever = self.lever_at()
+        grey = np.tile(lever < len(self.places), (len(states), 1))
+        pushed = (states[:, None] >> lever & 1) * grey
+        door = np.column_stack([~fsm.unlocked[states], fsm.opened[states]])
+        return np.hstack([pushed, grey, door]).astype(np.int8)
 
 
 def first_layout(schema: Schema) -> Layout:
@@ -346,9 +321,7 @@ class Room:
     @property
     def active(self) -> BoolArray:
         """``[P]`` whether the lever at each position is active (grey)."""
-        active = np.zeros(self.positions, dtype=bool)
-        active[list(self.layout.places)] = True
-        return active
+        return self.layout.lever_at() < self.fsm.levers
 
     def action_of(self, levers: Sequence[str]) -> list[int]:
         """The room's actions that push these levers and then the door."""

@@ -24,7 +24,7 @@ from pydantic import Field
 from causal_openlock.contract.learner import Brief, Learner, Observations, Step, View
 from causal_openlock.contract.parameters import Count, Share
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
-from causal_openlock.world.randomness import Streams, certain
+from causal_openlock.world.randomness import Streams
 from openlock_learners.networks.denormals import denormals_flushed
 from openlock_learners.networks.replay_buffer import (
     ObservationTable,
@@ -172,7 +172,7 @@ class DDQN(Learner):
     def probabilities(self, view: View) -> FloatArray:
         """``[B, A]`` exploration and the greedy action, mixed by epsilon."""
         inputs = self._network_input(view.observation, view.console.solutions_found)
-        greedy = certain(self.q.greedy(inputs), self.brief.actions)
+        greedy = np.eye(self.brief.actions)[self.q.greedy(inputs)]
         share = self.epsilon[:, None]
         return share * self._exploring(view) + (1.0 - share) * greedy
 

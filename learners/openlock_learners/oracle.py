@@ -11,7 +11,6 @@ import numpy as np
 
 from causal_openlock.contract.learner import Brief, InformedLearner, Truth, View
 from causal_openlock.schemas.fsm import FloatArray, IntArray
-from causal_openlock.world.randomness import certain
 
 
 class Oracle(InformedLearner):
@@ -50,4 +49,4 @@ class Oracle(InformedLearner):
 
     def probabilities(self, view: View) -> FloatArray:
         """``[B, A]`` 1 for the next push, and 0 for everything else."""
-        return certain(self._next(view), self._door + 1)
+        return np.eye(self._door + 1)[self._next(view)]

@@ -23,7 +23,7 @@ from pydantic import Field
 from causal_openlock.contract.learner import Brief, Learner, Step, View
 from causal_openlock.contract.parameters import Count, Share
 from causal_openlock.schemas.fsm import FloatArray, IntArray
-from causal_openlock.world.randomness import Streams, certain
+from causal_openlock.world.randomness import Streams
 from openlock_learners.networks.denormals import denormals_flushed
 from openlock_learners.networks.perception import Perception
 from openlock_learners.networks.sequence_buffer import SequenceBuffer
@@ -132,7 +132,7 @@ class Recurrent(Learner):
     def probabilities(self, view: View) -> FloatArray:
         """``[B, A]`` a random and the greedy action, mixed by epsilon."""
         share, actions = self.epsilon[:, None], self.brief.actions
-        return share / actions + (1.0 - share) * certain(self._greedy(view), actions)
+        return share / actions + (1.0 - share) * np.eye(actions)[self._greedy(view)]
 
     def learn(self, step: Step) -> None:
         """Add the step to the buffer, take a gradient step if one is due, and lower epsilon."""

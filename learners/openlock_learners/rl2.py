@@ -27,7 +27,7 @@ from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.protocol import PAPER_ACTION_LIMIT
 from causal_openlock.files.digest import digest
 from causal_openlock.schemas.fsm import FloatArray, IntArray
-from causal_openlock.world.randomness import Streams, certain
+from causal_openlock.world.randomness import Streams
 from openlock_learners.networks.denormals import denormals_flushed
 from openlock_learners.networks.perception import Perception
 
@@ -157,7 +157,7 @@ class RL2(Learner):
 
         self._logits, self._values, self._next_hidden_state = self._evaluate(view)
         if self.parameters.greedy:
-            return certain(self._logits.argmax(axis=1), self.brief.actions)
+            return np.eye(self.brief.actions)[self._logits.argmax(axis=1)]
         odds = action_odds(self._logits)
         return odds / odds.sum(axis=1, keepdims=True)
 

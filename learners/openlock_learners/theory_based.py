@@ -51,7 +51,7 @@ from pydantic import Field
 from causal_openlock.contract.learner import Brief, Learner, Step, Structure, View
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.schemas.schema import Schema
-from causal_openlock.world.randomness import certain, pick
+from causal_openlock.world.randomness import pick
 from causal_openlock.world.room import positions_for
 from openlock_learners.theory.chains import CHAIN_LIMIT, chains_of, number_of_chains
 from openlock_learners.theory.draws import DRAWS, LOCAL, AttemptDraws, Moment, Odds, RoomDraws, best
@@ -262,7 +262,7 @@ class TheoryBased(Learner):
     def probabilities(self, view: View) -> FloatArray:
         """``[B, A]`` equal for ties; estimated where beliefs are sampled (see ``sample_size``)."""
         door = 2 * self.brief.positions
-        found = certain(np.full(self.brief.subjects, door), self.brief.actions)
+        found = np.eye(self.brief.actions)[np.full(self.brief.subjects, door)]
         self._sizes = np.full(self.brief.subjects, np.inf)
         for subject, room in self._deciding(view):
             found[subject, :door], self._sizes[subject] = self._odds(subject, room)
