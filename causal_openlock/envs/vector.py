@@ -28,8 +28,6 @@ from causal_openlock.world.rooms import Rooms, RoomTables
 if TYPE_CHECKING:
     from causal_openlock.schemas.schema import Schema
 
-CONSOLE = ("solutions_left", "solutions_found", "attempts_left", "actions_left")
-
 
 class OpenLockVectorEnv(Recreatable, VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[Any]]):
     """Many rooms at once, each with its own trial.
@@ -220,7 +218,15 @@ class OpenLockVectorEnv(Recreatable, VectorEnv[NDArray[np.int8], NDArray[np.int6
         return InvalidAction(f"an action is outside the space; actions are 0 to {last}")
 
     def _info(self) -> dict[str, Any]:
-        info: dict[str, Any] = {"console": dict(zip(CONSOLE, self._rooms.console.T, strict=True))}
+        console = self._rooms.console
+        info: dict[str, Any] = {
+            "console": {
+                "solutions_left": console[:, 0],
+                "solutions_found": console[:, 1],
+                "attempts_left": console[:, 2],
+                "actions_left": console[:, 3],
+            }
+        }
         if self._reveal:
             levers, state = len(self.settings.schema.levers), self._rooms.state
             lever = state.column[:, : self.settings.positions].astype(np.int64)
