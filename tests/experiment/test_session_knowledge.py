@@ -53,7 +53,7 @@ def test_nothing_that_a_learner_is_given_leads_to_what_is_latent(condition):
     learner = Nosy()
     session = Session(named(condition), replace(HUMAN, attempt_limit=3), 4)
     session.play(learner)
-    latent = [value for value in vars(session._tables).values() if isinstance(value, np.ndarray)]
+    latent = [value for value in session._tables if isinstance(value, np.ndarray)]
     assert latent
     for told in learner.told:
         for path, thing in reachable(told, type(told).__name__):
