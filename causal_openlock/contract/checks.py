@@ -100,17 +100,18 @@ class GlobalRandomness(dict[str, Any]):
 
     def restore(self) -> None:
         """Put these states in place."""
-        for name, state in self.items():
+        for name, state in self._since().items():
             import_module(name)  # torch, in a process that continues from a checkpoint
             _generators()[name].put(state)
 
     def differs_from(self, other: GlobalRandomness) -> list[str]:
-        """Names of the modules whose generator has another state.
+        """Names of the modules whose generator has another state."""
+        states = self._since()
+        return [name for name in states if pickle.dumps(states[name]) != pickle.dumps(other[name])]
 
-        If torch has been imported since, it began with the state of its present seed.
-        """
-        if "torch" in other and "torch" not in self:
-            torch = sys.modules["torch"]
+    def _since(self) -> dict[str, Any]:
+        """These states; if torch has been imported since, also the one that it began with."""
+        if torch := sys.modules.get("torch"):
             fresh = torch.Generator().manual_seed(torch.initial_seed()).get_state().numpy()
-            return GlobalRandomness(self, torch=fresh).differs_from(other)
-        return [name for name in self if pickle.dumps(self[name]) != pickle.dumps(other[name])]
+            return {"torch": fresh, **self}
+        return self
