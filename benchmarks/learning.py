@@ -34,7 +34,7 @@ def ddqn(turns: int) -> Iterator[Row]:
 
 def ours(attempts: int = ATTEMPTS) -> float:
     """Train subjects in a session."""
-    condition = ol.Condition.named("CC4", ol.find_schema)
+    condition = ol.find_condition("CC4")
     protocol = ol.Protocol("benchmark", attempt_limit=attempts, stop_when_solved=False)
     session = ol.Session(condition, protocol, SUBJECTS)
     with stopwatch() as seconds:

@@ -29,15 +29,16 @@ from .comparison.results import open_results as open_results
 
 # Experiments
 from .errors import OpenLockError as OpenLockError
-from .experiment.building import learner as learner
-from .experiment.building import make_experiment as make_experiment
-from .experiment.building import sweep as sweep
+from .experiment.making import learner as learner
+from .experiment.making import make_experiment as make_experiment
+from .experiment.making import sweep as sweep
 from .experiment.file import find_experiment as find_experiment
 from .experiment.file import read_experiment as read_experiment
-from .experiment.protocol import PROTOCOLS as PROTOCOLS
-from .experiment.protocol import Condition as Condition
-from .experiment.protocol import Protocol as Protocol
-from .experiment.protocol import Trials as Trials
+from .experiment.declare import PROTOCOLS as PROTOCOLS
+from .experiment.declare import Condition as Condition
+from .experiment.declare import Protocol as Protocol
+from .experiment.declare import Trials as Trials
+from .experiment.declare import find_condition as find_condition
 from .running.runner import run as run
 from .experiment.session import Session as Session
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from causal_openlock.comparison.results import Results
     from causal_openlock.contract.learner import Learner
     from causal_openlock.envs.playable import Picture, PlayableRoom
-    from causal_openlock.experiment.experiment import Experiment
+    from causal_openlock.experiment.declare import Experiment
     from causal_openlock.play.background import OpenedRoom
     from causal_openlock.render.film import Shot
     from causal_openlock.render.watch import WatchedTrial
@@ -197,7 +197,7 @@ SHOWN_AS: dict[str, Callable[[Any], str]] = {
     "causal_openlock.envs.playable.Picture": picture_html,
     "causal_openlock.play.background.OpenedRoom": opened_html,
     "causal_openlock.render.watch.WatchedTrial": watched_html,
-    "causal_openlock.experiment.experiment.Experiment": experiment_html,
+    "causal_openlock.experiment.declare.Experiment": experiment_html,
     "causal_openlock.contract.learner.Learner": learner_html,
     "causal_openlock.comparison.results.Results": results_html,
     "causal_openlock.analysis.report.writing.Report": report_html,

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pandas.api.types import is_numeric_dtype, union_categoricals
 
 from causal_openlock.errors import StoreError
-from causal_openlock.experiment.protocol import PAPER_CONDITIONS
+from causal_openlock.experiment.declare import PAPER_CONDITIONS
 from causal_openlock.experiment.record import CATEGORIES, PHASES, played
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.wording import counted
@@ -60,7 +60,7 @@ def attempts_to_solve(record: pa.Table) -> pd.DataFrame:
     """Number of attempts that every trial took, and their outcomes.
 
     >>> from causal_openlock import PROTOCOLS, Condition, Session, create, find_schema
-    >>> session = Session(Condition.named("CC4", find_schema), PROTOCOLS["human"], 2)
+    >>> session = Session(find_condition("CC4"), PROTOCOLS["human"], 2)
     >>> trials = attempts_to_solve(session.play(create("oracle")))
     >>> trials[["subject", "trial", "attempts", "solved"]].head(2).values.tolist()
     [[0, 1, 3, True], [0, 2, 3, True]]

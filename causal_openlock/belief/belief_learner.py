@@ -35,8 +35,8 @@ class BeliefLearner(Learner):
         beliefs: What its subjects believe; set by :meth:`begin`.
 
     Example:
-        >>> from causal_openlock import PROTOCOLS, Condition, Session, create, find_schema
-        >>> session = Session(Condition.named("CC3", find_schema), PROTOCOLS["human"], 1)
+        >>> from causal_openlock import PROTOCOLS, Session, create, find_condition
+        >>> session = Session(find_condition("CC3"), PROTOCOLS["human"], 1)
         >>> learner = create("bayes")
         >>> session.begin(learner)
         >>> _ = session.step(learner.act(session.view))

@@ -179,8 +179,8 @@ class Beliefs:
     Example:
         A subject enters a room with the levers of CC3.
 
-        >>> from causal_openlock import PROTOCOLS, Condition, Session, find_schema
-        >>> session = Session(Condition.named("CC3", find_schema), PROTOCOLS["human"], 1)
+        >>> from causal_openlock import PROTOCOLS, Session, find_condition
+        >>> session = Session(find_condition("CC3"), PROTOCOLS["human"], 1)
         >>> beliefs = Beliefs(session.brief, Prior(), session.brief.generators)
         >>> beliefs.enter(session.view)
         >>> beliefs.of[0]

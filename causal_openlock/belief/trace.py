@@ -29,7 +29,7 @@ from causal_openlock.belief.structure_schemas import (
 )
 from causal_openlock.contract.learner import Learner, Step
 from causal_openlock.errors import LearnerError
-from causal_openlock.experiment.protocol import Condition, Protocol
+from causal_openlock.experiment.declare import Condition, Protocol
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.schemas.schema import DOOR, Schema
@@ -268,7 +268,7 @@ def trace_trial(
 
     Example:
         >>> from causal_openlock import PROTOCOLS, create, find_schema
-        >>> condition = Condition.named("CC3", find_schema)
+        >>> condition = find_condition("CC3")
         >>> trace = trace_trial(create("bayes"), condition, PROTOCOLS["human"], seed=2018)
         >>> trace.found, trace.actions[0].name, round(trace.actions[0].predicted, 2)
         (2, 'push_UPPER', 1.5)

@@ -86,8 +86,8 @@ def compare(
     from causal_openlock.analysis.results.references import find_references
     from causal_openlock.comparison.comparing import play
     from causal_openlock.comparison.console import Terminal
-    from causal_openlock.experiment.building import Changes
     from causal_openlock.experiment.file import find_experiment, read_experiment
+    from causal_openlock.experiment.making import Changes
     from causal_openlock.files.atomic import folder_at
     from causal_openlock.running.worker import Watching
     from causal_openlock.storage.shard import Shard

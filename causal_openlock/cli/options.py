@@ -11,7 +11,7 @@ from causal_openlock.cli.terminal import say
 
 if TYPE_CHECKING:
     from causal_openlock.contract.learner import Learner
-    from causal_openlock.experiment.protocol import Condition, Protocol
+    from causal_openlock.experiment.declare import Condition, Protocol
 
 ConditionName = Annotated[str, typer.Argument(help="What is played: CC4, CC3-CC4, my.yaml, ...")]
 
@@ -71,8 +71,8 @@ def one_trial(
 ) -> tuple[tuple[Learner, Condition, Protocol], dict[str, Any]]:
     """The arguments of ``play_trial`` and ``trace_trial``: positional ones, and named ones."""
     from causal_openlock.contract.registry import create
-    from causal_openlock.experiment.building import Changes
     from causal_openlock.experiment.file import find_experiment, read_experiment
+    from causal_openlock.experiment.making import Changes
 
     changes = Changes([condition], [learner], protocol, None, seed)
     chosen = read_experiment(

@@ -89,7 +89,7 @@ def _show_states(fsm: FSM) -> None:
     from rich.table import Table
 
     from causal_openlock.comparison.console import Terminal
-    from causal_openlock.experiment.protocol import default_action_limit
+    from causal_openlock.experiment.declare import default_action_limit
     from causal_openlock.schemas.fsm import NO_SOLUTION, unroll
 
     limit = default_action_limit(fsm.schema)
@@ -119,7 +119,7 @@ def check(
 ) -> None:
     """Check schemas: their faults, and which learners cannot play them."""
     from causal_openlock.contract.registry import learner_class
-    from causal_openlock.experiment.protocol import default_action_limit
+    from causal_openlock.experiment.declare import default_action_limit
 
     faults = []
     for given in names:

@@ -24,13 +24,12 @@ def text(
     """Play in words, in the terminal, as a language model does."""
     import numpy as np
 
-    from causal_openlock.experiment.protocol import Condition, find_protocol
+    from causal_openlock.experiment.declare import find_condition, find_protocol
     from causal_openlock.experiment.session import Session
     from causal_openlock.render.words import Wording, feedback, room_now
-    from causal_openlock.schemas.finding import find_schema
 
     session = Session(
-        Condition.named(condition, find_schema),
+        find_condition(condition),
         find_protocol(protocol),
         [subject],
         seed=seed,

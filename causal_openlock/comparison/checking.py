@@ -23,7 +23,7 @@ import pandas as pd
 from causal_openlock.comparison.comparing import play
 from causal_openlock.comparison.results import Results, open_results
 from causal_openlock.errors import OpenLockError
-from causal_openlock.experiment.experiment import Experiment
+from causal_openlock.experiment.declare import Experiment
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.files.atomic import write_text
 from causal_openlock.schemas.finding import bundled

@@ -20,7 +20,9 @@ from typing import TYPE_CHECKING, Any
 
 from causal_openlock.comparison.progress_bar import Show, shown_here
 from causal_openlock.errors import CellsFailed, ExperimentError, Interrupted, OpenLockError
-from causal_openlock.experiment.building import (
+from causal_openlock.experiment.declare import Experiment, find_condition
+from causal_openlock.experiment.file import find_experiment, read_experiment
+from causal_openlock.experiment.making import (
     Changes,
     ConditionForm,
     LearnerForm,
@@ -28,13 +30,9 @@ from causal_openlock.experiment.building import (
     listed,
     make_experiment,
 )
-from causal_openlock.experiment.experiment import Experiment
-from causal_openlock.experiment.file import find_experiment, read_experiment
-from causal_openlock.experiment.protocol import Condition
 from causal_openlock.files.atomic import folder_at
 from causal_openlock.running.runner import run
 from causal_openlock.running.worker import Watching
-from causal_openlock.schemas.finding import find_schema
 from causal_openlock.storage.store import Store
 from causal_openlock.storage.stored import StoredExperiment
 from causal_openlock.world.rewards import RewardForm
@@ -221,7 +219,7 @@ def _experiment(
 def _is_condition(name: str) -> bool:
     """Whether ``name`` is that of a condition."""
     try:
-        Condition.named(name, find_schema)
+        find_condition(name)
     except OpenLockError:
         return False
     return True

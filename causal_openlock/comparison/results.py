@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from causal_openlock.analysis.report.methods import Methods
     from causal_openlock.analysis.report.writing import Report
     from causal_openlock.comparison.plotting import Plots
-    from causal_openlock.experiment.building import LearnerForm
+    from causal_openlock.experiment.making import LearnerForm
     from causal_openlock.scoring.scores import Scores
 
 SUBJECTS = [*CELL, *SUBJECT]

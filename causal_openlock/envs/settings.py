@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium import spaces
 
 from causal_openlock.errors import LayoutError, OpenLockError, ProtocolError
-from causal_openlock.experiment.protocol import MAX_ACTION_LIMIT, default_action_limit
+from causal_openlock.experiment.declare import MAX_ACTION_LIMIT, default_action_limit
 from causal_openlock.files.validation import check_arguments, plain, whole_number
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.rewards import RewardForm, RewardFunction, find_reward

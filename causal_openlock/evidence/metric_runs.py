@@ -22,7 +22,7 @@ from causal_openlock.evidence.keeping import (
 )
 from causal_openlock.evidence.study import METRICS, Study
 from causal_openlock.evidence.study_files import UNITS
-from causal_openlock.experiment.experiment import Cell
+from causal_openlock.experiment.declare import Cell
 from causal_openlock.running.worker import made
 from causal_openlock.storage.versions import versions
 from causal_openlock.wording import joined

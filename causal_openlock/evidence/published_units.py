@@ -14,7 +14,7 @@ import pandas as pd
 
 from causal_openlock.analysis.statistics import error_of_bar
 from causal_openlock.evidence.study import BLOCK, PUBLISHED, RL_2020
-from causal_openlock.experiment.protocol import PROTOCOLS
+from causal_openlock.experiment.declare import PROTOCOLS
 from causal_openlock.paper.published import (
     model,
     paper_ddqn,

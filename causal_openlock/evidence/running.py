@@ -41,9 +41,9 @@ from causal_openlock.evidence.recovery_runs import run_design, run_recovery
 from causal_openlock.evidence.study import FILE, Networks, Study
 from causal_openlock.evidence.study_files import COSTS, UNITS, older_results, read_run, read_units
 from causal_openlock.evidence.units import of_network, units_of
-from causal_openlock.experiment.building import Changes, learner
-from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
+from causal_openlock.experiment.declare import Cell, Experiment, LearnerSpec
 from causal_openlock.experiment.file import read_experiment
+from causal_openlock.experiment.making import Changes, learner
 from causal_openlock.schemas.fsm import BoolArray
 
 OUR_OWN = {"python": (), "causal-openlock": ("-m", "causal_openlock")}

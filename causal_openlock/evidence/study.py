@@ -35,10 +35,8 @@ from pydantic import Field, model_validator
 from causal_openlock.analysis.measures import SOLUTIONS
 from causal_openlock.contract.parameters import Count
 from causal_openlock.errors import EvidenceError
-from causal_openlock.experiment.experiment import Experiment
+from causal_openlock.experiment.declare import NAME_FORM, PAPER_CONDITIONS, Experiment, Name
 from causal_openlock.experiment.file import code_named_in, read_experiment
-from causal_openlock.experiment.file_format import NAME_FORM, Name
-from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from causal_openlock.files.digest import digest
 from causal_openlock.files.validation import StrictModel
 from causal_openlock.files.yaml_file import read_document

@@ -49,7 +49,7 @@ from causal_openlock.evidence.study import (
     TRIALS,
     Selection,
 )
-from causal_openlock.experiment.protocol import PROTOCOLS
+from causal_openlock.experiment.declare import PROTOCOLS
 from causal_openlock.fitting.design import NATS, information_ends
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.wording import joined

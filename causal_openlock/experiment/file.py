@@ -22,23 +22,29 @@ Any other condition than ``A`` or ``A-B`` is a sequence of schemas and layouts::
       train: [{schema: two_keys, layouts: random, trials: 4}]
       test: [{schema: chain3, layouts: [trial1, {L0: LEFT, L1: UPPER, L2: LOWER}]}]
 
-The pydantic model :class:`~causal_openlock.experiment.file_format.ExperimentFile` defines the
-format; the JSON Schema for editors (``experiments/schema.json``) is generated from it.
+The class :class:`~causal_openlock.experiment.declare.Experiment` defines the format; the JSON
+Schema for editors (``experiments/schema.json``) is generated from it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+import shlex
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+from causal_openlock.contract.registry import file_that_runs
 from causal_openlock.errors import OpenLockError
-from causal_openlock.experiment.building import Changes, as_learner, build
-from causal_openlock.experiment.experiment import Experiment
-from causal_openlock.experiment.file_format import ExperimentFile
-from causal_openlock.experiment.protocol import SHOWN
+from causal_openlock.experiment.declare import SHOWN, Experiment
+from causal_openlock.experiment.making import Changes, declared
 from causal_openlock.files.yaml_file import read_document
 from causal_openlock.schemas.finding import bundled, bundled_schemas
 from causal_openlock.wording import nearest
+
+LONGEST_NAMES = 28
+"""The longest list of learners or conditions in the name of a comparison, which has two."""
 
 
 def read_experiment(
@@ -63,11 +69,45 @@ def read_experiment(
         >>> [cell.in_words for cell in experiment.cells()]
         ['oracle in CC3, subjects 0-9', 'oracle in CC3-CC4, subjects 0-9']
     """
-    document = read_document(path)
-    if isinstance(document.data, dict) and {"levers", "edges"} <= document.data.keys():
-        raise OpenLockError(f"{path} is a schema; play it with: compare --condition {path}")
-    file = document.validate(ExperimentFile)
-    return build(file, changes, document, tell)
+    document, changes = read_document(path), changes or Changes()
+    data = document.data
+    if isinstance(data, Mapping):
+        if {"levers", "edges"} <= data.keys():
+            raise OpenLockError(f"{path} is a schema; play it with: compare --condition {path}")
+        data = changes.applied({"title": data.get("name"), **data})
+        folder = document.path.resolve().parent
+        typed = {form for form in changes.learners or () if isinstance(form, str)}
+        named = [(name, role) for name, role in _code_named(data) if name not in typed]
+        runs = {file_that_runs(name, folder, role) for name, role in named}
+        for sentence in sorted(filter(None, runs)) if tell else ():
+            tell(sentence)  # type: ignore[misc]
+    experiment = declared(data, document, changes.given)
+    chosen = [*(changes.conditions or ()), *(changes.learners or ()), changes.protocol or ""]
+    command = ""  # only a program can run it again
+    if all(isinstance(form, str) for form in chosen):
+        words = ["causal-openlock", "compare", document.path.as_posix(), *changes.options]
+        command = shlex.join(words)
+    if changes.conditions is None and changes.learners is None:
+        return replace(experiment, command=command)
+    players = _in_short([spec.name for spec in experiment.learners], "learners")
+    places = _in_short([condition.name for condition in experiment.conditions], "conditions")
+    return replace(experiment, name=f"{players}_in_{places}", title="", command=command)
+
+
+def _in_short(names: Sequence[str], what: str) -> str:
+    """Names as a part of a name, or their number if they are too long."""
+    short = re.sub(r"[^A-Za-z0-9_.-]+", "_", "_".join(names)).strip("_.-")
+    return short if 0 < len(short) <= LONGEST_NAMES else f"{len(names)}_{what}"
+
+
+def _code_named(data: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Learners and rewards that data name as code, ``module:name``, with their role."""
+    learners = data["learners"] if isinstance(data.get("learners"), list) else []
+    for entry in [{"reward": data.get("reward")}, *learners]:
+        named = entry if isinstance(entry, Mapping) else {"learner": entry}
+        for role in ("learner", "reward"):
+            if isinstance(name := named.get(role), str) and ":" in name:
+                yield name, role
 
 
 def code_named_in(path: Path) -> list[str]:
@@ -76,12 +116,10 @@ def code_named_in(path: Path) -> list[str]:
     Nothing of it runs.
 
     Raises:
-        FileError: If the file has faults.
+        FileError: If it is not YAML.
     """
-    file = read_document(path).validate(ExperimentFile)
-    entries = [as_learner(one) for one in file.learners]
-    named = [*(one.learner for one in entries), file.reward, *(one.reward for one in entries)]
-    return [one for one in named if isinstance(one, str) and ":" in one]
+    data = read_document(path).data
+    return [name for name, _ in _code_named(data)] if isinstance(data, Mapping) else []
 
 
 def find_experiment(name: str | Path) -> Path:

@@ -8,8 +8,12 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import Any
 
-from causal_openlock.experiment.experiment import Experiment
-from causal_openlock.experiment.protocol import PAPER_CONDITIONS, Condition
+from causal_openlock.experiment.declare import (
+    PAPER_CONDITIONS,
+    Condition,
+    Experiment,
+    find_condition,
+)
 from causal_openlock.schemas.finding import bundled_schemas
 
 
@@ -22,7 +26,8 @@ def is_of_paper(condition: Condition) -> bool:
     """Whether a condition is the paper's of that name."""
     if condition.name not in PAPER_CONDITIONS:
         return False
-    paper = Condition.named(condition.name, bundled_schemas().__getitem__)
+    known = bundled_schemas()
+    paper = find_condition([known[name] for name in condition.name.split("-")])
     return _schemas(condition) == _schemas(paper)
 
 

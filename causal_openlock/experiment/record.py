@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from causal_openlock.experiment.protocol import SHOWN
+from causal_openlock.experiment.declare import SHOWN
 from causal_openlock.schemas.fsm import BoolArray, IntArray
 
 if TYPE_CHECKING:

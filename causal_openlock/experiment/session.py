@@ -28,7 +28,8 @@ from causal_openlock.contract.learner import (
     put_back,
 )
 from causal_openlock.errors import LearnerError, ProtocolError
-from causal_openlock.experiment.protocol import Condition, Protocol, check_trial, plan
+from causal_openlock.experiment.declare import Condition, Protocol
+from causal_openlock.experiment.plan import check_trial, plan
 from causal_openlock.experiment.record import AttemptLog, assemble
 from causal_openlock.schemas.fsm import BoolArray, IntArray, compile_schema
 from causal_openlock.world.kernel import (
@@ -84,7 +85,7 @@ class Session:
 
     Example:
         >>> from causal_openlock import PROTOCOLS, create, find_schema
-        >>> condition = Condition.named("CC3", find_schema)
+        >>> condition = find_condition("CC3")
         >>> session = Session(condition, PROTOCOLS["human"], subjects=4)
         >>> session.play(create("oracle")).num_rows  # two attempts in each of five trials
         40

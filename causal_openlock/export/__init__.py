@@ -8,5 +8,4 @@
 ``bundle``    Everything that it takes to run an experiment again, in one file.
 ============= ====================================================================================
 
-``experiment_file`` writes an experiment as YAML again.
 """

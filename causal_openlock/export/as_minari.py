@@ -21,8 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from causal_openlock.errors import OpenLockError, StoreError
-from causal_openlock.experiment.experiment import LearnerSpec
-from causal_openlock.experiment.protocol import Condition
+from causal_openlock.experiment.declare import Condition, LearnerSpec
 from causal_openlock.experiment.record import played
 from causal_openlock.export.replay import Steps, replay, trial_numbers
 from causal_openlock.schemas.finding import bundled_schemas

@@ -41,10 +41,9 @@ from jinja2 import Template
 
 from causal_openlock.analysis.report.page import files_of
 from causal_openlock.errors import OpenLockError, StoreError
-from causal_openlock.experiment.experiment import PERSON, Experiment, LearnerSpec
+from causal_openlock.experiment.declare import PERSON, Experiment, LearnerSpec
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.export.croissant import as_json, croissant, data_card
-from causal_openlock.export.experiment_file import experiment_file
 from causal_openlock.files.atomic import replacing, write_bytes
 from causal_openlock.files.digest import digest
 from causal_openlock.files.yaml_file import dump_yaml
@@ -169,7 +168,7 @@ def _experiment(
         contents.update(files.values())
         inside = {name: path for name, (path, _) in files.items()}
         learners.append(replace(spec, parameters={**spec.parameters, **inside}))
-    declared = experiment_file(replace(experiment, learners=tuple(learners)))
+    declared = replace(experiment, learners=tuple(learners)).as_file()
     contents["experiment.yaml"] = dump_yaml(declared).encode()
     warnings += [
         f"{one} was defined in a notebook; its source is bundled as a module, and counts as "
@@ -293,7 +292,7 @@ def _checked(contents: Contents, experiment: StoredExperiment) -> list[str]:
         if isinstance(spec.reward, OwnReward):
             spec = replace(spec, reward=find_reward(PAPER_REWARD))
         stand_ins.append(spec)
-    declared = experiment_file(replace(experiment, learners=tuple(stand_ins)))
+    declared = replace(experiment, learners=tuple(stand_ins)).as_file()
     with tempfile.TemporaryDirectory() as folder:
         for inside, content in contents.items():
             if inside.startswith("schemas/"):

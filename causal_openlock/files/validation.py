@@ -7,15 +7,30 @@ instead.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import field
+from functools import cache, wraps
 from inspect import signature
 from types import UnionType
-from typing import Annotated, Any, Union, get_args, get_origin
+from typing import (
+    Annotated,
+    Any,
+    TypeVar,
+    Union,
+    dataclass_transform,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass
+from pydantic_core import InitErrorDetails
 
-from causal_openlock.errors import OpenLockError
+from causal_openlock.errors import OpenLockError, together
 from causal_openlock.wording import nearest
+
+T = TypeVar("T")
 
 MOST = 2**63 - 1
 """The largest whole number of subjects, trials, attempts and so on."""
@@ -105,6 +120,7 @@ def check_arguments(given: Iterable[str], function: Callable[..., Any], name: st
             raise OpenLockError(f"{name} has no argument {one}; {nearest(one, names)}")
 
 
+_UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
 _WANTED = {
     "string_type": "a valid string",
     "int_type": "a valid integer",
@@ -116,75 +132,179 @@ _WANTED = {
 }
 
 
-def faults_of(error: ValidationError, model: type[BaseModel]) -> list[tuple[Where, str]]:
+def faults_of(error: ValidationError, kind: Any) -> list[tuple[Where, str]]:
     """Faults that Pydantic found: the path of each, and a sentence with a remedy."""
-    found = []
+    return [(where, str(fault)) for where, fault in errors_of(error, kind)]
+
+
+def errors_of(error: ValidationError, kind: Any) -> list[tuple[Where, OpenLockError]]:
+    """Faults that Pydantic found or gathered: the path of each, and the error."""
+    errors: list[tuple[Where, OpenLockError]] = []
     for fault in error.errors(include_url=False):
         raised = fault.get("ctx", {}).get("error")
         if isinstance(raised, OpenLockError):
-            found += [((*fault["loc"], *part.at), str(part)) for part in raised.parts]
+            errors += [((*fault["loc"], *part.at), part) for part in raised.parts]
             continue
         # <name>, <list>, <mapping>: the arm of a union, no key of the file.
         *above, last = fault["loc"] or ("",)
-        arm = str(last)[:1] == "<" and fault["type"] != "extra_forbidden"
-        kept = [part for part in above if str(part)[:1] != "<"]
+        arm = str(last)[:1] == "<" and fault["type"] not in _UNKNOWN_KEY
+        kept = [key for key in above if str(key)[:1] != "<"]
         where = (*kept, *(() if arm or not fault["loc"] else (last,)))
-        found.append((where, _sentence(fault, where, model)))
-    return found
+        errors.append((where, OpenLockError(_sentence(fault, where, kind))))
+    return errors
 
 
-def _sentence(fault: Any, where: Where, model: type[BaseModel]) -> str:
-    kind, value = fault["type"], fault.get("input")
+def located(errors: Iterable[tuple[Where, ValueError]]) -> ValidationError:
+    """Errors of parts, each with its path, as one that Pydantic adds to those of other parts."""
+    lines: list[InitErrorDetails] = []
+    for where, error in errors:
+        if isinstance(error, ValidationError):
+            lines += [
+                {
+                    "type": fault["type"],
+                    "loc": (*where, *fault["loc"]),
+                    "input": fault["input"],
+                    "ctx": fault.get("ctx", {}),
+                }
+                for fault in error.errors(include_url=False)
+            ]
+        else:
+            lines.append(
+                {"type": "value_error", "loc": where, "input": None, "ctx": {"error": error}}
+            )
+    return ValidationError.from_exception_data("faults", lines)
+
+
+def each(values: Iterable[Any], make: Callable[[Any], T]) -> tuple[T, ...]:
+    """What is made of each value; where some cannot be, the faults of all.
+
+    Raises:
+        ValidationError: With the index of each value that raised a ValueError.
+    """
+    made, errors = [], []
+    for index, value in enumerate(values):
+        try:
+            made.append(make(value))
+        except ValueError as error:
+            errors.append(((index,), error))
+    if errors:
+        raise located(errors)
+    return tuple(made)
+
+
+class Part:
+    """A part of a declaration; :func:`part` makes its subclasses."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """The part as plain data, which is what a results folder stores."""
+        kind: Any = type(self)
+        data: dict[str, Any] = adapter(kind).dump_python(self)
+        return data
+
+
+@cache
+def adapter(kind: Any) -> TypeAdapter[Any]:
+    """What reads and writes data of a kind; making one takes a hundred times as long as its use."""
+    return TypeAdapter(kind)
+
+
+def _in_a_line(json_schema: dict[str, Any]) -> None:
+    json_schema["description"] = json_schema["description"].partition("\n")[0]
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(field, Field))
+def part(*, kw_only: bool = False) -> Callable[[type[T]], type[T]]:
+    """A frozen dataclass that Pydantic checks, in a program too, in sentences of ours."""
+
+    def made(kind: type[T]) -> type[T]:
+        config = ConfigDict(extra="forbid", json_schema_extra=_in_a_line)
+        checked: Any = dataclass(frozen=True, kw_only=kw_only, config=config)(kind)
+        plain_init = checked.__init__
+
+        @wraps(plain_init)
+        def init(self: Any, *args: Any, **kwargs: Any) -> None:
+            try:
+                plain_init(self, *args, **kwargs)
+            except ValidationError as error:
+                raise together([fault for _, fault in errors_of(error, kind)]) from None
+
+        checked.__init__ = init
+        return checked
+
+    return made
+
+
+def _sentence(fault: Any, where: Where, kind: Any) -> str:
+    type_, value = fault["type"], fault.get("input")
     name = ".".join(str(part) for part in where) or "the file"
     in_quotes = value is not None and not isinstance(value, str | Mapping | Sequence)
     quotes = "; write it in quotes" if in_quotes else ""
-    if kind == "missing":
+    if type_ == "missing":
         return f"{where[-1]}: is missing; add it"
-    if kind == "extra_forbidden":
-        known = _fields(model, where[:-1])
+    if type_ in _UNKNOWN_KEY:
+        known = _fields(kind, where[:-1])
         return f"{where[-1]!r} is not a key here; {nearest(str(where[-1]), known)}"
-    if kind.startswith("custom."):
+    if type_.startswith("custom."):
         return f"{fault['msg']}"
     if where and where[-1] == "[key]":
         return f"a key must be a text, and this is {described(value)}{quotes or '; write a name'}"
-    if kind in _WANTED:
-        remedy = quotes if kind == "string_type" else ""
-        return f"{name} must be {_WANTED[kind]}, and this is {described(value)}{remedy}"
-    if kind == "too_short":
+    if type_ in _WANTED:
+        remedy = quotes if type_ == "string_type" else ""
+        return f"{name} must be {_WANTED[type_]}, and this is {described(value)}{remedy}"
+    if type_ == "too_short":
         return f"{name} needs at least {fault['ctx']['min_length']}; add one"
-    if kind == "string_pattern_mismatch":
-        field = _fields(model, where[:-1]).get(str(where[-1]))
-        inner = [note for arm in get_args(field and field.annotation) for note in get_args(arm)[1:]]
-        words = [getattr(note, "description", None) for note in (*inner, field)]
-        form = next(filter(None, words), fault["ctx"]["pattern"])
+    if type_ == "string_pattern_mismatch":
+        _, *notes = get_args(_fields(kind, where[:-1]).get(str(where[-1])))
+        forms = [getattr(note, "description", None) for note in notes]
+        form = next(filter(None, forms), fault["ctx"]["pattern"])
         return f"{name} must have the form: {form}; this is {described(value)}"
     message = fault["msg"].removeprefix("Value error, ").removeprefix("Input ")
     return f"{name} {message}, and this is {described(value)}"
 
 
-def _fields(model: Any, where: Where) -> dict[str, Any]:
-    """The fields of a model at a path of keys and indices, found by walking its annotations."""
+def _fields(kind: Any, where: Where) -> dict[str, Any]:
+    """The keys at a path of keys and indices, found by walking annotations."""
 
     def arms(annotation: Any) -> list[Any]:
-        """The types of a union, without what annotates them."""
-        if get_origin(annotation) in (Annotated, Union, UnionType):
-            inner = get_args(annotation)
-            inner = inner[:1] if get_origin(annotation) is Annotated else inner
-            return [found for one in inner for found in arms(one)]
+        """The types of a union, and what a short form is read from, without what annotates them."""
+        if get_origin(annotation) is Annotated:
+            inner, *notes = get_args(annotation)
+            read_from = [getattr(note, "json_schema_input_type", inner) for note in notes]
+            return [arm for one in dict.fromkeys([inner, *read_from]) for arm in arms(one)]
+        if get_origin(annotation) in (Union, UnionType):
+            return [arm for one in get_args(annotation) for arm in arms(one)]
         return [annotation]
 
-    here = [model]
+    kinds = arms(kind)
     for key in where:
-        found = []
-        for one in here:
-            fields = getattr(one, "model_fields", {})
-            if key in fields:
-                found += arms(fields[key].annotation)
-            elif (get_origin(one), type(key)) in ((list, int), (dict, str)):
-                found += arms(get_args(one)[-1])
-        here = found
-    return {
-        field.alias or name: field
-        for one in here
-        for name, field in getattr(one, "model_fields", {}).items()
-    }
+        inner = []
+        for arm in kinds:
+            if key in (fields := _declared(arm)):
+                inner += arms(fields[key])
+            elif (get_origin(arm), type(key)) in ((list, int), (tuple, int), (dict, str)):
+                inner += arms(get_args(arm)[0 if get_origin(arm) is tuple else -1])
+        kinds = inner
+    return {key: value for arm in kinds for key, value in _declared(arm).items()}
+
+
+def _declared(kind: Any) -> dict[str, Any]:
+    """The keys that a model or a part has in a file, with their annotations."""
+    fields = getattr(kind, "__pydantic_fields__", {})
+    hints = get_type_hints(kind, include_extras=True) if fields else {}
+    keys = {}
+    for name, about in fields.items():
+        alias = getattr(about.validation_alias, "choices", [about.validation_alias])[0]
+        keys[alias or name] = hints[name]
+    return keys
+
+
+def read(kind: Any, data: Any, context: dict[str, Any] | None = None) -> Any:
+    """Data as a part, in any of its forms.
+
+    Raises:
+        OpenLockError: With every fault.
+    """
+    try:
+        return adapter(kind).validate_python(data, context=context or {})
+    except ValidationError as error:
+        raise together([fault for _, fault in errors_of(error, kind)]) from None

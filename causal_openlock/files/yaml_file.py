@@ -15,19 +15,19 @@ from __future__ import annotations
 import io
 import re
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from causal_openlock.errors import Fault, FileError, OpenLockError
+from causal_openlock.errors import Fault, FileError, OpenLockError, together
 from causal_openlock.files.validation import Where as Where
-from causal_openlock.files.validation import described, faults_of
+from causal_openlock.files.validation import adapter, described, errors_of
 
 if TYPE_CHECKING:
-    from pydantic import BaseModel
+    from pydantic import TypeAdapter
 
-    Model = TypeVar("Model", bound=BaseModel)
+Model = TypeVar("Model")
 
 MAX_BYTES = 128 * 1024
 MAX_DEPTH = 16
@@ -64,11 +64,24 @@ class Document:
         parts = [self.fault((*where, *part.at), str(part)) for part in error.parts]
         return FileError(self.path, parts)
 
-    def validate(self, model: type[Model]) -> Model:
-        """The content as a pydantic model.
+    def validate(
+        self,
+        kind: type[Model],
+        data: Any = None,
+        context: dict[str, Any] | None = None,
+        changed: Iterable[str] = (),
+    ) -> Model:
+        """The content as a model or a part.
+
+        Args:
+            kind: What it is read as.
+            data: The content, if something in it is changed.
+            context: What pydantic passes to validators.
+            changed: Keys of what is changed, whose faults have no place in the file.
 
         Raises:
-            FileError: With one fault for every value that the model refuses.
+            FileError: With one fault for every value that is refused.
+            OpenLockError: The same, together with faults of other files, or of what is changed.
         """
         from pydantic import ValidationError
 
@@ -76,11 +89,19 @@ class Document:
             content = "is empty" if self.data is None else f"holds {described(self.data)}"
             message = f"the file {content}; it must hold keys such as name: and values"
             raise FileError(self.path, [self.fault((), message)])
+        reader: TypeAdapter[Model] = adapter(kind)  # type: ignore[arg-type]
         try:
-            return model.model_validate(self.data)
+            return reader.validate_python(self.data if data is None else data, context=context)
         except ValidationError as error:
-            faults = [self.fault(*fault) for fault in faults_of(error, model)]
-            raise FileError(self.path, faults) from None
+            errors = errors_of(error, kind)
+        placed: list[Fault] = []
+        others: list[OpenLockError] = []
+        for where, fault in errors:
+            if isinstance(fault, FileError) or {*where[:1]} & {*changed}:
+                others.append(fault)
+            else:
+                placed.append(self.fault(where, str(fault)))
+        raise together([*others, *([FileError(self.path, placed)] if placed else [])])
 
 
 def read_document(path: Path | str) -> Document:

@@ -30,9 +30,8 @@ from scipy.optimize import minimize
 
 from causal_openlock.contract.registry import parse_parameters
 from causal_openlock.errors import LearnerError, OpenLockError
-from causal_openlock.experiment.building import learner, make_experiment
-from causal_openlock.experiment.experiment import LearnerSpec
-from causal_openlock.experiment.protocol import SHOWN
+from causal_openlock.experiment.declare import SHOWN, LearnerSpec
+from causal_openlock.experiment.making import learner, make_experiment
 from causal_openlock.files.digest import digest
 from causal_openlock.fitting.candidates import proposals, require_optuna
 from causal_openlock.fitting.effect import ON_ACTIONS, require_effect, without_effect

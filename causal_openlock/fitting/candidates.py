@@ -27,7 +27,7 @@ import pandas as pd
 from pydantic import TypeAdapter
 
 from causal_openlock.errors import OpenLockError
-from causal_openlock.experiment.protocol import PAPER_CONDITIONS
+from causal_openlock.experiment.declare import PAPER_CONDITIONS
 from causal_openlock.fitting.effect import without_effect
 from causal_openlock.fitting.kept import fit_of, fitting_in, keep_fit
 from causal_openlock.fitting.objective import (

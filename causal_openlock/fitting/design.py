@@ -34,8 +34,7 @@ import pandas as pd
 
 from causal_openlock.contract.registry import learner_class, parse_parameters
 from causal_openlock.errors import LearnerError, OpenLockError
-from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
-from causal_openlock.experiment.protocol import Condition
+from causal_openlock.experiment.declare import Cell, Condition, Experiment, LearnerSpec
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.digest import digest
 from causal_openlock.fitting.recovery import attributed_rows, drawn_from

@@ -68,9 +68,9 @@ def design(
 
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.comparison.progress_bar import shown_steps
-    from causal_openlock.experiment.building import Changes
-    from causal_openlock.experiment.experiment import Experiment
+    from causal_openlock.experiment.declare import Experiment
     from causal_openlock.experiment.file import find_experiment, read_experiment
+    from causal_openlock.experiment.making import Changes
     from causal_openlock.files.atomic import folder_at, write_text
     from causal_openlock.files.escaping import csv_of
     from causal_openlock.fitting.design import (

@@ -30,7 +30,11 @@ from causal_openlock.analysis.measures import TRANSFERS, attempts_to_solve
 from causal_openlock.analysis.results.references import POINT
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import OpenLockError
-from causal_openlock.experiment.protocol import PAPER_CONDITIONS, PROTOCOLS, Condition
+from causal_openlock.experiment.declare import (
+    PAPER_CONDITIONS,
+    PROTOCOLS,
+    find_condition,
+)
 from causal_openlock.experiment.session import Session
 from causal_openlock.fitting.search import Kind
 from causal_openlock.paper.likeness import (
@@ -38,7 +42,6 @@ from causal_openlock.paper.likeness import (
     distance_with_spreads,
     published_points,
 )
-from causal_openlock.schemas.finding import find_schema
 from causal_openlock.schemas.fsm import BoolArray
 from causal_openlock.wording import nearest
 
@@ -116,7 +119,7 @@ def play(job: Job) -> pd.DataFrame:
         As :func:`~causal_openlock.analysis.measures.attempts_to_solve` gives it.
     """
     session = Session(
-        Condition.named(job.condition, find_schema),
+        find_condition(job.condition),
         PROTOCOLS["human"],
         range(job.first, job.first + job.subjects),
         seed=job.seed,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from causal_openlock.comparison.results import Results
 from causal_openlock.errors import StoreError
-from causal_openlock.experiment.building import LearnerForm, listed, make_experiment
+from causal_openlock.experiment.making import LearnerForm, listed, make_experiment
 from causal_openlock.fitting.predicting import read_fit, score_fits
 from causal_openlock.scoring import LAPSE
 from causal_openlock.scoring.scores import Scores

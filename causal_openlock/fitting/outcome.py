@@ -10,7 +10,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from causal_openlock.analysis.plots import style
-from causal_openlock.experiment.protocol import PAPER_CONDITIONS
+from causal_openlock.experiment.declare import PAPER_CONDITIONS
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.escaping import csv_of
 from causal_openlock.files.json_text import present

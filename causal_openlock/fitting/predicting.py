@@ -30,7 +30,7 @@ from pydantic import TypeAdapter
 
 from causal_openlock.contract.registry import learner_class
 from causal_openlock.errors import OpenLockError, StoreError
-from causal_openlock.experiment.experiment import LearnerSpec
+from causal_openlock.experiment.declare import LearnerSpec
 from causal_openlock.fitting.actions import (
     FILE,
     WHOLE,

@@ -73,8 +73,8 @@ def recover(
     """
     from causal_openlock.analysis.plots import style
     from causal_openlock.comparison.console import Terminal
-    from causal_openlock.experiment.building import Changes
     from causal_openlock.experiment.file import find_experiment, read_experiment
+    from causal_openlock.experiment.making import Changes
     from causal_openlock.files.atomic import folder_at
     from causal_openlock.fitting.recovering import (
         Running,

@@ -15,8 +15,8 @@ from causal_openlock.comparison.comparing import play
 from causal_openlock.comparison.progress_bar import Show
 from causal_openlock.contract.registry import changed_parameters, learner_class
 from causal_openlock.errors import LearnerError
-from causal_openlock.experiment.building import make_experiment
-from causal_openlock.experiment.experiment import Experiment, LearnerSpec
+from causal_openlock.experiment.declare import Experiment, LearnerSpec
+from causal_openlock.experiment.making import make_experiment
 from causal_openlock.fitting.actions import ActionPlan, FitJob, fit_all
 from causal_openlock.fitting.candidates import require_optuna
 from causal_openlock.fitting.recovery import drawn_sets, made_with, recovered, space_of

@@ -21,8 +21,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from causal_openlock.experiment.building import LearnerForm, learner
-from causal_openlock.experiment.experiment import LearnerSpec
+from causal_openlock.experiment.declare import LearnerSpec
+from causal_openlock.experiment.making import LearnerForm, learner
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.escaping import csv_of
 from causal_openlock.fitting.actions import Fitted, at_bound, of_share

@@ -66,8 +66,8 @@ def score(
     from causal_openlock.analysis.statistics import too_few
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.comparison.progress_bar import shown_steps
-    from causal_openlock.experiment.building import make_experiment
     from causal_openlock.experiment.file import find_experiment, read_experiment
+    from causal_openlock.experiment.making import make_experiment
     from causal_openlock.fitting.predicting import read_fit, score_fits
     from causal_openlock.running.workers import available_cores
     from causal_openlock.scoring.inverse_binomial import Draws

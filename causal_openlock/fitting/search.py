@@ -43,7 +43,7 @@ from causal_openlock.contract.registry import (
     parse_parameters,
 )
 from causal_openlock.errors import LearnerError, OpenLockError
-from causal_openlock.experiment.experiment import origin_of
+from causal_openlock.experiment.origin import origin_of
 from causal_openlock.files.validation import StrictModel
 from causal_openlock.files.yaml_file import parse_document, read_document
 from causal_openlock.scoring import LAPSE

@@ -15,10 +15,18 @@ from typing import Literal
 
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.beside_record import REACTIONS, write_reactions
-from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
+from causal_openlock.experiment.declare import (
+    NAME_FORM,
+    NAME_IN_WORDS,
+    SHOWN,
+    Cell,
+    Condition,
+    Experiment,
+    LearnerSpec,
+    find_condition,
+    find_protocol,
+)
 from causal_openlock.experiment.file import find_experiment, read_experiment
-from causal_openlock.experiment.file_format import NAME_FORM, NAME_IN_WORDS
-from causal_openlock.experiment.protocol import Condition, find_protocol
 from causal_openlock.experiment.record import played, with_times
 from causal_openlock.experiment.session import AT_ONCE
 from causal_openlock.files.atomic import folder_at
@@ -209,7 +217,12 @@ def _numbers(names: Sequence[str], own: bool) -> dict[str, int]:
 
 def _condition(name: str, known: Experiment | None) -> Condition:
     declared = {one.name: one for one in known.conditions} if known else {}
-    return declared.get(name) or Condition.named(name, _bundled_schema)
+    if name in declared:
+        return declared[name]
+    shown = name.startswith(f"{SHOWN}-")
+    schemas = [_bundled_schema(part) for part in name.removeprefix(f"{SHOWN}-").split("-")]
+    condition = find_condition(schemas)
+    return replace(condition, name=name, shown=True) if shown else condition
 
 
 def _bundled_schema(name: str) -> Schema:
@@ -228,7 +241,8 @@ def _spec(label: str, protocol: str, known: Experiment | None) -> LearnerSpec:
     budgets = {one.protocol.name: one.protocol for one in specs}
     rewards = {one.name: one.reward for one in specs}
     reward = rewards.get(label) or find_reward(PAPER_REWARD)
-    return LearnerSpec(label, LEARNER, {}, find_protocol(protocol, budgets), reward, 1)
+    budget = find_protocol(protocol, budgets)
+    return LearnerSpec(learner=LEARNER, name=label, protocol=budget, reward=reward, subjects=1)
 
 
 def _write(
@@ -251,13 +265,13 @@ def _write(
                 "differently"
             )
     experiment = Experiment(
-        name,
-        "Imported",
-        seed,
-        1,
-        tuple(replace(one, rooms=rooms[one.name]) for one in conditions),
-        tuple(replace(spec, subjects=most[spec.name]) for spec in specs),
-        command,
+        name=name,
+        title="Imported",
+        command=command,
+        seed=seed,
+        cell_size=1,
+        conditions=tuple(replace(one, rooms=rooms[one.name]) for one in conditions),
+        learners=tuple(replace(spec, subjects=most[spec.name]) for spec in specs),
     )
     with _beside(folder) as beside:
         store = Store(beside / "results")

@@ -16,17 +16,17 @@ import numpy as np
 
 from causal_openlock.contract.learner import Step
 from causal_openlock.errors import LayoutError, StoreError
-from causal_openlock.experiment.protocol import SHOWN, Condition, Visit, plan
+from causal_openlock.experiment.declare import SHOWN, Condition, layout_for
+from causal_openlock.experiment.plan import Visit, plan
 from causal_openlock.experiment.session import Session
 from causal_openlock.importing.imported_actions import ActionEntry, ImportFault
 from causal_openlock.play.game import PlayedAction
-from causal_openlock.storage.stored import recorded_layout
 from causal_openlock.world.room import Layout, action_index, action_names, positions_for
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from causal_openlock.experiment.experiment import LearnerSpec
+    from causal_openlock.experiment.declare import LearnerSpec
 
 
 _ROLE = re.compile(r"(push|pull)[_ ](l|inactive)\d", re.IGNORECASE)
@@ -215,7 +215,7 @@ def _rooms(
             )
         try:
             schema = visit.schema
-            layouts.append(recorded_layout(schema, one.layout, positions_for(schema)))
+            layouts.append(layout_for(schema, one.layout, positions_for(schema)))
         except (LayoutError, StoreError) as error:
             why = f"{error}".partition("; compare again")[0]
             raise one.place.fault(f"{why}{_was_shown(visit, condition)}") from None

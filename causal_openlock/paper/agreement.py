@@ -40,9 +40,8 @@ from causal_openlock.analysis.section import Section
 from causal_openlock.analysis.statistics import SEED, bootstrap_interval
 from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Topic
-from causal_openlock.experiment.experiment import Experiment
+from causal_openlock.experiment.declare import PROTOCOLS, Experiment, Protocol
 from causal_openlock.experiment.paper_conditions import paper_conditions
-from causal_openlock.experiment.protocol import PROTOCOLS, Protocol
 from causal_openlock.paper.published import paper_ddqn
 from causal_openlock.schemas.fsm import FloatArray
 

@@ -26,8 +26,7 @@ from causal_openlock.analysis.section import Section
 from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.analysis.topics.learning import LEARNS, progress
-from causal_openlock.experiment.experiment import Experiment
-from causal_openlock.experiment.protocol import HUMAN_PROTOCOL, PAPER_ACTION_LIMIT
+from causal_openlock.experiment.declare import HUMAN_PROTOCOL, PAPER_ACTION_LIMIT, Experiment
 from causal_openlock.paper.references import people_beside
 from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.world import facts

@@ -30,7 +30,7 @@ import pandas as pd
 from causal_openlock.analysis.measures import at_places, by_subject
 from causal_openlock.analysis.statistics import LEVEL, RESAMPLES, SEED, error_of_bar
 from causal_openlock.contract.registry import changed_parameters, is_ours
-from causal_openlock.experiment.experiment import LearnerSpec
+from causal_openlock.experiment.declare import LearnerSpec
 from causal_openlock.paper.likeness import (
     TRAINING_MODEL,
     Likeness,

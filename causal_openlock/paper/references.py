@@ -12,9 +12,8 @@ import pandas as pd
 
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import POINT_COLUMNS, Beside, Reference
-from causal_openlock.experiment.experiment import LearnerSpec
+from causal_openlock.experiment.declare import HUMAN_PROTOCOL, PROTOCOLS, Condition, LearnerSpec
 from causal_openlock.experiment.paper_conditions import is_of_paper
-from causal_openlock.experiment.protocol import HUMAN_PROTOCOL, PROTOCOLS, Condition
 from causal_openlock.paper import published
 
 PEOPLE = "people"

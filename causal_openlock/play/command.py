@@ -82,13 +82,12 @@ def play(
     People in a folder that exists continue where they stopped.
     """
     from causal_openlock.comparison.console import Terminal
-    from causal_openlock.experiment.protocol import Condition, find_protocol
+    from causal_openlock.experiment.declare import find_condition, find_protocol
     from causal_openlock.play.people import People
     from causal_openlock.play.server import PlayServer
-    from causal_openlock.schemas.finding import find_schema
 
     names = list(dict.fromkeys(condition or ["CC3-CC4"]))
-    conditions = [Condition.named(name, find_schema) for name in names]
+    conditions = [find_condition(name) for name in names]
     words = ["causal-openlock", "play", *(word for name in names for word in ("-c", name))]
     words += ["--protocol", protocol, "--seed", str(seed), "--out", out.as_posix()]
     if ask:

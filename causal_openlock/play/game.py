@@ -16,7 +16,7 @@ import numpy as np
 
 from causal_openlock.contract.learner import View
 from causal_openlock.experiment.beside_record import Answer as SaidOfRoom
-from causal_openlock.experiment.protocol import Condition, Protocol, Trials
+from causal_openlock.experiment.declare import Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
 from causal_openlock.play.person import LABEL
 from causal_openlock.schemas.schema import Schema

@@ -13,7 +13,7 @@ from causal_openlock.experiment.beside_record import (
     write_answers,
     write_reactions,
 )
-from causal_openlock.experiment.experiment import Cell
+from causal_openlock.experiment.declare import Cell
 from causal_openlock.experiment.record import with_times
 from causal_openlock.play.game import Answer, Game
 from causal_openlock.play.log import Entry

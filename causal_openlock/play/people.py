@@ -29,8 +29,8 @@ import numpy as np
 
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.beside_record import REACTIONS, STRUCTURES
-from causal_openlock.experiment.experiment import Cell, Experiment, LearnerSpec
-from causal_openlock.experiment.protocol import Condition, Protocol, plan
+from causal_openlock.experiment.declare import Cell, Condition, Experiment, LearnerSpec, Protocol
+from causal_openlock.experiment.plan import plan
 from causal_openlock.files.atomic import sweep, write_text
 from causal_openlock.files.digest import digest
 from causal_openlock.files.json_text import present
@@ -98,9 +98,17 @@ class People:
         for condition in conditions:
             plan(condition, protocol, np.random.default_rng(0))
         reward = find_reward(PAPER_REWARD)
-        entry = LearnerSpec(LABEL, LEARNER, {}, protocol, reward, subjects=1)
+        people = LearnerSpec(
+            learner=LEARNER, name=LABEL, protocol=protocol, reward=reward, subjects=1
+        )
         self.experiment = Experiment(
-            EXPERIMENT, "People", seed, 1, tuple(conditions), (entry,), command
+            name=EXPERIMENT,
+            title="People",
+            command=command,
+            seed=seed,
+            cell_size=1,
+            conditions=tuple(conditions),
+            learners=(people,),
         )
         self.practice = practice
         self._clock, self._ahead = clock or _steady_clock(), 0.0

@@ -6,7 +6,7 @@ from typing import NoReturn
 
 from causal_openlock.contract.learner import Brief, Learner, View
 from causal_openlock.errors import LearnerError
-from causal_openlock.experiment.experiment import PERSON as LEARNER
+from causal_openlock.experiment.declare import PERSON as LEARNER
 
 __all__ = ["LABEL", "LEARNER", "Person"]
 

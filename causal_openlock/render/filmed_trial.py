@@ -13,12 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 from causal_openlock.contract.learner import Learner
 from causal_openlock.errors import StoreError
-from causal_openlock.experiment.experiment import LearnerSpec
-from causal_openlock.experiment.protocol import SHOWN, Condition, Protocol, check_trial
+from causal_openlock.experiment.declare import SHOWN, Condition, LearnerSpec, Protocol, layout_for
+from causal_openlock.experiment.plan import check_trial
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.fsm import compile_schema
 from causal_openlock.schemas.schema import Schema
-from causal_openlock.storage.stored import recorded_layout
 from causal_openlock.wording import nearest
 from causal_openlock.world.rewards import PAPER_REWARD, RewardFunction
 from causal_openlock.world.room import Layout, Room, positions_for
@@ -215,7 +214,7 @@ def _filmed(attempts: Sequence[dict[str, Any]], condition: Condition, **about: A
     return FilmedTrial(
         condition=condition.name,
         schema=schema,
-        layout=recorded_layout(schema, attempts[0]["layout"], positions),
+        layout=layout_for(schema, attempts[0]["layout"], positions),
         attempts=tuple(
             FilmedAttempt(
                 tuple(row["actions"]), tuple(row["moved"]), row["solution"], row["new_solution"]

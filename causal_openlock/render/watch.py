@@ -19,8 +19,8 @@ from causal_openlock.belief.belief_learner import BeliefLearner
 from causal_openlock.belief.trace import Snapshot, Trace, trace_trial
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import ProtocolError
-from causal_openlock.experiment.building import ConditionForm, LearnerForm, make_experiment
-from causal_openlock.experiment.protocol import Condition, Protocol
+from causal_openlock.experiment.declare import Condition, Protocol
+from causal_openlock.experiment.making import ConditionForm, LearnerForm, make_experiment
 from causal_openlock.files.validation import whole_number
 from causal_openlock.render.film import Shot, save_film, stills
 from causal_openlock.render.filmed_trial import FilmedTrial, play_trial

@@ -23,7 +23,7 @@ from typing import Any
 
 from causal_openlock.contract import registry
 from causal_openlock.errors import OpenLockError, in_short
-from causal_openlock.experiment.experiment import Cell, Experiment
+from causal_openlock.experiment.declare import Cell, Experiment
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.running.workers import Do, Done, begin_worker, in_executor
 from causal_openlock.storage.versions import versions

@@ -20,8 +20,8 @@ from functools import cache
 
 import numpy as np
 
-from causal_openlock.experiment.experiment import Cell
-from causal_openlock.experiment.protocol import Condition, Protocol, plan
+from causal_openlock.experiment.declare import Cell, Condition, Protocol
+from causal_openlock.experiment.plan import plan
 from causal_openlock.storage.running_files import MOST_SECONDS, reported_progress
 from causal_openlock.storage.store import Store
 

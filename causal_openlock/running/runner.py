@@ -26,7 +26,7 @@ from uuid import uuid4
 
 from causal_openlock.contract.registry import is_ours
 from causal_openlock.errors import CellsFailed, LearnerError, OpenLockError
-from causal_openlock.experiment.experiment import Cell, Experiment
+from causal_openlock.experiment.declare import Cell, Experiment
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.validation import whole_number
 from causal_openlock.running import workers as workplaces
@@ -97,7 +97,7 @@ def run(
         >>> from concurrent.futures import ThreadPoolExecutor
         >>> from tempfile import TemporaryDirectory
         >>> from causal_openlock import find_experiment, read_experiment
-        >>> from causal_openlock.experiment.building import Changes
+        >>> from causal_openlock.experiment.making import Changes
         >>> changes = Changes(learners=["oracle"], conditions=["CC3"], subjects=2)
         >>> experiment = read_experiment(find_experiment("default"), changes)
         >>> with TemporaryDirectory() as folder, ThreadPoolExecutor(1) as executor:

@@ -20,7 +20,7 @@ from causal_openlock.contract.checks import GlobalRandomness
 from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.registry import create, is_ours, origin
 from causal_openlock.errors import LearnerError, NotAvailableError, OpenLockError, in_short
-from causal_openlock.experiment.experiment import Cell, LearnerSpec
+from causal_openlock.experiment.declare import Cell, LearnerSpec
 from causal_openlock.experiment.session import Session
 from causal_openlock.files.compiling import without_cache
 from causal_openlock.running.checkpoint import Checkpoint, CheckpointError

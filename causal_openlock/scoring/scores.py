@@ -20,7 +20,7 @@ from causal_openlock.analysis.effects import Group, weighted_difference
 from causal_openlock.analysis.statistics import mean_intervals
 from causal_openlock.contract.registry import changed_parameters
 from causal_openlock.errors import OpenLockError, StoreError
-from causal_openlock.experiment.experiment import Experiment, LearnerSpec
+from causal_openlock.experiment.declare import Experiment, LearnerSpec
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.escaping import csv_of
 from causal_openlock.scoring import LAPSE

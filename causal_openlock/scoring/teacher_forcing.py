@@ -25,8 +25,7 @@ from causal_openlock.contract.checks import are_probabilities, failures_of
 from causal_openlock.contract.learner import InformedLearner, Learner
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError, StoreError
-from causal_openlock.experiment.experiment import Experiment, LearnerSpec
-from causal_openlock.experiment.protocol import SHOWN
+from causal_openlock.experiment.declare import SHOWN, Experiment, LearnerSpec
 from causal_openlock.experiment.session import AT_ONCE, Session, padded
 from causal_openlock.files.digest import digest
 from causal_openlock.running.workers import worker_pool

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from causal_openlock.experiment.experiment import Cell
+from causal_openlock.experiment.declare import Cell
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.files.checksums import ChecksumError, read_table, table_bytes
 from causal_openlock.storage.versions import versions

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from causal_openlock.experiment.experiment import Cell
+from causal_openlock.experiment.declare import Cell
 from causal_openlock.files.atomic import write_bytes
 
 _COUNT = re.compile(r"\nfailures: (\d{1,6})\n\Z")

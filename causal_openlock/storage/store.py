@@ -31,7 +31,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from causal_openlock.errors import OpenLockError, StoreError
-from causal_openlock.experiment.experiment import Cell, Experiment
+from causal_openlock.experiment.declare import Cell, Experiment
 from causal_openlock.files.atomic import folder_at, is_empty, sweep, unwritable, write_bytes
 from causal_openlock.files.checksums import ChecksumError, json_bytes, read_json
 from causal_openlock.storage.cell_file import read_cell_file, write_cell_file

@@ -35,7 +35,7 @@ from causal_openlock.contract.registry import (
     parameter_table,
     parse_parameters,
 )
-from causal_openlock.experiment.protocol import Condition, Protocol, Trials
+from causal_openlock.experiment.declare import Condition, Protocol, Trials, find_condition
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.finding import bundled_schemas, find_schema
 from causal_openlock.schemas.schema import Schema
@@ -252,7 +252,7 @@ class LearnerContract:
         **changes: Any,
     ) -> Session:
         names = self.schemas or ("CC3", "CE4")
-        transfer = Condition.named(f"{names[0]}-{names[-1]}", find_schema)
+        transfer = find_condition(f"{names[0]}-{names[-1]}")
         numbers = range(self.subjects) if subjects is None else subjects
         protocol = replace(SHORT, **changes)
         return Session(condition or transfer, protocol, numbers, seed=7, learner="contract")

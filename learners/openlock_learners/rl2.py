@@ -24,7 +24,7 @@ from pydantic import Field
 from causal_openlock.contract.learner import Brief, Learner, Step, View
 from causal_openlock.contract.parameters import Count, Share
 from causal_openlock.errors import LearnerError
-from causal_openlock.experiment.protocol import PAPER_ACTION_LIMIT
+from causal_openlock.experiment.declare import PAPER_ACTION_LIMIT
 from causal_openlock.files.digest import digest
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.world.randomness import Streams

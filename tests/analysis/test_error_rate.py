@@ -16,7 +16,7 @@ from causal_openlock.analysis.decisions import Decisions
 from causal_openlock.analysis.effects import ALPHA, Group, weighted_difference
 from causal_openlock.analysis.topic import all_topics, decisions_of
 from causal_openlock.analysis.topics.congruency import COMPARED
-from causal_openlock.experiment.protocol import PAPER_CONDITIONS
+from causal_openlock.experiment.declare import PAPER_CONDITIONS
 from support.paper_play import material, play
 from support.topics import topics_called
 

@@ -20,7 +20,7 @@ from causal_openlock.analysis.topics.leaderboard import (
     normalised_score,
 )
 from causal_openlock.analysis.topics.pairwise import outcomes, pairwise_table, plot_pairs
-from causal_openlock.experiment.experiment import Origin
+from causal_openlock.experiment.origin import Origin
 from causal_openlock.paper.published import people
 from support.fabricated_records import table
 from support.made_up_experiments import NO_ONE_BESIDE, experiment_of, spec

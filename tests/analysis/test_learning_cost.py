@@ -15,7 +15,7 @@ from causal_openlock.analysis.topics.learning_cost import (
 from causal_openlock.analysis.topics.solution_costs import TOPIC as SOLUTION_COSTS
 from causal_openlock.analysis.topics.solution_costs import solution_costs
 from causal_openlock.analysis.topics.survival import unsolved_after
-from causal_openlock.experiment.experiment import Origin
+from causal_openlock.experiment.origin import Origin
 from support.fabricated_records import table, trial_rows
 from support.made_up_experiments import experiment_of, material_of, spec
 from support.topics import section_on

@@ -9,7 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import causal_openlock as ol
-from causal_openlock import Condition, Layout, Session, find_schema
+from causal_openlock import Layout, Session, find_schema
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.probe import Probe, true_edges
 from causal_openlock.analysis.results.structure_errors import structure_distance
@@ -29,7 +29,7 @@ from causal_openlock.experiment.beside_record import (
     read_answers,
     write_answers,
 )
-from causal_openlock.experiment.protocol import PROTOCOLS
+from causal_openlock.experiment.declare import PROTOCOLS, find_condition
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.files.checksums import read_table, table_bytes
 from causal_openlock.schemas.fsm import compile_schema
@@ -104,7 +104,7 @@ def test_who_solves_a_room_comes_to_know_it(learner):
 
 @pytest.mark.parametrize("learner", ["bayes", "ideal", "theory_based"])
 def test_asking_for_the_structure_changes_no_action_and_is_possible_within_a_room(learner):
-    condition = Condition.named("CE3-CC4", find_schema)
+    condition = find_condition("CE3-CC4")
     records = []
     for asks in (False, True):
         session = Session(condition, PROTOCOLS["human"], 2, seed=8, learner=learner)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from causal_openlock import PROTOCOLS, Condition, Session, create, find_schema
+from causal_openlock import PROTOCOLS, Session, create
 from causal_openlock.belief import intentions
 from causal_openlock.belief.intentions import Intention, Intentions, courses, drawn_solutions
 from causal_openlock.belief.planning import (
@@ -15,12 +15,13 @@ from causal_openlock.belief.planning import (
     fitting_solutions,
     sample_solution,
 )
+from causal_openlock.experiment.declare import find_condition
 
 DRAWS = 1500
 
 
 def seen(learner, schema, steps, **parameters):
-    session = Session(Condition.named(schema, find_schema), PROTOCOLS["human"], 1, seed=3)
+    session = Session(find_condition(schema), PROTOCOLS["human"], 1, seed=3)
     made = create(learner, parameters)
     session.begin(made)
     for _ in range(steps):

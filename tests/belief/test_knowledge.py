@@ -11,7 +11,7 @@ from causal_openlock.belief.beliefs import STRENGTH_NODES
 from causal_openlock.belief.grammar import class_prior, schema_classes
 from causal_openlock.belief.hypotheses import RoomSight, enumerate_space, strengths
 from causal_openlock.belief.knowledge import RULE_CHANGES, Knowledge, Prior
-from causal_openlock.experiment.protocol import Protocol
+from causal_openlock.experiment.declare import Protocol
 from causal_openlock.schemas.schema import Schema
 from support.belief_arrays import (
     arrays_of,

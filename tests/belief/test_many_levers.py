@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from causal_openlock import Condition, Session
+from causal_openlock import Session
 from causal_openlock.belief import sampling
 from causal_openlock.belief.catalogue import TABLE_BYTES, catalogue, distance, fits
 from causal_openlock.belief.hypotheses import RoomSight
 from causal_openlock.belief.sampling import Sampler, metropolis, sampled
 from causal_openlock.belief.structures import behaviour_bytes
-from causal_openlock.experiment.protocol import PROTOCOLS
+from causal_openlock.experiment.declare import PROTOCOLS, find_condition
 from causal_openlock.schemas.schema import Schema
 from openlock_learners.bayes import Bayes, BayesParameters
 from oracle import structure
@@ -101,7 +101,7 @@ def test_what_steps_reach_is_as_probable_as_what_is_drawn():
 def test_a_room_of_twelve_levers_is_played_to_its_end_with_counted_work(looked_at):
     effort = 1000
     small = BayesParameters(effort=effort, particles=50, hypothesis_limit=500)
-    condition = Condition.named("pairs12", {"pairs12": TWELVE}.__getitem__)
+    condition = find_condition(TWELVE)
     protocol = replace(PROTOCOLS["human"], baseline_trials=1, attempt_limit=4)
 
     def play():

@@ -20,7 +20,7 @@ from causal_openlock.belief.likelihoods import DOOR, Event
 from causal_openlock.belief.marginals import edge_probabilities
 from causal_openlock.belief.sampling import Sampler, sampled, with_sampled
 from causal_openlock.belief.structures import gate_dags
-from causal_openlock.experiment.protocol import Condition, Trials
+from causal_openlock.experiment.declare import Condition, Trials
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.schema import Gate, Schema
 from oracle import DOOR as ORACLES_DOOR

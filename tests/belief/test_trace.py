@@ -22,7 +22,7 @@ from causal_openlock.belief.structure_schemas import (
 )
 from causal_openlock.belief.trace import percent, shown_name, trace_text, trace_trial
 from causal_openlock.contract.registry import create
-from causal_openlock.experiment.protocol import PROTOCOLS, Condition
+from causal_openlock.experiment.declare import PROTOCOLS, find_condition
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.schemas.schema import DOOR, Gate, Schema
@@ -42,7 +42,7 @@ EIGHT = Schema("eight", LEVERS, {"L0": LEVERS[1:], **{lever: [DOOR] for lever in
 
 
 def traced(name, trial=1, subject=0, learner=None, label="bayes"):
-    condition = Condition.named(name, lambda of: EIGHT if of == "eight" else find_schema(of))
+    condition = find_condition([EIGHT] if name == "eight" else name)
     learner = learner or create("openlock_learners.bayes:Bayes")
     return trace_trial(
         learner, condition, HUMAN, trial=trial, subject=subject, seed=SEED, label=label
@@ -98,7 +98,7 @@ def test_beliefs_follow_one_another(name):
 
 
 def test_chances_and_snapshots_are_those_of_the_learner(cc4):
-    session = Session(Condition.named("CC4", find_schema), HUMAN, [0], seed=SEED, learner="bayes")
+    session = Session(find_condition("CC4"), HUMAN, [0], seed=SEED, learner="bayes")
     learner = create("openlock_learners.bayes:Bayes")
     learner.begin(session.brief)
     for number, action in enumerate(cc4.actions[:-1]):
@@ -119,7 +119,7 @@ def test_chances_and_snapshots_are_those_of_the_learner(cc4):
 
 @pytest.mark.parametrize(("name", "trial"), [("CC4", 3), ("CC3-CE4", 7), ("noisy_CC3", 2)])
 def test_a_traced_subject_does_what_it_does_among_others(name, trial):
-    session = Session(Condition.named(name, find_schema), HUMAN, 3, seed=SEED, learner="bayes")
+    session = Session(find_condition(name), HUMAN, 3, seed=SEED, learner="bayes")
     record = session.play(create("openlock_learners.bayes:Bayes")).to_pandas()
     trace, own = traced(name, trial, subject=2), record[record["subject"] == 2]
     played = own[(own["attempt"] == 1).cumsum() == trial]

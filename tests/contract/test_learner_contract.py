@@ -13,9 +13,9 @@ from pydantic import Field
 from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError
-from causal_openlock.experiment.protocol import PROTOCOLS, Condition, plan
+from causal_openlock.experiment.declare import PROTOCOLS, find_condition
+from causal_openlock.experiment.plan import plan
 from causal_openlock.experiment.session import Session
-from causal_openlock.schemas.finding import find_schema
 from causal_openlock.testing import LearnerContract
 from causal_openlock.world.randomness import Streams, generators
 from support.places import ROOT
@@ -363,7 +363,7 @@ def test_a_broken_promise_is_found(kind, test, names):
 
 def test_the_generators_of_a_learner_do_not_lead_to_its_rooms():
     """The rooms can be drawn again from what generators of an experiment's seed carry."""
-    condition, subjects = Condition.named("CC4", find_schema), [3, 8, 21]
+    condition, subjects = find_condition("CC4"), [3, 8, 21]
 
     def rooms(given):
         found = []

@@ -11,7 +11,7 @@ from causal_openlock import compare, open_results
 from causal_openlock.analysis.topics.learning_cost import learning_costs, shown
 from causal_openlock.contract.one_subject import OneSubjectLearner, PerSubjectAdapter
 from causal_openlock.errors import LearnerError
-from causal_openlock.experiment.protocol import PROTOCOLS, Condition
+from causal_openlock.experiment.declare import PROTOCOLS, find_condition
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.finding import bundled_schemas, find_schema
 from causal_openlock.testing import LearnerContract
@@ -26,7 +26,7 @@ DETERMINISTIC = [name for name, schema in bundled_schemas().items() if schema.de
 
 
 def session(condition, protocol=HUMAN, subjects=10):
-    return Session(Condition.named(condition, find_schema), protocol, subjects, seed=3)
+    return Session(find_condition(condition), protocol, subjects, seed=3)
 
 
 def test_the_random_learner_draws_every_action_equally_often_and_independently():

@@ -3,8 +3,9 @@
 import numpy as np
 
 from causal_openlock.analysis.topics.reward_study import BEST_OF_PAPER, reward_terms, rewards_of
+from causal_openlock.experiment.declare import PAPER_CONDITIONS, PROTOCOLS
 from causal_openlock.experiment.file import find_experiment, read_experiment
-from causal_openlock.experiment.protocol import PAPER_CONDITIONS, PROTOCOLS, plan
+from causal_openlock.experiment.plan import plan
 from causal_openlock.world.rewards import PRESETS, TERMS
 
 

@@ -8,10 +8,12 @@ import pytest
 
 from causal_openlock.contract.registry import registry
 from causal_openlock.errors import FileError
-from causal_openlock.experiment.building import Changes, learner, make_experiment
+from causal_openlock.experiment.declare import (
+    PAPER_CONDITIONS,
+    find_condition,
+)
 from causal_openlock.experiment.file import find_experiment, read_experiment
-from causal_openlock.experiment.file_format import ConditionFile
-from causal_openlock.experiment.protocol import PAPER_CONDITIONS, Condition
+from causal_openlock.experiment.making import Changes, learner, make_experiment
 from causal_openlock.schemas.finding import find_schema
 
 SMALL = """\
@@ -126,11 +128,11 @@ def test_a_condition_in_python_has_many_forms():
         "CC3-CC4": ["CC3-CC4", ["CC3", "CC4"], [cc3, "CC4"], {"train": "CC3", "test": "CC4"}],
     }
     for name, every in forms.items():
-        expected = Condition.named(name, find_schema)
+        expected = find_condition(name)
         for form in every:
             assert make_experiment([form], ["random"]).conditions == (expected,), form
     single = make_experiment(cc3, learner("random"), subjects=np.int64(3))
-    assert single.conditions == (Condition.named("CC3", find_schema),)
+    assert single.conditions == (find_condition("CC3"),)
     assert [one.name for one in single.learners] == ["random"]
     assert single.title == "random in CC3"
     assert single.command == ""
@@ -138,7 +140,7 @@ def test_a_condition_in_python_has_many_forms():
     assert [len(three.train), len(three.test), three.name] == [2, 1, "CC3-CE3-CC4"]
     (line,) = make_experiment("A -> B -> door", ["random"]).conditions
     assert line.train[0].schema.levers == ("A", "B")
-    spelled = ConditionFile.model_validate({"name": "own", "train": [{"schema": "CC3"}]})
+    spelled = {"name": "own", "train": [{"schema": "CC3"}]}
     assert make_experiment(spelled, ["random"]).conditions[0].name == "own"
 
 

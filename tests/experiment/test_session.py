@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from causal_openlock.experiment.protocol import Condition, Protocol, Trials
+from causal_openlock.experiment.declare import Condition, Protocol, Trials
 from causal_openlock.experiment.record import record_schema, with_times
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.schema import Gate, Schema

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from causal_openlock.experiment.protocol import Condition, Protocol, Trials
+from causal_openlock.experiment.declare import Condition, Protocol, Trials
 from causal_openlock.world.room import Layout, published_layouts
 from openlock_learners.random import RandomLearner
 from support.session_play import SCHEMAS, Curious, Scripted, play

@@ -7,8 +7,8 @@ import pytest
 
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import OpenLockError
-from causal_openlock.experiment.building import make_experiment
-from causal_openlock.experiment.protocol import Condition
+from causal_openlock.experiment.declare import Condition
+from causal_openlock.experiment.making import make_experiment
 from causal_openlock.experiment.session import Session
 from openlock_learners.random import RandomLearner
 from support.session_play import HUMAN, RL, Scripted, named, play, trials_of

@@ -3,9 +3,8 @@
 import numpy as np
 
 import causal_openlock as ol
-from causal_openlock.contract.registry import create
-from causal_openlock.experiment.building import Changes
 from causal_openlock.experiment.file import read_experiment
+from causal_openlock.experiment.making import Changes
 
 GRID = "sweep: {lapse: [0.0, 0.1], policy: [thompson, solve_and_learn]}"
 LABELS = [
@@ -29,7 +28,7 @@ def test_a_file_and_a_program_declare_the_same_grid(tmp_path):
     swept = ol.sweep("bayes", lapse=[0.0, 0.1], policy=policies, noise=0.2, subjects=3)
     for given in (["random", *swept], ["random", swept]):
         assert ol.make_experiment(["CC3"], given).learners == in_file
-    assert [one.name for one in swept] == LABELS
+    assert [one["name"] for one in swept] == LABELS
     assert [one.name for one in in_file] == ["random", *LABELS]
     values = [(one.parameters["lapse"], one.parameters["policy"]) for one in in_file[1:]]
     assert values == [(lapse, policy) for lapse in (0.0, 0.1) for policy in policies]
@@ -39,13 +38,13 @@ def test_a_file_and_a_program_declare_the_same_grid(tmp_path):
 
 def test_labels_show_values_as_they_are_written():
     swept = ol.sweep("bayes", label="mine", lapse=np.linspace(0, 0.3, 4), strength_alpha=[1e-9])
-    assert [one.name for one in swept][1::2] == [
+    assert [one["name"] for one in swept][1::2] == [
         "mine-lapse-0.1-strength_alpha-1e-09",
         "mine-lapse-0.3-strength_alpha-1e-09",
     ]
-    assert ol.sweep("win_stay", grey_only=[True])[0].name == "win_stay-grey_only-True"
-    (own,) = ol.sweep(create("bayes", {"noise": 0.2}), lapse=[0.1])
-    assert own.parameters == {"noise": 0.2, "lapse": 0.1}
+    assert ol.sweep("win_stay", grey_only=[True])[0]["name"] == "win_stay-grey_only-True"
+    (own,) = ol.sweep(ol.learner("bayes", noise=0.2), lapse=[0.1])
+    assert own["parameters"] == {"noise": 0.2, "lapse": 0.1}
 
 
 def test_a_sweep_or_one_of_its_learners_can_be_chosen_by_name(tmp_path):

@@ -15,11 +15,10 @@ import pytest
 
 from causal_openlock.contract.registry import _load
 from causal_openlock.errors import OpenLockError, StoreError
-from causal_openlock.experiment.building import Changes
-from causal_openlock.experiment.experiment import Origin
 from causal_openlock.experiment.file import find_experiment, read_experiment
+from causal_openlock.experiment.making import Changes
+from causal_openlock.experiment.origin import Origin
 from causal_openlock.export.bundle import _files, write_bundle
-from causal_openlock.export.experiment_file import experiment_file
 from causal_openlock.files.yaml_file import dump_yaml
 from causal_openlock.storage.store import Store
 from causal_openlock.world.rewards import PRESETS, find_reward
@@ -280,7 +279,7 @@ def test_bundled_experiments_survive_being_described(name, tmp_path):
     for condition in experiment.conditions:
         for schema in condition.schemas:
             (tmp_path / "schemas" / f"{schema.name}.yaml").write_text(schema.to_yaml())
-    (tmp_path / "again.yaml").write_text(dump_yaml(experiment_file(kept)))
+    (tmp_path / "again.yaml").write_text(dump_yaml(kept.as_file()))
     assert read_experiment(tmp_path / "again.yaml").identity == experiment.identity
 
 

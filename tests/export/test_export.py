@@ -9,12 +9,12 @@ import pandas as pd
 import pyarrow as pa
 import pytest
 
-from causal_openlock import Condition, Session, find_schema
+from causal_openlock import Session
 from causal_openlock.contract.registry import create
 from causal_openlock.envs import OpenLockEnv
 from causal_openlock.errors import OpenLockError, StoreError
+from causal_openlock.experiment.declare import PROTOCOLS, find_condition
 from causal_openlock.experiment.file import read_experiment
-from causal_openlock.experiment.protocol import PROTOCOLS
 from causal_openlock.export.as_csv import write_csv
 from causal_openlock.export.as_minari import write_minari
 from causal_openlock.export.replay import replay, trial_numbers
@@ -68,7 +68,7 @@ def test_csv_has_every_attempt_and_every_column(store, tmp_path):
 
 @pytest.mark.parametrize(("schema", "reward"), [("CC4", "paper"), ("CE3", "negative_repeat")])
 def test_steps_of_a_record_are_those_of_the_environment(schema, reward):
-    condition = Condition.named(schema, find_schema)
+    condition = find_condition(schema)
     for learner in ("oracle", "random"):
         session = Session(condition, HUMAN, 2, seed=3, reward=reward, learner=learner)
         record = session.play(create(learner))
@@ -90,7 +90,7 @@ def test_steps_of_a_record_are_those_of_the_environment(schema, reward):
 @pytest.mark.parametrize("reward", sorted(PRESETS))
 def test_every_reward_adds_up_to_what_is_on_record(reward):
     """Also where luck decides, in a transfer, and in trials that go on when they are solved."""
-    condition = Condition.named("noisy_CC3-CC4", find_schema)
+    condition = find_condition("noisy_CC3-CC4")
     protocol = replace(PROTOCOLS["rl"], attempt_limit=9, train_loops=1, test_loops=1)
     for learner in ("oracle", "random"):
         session = Session(condition, protocol, 2, seed=4, reward=reward, learner=learner)
@@ -109,7 +109,7 @@ CHANGED = {
 
 @pytest.mark.parametrize("column", CHANGED)
 def test_a_record_that_does_not_come_true_is_refused_with_its_place(column):
-    condition = Condition.named("CC4", find_schema)
+    condition = find_condition("CC4")
     record = Session(condition, HUMAN, 2, learner="me").play(create("oracle"))
     values = record[column].to_pylist()
     values[4] = CHANGED[column](values[4])

@@ -32,9 +32,9 @@ from causal_openlock.experiment.beside_record import (
     read_reactions,
     write_answers,
 )
-from causal_openlock.experiment.building import make_experiment
+from causal_openlock.experiment.declare import PROTOCOLS, Protocol, find_condition
 from causal_openlock.experiment.file import read_experiment
-from causal_openlock.experiment.protocol import PROTOCOLS, Condition, Protocol
+from causal_openlock.experiment.making import make_experiment
 from causal_openlock.experiment.session import Session
 from causal_openlock.export.as_csv import write_csv
 from causal_openlock.files.checksums import ZEROS
@@ -106,7 +106,7 @@ def changed(draw, content, name):
 
 def readers(work):
     """The readers of files, by the place of a good file in the folder of the work."""
-    condition, human = Condition.named("CC3-CC4", find_schema), PROTOCOLS["human"]
+    condition, human = find_condition("CC3-CC4"), PROTOCOLS["human"]
     kinds = {name: kind for name, kind in FORMATS.items() if kind.read}
     for part in ("experiments", "schemas"):
         shutil.copytree(ROOT / part, work / part)

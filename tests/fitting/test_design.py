@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from causal_openlock.comparison.comparing import play
-from causal_openlock.experiment.building import learner, make_experiment
-from causal_openlock.experiment.experiment import Cell
+from causal_openlock.experiment.declare import Cell
 from causal_openlock.experiment.file import read_experiment
+from causal_openlock.experiment.making import learner, make_experiment
 from causal_openlock.fitting import design
 from causal_openlock.fitting.design import (
     DOUBT,

@@ -13,8 +13,8 @@ from causal_openlock.analysis.results.references import POINT
 from causal_openlock.belief.beliefs import Beliefs
 from causal_openlock.belief.knowledge import Prior
 from causal_openlock.errors import StoreError
+from causal_openlock.experiment.declare import PROTOCOLS, find_condition
 from causal_openlock.experiment.file import read_experiment
-from causal_openlock.experiment.protocol import PROTOCOLS, Condition
 from causal_openlock.experiment.session import Session
 from causal_openlock.fitting.candidates import FILE, Plan, fit
 from causal_openlock.fitting.kept import keep_fit
@@ -45,7 +45,7 @@ from causal_openlock.paper.likeness import (
     points_of_people,
     published_points,
 )
-from causal_openlock.schemas.finding import bundled, find_schema
+from causal_openlock.schemas.finding import bundled
 from causal_openlock.testing import LearnerContract
 from causal_openlock.world.randomness import Streams
 from openlock_learners.oracle import Oracle
@@ -337,7 +337,7 @@ def test_the_command_fits_by_a_plan_that_options_override(tmp_path):
 
 def test_directness_weighs_each_lever_that_acts_on_the_door():
     def belief(nats):
-        cc4 = Condition.named("CC4", find_schema)
+        cc4 = find_condition("CC4")
         played = Session(cc4, PROTOCOLS["human"], 1, seed=0)
         prior = Prior(by_colour=0.999, hypothesis_limit=600, directness=nats)
         beliefs = Beliefs(played.brief, prior, played.brief.generators)

@@ -9,7 +9,7 @@ import pytest
 
 import causal_openlock as ol
 from causal_openlock.errors import LearnerError, OpenLockError, StoreError
-from causal_openlock.experiment.building import make_experiment
+from causal_openlock.experiment.making import make_experiment
 from causal_openlock.fitting.actions import (
     FILE,
     ActionPlan,

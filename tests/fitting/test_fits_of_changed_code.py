@@ -6,7 +6,7 @@ import pytest
 
 import causal_openlock as ol
 from causal_openlock.errors import StoreError
-from causal_openlock.experiment.building import make_experiment
+from causal_openlock.experiment.making import make_experiment
 from causal_openlock.fitting.candidates import FILE, Plan, fit
 from causal_openlock.fitting.kept import keep_fit
 from causal_openlock.fitting.search import Range, bundled_search, search_space

@@ -12,7 +12,7 @@ from scipy.stats import norm
 
 import causal_openlock as ol
 from causal_openlock.errors import LearnerError, StoreError
-from causal_openlock.experiment.building import make_experiment
+from causal_openlock.experiment.making import make_experiment
 from causal_openlock.fitting.actions import WHOLE, ActionPlan, fit_table, of_share, share_of
 from causal_openlock.fitting.group import Group, Peak, derivatives, evidence_of, group_of, peak
 from causal_openlock.fitting.group_progress import PROGRESS

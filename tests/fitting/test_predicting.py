@@ -8,7 +8,7 @@ import pytest
 
 import causal_openlock as ol
 from causal_openlock.errors import OpenLockError, StoreError
-from causal_openlock.experiment.building import make_experiment
+from causal_openlock.experiment.making import make_experiment
 from causal_openlock.fitting.actions import FILE, WHOLE, ActionPlan, fit_all, jobs_of
 from causal_openlock.fitting.hierarchical import GroupFit
 from causal_openlock.fitting.kept import keep_fit

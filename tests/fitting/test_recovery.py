@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from causal_openlock.experiment.building import learner, make_experiment
+from causal_openlock.experiment.making import learner, make_experiment
 from causal_openlock.fitting.actions import Fitted
 from causal_openlock.fitting.recovery import drawn_sets, made_with, recovered, recovery, space_of
 from causal_openlock.fitting.search import Range, bundled_search

@@ -12,11 +12,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from causal_openlock import Condition, Results, Session, find_schema, read_reactions
+from causal_openlock import Results, Session, read_reactions
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import OpenLockError
-from causal_openlock.experiment.experiment import Experiment
-from causal_openlock.experiment.protocol import PROTOCOLS
+from causal_openlock.experiment.declare import PROTOCOLS, Experiment, find_condition
 from causal_openlock.export.as_csv import write_csv
 from causal_openlock.importing.folder import BESIDE, import_files
 from causal_openlock.scoring.teacher_forcing import score_actions
@@ -28,7 +27,7 @@ from support.made_up_experiments import spec
 @pytest.fixture(scope="module")
 def record():
     """What two subjects did in a transfer that one of them did not solve."""
-    condition = Condition.named("CC3-CE4", find_schema)
+    condition = find_condition("CC3-CE4")
     human = PROTOCOLS["human"]
     session = Session(condition, human, [0, 1], seed=4, learner="mixed", experiment="out")
     return session.play(create("win_stay"))
@@ -39,8 +38,14 @@ def exported(record, tmp_path_factory):
     """The CSV that ``export`` writes of the record."""
     folder = tmp_path_factory.mktemp("exported")
     store = Store(folder / "results")
-    conditions = (Condition.named("CC3-CE4", find_schema),)
-    experiment = Experiment("out", "Out", 4, 2, conditions, (spec("mixed", subjects=2),))
+    conditions = (find_condition("CC3-CE4"),)
+    experiment = Experiment(
+        name="out",
+        seed=4,
+        cell_size=2,
+        conditions=conditions,
+        learners=(spec("mixed", subjects=2),),
+    )
     store.open(experiment)
     (cell,) = experiment.cells()
     store.write(cell, record)

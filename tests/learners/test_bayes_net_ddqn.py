@@ -9,7 +9,7 @@ import torch
 from scipy.stats import chisquare
 
 from causal_openlock.contract.registry import create
-from causal_openlock.experiment.protocol import Protocol
+from causal_openlock.experiment.declare import Protocol
 from causal_openlock.experiment.session import Session
 from openlock_learners.bayes_net_ddqn import BayesNetDDQN, BayesNetDDQNParameters
 from openlock_learners.ddqn import DDQN, DDQNParameters

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from causal_openlock.experiment.protocol import Condition, Protocol
+from causal_openlock.experiment.declare import Protocol, find_condition
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.finding import find_schema
 from openlock_learners.ddqn import (
@@ -79,7 +79,7 @@ def test_a_ddqn_in_plain_torch_follows_the_same_course(over_attempts, double):
         bootstrap_over_attempts=over_attempts,
     )
     protocol = replace(HUMAN, stop_when_solved=False, baseline_trials=3)
-    session = Session(Condition.named("CC3", find_schema), protocol, 3, seed=5)
+    session = Session(find_condition("CC3"), protocol, 3, seed=5)
     learner = DDQN(settings)
     learner.begin(session.brief)
     drawn = []

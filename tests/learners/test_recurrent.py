@@ -7,9 +7,8 @@ import pytest
 import torch
 
 from causal_openlock.contract.learner import Brief, Console, Step, View
-from causal_openlock.experiment.protocol import Condition, Protocol
+from causal_openlock.experiment.declare import Protocol, find_condition
 from causal_openlock.experiment.session import Session
-from causal_openlock.schemas.finding import find_schema
 from openlock_learners.recurrent import Recurrent, RecurrentParameters
 from support.plain_recurrent import PlainNetwork, PlainRecurrent
 from support.session_play import one_room
@@ -60,7 +59,7 @@ def play(learner, session, actions):
 
 @pytest.mark.parametrize(("reset", "over_attempts"), [("trial", False), ("condition", True)])
 def test_a_recurrent_ddqn_in_plain_torch_follows_the_same_course(reset, over_attempts):
-    session = Session(Condition.named("CC3", find_schema), PROTOCOL, 3, seed=5)
+    session = Session(find_condition("CC3"), PROTOCOL, 3, seed=5)
     learner = Recurrent(replace(SMALL, reset=reset, bootstrap_over_attempts=over_attempts))
     learner.begin(session.brief)
     in_double(learner)

@@ -12,9 +12,9 @@ import torch
 
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError
-from causal_openlock.experiment.protocol import PROTOCOLS, Condition, Protocol
+from causal_openlock.experiment.declare import PROTOCOLS, Protocol, find_condition
 from causal_openlock.experiment.session import Session
-from causal_openlock.schemas.finding import bundled, find_schema
+from causal_openlock.schemas.finding import bundled
 from openlock_learners.meta.training_file import TrainingFile, read_training
 from openlock_learners.networks.network_file import BUNDLED, read_network, write_network
 from openlock_learners.networks.recurrent_policy import Sizes, make_policy
@@ -34,7 +34,7 @@ def one_thread():
 def attempts(learner, name, subjects=60, **session):
     """Mean attempts by phase and trial, where a trial not solved counts as the limit."""
     given = {"seed": 1, **session}
-    session = Session(Condition.named(name, find_schema), PROTOCOLS["human"], subjects, **given)
+    session = Session(find_condition(name), PROTOCOLS["human"], subjects, **given)
     record = session.play(learner).to_pandas()
     last = record.groupby(["subject", "phase", "trial"]).last()
     needed = last["attempt"].where(last["solutions_found"] == last["solutions"], 30)
@@ -88,7 +88,7 @@ def test_a_subject_is_as_it_would_be_alone_and_its_weights_change_only_if_it_lea
     settings = RL2Parameters(learns=learns, unroll=7, reset="trial" if learns else "condition")
     courses = []
     for subjects in ([0, 1, 2, 3, 4], [1], [2, 3, 1]):
-        session = Session(Condition.named("CC3", find_schema), PROTOCOL, subjects)
+        session = Session(find_condition("CC3"), PROTOCOL, subjects)
         learner = RL2(settings)
         learner.begin(session.brief)
         me = subjects.index(1)

@@ -11,7 +11,7 @@ from causal_openlock.contract.checks import GlobalRandomness
 from causal_openlock.contract.registry import create
 from causal_openlock.envs import OpenLockEnv
 from causal_openlock.errors import LearnerError
-from causal_openlock.experiment.protocol import Condition, Protocol, Trials
+from causal_openlock.experiment.declare import Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.world.room import Layout

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from causal_openlock.contract.registry import create
-from causal_openlock.experiment.protocol import Condition
+from causal_openlock.experiment.declare import find_condition
 from causal_openlock.experiment.session import Session
-from causal_openlock.schemas.finding import find_schema
 from support.session_play import HUMAN, one_room, play
 
 LAYOUT = "trial1"  # CC3: UPPERRIGHT 0 frees LOWERLEFT 4 and LOWER 5, which unlock the door
@@ -198,7 +197,7 @@ def test_who_has_seen_all_that_can_happen_solves_the_room_at_once(seed):
 
 
 def test_the_table_grows_with_what_is_met():
-    condition = Condition.named("CE3-CE4", find_schema)
+    condition = find_condition("CE3-CE4")
     learner = create("tabular_q")
     Session(condition, HUMAN, 100, seed=2018).play(learner)
     assert learner._values.shape[1] > 64

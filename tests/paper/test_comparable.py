@@ -8,9 +8,9 @@ from causal_openlock.analysis.report.all_figures import figures_of
 from causal_openlock.analysis.report.writing import write_report
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.summary import headline_table, summary_table
+from causal_openlock.experiment.declare import PAPER_CONDITIONS
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.paper_conditions import paper_conditions
-from causal_openlock.experiment.protocol import PAPER_CONDITIONS
 from causal_openlock.paper.references import people
 from causal_openlock.schemas.schema_file import schema_from_dict
 from support.fabricated_records import table, trial_rows

@@ -13,7 +13,7 @@ from scipy import stats
 
 from causal_openlock.analysis.effects import Group
 from causal_openlock.contract.registry import create
-from causal_openlock.experiment.protocol import PROTOCOLS, Condition
+from causal_openlock.experiment.declare import PROTOCOLS, find_condition
 from causal_openlock.experiment.session import Session
 from causal_openlock.paper.significance import contrast_test, t_test
 from causal_openlock.schemas.finding import find_schema
@@ -173,7 +173,7 @@ def test_the_asymmetry_is_less_pronounced_in_the_model_in_cc4_alone():
 def test_no_learner_can_have_more_later_solutions_than_earlier_ones():
     """A visit has one new second solution at most, and a first one before it."""
     protocol = replace(PROTOCOLS["rl"], baseline_loops=1, attempt_limit=60)
-    session = Session(Condition.named("CE4", find_schema), protocol, 4, seed=3)
+    session = Session(find_condition("CE4"), protocol, 4, seed=3)
     record = session.play(create("win_stay")).to_pandas()
     counts = record.groupby("subject")["category"].value_counts().unstack(fill_value=0)
     assert (counts["open3"] <= counts["open2"]).all()

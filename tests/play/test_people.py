@@ -13,10 +13,9 @@ from hypothesis import strategies as st
 from causal_openlock import Results
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.beside_record import read_reactions
-from causal_openlock.experiment.protocol import PROTOCOLS, Condition
+from causal_openlock.experiment.declare import PROTOCOLS, find_condition
 from causal_openlock.experiment.session import Session
 from causal_openlock.play.refusals import OutOfTurn
-from causal_openlock.schemas.finding import find_schema
 from causal_openlock.storage.store import Store
 from support.command import at_once
 from support.play_clients import people, solving, walk_through
@@ -44,7 +43,7 @@ def test_the_record_of_a_person_is_that_of_a_learner_who_does_the_same(tmp_path)
     home.close()
     record, description = Store(tmp_path).record()
     assert not description.missing
-    condition = Condition.named("CC3-CC4", find_schema)
+    condition = find_condition("CC3-CC4")
     session = Session(
         condition, PROTOCOLS["human"], [0], seed=5, learner="person", experiment="people"
     )

@@ -79,10 +79,9 @@ def learner(name: str, **parameters: Any) -> Any:
 
 def begun(name: str, condition: str = "CC3", layouts: str = "published", **parameters: Any) -> Any:
     """Let a learner begin a session, at which it looks for all that it needs."""
-    conditions = of("causal_openlock.experiment.protocol", "Condition")
-    protocol = of("causal_openlock.experiment.protocol", "Protocol")("t", 2, True, layouts=layouts)
+    protocol = of("causal_openlock.experiment.declare", "Protocol")("t", 2, True, layouts=layouts)
     session = of("causal_openlock.experiment.session", "Session")(
-        conditions.named(condition, ol.find_schema), protocol, 1
+        ol.find_condition(condition), protocol, 1
     )
     return session.begin(learner(name, **parameters))
 
@@ -198,16 +197,16 @@ def graphml(parts: str) -> Any:
 
 def session(condition: Any = "CC3", subjects: Any = 2, **settings: Any) -> Any:
     """Begin a session of a condition, under the protocol of people with some settings changed."""
-    module = "causal_openlock.experiment.protocol"
+    module = "causal_openlock.experiment.declare"
     if isinstance(condition, str):
-        condition = of(module, "Condition").named(condition, ol.find_schema)
+        condition = ol.find_condition(condition)
     protocol = replace(of(module, "PROTOCOLS")["human"], **settings)
     return of("causal_openlock.experiment.session", "Session")(condition, protocol, subjects)
 
 
 def trials(number: int, layouts: Any = None) -> Any:
     """A condition of so many trials in rooms of CC3."""
-    module, cc3 = "causal_openlock.experiment.protocol", ol.find_schema("CC3")
+    module, cc3 = "causal_openlock.experiment.declare", ol.find_schema("CC3")
     if isinstance(layouts, list):
         placed = of("causal_openlock.world.room", "Layout").of
         layouts = tuple(placed(cc3, layout) for layout in layouts)

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 import causal_openlock as ol
-from causal_openlock.experiment.protocol import PROTOCOLS, Condition
+from causal_openlock.experiment.declare import PROTOCOLS, find_condition
 from causal_openlock.render.film import shots
 from causal_openlock.render.filmed_trial import play_trial
 from causal_openlock.render.watch import BELIEVED, TRUE, belief_svg
-from causal_openlock.schemas.finding import find_schema
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +51,7 @@ def test_a_belief_is_the_one_of_the_same_moment(watched):
 
 
 def test_a_trial_is_the_one_of_trace_and_film():
-    condition = Condition.named("CC3-CC4", find_schema)
+    condition = find_condition("CC3-CC4")
     where = {"trial": 2, "subject": 3, "seed": 7, "label": "bayes"}
     seen = ol.watch("bayes", "CC3-CC4", trial=2, subject=3, seed=7)
     assert seen.trial == play_trial(ol.create("bayes"), condition, PROTOCOLS["human"], **where)
@@ -85,7 +84,7 @@ def test_learners_are_given_by_name_class_or_entry():
 
 
 def test_conditions_are_given_by_name_schema_or_as_such():
-    chosen = [ol.find_schema("CC3"), "CC3", Condition.named("CC3", find_schema)]
+    chosen = [ol.find_schema("CC3"), "CC3", find_condition("CC3")]
     seen = [repr(ol.watch("oracle", one, layout="trial2")) for one in chosen]
     assert len({*seen}) == 1
     assert "(CC3 in trial2)" in seen[0]

@@ -12,7 +12,7 @@ import pytest
 from ruamel.yaml import YAML
 
 from causal_openlock.errors import FileError, OpenLockError
-from causal_openlock.experiment import file_format
+from causal_openlock.experiment import declare
 from causal_openlock.schemas import schema_file
 from causal_openlock.schemas.finding import bundled
 from causal_openlock.schemas.schema_file import parse_schema
@@ -95,7 +95,7 @@ def test_no_file_is_more_work_than_its_length_allows(text):
 
 # -- JSON Schema -----------------------------------------------------------------------------------
 
-TABLES = {"schemas": schema_file.json_schema(), "experiments": file_format.json_schema()}
+TABLES = {"schemas": schema_file.json_schema(), "experiments": declare.json_schema()}
 
 
 ROWS = {"schemas": "schemas.txt", "experiments": "experiment.txt"}

@@ -10,8 +10,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from causal_openlock.errors import OpenLockError
-from causal_openlock.experiment.building import make_experiment
-from causal_openlock.experiment.protocol import Condition
+from causal_openlock.experiment.declare import find_condition
+from causal_openlock.experiment.making import make_experiment
 from causal_openlock.schemas.bayes_net import to_bayesian_network
 from causal_openlock.schemas.declared import schema
 from causal_openlock.schemas.finding import bundled_schemas, find_schema
@@ -102,8 +102,8 @@ def test_every_format_is_read_wherever_a_schema_is_named(tmp_path, suffix):
         find_schema(path.name, [tmp_path]),
         schema(path),
         room.settings.schema,
-        Condition.named(f"{path}", find_schema).schemas[-1],
-        Condition.named(f"CC3-{path}", find_schema).schemas[-1],
+        find_condition(f"{path}").schemas[-1],
+        find_condition(["CC3", path]).schemas[-1],
         make_experiment([str(path)], ["oracle"], subjects=2).conditions[0].schemas[0],
     ):
         assert found == own

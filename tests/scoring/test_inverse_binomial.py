@@ -7,7 +7,7 @@ import pyarrow as pa
 import pytest
 
 import causal_openlock as ol
-from causal_openlock.experiment.building import make_experiment
+from causal_openlock.experiment.making import make_experiment
 from causal_openlock.running.runner import run
 from causal_openlock.scoring.inverse_binomial import TERMS, Draws, Tally, expected_rest
 from causal_openlock.scoring.teacher_forcing import score_actions

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 import causal_openlock as ol
 from causal_openlock.analysis.topic import decisions_of, sections_of
 from causal_openlock.errors import OpenLockError, StoreError
-from causal_openlock.experiment.protocol import Condition
+from causal_openlock.experiment.declare import find_condition
 from causal_openlock.files.checksums import read_table, table_bytes
 from causal_openlock.scoring.score_table import PLAYED, write_scores
 from causal_openlock.scoring.scores import FOLDER, FOLLOWED, SUBJECT, Scores, attributed, over
@@ -151,7 +151,7 @@ def test_scores_of_actions_that_were_played_again_are_left_out(folder, other):
         scores = results.scores
     assert set(scores.subjects["learner"]) == {"win_stay"}
     record, experiment = Store(folder).record(ATTEMPT)  # and where the rooms alone are others
-    condition = replace(Condition.named("CE3", ol.find_schema), name="CC3")
+    condition = replace(find_condition("CE3"), name="CC3")
     moved = digests_of(record.to_pandas(), replace(experiment, conditions=(condition,)))
     assert not {*moved[PLAYED]} & {*digests_of(record.to_pandas(), experiment)[PLAYED]}
 

@@ -10,7 +10,7 @@ import pytest
 
 import causal_openlock as ol
 from causal_openlock.errors import LearnerError, StoreError
-from causal_openlock.experiment.building import make_experiment
+from causal_openlock.experiment.making import make_experiment
 from causal_openlock.experiment.session import Session
 from causal_openlock.running.runner import run
 from causal_openlock.scoring.scores import by_subject, ranking
@@ -191,7 +191,7 @@ def test_damaged_parts_of_scores_are_refused(played, tmp_path):
 
 def test_a_record_that_is_not_of_these_rooms_is_refused(played):
     record, experiment = played
-    elsewhere = replace(experiment, conditions=(ol.Condition.named("CE3", ol.find_schema),))
+    elsewhere = replace(experiment, conditions=(ol.find_condition("CE3"),))
     names = pa.array(["CE3"] * len(record)).dictionary_encode()
     moved = record.set_column(record.schema.get_field_index("condition"), "condition", names)
     with pytest.raises(StoreError, match="CE3"):

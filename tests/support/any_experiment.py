@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from hypothesis import strategies as st
 
 import causal_openlock as ol
-from causal_openlock.experiment.experiment import Experiment
-from causal_openlock.experiment.protocol import Condition, Protocol, Trials
+from causal_openlock.experiment.declare import Condition, Experiment, Protocol, Trials
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.testing import layouts, schemas
 from causal_openlock.world.rewards import PRESETS
@@ -43,9 +42,7 @@ def experiments(draw: st.DrawFn) -> Experiment:
         )
         for index in range(draw(FEW))
     ]
-    players = [
-        draw(LEARNERS).model_copy(update={"name": f"learner{index}"}) for index in range(draw(FEW))
-    ]
+    players = [{**draw(LEARNERS), "name": f"learner{index}"} for index in range(draw(FEW))]
     return ol.make_experiment(
         conditions,
         players,

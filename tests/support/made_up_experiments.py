@@ -12,9 +12,18 @@ import pyarrow as pa
 
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import references_beside
-from causal_openlock.experiment.experiment import RANDOM_CLASS, Experiment, LearnerSpec, Origin
+from causal_openlock.experiment.declare import (
+    PAPER_CONDITIONS,
+    PROTOCOLS,
+    RANDOM_CLASS,
+    Condition,
+    Experiment,
+    LearnerSpec,
+    Protocol,
+    find_condition,
+)
 from causal_openlock.experiment.file import read_experiment
-from causal_openlock.experiment.protocol import PAPER_CONDITIONS, PROTOCOLS, Condition, Protocol
+from causal_openlock.experiment.origin import Origin
 from causal_openlock.files.checksums import json_bytes, read_json
 from causal_openlock.schemas.finding import bundled_schemas
 from causal_openlock.storage.stored import StoredExperiment, parse_experiment
@@ -56,10 +65,9 @@ def spec(name: str, protocol: Protocol = PROTOCOLS["human"], **changed: Any) -> 
 
 def condition_called(name: str) -> Condition:
     """The paper's condition of that name, or one in rooms of CC4."""
-    schemas = bundled_schemas()
-    if name in PAPER_CONDITIONS or name in schemas:
-        return Condition.named(name, schemas.__getitem__)
-    return Condition(name, Condition.named("CC4", schemas.__getitem__).train)
+    if name in PAPER_CONDITIONS or name in bundled_schemas():
+        return find_condition(name)
+    return Condition(name, find_condition("CC4").train)
 
 
 def experiment_of(record: pa.Table, **known: Any) -> StoredExperiment:

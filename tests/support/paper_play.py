@@ -12,7 +12,7 @@ from causal_openlock.analysis.measures import attempts_to_solve
 from causal_openlock.analysis.results.bounds import Bound
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import references_beside
-from causal_openlock.experiment.protocol import PAPER_CONDITIONS
+from causal_openlock.experiment.declare import PAPER_CONDITIONS
 from support.fabricated_records import Row, table, trial_rows
 from support.made_up_experiments import experiment_of
 

@@ -10,15 +10,14 @@ import sys
 import urllib.request
 from contextlib import contextmanager
 
-from causal_openlock.experiment.protocol import PROTOCOLS, Condition
+from causal_openlock.experiment.declare import PROTOCOLS, find_condition
 from causal_openlock.play.people import People
-from causal_openlock.schemas.finding import find_schema
 from support.waiting import HANGS
 
 
 def people(folder, *conditions, **options):
     """People in a folder, under the protocol of people."""
-    chosen = [Condition.named(name, find_schema) for name in conditions or ("CC3",)]
+    chosen = [find_condition(name) for name in conditions or ("CC3",)]
     return People(folder, chosen, PROTOCOLS["human"], **options)
 
 

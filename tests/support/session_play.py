@@ -10,9 +10,15 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.contract.learner import Brief, Learner, Step, View
-from causal_openlock.experiment.protocol import PROTOCOLS, Condition, Protocol, Trials
+from causal_openlock.experiment.declare import (
+    PROTOCOLS,
+    Condition,
+    Protocol,
+    Trials,
+    find_condition,
+)
 from causal_openlock.experiment.session import Session
-from causal_openlock.schemas.finding import bundled_schemas, find_schema
+from causal_openlock.schemas.finding import bundled_schemas
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.randomness import Streams
 from causal_openlock.world.room import Layout
@@ -24,7 +30,7 @@ HUMAN, RL = PROTOCOLS["human"], PROTOCOLS["rl"]
 @cache
 def named(name: str) -> Condition:
     """A condition of the bundled schemas by its name."""
-    return Condition.named(name, find_schema)
+    return find_condition(name)
 
 
 def play(

@@ -10,12 +10,10 @@ import causal_openlock as ol
 from causal_openlock.contract.registry import create
 from causal_openlock.envs import OpenLockEnv, OpenLockVectorEnv
 from causal_openlock.errors import OpenLockError, RewardError
+from causal_openlock.experiment.declare import PROTOCOLS, find_condition
 from causal_openlock.experiment.file import read_experiment
-from causal_openlock.experiment.protocol import PROTOCOLS, Condition
 from causal_openlock.experiment.session import Session
 from causal_openlock.export.as_minari import write_minari
-from causal_openlock.export.experiment_file import experiment_file
-from causal_openlock.schemas.finding import find_schema
 from causal_openlock.storage.store import Store
 from causal_openlock.world.reward_code import OwnReward, _loaded, own_reward
 from causal_openlock.world.rewards import find_reward
@@ -34,7 +32,7 @@ def test_a_function_pays_the_same_wherever_it_is_asked():
     """In a session, in one room and in many rooms, whatever was found and done before."""
     reward = find_reward(f"{__name__}:eager")
     short = replace(PROTOCOLS["human"], attempt_limit=8, baseline_trials=1)
-    condition = Condition.named("CC4", find_schema)
+    condition = find_condition("CC4")
     session = Session(condition, short, 6, seed=3, reward=reward, learner="random")
     truth, learner = session.truth, create("random")
     session.begin(learner)
@@ -94,7 +92,7 @@ def test_results_are_told_apart_by_the_code_and_read_without_it(tmp_path, monkey
     assert isinstance(told, OwnReward)
     assert told.name == "mine_pays:pay"
     assert told.source.startswith("mine_pays.py ")
-    assert experiment_file(experiment)["learners"][1]["reward"] == "mine_pays:pay"
+    assert experiment.as_file()["learners"][1]["reward"] == "mine_pays:pay"
     # Another code is another experiment, and other cells.
     said = []
     for code in (CODE, CODE.replace("7.0", "8.0")):
@@ -118,6 +116,6 @@ def test_results_are_told_apart_by_the_code_and_read_without_it(tmp_path, monkey
 
 def test_code_that_has_changed_since_is_not_taken_for_what_it_was():
     reward = replace(own_reward(f"{__name__}:eager"), source="test_own_rewards.py 0123456789abcdef")
-    condition = Condition.named("CC3", find_schema)
+    condition = find_condition("CC3")
     with pytest.raises(RewardError, match=r"test_own_rewards.py 0123"):
         Session(condition, PROTOCOLS["human"], 1, reward=reward)

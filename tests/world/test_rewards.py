@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from causal_openlock.experiment.file_format import json_schema
+from causal_openlock.experiment.declare import json_schema
 from causal_openlock.world.rewards import (
     PRESETS,
     TERMS,

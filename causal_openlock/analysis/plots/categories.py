@@ -22,8 +22,8 @@ from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, draws_results, in_rows, panels, rows_of
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.errors import NothingToDrawError, OpenLockError
+from causal_openlock.experiment.declare import HUMAN_PROTOCOL
 from causal_openlock.experiment.paper_conditions import paper_conditions
-from causal_openlock.experiment.protocol import HUMAN_PROTOCOL
 from causal_openlock.experiment.record import CATEGORIES
 from causal_openlock.wording import nearest
 

@@ -38,7 +38,7 @@ from causal_openlock.analysis.plots.panels import (
 )
 from causal_openlock.analysis.results.bounds import Bound, bounds_of
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.experiment.protocol import PAPER_CONDITIONS
+from causal_openlock.experiment.declare import PAPER_CONDITIONS
 
 _FAMILIES = (BASELINES, TRANSFERS[:2], TRANSFERS[2:])
 _COLUMNS = 4  # the most that fit the width

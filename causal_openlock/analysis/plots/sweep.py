@@ -1,7 +1,7 @@
 """A parameter as an axis: how many attempts learners need at each of its values.
 
 Learners that differ in the parameter alone are one *series*, as those of a sweep are
-(:mod:`causal_openlock.experiment.sweeps`); one that has the default is also a point of the series.
+(:mod:`causal_openlock.experiment.declare`); one that has the default is also a point of the series.
 """
 
 from __future__ import annotations

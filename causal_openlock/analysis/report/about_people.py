@@ -13,7 +13,7 @@ from causal_openlock.analysis.measures import CELL, SUBJECT
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.experiment.beside_record import REACTIONS, read_reactions
-from causal_openlock.experiment.experiment import PERSON
+from causal_openlock.experiment.declare import PERSON
 
 _PROSE = Prose(__name__)
 KINDS = ("baseline", "transfer")

@@ -33,7 +33,7 @@ from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.report.page import Written
 from causal_openlock.analysis.report.what_was_run import edges, in_words
 from causal_openlock.analysis.section import Section
-from causal_openlock.experiment.protocol import PAPER_CONDITIONS
+from causal_openlock.experiment.declare import PAPER_CONDITIONS
 from causal_openlock.storage.stored import StoredExperiment
 
 if TYPE_CHECKING:

@@ -18,8 +18,7 @@ from causal_openlock.analysis.report.what_was_run import edges, pairs, trials_pl
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.statistics import LEVEL, RESAMPLES
 from causal_openlock.contract.registry import changed_parameters, registry
-from causal_openlock.experiment.experiment import PERSON, LearnerSpec
-from causal_openlock.experiment.protocol import Condition, Protocol
+from causal_openlock.experiment.declare import PERSON, Condition, LearnerSpec, Protocol
 from causal_openlock.files.validation import plain
 from causal_openlock.schemas.finding import bundled, bundled_schemas
 from causal_openlock.schemas.schema import Schema

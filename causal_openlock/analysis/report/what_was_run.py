@@ -10,7 +10,7 @@ import pandas as pd
 
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.table import Table
-from causal_openlock.experiment.protocol import Protocol
+from causal_openlock.experiment.declare import Protocol
 from causal_openlock.files.validation import several
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.storage.stored import StoredExperiment
@@ -93,7 +93,7 @@ def _table(rows: Sequence[tuple[Any, ...]], *heads: str) -> Table | None:
 def budgets(protocol: Protocol) -> str:
     """The budgets of a protocol in sentences.
 
-    >>> from causal_openlock.experiment.protocol import PROTOCOLS
+    >>> from causal_openlock.experiment.declare import PROTOCOLS
     >>> budgets(PROTOCOLS["human"])[:71]
     'At most 30 attempts in a trial, which ends as soon as it is solved. Bas'
     """

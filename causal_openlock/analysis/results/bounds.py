@@ -16,8 +16,7 @@ from typing import NamedTuple
 
 import pandas as pd
 
-from causal_openlock.experiment.experiment import Experiment
-from causal_openlock.experiment.protocol import default_action_limit
+from causal_openlock.experiment.declare import Experiment, default_action_limit
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.wording import joined
 

@@ -16,7 +16,7 @@ import pandas as pd
 from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.results.references import Beside, Reference
 from causal_openlock.analysis.table import Table, number, share
-from causal_openlock.experiment.protocol import PAPER_CONDITIONS
+from causal_openlock.experiment.declare import PAPER_CONDITIONS
 
 Row = Mapping[str, Any]
 """A row of :func:`~causal_openlock.analysis.results.summary.headline`; None: no value."""

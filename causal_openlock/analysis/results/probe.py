@@ -36,9 +36,8 @@ from causal_openlock.analysis.results.structure_errors import structure_distance
 from causal_openlock.contract.learner import Structure
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError, OpenLockError
-from causal_openlock.experiment.building import ConditionForm, LearnerForm, make_experiment
-from causal_openlock.experiment.experiment import LearnerSpec
-from causal_openlock.experiment.protocol import PROTOCOLS, Condition
+from causal_openlock.experiment.declare import PROTOCOLS, Condition, LearnerSpec
+from causal_openlock.experiment.making import ConditionForm, LearnerForm, make_experiment
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.fsm import BoolArray, FloatArray
 from causal_openlock.schemas.schema import DOOR

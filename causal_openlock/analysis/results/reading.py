@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 from causal_openlock.analysis.measures import CELL, SUBJECT
 from causal_openlock.errors import StoreError
-from causal_openlock.experiment.experiment import PERSON
-from causal_openlock.experiment.protocol import SHOWN
+from causal_openlock.experiment.declare import PERSON, SHOWN
 from causal_openlock.experiment.record import record_schema
 from causal_openlock.storage.store import Store
 from causal_openlock.storage.versions import merged_versions
@@ -27,8 +26,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import pyarrow as pa
 
-    from causal_openlock.experiment.experiment import LearnerSpec
-    from causal_openlock.experiment.protocol import Condition
+    from causal_openlock.experiment.declare import Condition, LearnerSpec
     from causal_openlock.storage.stored import StoredExperiment
 
 UNREAD = ("actions", "moved", "reward", "wall_time")

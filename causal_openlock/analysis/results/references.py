@@ -26,8 +26,15 @@ import pandas as pd
 from causal_openlock.analysis.measures import CELL, Counts, count, judged, mean_by_trial
 from causal_openlock.analysis.results.reading import Exclusion, read_results
 from causal_openlock.errors import OpenLockError
-from causal_openlock.experiment.experiment import PERSON, Experiment, LearnerSpec
-from causal_openlock.experiment.protocol import HUMAN_PROTOCOL, Condition, Protocol, plan
+from causal_openlock.experiment.declare import (
+    HUMAN_PROTOCOL,
+    PERSON,
+    Condition,
+    Experiment,
+    LearnerSpec,
+    Protocol,
+)
+from causal_openlock.experiment.plan import plan
 from causal_openlock.files.atomic import folder_at
 from causal_openlock.files.plugins import REFERENCES, loaded, registered
 from causal_openlock.schemas.fsm import BoolArray

@@ -28,7 +28,7 @@ from causal_openlock.analysis.results.references import (
     with_references,
 )
 from causal_openlock.analysis.statistics import mean_intervals
-from causal_openlock.experiment.experiment import Experiment
+from causal_openlock.experiment.declare import Experiment
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -44,7 +44,7 @@ def summary_table(record: pa.Table, experiment: Experiment | None = None) -> pd.
     """Number of attempts in every trial of every condition, compared with references.
 
     >>> from causal_openlock import PROTOCOLS, Condition, Session, create, find_schema
-    >>> session = Session(Condition.named("CC4", find_schema), PROTOCOLS["human"], 2)
+    >>> session = Session(find_condition("CC4"), PROTOCOLS["human"], 2)
     >>> table = summary_table(session.play(create("oracle")))
     >>> table[["condition", "trial", "attempts", "human_attempts"]].head(1).values.tolist()
     [['CC4', 1, 3.0, 19.375]]

@@ -17,7 +17,7 @@ import pandas as pd
 
 from causal_openlock.analysis.measures import CELL, START, SUBJECT, at_places
 from causal_openlock.analysis.statistics import LEVEL, SEED, mean_interval
-from causal_openlock.experiment.experiment import Experiment
+from causal_openlock.experiment.declare import Experiment
 from causal_openlock.schemas.fsm import FloatArray
 
 PARTS = 5

@@ -32,7 +32,7 @@ from causal_openlock.analysis.section import Section
 from causal_openlock.analysis.table import Table, p_value, printed
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.errors import NothingToDrawError
-from causal_openlock.experiment.protocol import HUMAN_PROTOCOL
+from causal_openlock.experiment.declare import HUMAN_PROTOCOL
 from causal_openlock.wording import file_names, joined
 
 COMPARED = {"CC4": ("CC3-CC4", "CE3-CC4"), "CE4": ("CE3-CE4", "CC3-CE4")}

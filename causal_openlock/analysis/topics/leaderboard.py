@@ -30,7 +30,7 @@ from causal_openlock.analysis.statistics import FEW_SUBJECTS, too_few
 from causal_openlock.analysis.table import Table, number, printed, share
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.analysis.topics.pairwise import Outcomes, all_outcomes, compared
-from causal_openlock.experiment.protocol import HUMAN_PROTOCOL, default_action_limit
+from causal_openlock.experiment.declare import HUMAN_PROTOCOL, default_action_limit
 from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.wording import counted
 from causal_openlock.world.room import positions_for

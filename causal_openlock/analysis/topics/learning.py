@@ -36,8 +36,7 @@ from causal_openlock.analysis.section import Section
 from causal_openlock.analysis.statistics import LEVEL
 from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Topic
-from causal_openlock.experiment.experiment import Experiment
-from causal_openlock.experiment.protocol import default_action_limit
+from causal_openlock.experiment.declare import Experiment, default_action_limit
 from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.world.room import positions_for
 

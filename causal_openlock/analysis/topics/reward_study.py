@@ -30,7 +30,7 @@ from causal_openlock.analysis.topics.learning import (
     by_verdict,
     progress,
 )
-from causal_openlock.experiment.experiment import Experiment
+from causal_openlock.experiment.declare import Experiment
 from causal_openlock.world.rewards import AuthorsReward, Reward, RewardFunction
 
 LEAST_REWARDS = 3

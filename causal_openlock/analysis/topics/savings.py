@@ -28,7 +28,7 @@ from causal_openlock.analysis.section import Section
 from causal_openlock.analysis.statistics import LEVEL, SEED, bootstrap_interval, error_of_bar
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.errors import NothingToDrawError
-from causal_openlock.experiment.protocol import HUMAN_PROTOCOL
+from causal_openlock.experiment.declare import HUMAN_PROTOCOL
 from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.wording import file_names
 

@@ -8,7 +8,7 @@ from ruamel.yaml import YAML
 import causal_openlock as ol
 from causal_openlock.analysis.report.methods import Methods, methods
 from causal_openlock.contract.registry import create, registry
-from causal_openlock.experiment.experiment import Origin
+from causal_openlock.experiment.origin import Origin
 from causal_openlock.schemas.schema import Gate
 from support.command import at_once
 from support.made_up_experiments import stored

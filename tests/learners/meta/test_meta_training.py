@@ -15,7 +15,8 @@ from causal_openlock.errors import (
     Interrupted,
     LearnerError,
 )
-from causal_openlock.experiment.protocol import Condition, Protocol, Trials
+from causal_openlock.experiment.declare import Protocol, Trials, find_condition
+from causal_openlock.experiment.plan import draw_layouts
 from causal_openlock.experiment.session import Session
 from causal_openlock.files.seal import sealed
 from causal_openlock.schemas.finding import bundled, find_schema
@@ -127,7 +128,7 @@ def test_the_bundled_training_leaves_out_every_layout_that_is_tested():
         frozenset(layout.places)
         for schema in (CC3, CE4)
         for visit in [Trials(schema)]
-        for layout in visit.draw(rng(), 10, "published")
+        for layout in draw_layouts(visit, rng(), 10, "published")
     }
     assert tested <= known.excluded
 
@@ -232,7 +233,7 @@ def test_a_trained_network_plays(tmp_path, kind):
     out = tmp_path / "net.npz"
     train(small(tmp_path, 96, kind), out)
     assert np.array(1e-310) / 10 > 0  # denormal numbers are there again
-    session = Session(Condition.named("CC3", find_schema), PROTOCOL, 3)
+    session = Session(find_condition("CC3"), PROTOCOL, 3)
     assert session.play(create("rl2", {"checkpoint": str(out)})).num_rows == 3 * 3 * 12
     if kind == "flat":
         large = replace(session.brief, positions=9)

@@ -1,0 +1,1178 @@
+"""What an experiment is: protocols, conditions and learners, declared once.
+
+Files, programs and results folders are read by the same classes. Each is frozen, checks its parts,
+and takes *short forms* of them: ``CC3-CC4`` is a condition, ``rl`` a protocol, ``ddqn`` a learner,
+``paper`` a reward. What is faulty is gathered by pydantic, with the path to each fault; a file has
+a line for each (:mod:`~causal_openlock.experiment.file`). ``as_dict`` is what a results folder
+stores and identities are made of; ``as_file`` is what a user would write.
+
+A *condition* is a sequence of trials: first those to train on, then perhaps those to test on.
+``CC4`` is a baseline (rooms of the schema CC4), ``CC3-CC4`` a transfer (six rooms of CC3, then
+CC4). In ``shown-CC3-CC4`` the training is *shown*: in each of its rooms the subject watches every
+solution once and does nothing itself; then it plays the test.
+
+A *protocol* defines how a condition is played: how many attempts a trial has, whether it ends when
+all solutions are found, how many trials there are and how often they are repeated.
+
+* ``human``: 30 attempts; a trial ends as soon as everything is found; baseline 5 trials, transfer
+  6 + 1 (paper, "Materials and Procedure").
+* ``rl``: 300 attempts in every trial, also after everything is found; a baseline loops 10 times
+  over its 5 trials; transfer loops 100 times over 6 training trials and 10 times over the 5 test
+  trials (paper, "Model Results"). Figure 6 shows 150,000 attempts for each schema and Figure 7
+  18,000 for each case, where these loops give 15,000 each. These protocols follow the text; the
+  numbers of loops are parameters.
+* ``rl_2020``: the one of *Theory-based Causal Transfer* (Edmonds et al., AAAI 2020) for learners by
+  reinforcement: 700 attempts; a trial ends when everything is found; 200 loops over 5 trials, or
+  over 6 training trials and then 5 test trials. It belongs with the reward ``unique_solutions``.
+
+A *cell* is the unit of work: one learner in one condition with at most ``cell_size`` subjects. Its
+identity is a hash of everything that determines its record, so a finished cell is never played
+again unless something in it has changed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from itertools import chain, islice, product
+from math import prod
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    AfterValidator,
+    AliasChoices,
+    BeforeValidator,
+    Field,
+    InstanceOf,
+    PlainSerializer,
+    SerializationInfo,
+    SerializerFunctionWrapHandler,
+    ValidationInfo,
+    create_model,
+    field_serializer,
+    field_validator,
+    model_serializer,
+)
+from pydantic.json_schema import SkipJsonSchema
+
+from causal_openlock.contract.registry import (
+    learner_class,
+    name_of,
+    parameter_table,
+    parse_parameters,
+)
+from causal_openlock.errors import ExperimentError, LearnerError, OpenLockError, ProtocolError
+from causal_openlock.experiment.origin import Origin, answer_of, origin_of
+from causal_openlock.files.digest import digest
+from causal_openlock.files.json_text import present
+from causal_openlock.files.validation import (
+    MOST,
+    Part,
+    StrictModel,
+    Where,
+    adapter,
+    each,
+    located,
+    part,
+    plain,
+    read,
+)
+from causal_openlock.schemas.declared import schema as schema_of
+from causal_openlock.schemas.finding import SUFFIXES, find_schema
+from causal_openlock.schemas.schema import NAME, Schema
+from causal_openlock.schemas.schema_file import JSON_SCHEMA_ID, schema_from_dict
+from causal_openlock.usercode.own_files import look_beside
+from causal_openlock.version import RESULTS_VERSION
+from causal_openlock.wording import counted, joined, nearest
+from causal_openlock.world.reward_code import OwnReward
+from causal_openlock.world.rewards import (
+    PAPER_REWARD,
+    PRESETS,
+    TERMS,
+    WEIGHTS,
+    AuthorsReward,
+    Reward,
+    RewardFunction,
+    Weights,
+    find_reward,
+)
+from causal_openlock.world.room import Layout, position_names, positions_for, published_layouts
+
+HUMAN_PROTOCOL = "human"
+"""The protocol under which people played in the paper."""
+PAPER_CONDITIONS = ("CC4", "CE4", "CC3-CC4", "CE3-CC4", "CC3-CE4", "CE3-CE4")
+PAPER_ACTION_LIMIT = 3
+MAX_ACTION_LIMIT = 63
+SHOWN = "shown"
+"""The phase of training that is shown, and what the name of such a condition begins with."""
+RANDOM_CLASS = "openlock_learners.random:RandomLearner"
+PERSON = "causal_openlock.play.person:Person"
+"""The learner of a record of people."""
+MOST_SWEPT = 500
+"""The most learners that one sweep can declare."""
+
+NAME_FORM = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
+NAME_IN_WORDS = "letters, digits, underscores, dots and dashes, at most 64 in all"
+
+
+def _declares(info: ValidationInfo) -> bool:
+    """Whether something is declared: not recorded, nor made of parts that were checked before."""
+    return info.context is not None and not info.context.get("recorded")
+
+
+def _well_formed(name: str, info: ValidationInfo) -> str:
+    if _declares(info) and not re.fullmatch(NAME_FORM, name):
+        raise ExperimentError(f"{name[:80]!r} is not a name here; it must have {NAME_IN_WORDS}")
+    return name
+
+
+Name = Annotated[
+    str,
+    AfterValidator(_well_formed),
+    Field(description=NAME_IN_WORDS, json_schema_extra={"pattern": NAME_FORM}),
+]
+Count = Annotated[int, Field(strict=True, ge=1, le=MOST), BeforeValidator(plain)]
+Subjects = Annotated[int, Field(strict=True, ge=1, le=10_000_000), BeforeValidator(plain)]
+ActionLimit = Annotated[int, Field(strict=True, ge=1, le=MAX_ACTION_LIMIT), BeforeValidator(plain)]
+Seed = Annotated[int, Field(strict=True, ge=0, lt=2**63), BeforeValidator(plain)]
+
+
+def _any(values: Any, info: ValidationInfo) -> Any:
+    """Refuse an empty list where something is declared."""
+    if _declares(info) and isinstance(values, list | tuple) and not values:
+        raise ExperimentError(f"{info.field_name} needs at least 1; add one")
+    return values
+
+
+AtLeastOne = BeforeValidator(_any)
+MIN_ITEMS = Field(json_schema_extra={"minItems": 1})
+
+
+# -- the short forms of others' things -------------------------------------------------------------
+
+
+def _schema(value: Any, info: ValidationInfo) -> Schema:
+    """A schema, by its name or path, as a line of text, or as data."""
+    if isinstance(value, Mapping):
+        return schema_from_dict(value)
+    if isinstance(value, str) and "->" in value:
+        return schema_of(value)
+    return find_schema(value, beside=(info.context or {}).get("folders", ()))
+
+
+def _schema_data(schema: Schema, info: SerializationInfo) -> Any:
+    """A schema whole; or, for a file, the path of its own file."""
+    return f"{info.context['schemas']}/{schema.name}.yaml" if info.context else schema.as_dict()
+
+
+AnySchema = Annotated[
+    InstanceOf[Schema],
+    BeforeValidator(_schema, json_schema_input_type=str),
+    PlainSerializer(_schema_data),
+    Field(description="Name or path of a schema."),
+]
+
+
+def layout_for(schema: Schema, layout: Any, positions: int | None = None) -> Layout:
+    """A layout for a schema in any form: a published name, ``{lever: position}``, or positions.
+
+    Args:
+        schema: The schema.
+        layout: Of positions, of the levers in order, their indices, or their names in a text.
+        positions: Size of the room; by default the smallest that holds the levers.
+
+    Raises:
+        LayoutError: If it does not fit the schema.
+
+    Example:
+        >>> layout_for(find_schema("CC3"), [0, 4, 2]).name
+        'trial1'
+    """
+    names = position_names(positions or positions_for(schema))
+    if isinstance(layout, str) and {*layout.split()} <= {*names}:
+        layout = [names.index(name) for name in layout.split()]
+    if not isinstance(layout, Sequence) or isinstance(layout, str):
+        return Layout.of(schema, layout, positions)
+    placed = Layout.of(schema, Layout(tuple(layout), len(names)))
+    published = (Layout.of(schema, name, positions) for name in published_layouts(schema))
+    return next((known for known in published if known.places == placed.places), placed)
+
+
+_WEIGHTS: dict[str, Any] = {
+    "preset": (Annotated[str, Field(description="By default the paper's reward.")], None),
+    "terms": (Annotated[list[str], Field(description="Instead of a preset.")], None),
+    **{
+        name: (Annotated[float, Field(allow_inf_nan=False, description=why)], None)
+        for name, why in WEIGHTS.items()
+    },
+}
+RewardWeights = create_model("RewardWeights", __base__=StrictModel, **_WEIGHTS)
+RewardWeights.__doc__ = "Another reward's terms or preset, with other weights."
+
+
+def _reward(value: Any, info: ValidationInfo) -> RewardFunction:
+    """A reward in any form; a recorded one as it was, without its code."""
+    context = info.context or {}
+    if isinstance(value, str) and ":" in value:
+        for folder in context.get("folders", ()):
+            look_beside(folder)
+    if not context.get("recorded") or isinstance(value, RewardFunction):
+        if isinstance(value, Mapping):
+            RewardWeights.model_validate(plain(value))
+        return find_reward(value)
+    if "function" in value:
+        return OwnReward(value["function"], value["source"])
+    if "terms" not in value:
+        return adapter(AuthorsReward).validate_python(value)
+    if unknown := {*value["terms"]} - {*TERMS}:
+        raise ExperimentError(f"there is no reward term {min(unknown)!r}")
+    weights = adapter(Weights).validate_python(value.get("weights", {}))
+    return Reward(value["name"], tuple(value["terms"]), weights)
+
+
+AnyReward = Annotated[
+    InstanceOf[RewardFunction],
+    BeforeValidator(_reward, json_schema_input_type=str | list[str] | RewardWeights),
+    PlainSerializer(lambda reward, info: reward.written() if info.context else reward.as_dict()),
+]
+
+
+# -- protocols -------------------------------------------------------------------------------------
+
+LayoutSource = Literal["published", "random"]
+
+
+def default_action_limit(schema: Schema) -> int:
+    """Actions in an attempt by default: the paper's 3, or as many as the schema needs.
+
+    Example:
+        >>> from causal_openlock import find_schema
+        >>> default_action_limit(find_schema("CC3"))
+        3
+    """
+    return max(PAPER_ACTION_LIMIT, schema.least_action_limit)
+
+
+@part()
+class Protocol(Part):
+    """Protocol: the budgets and rules under which a condition is played.
+
+    Attributes:
+        name: For the record.
+        attempt_limit: Attempts in a trial.
+        stop_when_solved: Whether a trial ends as soon as all its solutions are found.
+        baseline_trials: Trials of a condition without a test. This number and the next two are
+            defaults for conditions, lowered to the number of published layouts if those are used
+            (there are five with four levers).
+        training_trials: Trials to train on, in a condition with a test.
+        test_trials: Trials to test on.
+        baseline_loops: How often the trials of a baseline are repeated.
+        train_loops: The same for trials to train on.
+        test_loops: The same for trials to test on.
+        layouts: The default source of layouts: those the paper's authors published, or random.
+        test_layout: In results of 0.2 alone: the published layout of all tests.
+        action_limit: Actions in an attempt; by default 3, or as many as the schema's longest
+            solution needs.
+
+    Example:
+        >>> short = replace(PROTOCOLS["human"], name="short", attempt_limit=5)
+        >>> short.attempt_limit, short.training_trials
+        (5, 6)
+    """
+
+    name: Name
+    attempt_limit: Count = 30
+    stop_when_solved: Annotated[bool, Field(strict=True)] = True
+    baseline_trials: Count = 5
+    training_trials: Count = 6
+    test_trials: Count = 1
+    baseline_loops: Count = 1
+    train_loops: Count = 1
+    test_loops: Count = 1
+    layouts: LayoutSource = "published"
+    test_layout: SkipJsonSchema[str | None] = None
+    action_limit: ActionLimit | None = None
+
+    def actions_for(self, schema: Schema) -> int:
+        """Actions in an attempt in a room of this schema.
+
+        Raises:
+            ProtocolError: If the protocol's limit is too small for the schema.
+        """
+        if self.action_limit is None:
+            return default_action_limit(schema)
+        if self.action_limit < schema.least_action_limit:
+            raise ProtocolError(
+                f"{schema.name} needs attempts of {schema.least_action_limit} actions and the "
+                f"protocol {self.name} allows {self.action_limit}; raise its action_limit"
+            )
+        return self.action_limit
+
+
+@part()
+class ProtocolChanges(Protocol):
+    """A protocol of one's own: another one with some settings changed."""
+
+    name: Name = ""
+    based_on: str = HUMAN_PROTOCOL
+
+
+PROTOCOLS = {
+    "human": Protocol("human", attempt_limit=30, stop_when_solved=True),
+    "rl": Protocol(
+        "rl",
+        attempt_limit=300,
+        stop_when_solved=False,
+        test_trials=5,
+        baseline_loops=10,
+        train_loops=100,
+        test_loops=10,
+    ),
+    "rl_2020": Protocol(
+        "rl_2020",
+        attempt_limit=700,
+        stop_when_solved=True,
+        test_trials=5,
+        baseline_loops=200,
+        train_loops=200,
+        test_loops=200,
+    ),
+}
+
+
+def find_protocol(name: str, own: Mapping[str, Protocol] | None = None) -> Protocol:
+    """A protocol by name.
+
+    Raises:
+        ProtocolError: If there is none; the message suggests the nearest name.
+    """
+    known = {**PROTOCOLS, **(own or {})}
+    if name not in known:
+        raise ProtocolError(f"there is no protocol {name!r}; {nearest(name, known)}")
+    return known[name]
+
+
+def _protocol(value: Any, info: ValidationInfo) -> Any:
+    """A protocol by its name, or another one with some settings changed."""
+    context = info.context or {}
+    if isinstance(value, str):
+        return find_protocol(value, context.get("protocols"))
+    if isinstance(value, Protocol) or context.get("recorded"):
+        return value
+    if not isinstance(value, Mapping):
+        raise ProtocolError(
+            f"{value!r} is not a protocol; give its name, a Protocol, or settings such as "
+            '{"attempt_limit": 10}'
+        )
+    settings = {**value}
+    if settings.get("test_layout"):
+        raise ProtocolError(
+            "test_layout belongs to conditions now, as in test: [{schema: CC4, layouts: [trial7]}]"
+        )
+    fields = [key for key in ProtocolChanges.__dataclass_fields__ if key in settings]
+    settings = {key: settings[key] for key in [*fields, *settings]}  # in an order that names it
+    base = settings.pop("based_on", HUMAN_PROTOCOL)
+    protocol = adapter(AnyProtocol).validate_python(base, context=info.context)
+    name = settings.pop("name", None) or label_of(protocol.name, settings, "_")
+    if name in PROTOCOLS and (settings or "name" in value):
+        raise ProtocolError(
+            f"the protocol {name} comes with the package; choose another name for yours"
+        )
+    if "name" not in value and not NAME.fullmatch(name):  # too many settings for a name
+        name = f"{protocol.name[:40]}_{digest(repr(settings))[:8]}"
+    return {**asdict(protocol), **settings, "name": name}
+
+
+def _protocol_data(protocol: Protocol, info: SerializationInfo) -> Any:
+    """A protocol whole; or, for a file, its name or how it differs from people's."""
+    if not info.context:
+        return asdict(protocol)
+    if PROTOCOLS.get(protocol.name) == protocol:
+        return protocol.name
+    return present(asdict(protocol))
+
+
+AnyProtocol = Annotated[
+    Protocol,
+    BeforeValidator(_protocol, json_schema_input_type=str | ProtocolChanges),
+    PlainSerializer(_protocol_data),
+]
+
+
+def _own_protocols(protocols: Any, info: ValidationInfo) -> Any:
+    """Protocols by name, each perhaps based on those above it."""
+    if not isinstance(protocols, Mapping):
+        return protocols
+    known = (info.context or {}).setdefault("protocols", {})
+    errors = []
+    for name, settings in protocols.items():
+        known[name] = PROTOCOLS[HUMAN_PROTOCOL]  # a faulty one is said to be so once
+        if isinstance(settings, Mapping):
+            settings = {"based_on": HUMAN_PROTOCOL, **settings, "name": name}
+        try:
+            known[name] = adapter(AnyProtocol).validate_python(settings, context=info.context)
+        except ValueError as error:
+            errors.append(((name,), error))
+    if errors:
+        raise located(errors)
+    return {name: known[name] for name in protocols}
+
+
+# -- conditions ------------------------------------------------------------------------------------
+
+
+@part()
+class Trials(Part):
+    """Trials in rooms of one schema.
+
+    Attributes:
+        schema: The schema of the rooms.
+        layouts: Layouts to draw from without repeats, or their source; ``None`` uses the
+            protocol's.
+        number: Exactly how many trials, ``trials`` in a file; ``None`` uses the protocol's number,
+            or all given layouts.
+        shuffle: Whether the layouts come in random order.
+    """
+
+    schema: AnySchema
+    layouts: Annotated[
+        tuple[Layout, ...] | LayoutSource | None,
+        Field(description="Where the levers stand; the protocol decides if this is left out."),
+    ] = None
+    number: Annotated[Count | None, Field(validation_alias=AliasChoices("trials", "number"))] = None
+    shuffle: Annotated[bool, Field(strict=True)] = True
+
+    @field_validator(
+        "layouts",
+        mode="plain",
+        json_schema_input_type=LayoutSource | list[str | dict[str, str]] | None,
+    )
+    @classmethod
+    def _placed(cls, layouts: Any, info: ValidationInfo) -> Any:
+        schema = info.data.get("schema")
+        if schema is None or layouts is None or layouts in ("published", "random"):
+            return layouts
+        if not isinstance(layouts, list | tuple):
+            raise ProtocolError(
+                f"layouts are 'published', 'random' or a list of layouts, not {layouts!r}"
+            )
+        return each(layouts, lambda layout: layout_for(schema, layout))
+
+    @field_serializer("layouts")
+    def _layouts_data(self, layouts: Any, info: SerializationInfo) -> Any:
+        """The places of listed layouts; or, for a file, their names."""
+        if not isinstance(layouts, tuple):
+            return layouts
+        return [layout.name if info.context else [*layout.places] for layout in layouts]
+
+    def __post_init__(self) -> None:
+        if isinstance(self.layouts, tuple) and (self.number or 0) > len(self.layouts):
+            raise ProtocolError(
+                f"{self.number} trials of {self.schema.name} need that number of layouts, and "
+                f"{len(self.layouts)} are given"
+            )
+
+    @model_serializer(mode="wrap")
+    def _data(self, handler: SerializerFunctionWrapHandler, info: SerializationInfo) -> Any:
+        return present(handler(self)) if info.context else handler(self)
+
+
+ONLY_TRAIN = "only the whole of train can be shown, as in train: {shown: CC3}"
+
+
+def _trials(value: Any) -> list[Any]:
+    """Trials in a list; a schema alone stands for trials in its rooms."""
+    trials = [value] if isinstance(value, str | Path | Schema | Trials) else value
+    if not isinstance(trials, list | tuple):
+        raise ExperimentError(f"write a schema by name or path, or a list of trials; {ONLY_TRAIN}")
+    if any(isinstance(group, Mapping) and SHOWN in group for group in trials):
+        raise ExperimentError(ONLY_TRAIN)
+    return [group if isinstance(group, Mapping | Trials) else {"schema": group} for group in trials]
+
+
+ListOfTrials = Annotated[list[Trials], Field(min_length=1)]
+
+
+@part()
+class Shown(Part):
+    """Training that is shown: each solution of each room once."""
+
+    shown: Annotated[
+        tuple[Trials, ...],
+        AtLeastOne,
+        BeforeValidator(_trials, json_schema_input_type=str | ListOfTrials),
+    ]
+
+
+def _training(value: Any, info: ValidationInfo) -> Any:
+    if isinstance(value, Mapping):
+        return adapter(Shown).validate_python(value, context=info.context).shown
+    return _trials(value)
+
+
+@part()
+class Condition(Part):
+    """A sequence of trials.
+
+    Attributes:
+        name: For the record; by default that of the schemas, where they alone are declared.
+        train: Trials in the order in which they come; all of a baseline's trials are here.
+        test: Trials to test on afterwards; empty for a baseline.
+        rooms: By number of the subject, the layouts of its trials in order, where it is on record
+            that they were others than the drawn ones, as in data from elsewhere.
+        shown: Whether the trials to train on are shown: each solution of the room in an attempt of
+            its own, in an order drawn for the subject, and then the trial is over.
+
+    Raises:
+        OpenLockError: If training is shown without a test, in rooms where a push can fail, or under
+            the name of a condition of the paper.
+
+    Example:
+        >>> [schema.name for schema in find_condition("CC3-CC4").schemas]
+        ['CC3', 'CC4']
+    """
+
+    name: Name
+    train: Annotated[
+        tuple[Trials, ...],
+        AtLeastOne,
+        BeforeValidator(_training, json_schema_input_type=str | ListOfTrials | Shown),
+    ]
+    test: Annotated[
+        tuple[Trials, ...], BeforeValidator(_trials, json_schema_input_type=str | list[Trials])
+    ] = ()
+    rooms: Annotated[
+        Mapping[int, tuple[Layout, ...]],
+        SkipJsonSchema(),
+        Field(exclude_if=lambda rooms: not rooms),
+    ] = field(default_factory=dict, compare=False)
+    shown: Annotated[bool, SkipJsonSchema(), Field(exclude_if=lambda shown: not shown)] = False
+
+    @field_validator("rooms", mode="plain")
+    @classmethod
+    def _on_record(cls, rooms: Any, info: ValidationInfo) -> Any:
+        trials = (*info.data.get("train", ()), *info.data.get("test", ()))
+        schemas = {len(group.schema.levers): group.schema for group in trials}
+        return {
+            int(subject): each(
+                layouts,
+                lambda layout: (
+                    layout
+                    if isinstance(layout, Layout)
+                    else layout_for(schemas[len(layout)], layout)
+                ),
+            )
+            for subject, layouts in rooms.items()
+        }
+
+    @field_serializer("rooms")
+    def _rooms_data(self, rooms: Mapping[int, tuple[Layout, ...]]) -> Any:
+        return {
+            str(subject): [[*layout.places] for layout in layouts]
+            for subject, layouts in rooms.items()
+        }
+
+    def __post_init__(self) -> None:
+        if not self.shown:
+            return
+        if not self.test:
+            raise ProtocolError(f"{self.name} is only shown; add a test, which is played")
+        if self.name in PAPER_CONDITIONS:
+            raise ProtocolError(
+                f"{self.name} is a condition of the paper, where nothing is shown; choose another "
+                f"name, such as {SHOWN}-{self.name}"
+            )
+        for trials in self.train:
+            if not trials.schema.deterministic:
+                raise ProtocolError(
+                    f"a push can fail in rooms of {trials.schema.name}, so its solutions cannot be "
+                    "shown; choose a schema without strengths below 1"
+                )
+
+    @property
+    def schemas(self) -> tuple[Schema, ...]:
+        """The condition's schemas, each once, in order."""
+        return tuple(dict.fromkeys(trials.schema for trials in (*self.train, *self.test)))
+
+
+@part(kw_only=True)
+class UnnamedCondition(Condition):
+    """A condition; without a name, it has that of its schemas, where they alone are declared."""
+
+    name: Name = ""
+
+
+def _condition(value: Any, info: ValidationInfo) -> Any:
+    """``CC4``, ``CC3-CC4``, ``shown-CC3-CC4``, a path, a schema, a list of these, or a mapping."""
+    if isinstance(value, Condition):
+        return value
+    if isinstance(value, str | Path):
+        value = _halves(str(value))
+    elif isinstance(value, Schema):
+        value = {"train": value}
+    elif (
+        isinstance(value, list | tuple)
+        and value
+        and all(isinstance(schema, str | Path | Schema) for schema in value)
+    ):
+        value = {"train": value[:-1] or value, "test": value[-1:] if value[1:] else []}
+    if not isinstance(value, Mapping):
+        raise ExperimentError(
+            f"{value!r} is not a condition; give a name such as CC4 or CC3-CC4, a list of schemas "
+            "whose last one is the test, or a mapping with name, train and test"
+        )
+    train, shown = value.get("train"), isinstance(value.get("train"), Mapping)
+    trained = train.get(SHOWN) if isinstance(train, Mapping) else train
+    groups = [trained, value.get("test") or []]
+    schemas = [*chain(*(group if isinstance(group, list | tuple) else [group] for group in groups))]
+    if "name" not in value and all(isinstance(schema, str | Path | Schema) for schema in schemas):
+        try:
+            names = [_schema(schema, info).name for schema in schemas]
+        except ValueError:
+            names = ["unnamed"]  # what is wrong is said of train or test
+        value = {**value, "name": "-".join([*([SHOWN] if shown else []), *names])}
+    return {**value, "shown": True} if shown else value
+
+
+def _halves(text: str) -> dict[str, Any]:
+    """What a condition's name says: one schema for a baseline, two for a transfer."""
+    if "->" in text or text.lower().endswith(SUFFIXES):
+        return {"train": text}
+    first, *others = text.removeprefix(f"{SHOWN}-").split("-")
+    if len(others) > 1 or not all(map(NAME.fullmatch, (first, *others))):
+        much = f"... ({len(text):,} characters)" if len(text) > 200 else ""
+        raise ProtocolError(
+            f"{text[:200]!r}{much} is not a condition; write one schema for a baseline (CC4), two "
+            "for a transfer (CC3-CC4), or a list where one is a file: [CC3, my/vault.yaml]"
+        )
+    train: Any = {SHOWN: first} if text.startswith(f"{SHOWN}-") else first
+    return {"train": train, "test": others}
+
+
+def _once(thing: Any, info: ValidationInfo) -> Any:
+    """Refuse a second condition or learner of a name, and two schemas of one."""
+    for named in (thing if isinstance(thing, list) else [thing]) if _declares(info) else ():
+        names: set[str] = (info.context or {}).setdefault(info.field_name, set())
+        if named.name in names:
+            raise ExperimentError(
+                f"the {str(info.field_name)[:-1]} {named.name} is listed twice; remove one of "
+                "them, or give it another name (name: in a file; learner(..., label=...) or "
+                "schema(..., name=...) in Python)"
+            )
+        names.add(named.name)
+    return thing
+
+
+def _one_schema_a_name(condition: Condition, info: ValidationInfo) -> Condition:
+    known = (info.context or {}).setdefault("schemas", {})
+    for schema in condition.schemas:
+        if known.setdefault(schema.name, schema) != schema:
+            raise ExperimentError(
+                f"two different schemas are called {schema.name}; rename one of them"
+            )
+    return condition
+
+
+AnyCondition = Annotated[
+    Condition,
+    BeforeValidator(_condition, json_schema_input_type=str | list[str] | UnnamedCondition),
+]
+
+
+def find_condition(form: Any, folder: Path | None = None) -> Condition:
+    """A condition in any form: ``CC4``, ``CC3-CC4``, a path, a schema, or a list of these.
+
+    Args:
+        form: As in an experiment file, where a mapping spells it out; or a :class:`Condition`.
+        folder: Where schemas are looked for first.
+
+    Raises:
+        OpenLockError: If it has another form, or names a schema that is not there or is faulty.
+
+    Example:
+        >>> find_condition(["CC3", "CE3", "CC4"]).name
+        'CC3-CE3-CC4'
+    """
+    made: Condition = read(AnyCondition, form, {"folders": [folder] if folder else []})
+    return made
+
+
+# -- learners --------------------------------------------------------------------------------------
+
+
+def label_of(name: str, values: Mapping[str, Any], mark: str) -> str:
+    """A name with the values that are changed.
+
+    >>> label_of("bayes", {"policy": "solve and learn", "lapse": 0.1 + 0.2}, "-")
+    'bayes-policy-solve_and_learn-lapse-0.3'
+    """
+    words = [name]
+    for key, value in values.items():
+        text = f"{value:.10g}" if isinstance(value, float) else str(value)
+        words += [key, re.sub(r"[^A-Za-z0-9.-]+", "_", text).strip("_")]
+    return mark.join(words)
+
+
+def points(entry: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The learners of a sweep, one for each combination of its values, with their labels.
+
+    >>> swept = points({"learner": "bayes", "sweep": {"lapse": [0.0, 0.1]}})
+    >>> [(point["name"], point["parameters"]) for point in swept]
+    [('bayes-lapse-0', {'lapse': 0.0}), ('bayes-lapse-0.1', {'lapse': 0.1})]
+    """
+    sweep = entry.get("sweep")
+    if not isinstance(sweep, Mapping) or not all(isinstance(v, list) for v in sweep.values()):
+        return []
+    name = entry.get("name") or str(entry["learner"]).rpartition(":")[2]
+    return [
+        {
+            **{key: value for key, value in entry.items() if key != "sweep"},
+            "name": label_of(name, point, "-"),
+            "parameters": {**(entry.get("parameters") or {}), **point},
+        }
+        for values in islice(product(*sweep.values()), MOST_SWEPT)
+        for point in [dict(zip(sweep, values, strict=True))]
+    ]
+
+
+_NOTES = ("prior_attempts", "informed", "about")  # of a learner's origin: they follow from its code
+
+
+@part(kw_only=True)
+class LearnerSpec(Part):
+    """A learner of an experiment.
+
+    Attributes:
+        recorded: Its origin, if it is read from a results folder; its code is then not loaded and
+            need not be installed.
+        learner: Its registered name, or ``module:Class``.
+        name: Its label; by default its name.
+        sweep: Values of parameters; each combination is a learner of an experiment.
+        parameters: All its hyper-parameters, defaults included.
+        protocol: The protocol it plays under.
+        reward: The reward of its actions.
+        subjects: How many subjects it plays in each condition.
+        cell_size: Most of them in a cell; by default as the experiment says.
+    """
+
+    recorded: Annotated[
+        InstanceOf[Origin] | None, SkipJsonSchema(), Field(exclude=True, repr=False)
+    ] = None
+    learner: Annotated[str, Field(description="Registered name, or module:Class.")]
+    name: Annotated[Name, Field(description="Label in tables; the learner's name.")] = ""
+    sweep: Annotated[
+        dict[str, Annotated[list[Any], Field(min_length=1)]],
+        Field(description="Values of parameters; each combination is a learner.", exclude=True),
+    ] = field(default_factory=dict)
+    parameters: Annotated[dict[str, Any], Field(validate_default=True)] = field(
+        default_factory=dict
+    )
+    protocol: AnyProtocol = field(default_factory=lambda: PROTOCOLS[HUMAN_PROTOCOL])
+    reward: AnyReward = field(default_factory=lambda: PRESETS[PAPER_REWARD])
+    subjects: Subjects = 40
+    cell_size: Annotated[Count | None, Field(exclude_if=lambda size: size is None)] = None
+
+    @field_validator("learner")
+    @classmethod
+    def _is_there(cls, learner: str, info: ValidationInfo) -> str:
+        if not info.data.get("recorded"):
+            for folder in (info.context or {}).get("folders", ()) if ":" in learner else ():
+                look_beside(folder)
+            learner_class(learner)
+        return learner
+
+    @field_validator("sweep")
+    @classmethod
+    def _can_be_swept(cls, sweep: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
+        """Check each value, and how many combinations there are."""
+        learner = info.data.get("learner")
+        if learner is None or not sweep:
+            return sweep
+        known = {row.name for row in parameter_table(learner)}
+        errors: list[tuple[Where, ValueError]] = [
+            ((key, index), part)
+            for key, values in sweep.items()
+            for index, value in enumerate(values if key in known else values[:1])
+            for part in _faulty(learner, {key: value}, {key})
+        ]
+        errors = [(where[:1] if where[0] not in known else where, part) for where, part in errors]
+        if (size := prod(map(len, sweep.values()))) > MOST_SWEPT:
+            message = f"this sweep has {size:,} learners; sweep at most {MOST_SWEPT}"
+            errors.append(((), LearnerError(message)))
+        labels = [point["name"] for point in points({"learner": learner, "sweep": sweep})]
+        for label in sorted({label for label in labels if labels.count(label) > 1}):
+            message = f"this sweep has two learners called {label}; take one of their values out"
+            errors.append(((), LearnerError(message)))
+        if errors:
+            raise located(errors)
+        return sweep
+
+    @field_validator("parameters")
+    @classmethod
+    def _fit(cls, parameters: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
+        """All parameters, defaults included, checked; of a sweep those that are not swept."""
+        learner, sweep = info.data.get("learner"), info.data.get("sweep", {})
+        if learner is None or info.data.get("recorded"):
+            return parameters
+        if twice := sweep.keys() & parameters.keys():
+            message = f"{min(twice)} is in parameters and in sweep; leave it out of one"
+            raise located([((min(twice),), LearnerError(message))])
+        if sweep or "sweep" not in info.data:
+            errors = _faulty(learner, parameters, {*parameters})
+            if errors:
+                raise located((part.at, part) for part in errors)
+            return parameters
+        return asdict(parse_parameters(learner, parameters))
+
+    def __post_init__(self) -> None:
+        if not self.name:
+            object.__setattr__(self, "name", self.learner.rpartition(":")[2])
+
+    @model_serializer(mode="wrap")
+    def _data(self, handler: SerializerFunctionWrapHandler, info: SerializationInfo) -> Any:
+        """The learner with its origin, which no file says."""
+        data = handler(self)
+        if info.context:
+            return data
+        known = {key: getattr(self.origin, key) or None for key in _NOTES}
+        if self.origin.prior_attempts is None:
+            known["prior_attempts"] = "unknown"
+        about = {
+            "class": self.origin.class_name,
+            "package": self.origin.package,
+            "material": self.origin.artifact_hash or None,
+            **known,
+        }
+        return {**data, **present(about)}
+
+    @cached_property
+    def origin(self) -> Origin:
+        """The learner's recorded origin, or that of the installed code."""
+        if self.recorded is not None:
+            return self.recorded
+        return origin_of(self.learner, self.parameters)
+
+    @property
+    def is_random(self) -> bool:
+        """Whether the learner draws every action at random."""
+        return self.learner == "random" or self.origin.class_name == RANDOM_CLASS
+
+
+def _faulty(learner: str, parameters: Mapping[str, Any], keys: set[str]) -> list[OpenLockError]:
+    """Faults of some parameters of a learner, the others left aside."""
+    try:
+        parse_parameters(learner, parameters)
+    except LearnerError as error:
+        return [part for part in error.parts if {*part.at[:1]} & keys]
+    return []
+
+
+def _learner(value: Any, info: ValidationInfo) -> Any:
+    """A learner by its name or class, with what the experiment says for all."""
+    if isinstance(value, LearnerSpec):
+        return value
+    entry = value if isinstance(value, Mapping) else {"learner": value}
+    learner, for_all = entry.get("learner"), info.data or {}
+    if isinstance(learner, type):
+        learner = name_of(learner)
+    elif not isinstance(learner, str | None):
+        raise LearnerError(
+            f"{learner!r} is not a learner; give a name, a class of learners, or "
+            "learner(NAME, parameter=value)"
+        )
+    shared = ("protocol", "reward", "subjects")
+    entry = {**{key: for_all[key] for key in shared if key in for_all}, **entry}
+    if learner is not None:
+        entry["learner"] = learner
+    return _from_record(entry) if (info.context or {}).get("recorded") else entry
+
+
+def _from_record(entry: dict[str, Any]) -> dict[str, Any]:
+    """An entry of a results folder, its origin apart."""
+    name, package, prior = (entry.pop(key, 0) for key in ("class", "package", "prior_attempts"))
+    if package.startswith("causal-openlock 0.2.") and name.startswith("learners."):
+        name = f"openlock_{name}"  # what the package of the bundled learners is called now
+    recorded = Origin(
+        name,
+        package,
+        entry.pop("material", ""),
+        None if prior == "unknown" else prior,
+        entry.pop("informed", False),
+        entry.pop("about", ""),
+    )
+    return {**entry, "recorded": recorded}
+
+
+def _family(spec: LearnerSpec, info: ValidationInfo) -> list[LearnerSpec]:
+    """The learners of a sweep; without one, the learner alone."""
+    if not spec.sweep:
+        return [spec]
+    entry = {key: getattr(spec, key) for key in LearnerSpec.__dataclass_fields__}
+    kind = adapter(LearnerSpec)
+    return [kind.validate_python(point, context=info.context) for point in points(entry)]
+
+
+AnyLearner = Annotated[
+    LearnerSpec,
+    BeforeValidator(_learner, json_schema_input_type=str | LearnerSpec),
+    AfterValidator(_family),
+    AfterValidator(_once),
+]
+
+
+# -- experiments -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One unit of work: some subjects of one learner in one condition of an experiment."""
+
+    experiment: str
+    seed: int
+    spec: LearnerSpec
+    condition: Condition
+    first_subject: int
+    subjects: int
+
+    @cached_property
+    def identity(self) -> str:
+        """A hash of everything that determines the cell's record."""
+        learner = _deciding(self.spec.as_dict())
+        del learner["subjects"]
+        learner.pop("cell_size", None)
+        return _digest(
+            {
+                "version": RESULTS_VERSION,
+                "experiment": self.experiment,
+                "seed": self.seed,
+                "entry": learner,
+                "condition": self.condition.as_dict(),
+                "subjects": [self.first_subject, self.subjects],
+            }
+        )
+
+    @property
+    def in_words(self) -> str:
+        """The cell in words, such as ``ddqn in CC4, subjects 0-19``."""
+        first, last = self.first_subject, self.first_subject + self.subjects - 1
+        numbers = f"subject {first}" if first == last else f"subjects {first}-{last}"
+        return f"{self.spec.name} in {self.condition.name}, {numbers}"
+
+    @property
+    def name(self) -> str:
+        """The cell as a part of a file name."""
+        first, last = self.first_subject, self.first_subject + self.subjects - 1
+        return f"{self.spec.name}_{self.condition.name}_{first}-{last}"
+
+    @property
+    def file_name(self) -> str:
+        """Name of the cell's file."""
+        return f"{self.name}_{self.identity[:12]}.parquet"
+
+
+@part(kw_only=True)
+class Experiment(Part):
+    """An experiment: learners × conditions × protocol × subjects, cut into cells.
+
+    :func:`~causal_openlock.experiment.file.read_experiment` reads one from a file, and
+    :func:`~causal_openlock.experiment.making.make_experiment` makes one in Python.
+
+    Attributes:
+        name: A short name.
+        title: A line for the report.
+        seed: All randomness comes from it.
+        cell_size: Most subjects in a cell of a learner that has none of its own.
+        own_protocols: Protocols of its own by name, ``protocols`` in a file.
+        protocol: The protocol of learners that have none of their own, as the next two.
+        reward: The reward of their actions.
+        subjects: How many subjects they play in each condition.
+        conditions: The conditions.
+        learners: The learners.
+        command: The command that runs it again.
+        version: Version of this package's results.
+    """
+
+    version: SkipJsonSchema[str] = RESULTS_VERSION
+    name: Name
+    title: str = ""
+    command: SkipJsonSchema[str] = ""
+    seed: Seed = 0
+    cell_size: Annotated[Count, Field(description="Most subjects in a unit of work.")] = 40
+    own_protocols: Annotated[
+        dict[str, Protocol],
+        BeforeValidator(_own_protocols, json_schema_input_type=dict[str, ProtocolChanges]),
+        Field(validation_alias=AliasChoices("protocols", "own_protocols"), exclude=True),
+    ] = field(default_factory=dict)
+    protocol: Annotated[AnyProtocol, Field(exclude=True)] = field(
+        default_factory=lambda: PROTOCOLS[HUMAN_PROTOCOL]
+    )
+    reward: Annotated[AnyReward, Field(exclude=True)] = field(
+        default_factory=lambda: PRESETS[PAPER_REWARD]
+    )
+    subjects: Annotated[Subjects, Field(exclude=True)] = 40
+    conditions: Annotated[
+        tuple[
+            Annotated[AnyCondition, AfterValidator(_once), AfterValidator(_one_schema_a_name)], ...
+        ],
+        AtLeastOne,
+        MIN_ITEMS,
+    ]
+    learners: Annotated[
+        tuple[AnyLearner, ...],
+        AtLeastOne,
+        MIN_ITEMS,
+        AfterValidator(lambda families: tuple(chain(*families))),
+    ]
+
+    def __post_init__(self) -> None:
+        if not self.title:
+            players = joined([spec.name for spec in self.learners])
+            places = joined([condition.name for condition in self.conditions])
+            object.__setattr__(self, "title", f"{players} in {places}")
+
+    def cells(self) -> tuple[Cell, ...]:
+        """The units of work, always in the same order; none where a learner is not applicable."""
+        return self._cells
+
+    @cached_property
+    def _cells(self) -> tuple[Cell, ...]:
+        cells = []
+        for spec in self.learners:
+            size = spec.cell_size or self.cell_size
+            impossible = self.not_applicable.get(spec.name, {})
+            for condition in self.conditions:
+                if condition.name in impossible:
+                    continue
+                for first in range(0, spec.subjects, size):
+                    subjects = min(size, spec.subjects - first)
+                    cells.append(Cell(self.name, self.seed, spec, condition, first, subjects))
+        return tuple(cells)
+
+    @cached_property
+    def not_applicable(self) -> Mapping[str, Mapping[str, str]]:
+        """Reasons why learners cannot play conditions, by learner and condition, in a sentence.
+
+        Learners say so themselves, in ``cannot_play``.
+        """
+        reasons: dict[str, dict[str, str]] = {}
+        for spec, condition in product(self.learners, self.conditions):
+            for schema in condition.schemas:
+                if why := _cannot_play(spec, condition, schema):
+                    reasons.setdefault(spec.name, {})[condition.name] = why
+        return reasons
+
+    def without_any(self, protocol: str) -> list[str]:
+        """Labels of the learners under a protocol that can play none of the conditions."""
+        return [
+            spec.name
+            for spec in self.learners
+            if spec.protocol.name == protocol
+            and len(self.not_applicable.get(spec.name, {})) == len(self.conditions)
+        ]
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Each reason in :attr:`not_applicable`, once."""
+        reasons = (why for by_name in self.not_applicable.values() for why in by_name.values())
+        return tuple(dict.fromkeys(reasons))
+
+    @property
+    def schemas(self) -> tuple[Schema, ...]:
+        """The schemas of the conditions, each once."""
+        return tuple(dict.fromkeys(chain(*(condition.schemas for condition in self.conditions))))
+
+    @property
+    def protocols(self) -> tuple[Protocol, ...]:
+        """The protocols of the learners, each once."""
+        return tuple(dict.fromkeys(spec.protocol for spec in self.learners))
+
+    @property
+    def random_learners(self) -> set[str]:
+        """Labels of the learners that draw every action at random."""
+        return {spec.name for spec in self.learners if spec.is_random}
+
+    def as_dict(self) -> dict[str, Any]:
+        """The experiment as plain data, schemas and defaults included."""
+        return self._dump()
+
+    def _dump(self, context: dict[str, str] | None = None) -> dict[str, Any]:
+        data: dict[str, Any] = adapter(Experiment).dump_python(self, context=context)
+        return data
+
+    def as_file(self, schemas: str = "schemas") -> dict[str, Any]:
+        """The experiment as an experiment file has it, to be written as YAML.
+
+        Reading it gives an experiment of the same identity where the schemas, the learners and
+        this package are the same.
+
+        Args:
+            schemas: The folder next to the file that has each schema as ``NAME.yaml``.
+        """
+        data = self._dump({"schemas": schemas})
+        return {key: value for key, value in data.items() if key not in ("version", "command")}
+
+    def warnings(self) -> list[str]:
+        """A sentence for each schema that cannot be solved under a protocol."""
+        return [
+            f"{schema.name} has {len(schema.solutions)} solutions and protocol {protocol.name} "
+            f"gives {counted(protocol.attempt_limit, 'attempt')}, so its trials cannot be solved"
+            for protocol in self.protocols
+            for schema in self.schemas
+            if len(schema.solutions) > protocol.attempt_limit
+        ]
+
+    @cached_property
+    def identity(self) -> str:
+        """A hash of everything in :meth:`as_dict` that determines the results."""
+        decides = self.as_dict()
+        del decides["title"], decides["command"]
+        decides["learners"] = list(map(_deciding, decides["learners"]))
+        return _digest(decides)
+
+    @cached_property
+    def declaration(self) -> str:
+        """A hash of what is asked for: :attr:`identity` apart from the versions of packages."""
+        asked = self.as_dict()
+        del asked["title"], asked["command"], asked["version"]
+        for learner in (learners := list(map(_deciding, asked["learners"]))):
+            if ":" not in learner["learner"]:  # a file of one's own is no version of a package
+                del learner["package"]
+        return _digest({**asked, "learners": learners})
+
+
+def _cannot_play(spec: LearnerSpec, condition: Condition, schema: Schema) -> str:
+    """Reason why a learner cannot play a condition's rooms of a schema; empty if it can."""
+    if spec.recorded is not None:  # its code need not be installed
+        return ""
+    if condition.shown and not learner_class(spec.learner).learns_from_others:
+        return f"{spec.name} learns from its own actions alone, so nothing can be shown to it"
+    limit = spec.protocol.actions_for(schema)
+    parameters = parse_parameters(spec.learner, spec.parameters)
+    why = answer_of(spec.learner, "cannot_play", str, parameters, schema, limit)
+    return why and f"{spec.name} cannot play in rooms of {schema.name}: {why}"
+
+
+def _deciding(learner: dict[str, Any]) -> dict[str, Any]:
+    """Part of a learner's description that determines its results and identity."""
+    decides = {key: value for key, value in learner.items() if key not in _NOTES}
+    # The hashes of published studies were made when the package of the bundled learners was called
+    # "learners", and "double" was no parameter.
+    name = learner["class"].removeprefix("openlock_")
+    parameters = {k: v for k, v in learner["parameters"].items() if (k, v) != ("double", True)}
+    return {**decides, "class": name, "parameters": parameters}
+
+
+def _digest(data: Any) -> str:
+    text = json.dumps(data, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def json_schema() -> dict[str, Any]:
+    """The JSON Schema of experiment files, for editors."""
+    made = adapter(Experiment).json_schema()
+    return {"$schema": JSON_SCHEMA_ID, **made, "title": "causal_openlock experiment"}

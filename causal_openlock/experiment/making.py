@@ -1,0 +1,305 @@
+"""Declaring an experiment in Python, and changing what a file declares.
+
+:func:`make_experiment` takes names and objects in the forms of an experiment file
+(:mod:`~causal_openlock.experiment.declare`). In Python a condition may also be a schema, and a
+learner may be a class, or what :func:`learner` and :func:`sweep` return.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from itertools import chain, product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from causal_openlock.contract.learner import LearnerBase
+from causal_openlock.contract.registry import name_of
+from causal_openlock.errors import LearnerError, OpenLockError, together
+from causal_openlock.experiment.declare import (
+    HUMAN_PROTOCOL,
+    AnyLearner,
+    Condition,
+    Experiment,
+    Protocol,
+    Seed,
+    Subjects,
+    points,
+)
+from causal_openlock.experiment.plan import plan
+from causal_openlock.files.json_text import present
+from causal_openlock.files.validation import Part, part, plain, read
+from causal_openlock.files.yaml_file import Document
+from causal_openlock.schemas.schema import Schema
+from causal_openlock.world.rewards import PAPER_REWARD, RewardForm
+
+ConditionForm = str | Path | Schema | Condition | Mapping[str, Any] | Sequence[str | Schema]
+"""A condition by its name (``CC4``, ``CC3-CC4``, ``my.yaml``), as a schema (a baseline; also in a
+line of text, ``A -> B -> door``), as a sequence of schemas (train on all but the last, then test on
+the last), or spelled out as in an experiment file, ``{"train": {"shown": "CC3"}, "test": "CC4"}``.
+"""
+
+LearnerForm = str | type[LearnerBase] | Mapping[str, Any] | Sequence[Mapping[str, Any]]
+"""A learner by its name (``ddqn``, ``my_module:Mine``), as a class, or as :func:`learner` describes
+it; or the learners of a :func:`sweep`."""
+
+ProtocolForm = str | Protocol | Mapping[str, Any]
+"""A protocol by its name, as a :class:`Protocol`, or as an experiment file has one of its own:
+``{"based_on": "human", "attempt_limit": 10}``, perhaps with a ``name``."""
+
+
+@part()
+class Changes(Part):
+    """Changes to an experiment file; ``None`` changes nothing. Only names have options.
+
+    Example:
+        >>> Changes(subjects=10, learners=["oracle"]).options
+        ['--learner', 'oracle', '--subjects', '10']
+    """
+
+    conditions: Sequence[Any] | None = None
+    learners: Sequence[Any] | None = None
+    protocol: Any = None
+    subjects: Subjects | None = None
+    seed: Seed | None = None
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """What is changed, by name."""
+        return present({key: getattr(self, key) for key in self.__dataclass_fields__})
+
+    @property
+    def options(self) -> list[str]:
+        """The equivalent options of the command line."""
+        words = [str(word) for name in self.conditions or () for word in ("--condition", name)]
+        words += [str(word) for name in self.learners or () for word in ("--learner", name)]
+        for option in ("protocol", "subjects", "seed"):
+            if (value := getattr(self, option)) is not None:
+                words += [f"--{option}", str(value)]
+        return words
+
+    def applied(self, data: Mapping[str, Any]) -> dict[str, Any]:
+        """The data of an experiment file, changed; the file's entries are chosen by name."""
+        changed = {**data, **self.given}
+        for key in ("conditions", "learners"):
+            if (forms := getattr(self, key)) is not None:
+                named = _by_name(data.get(key))
+                choices = [
+                    named.get(form) or [form] if isinstance(form, str) else [form] for form in forms
+                ]
+                changed[key] = [*chain(*choices)]
+        overruled = {"protocol", "subjects"} & self.given.keys()
+        if overruled and isinstance(changed.get("learners"), list):
+            changed["learners"] = [
+                {key: value for key, value in entry.items() if key not in overruled}
+                if isinstance(entry, Mapping)
+                else entry
+                for entry in changed["learners"]
+            ]
+        return changed
+
+
+def _by_name(entries: Any) -> dict[str, list[Any]]:
+    """Entries of a file by the names that choose them: their own, and the labels of a sweep."""
+    named: dict[str, list[Any]] = {}
+    for entry in entries if isinstance(entries, list) else ():
+        if isinstance(entry, Mapping):
+            named.setdefault(str(entry.get("name") or entry.get("learner")), []).append(entry)
+            for point in points(entry):
+                named.setdefault(point["name"], []).append(point)
+    return named
+
+
+def declared(
+    data: Mapping[str, Any], document: Document | None = None, changed: Iterable[str] = ()
+) -> Experiment:
+    """The experiment that is declared.
+
+    Args:
+        data: Its parts, in any of their forms.
+        document: The file that they are from, for the places of faults.
+        changed: Keys of what is not from the file.
+
+    Raises:
+        FileError: With the place of every fault in the document.
+        OpenLockError: With every fault elsewhere; or if schemas do not fit a protocol.
+    """
+    folder = document.path.resolve().parent if document else Path.cwd()
+    context = {"folders": [folder], "protocols": {}}
+    if document:
+        experiment: Experiment = document.validate(Experiment, data, context, changed)
+    else:
+        experiment = read(Experiment, data, context)
+    errors = []
+    for spec, condition in product(experiment.learners, experiment.conditions):
+        once = replace(spec.protocol, baseline_loops=1, train_loops=1, test_loops=1)
+        try:  # a comparison could fail after an hour
+            plan(condition, once, np.random.default_rng(0))
+        except OpenLockError as error:
+            errors.append(error)
+    if errors:
+        raise together(errors)
+    return experiment
+
+
+def make_experiment(
+    conditions: ConditionForm | Sequence[ConditionForm],
+    learners: LearnerForm | Sequence[LearnerForm],
+    *,
+    name: str = "comparison",
+    title: str = "",
+    seed: int = 0,
+    protocol: ProtocolForm = HUMAN_PROTOCOL,
+    attempt_limit: int | None = None,
+    subjects: int = 40,
+    reward: RewardForm = PAPER_REWARD,
+    cell_size: int = 40,
+) -> Experiment:
+    """An experiment from names and objects; an experiment file declares the same in YAML.
+
+    Args:
+        conditions: A condition or several: each a name (``CC4``, ``CC3-CC4``, ``my.yaml``), a
+            schema, a sequence of schemas whose last one is the test, a :class:`Condition`, or a
+            mapping as in an experiment file.
+        learners: A learner or several: each a name, a class, or what :func:`learner` returns.
+        name: A short name.
+        title: A line for the report; by default who plays what.
+        seed: All randomness comes from it.
+        protocol: The protocol of learners that have none of their own: its name, a
+            :class:`Protocol`, or settings as in an experiment file, ``{"test_trials": 2}``.
+        attempt_limit: Attempts in a trial, if another number than the protocol's.
+        subjects: Subjects of each learner in each condition.
+        reward: The reward of actions, as in an experiment file.
+        cell_size: Most subjects in a unit of work.
+
+    Raises:
+        OpenLockError: If something is unknown (the message has the nearest name), or does not fit.
+
+    Example:
+        >>> made = make_experiment(["CC3", ["CC3", "CC4"]], ["oracle"], subjects=10)
+        >>> [cell.in_words for cell in made.cells()]
+        ['oracle in CC3, subjects 0-9', 'oracle in CC3-CC4, subjects 0-9']
+    """
+    if attempt_limit is not None:
+        protocol = {"based_on": protocol, "attempt_limit": attempt_limit}
+    return declared(
+        {
+            "name": name,
+            "title": title,
+            "seed": seed,
+            "cell_size": cell_size,
+            "protocol": protocol,
+            "reward": reward,
+            "subjects": subjects,
+            "conditions": listed(conditions),
+            "learners": listed(learners),
+        }
+    )
+
+
+def listed(forms: Any) -> list[Any]:
+    """One condition or learner, or several, as a list; the learners of a sweep are several."""
+    single = isinstance(forms, str | Path | Schema | Condition | Mapping | type)
+    if single or not isinstance(forms, Iterable):
+        return [forms]
+    several = (form if _is_sweep(form) else [form] for form in forms)
+    return [*chain(*several)]
+
+
+def _is_sweep(form: Any) -> bool:
+    return (
+        isinstance(form, list) and form != [] and all(isinstance(point, Mapping) for point in form)
+    )
+
+
+def learner(
+    learner: LearnerForm,
+    /,
+    *,
+    label: str | None = None,
+    subjects: int | None = None,
+    protocol: ProtocolForm | None = None,
+    reward: RewardForm | None = None,
+    **parameters: Any,
+) -> dict[str, Any]:
+    """A learner with other hyper-parameters, or another part in a comparison.
+
+    Args:
+        learner: Its registered name, ``module:Class``, its class, or another :func:`learner`.
+        label: What tables call it; by default its name.
+        subjects: How many subjects it plays; by default as many as the others.
+        protocol: The protocol that it plays under; by default that of the others.
+        reward: The reward of its actions, as in an experiment file; by default that of the others.
+        **parameters: Its hyper-parameters that differ from their defaults.
+
+    Returns:
+        What an experiment file says of it.
+
+    Raises:
+        LearnerError: If there is no such learner or parameter (the message has the nearest name),
+            or a value does not fit.
+
+    Example:
+        >>> learner("ddqn", learning_rate=0.0005, label="slow")["parameters"]
+        {'learning_rate': 0.0005}
+    """
+    entry = learner if isinstance(learner, Mapping) else {"learner": learner}
+    given = {"name": label, "subjects": subjects, "protocol": protocol, "reward": reward}
+    return _checked({**entry, **present(given)}, parameters, {})
+
+
+def sweep(
+    learner_: LearnerForm,
+    /,
+    *,
+    label: str | None = None,
+    subjects: int | None = None,
+    protocol: ProtocolForm | None = None,
+    reward: RewardForm | None = None,
+    **parameters: Any,
+) -> list[dict[str, Any]]:
+    """A learner once for each value of a parameter, or for each combination of several.
+
+    Args:
+        learner_: As in :func:`learner`, like the following.
+        label: What labels begin with; by default the learner's name.
+        subjects: How many subjects each of them plays.
+        protocol: The protocol that they play under.
+        reward: The reward of their actions.
+        **parameters: Hyper-parameters: lists are swept, and everything else is the same for all.
+
+    Raises:
+        LearnerError: As for :func:`learner`, or if there is no list.
+
+    Example:
+        >>> [point["name"] for point in sweep("bayes", lapse=[0.1, 0.5])]
+        ['bayes-lapse-0.1', 'bayes-lapse-0.5']
+    """
+    values = {key: plain(value) for key, value in parameters.items()}
+    swept = {key: value for key, value in values.items() if isinstance(value, list)}
+    if not swept or not all(swept.values()):
+        raise LearnerError("a sweep needs a list of values, such as gamma=[0.5, 0.9]")
+    fixed = {key: value for key, value in values.items() if key not in swept}
+    entry = learner_ if isinstance(learner_, Mapping) else {"learner": learner_}
+    given = {"name": label, "subjects": subjects, "protocol": protocol, "reward": reward}
+    return points(_checked({**entry, **present(given)}, fixed, swept))
+
+
+def _checked(
+    entry: dict[str, Any], parameters: Mapping[str, Any], sweep: Mapping[str, Any]
+) -> dict[str, Any]:
+    """An entry of an experiment file, with more parameters.
+
+    Raises:
+        OpenLockError: With every fault; a protocol may be one that only an experiment knows.
+    """
+    if isinstance(entry["learner"], type):
+        entry["learner"] = name_of(entry["learner"])
+    entry["parameters"] = {**entry.get("parameters", {}), **parameters}
+    if sweep:
+        entry["sweep"] = dict(sweep)
+    known_here = {key: value for key, value in entry.items() if key != "protocol"}
+    read(AnyLearner, known_here)
+    return entry

@@ -1,0 +1,72 @@
+"""The code of a learner, so that results of different code can be distinguished."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from causal_openlock.contract.learner import InformedLearner
+from causal_openlock.contract.registry import learner_class, origin, parse_parameters
+from causal_openlock.errors import LearnerError, OpenLockError, in_short
+from causal_openlock.wording import first_line
+
+
+@dataclass(frozen=True)
+class Origin:
+    """The code of a learner.
+
+    Attributes:
+        class_name: Its class, ``module:Class``.
+        package: Its package and version; or its file, and a hash of it and of what it imports of
+            the user's.
+        artifact_hash: Hash of files that its parameters name, such as trained weights; or empty.
+        prior_attempts: Attempts that it was trained with before the experiment; None if unknown.
+        informed: Whether it is given what subjects cannot perceive.
+        about: What it is, in a line: the first of its docstring.
+    """
+
+    class_name: str
+    package: str
+    artifact_hash: str = ""
+    prior_attempts: int | None = 0
+    informed: bool = False
+    about: str = ""
+
+
+def origin_of(learner: str, parameters: Mapping[str, Any]) -> Origin:
+    """The code of a learner with some parameters.
+
+    Raises:
+        LearnerError: If the learner cannot be found, or fails to say what files it uses.
+    """
+    kind = learner_class(learner)
+    given = parse_parameters(learner, parameters)
+    return Origin(
+        class_name=f"{kind.__module__}:{kind.__qualname__}",
+        package=origin(learner),
+        artifact_hash=answer_of(learner, "artifact_hash", str, given),
+        prior_attempts=answer_of(learner, "prior_attempts", int | None, given),
+        informed=issubclass(kind, InformedLearner),
+        about=first_line(kind.__doc__),
+    )
+
+
+def answer_of(learner: str, method: str, wanted: Any, *given: Any) -> Any:
+    """Answer of a class of learners, which may be a user's, to a question about itself.
+
+    Raises:
+        LearnerError: If the method fails, or returns something else than is wanted.
+    """
+    try:
+        answer = getattr(learner_class(learner), method)(*given)
+    except OpenLockError:
+        raise
+    except Exception as error:  # a user's code can fail in any way
+        raise LearnerError(
+            f"{method} of {learner} fails ({type(error).__name__}: {in_short(error)})"
+        ) from error
+    if not isinstance(answer, wanted) or (isinstance(answer, int) and answer < 0):
+        what = "a text" if wanted is str else "a whole number of attempts, or None if unknown"
+        raise LearnerError(f"{method} of {learner} has to return {what}, and returned {answer!r}")
+    return answer

@@ -1,0 +1,162 @@
+"""The trials of a subject, drawn from its condition and protocol."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from causal_openlock.errors import ProtocolError
+from causal_openlock.experiment.declare import (
+    SHOWN,
+    Condition,
+    LayoutSource,
+    Protocol,
+    Trials,
+)
+from causal_openlock.schemas.schema import Schema
+from causal_openlock.wording import counted
+from causal_openlock.world.room import Layout, positions_for, published_layouts
+
+
+@dataclass(frozen=True)
+class Visit:
+    """One trial of one subject: its number in the condition, and its room.
+
+    ``order`` has the indices of the room's solutions in the order in which they are shown; it is
+    empty where the subject plays.
+    """
+
+    phase: str
+    loop: int
+    trial: int
+    schema: Schema
+    layout: Layout
+    order: tuple[int, ...] = ()
+
+
+def plan(
+    condition: Condition,
+    protocol: Protocol,
+    generator: np.random.Generator,
+    subject: int | None = None,
+) -> list[Visit]:
+    """The trials of one subject, in order.
+
+    Each loop draws new layouts, without repeats within the loop. Of a subject that the condition
+    has ``rooms`` of, the first trials are in those.
+
+    Raises:
+        ProtocolError: If a schema does not fit the protocol, has fewer layouts than trials, or more
+            solutions to show than a trial has attempts.
+    """
+    if protocol.test_layout is not None:
+        raise ProtocolError(
+            f"the protocol {protocol.name} is one of 0.2, with a test_layout; list the layout in "
+            "the condition, as in test: [{schema: CC4, layouts: [trial7]}]"
+        )
+    train = (protocol.training_trials, protocol.train_loops)
+    if not condition.test:
+        train = (protocol.baseline_trials, protocol.baseline_loops)
+    visits: list[Visit] = []
+    for phase, groups, number, loops in (
+        (SHOWN if condition.shown else "train", condition.train, *train),
+        ("test", condition.test, protocol.test_trials, protocol.test_loops),
+    ):
+        for loop in range(1, loops + 1):
+            drawn = (
+                (trials.schema, layout)
+                for trials in groups
+                for layout in draw_layouts(trials, generator, number, protocol.layouts)
+            )
+            visits += [Visit(phase, loop, trial, *room) for trial, room in enumerate(drawn, 1)]
+    for number, visit in enumerate(visits):
+        if visit.phase == SHOWN:
+            solutions = len(visit.schema.solutions)
+            if solutions > protocol.attempt_limit:
+                raise ProtocolError(
+                    f"{visit.schema.name} has {solutions} solutions to show, and a trial of "
+                    f"protocol {protocol.name} has {counted(protocol.attempt_limit, 'attempt')}; "
+                    "raise its attempt_limit"
+                )
+            order = tuple(generator.permutation(solutions).tolist())
+            visits[number] = replace(visit, order=order)
+    for schema in condition.schemas:
+        protocol.actions_for(schema)
+    known = condition.rooms.get(-1 if subject is None else subject, ())
+    for number, (visit, layout) in enumerate(zip(visits, known, strict=False)):
+        visits[number] = replace(visit, layout=layout)
+    return visits
+
+
+def draw_layouts(
+    trials: Trials, generator: np.random.Generator, number: int, source: LayoutSource
+) -> list[Layout]:
+    """The layouts of one loop over trials, for one subject.
+
+    Args:
+        trials: The trials.
+        generator: Draws the layouts.
+        number: How many, if the trials do not say; fewer if fewer layouts are published.
+        source: Where they come from, if the trials do not say.
+
+    Raises:
+        ProtocolError: If there are not enough layouts.
+    """
+    schema = trials.schema
+    layouts: Any = trials.layouts or source
+    if layouts == "published":
+        layouts = _published(schema) or "random"
+    listed = trials.layouts and layouts != "random"
+    number = trials.number or (len(layouts) if listed else number)
+    if layouts == "random":
+        most = math.perm(positions_for(schema), len(schema.levers))
+        if number > most:
+            raise ProtocolError(
+                f"{schema.name} has {most} layouts, too few for {number} trials; ask for fewer "
+                "trials, or for more loops"
+            )
+        drawn: dict[tuple[int, ...], Layout] = {}
+        while len(drawn) < number:
+            layout = Layout.random(schema, generator)
+            drawn.setdefault(layout.places, layout)
+        return list(drawn.values())
+    if (trials.number or 0) > len(layouts):
+        raise ProtocolError(
+            f"{trials.number} trials of {schema.name} are asked for and {len(layouts)} layouts of "
+            f"{len(schema.levers)} levers are published; ask for at most {len(layouts)} trials, or "
+            "for layouts: random"
+        )
+    order = generator.permutation(len(layouts)) if trials.shuffle else np.arange(len(layouts))
+    return [layouts[index] for index in order[:number]]
+
+
+@cache
+def _published(schema: Schema) -> tuple[Layout, ...]:
+    return tuple(Layout.of(schema, name) for name in published_layouts(schema))
+
+
+def shown_trials(condition: Condition, protocol: Protocol) -> int:
+    """How many trials each subject is shown before it plays.
+
+    >>> from causal_openlock.experiment.declare import PROTOCOLS, find_condition
+    >>> shown_trials(find_condition("shown-CC3-CC4"), PROTOCOLS["human"])
+    6
+    """
+    if not condition.shown:
+        return 0
+    visits = plan(condition, protocol, np.random.default_rng(0))
+    return sum(visit.phase == SHOWN for visit in visits)
+
+
+def check_trial(trial: int, trials: int, where: str) -> None:
+    """Refuse a number of a trial that a condition does not have; ``where`` is for the message.
+
+    Raises:
+        ProtocolError: If there is no such trial.
+    """
+    if not 1 <= trial <= trials:
+        raise ProtocolError(f"{where} has no trial {trial}; choose one from 1 to {trials}")
