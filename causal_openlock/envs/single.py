@@ -63,8 +63,8 @@ class _Table:
         self.solution: list[int] = tables.solution.tolist()
         self.actions_left: list[int] = tables.actions_left.tolist()
         self.begins = tables.begins
-        solutions = len(settings.schema.solutions)
-        (self.paid,) = rewards_by_event([settings.reward], tables.event, solutions)
+        most = min(len(settings.schema.solutions), settings.attempt_limit)
+        (self.paid,) = rewards_by_event([settings.reward], tables.event, most)
 
 
 class _Bodies:

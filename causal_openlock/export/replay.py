@@ -63,7 +63,9 @@ def replay(
     tables, schema, lever = _rooms(columns, condition, protocol)
     used = columns["actions"].value_lengths().to_numpy().astype(np.int64)
     actions, moved = (_padded(columns[name], used) for name in ("actions", "moved"))
-    rooms = Rooms(tables, [reward], len(schema), protocol.attempt_limit, put_back=False)
+    # Each attempt is carried out in a room of its own, where all else may have been found before.
+    most = max(protocol.attempt_limit, int(tables.solutions.max()))
+    rooms = Rooms(tables, [reward], len(schema), most, put_back=False)
     rooms.begin_trials(slice(None), schema, lever)
     rooms.state.found[:] = _found_before(columns, rooms.state.found.shape[1])
     rooms.state.console[:, SOLUTIONS_FOUND] = rooms.state.found.sum(axis=1)
