@@ -18,7 +18,7 @@ from collections.abc import Mapping
 from dataclasses import MISSING, asdict, fields
 from functools import cache, lru_cache
 from importlib.metadata import Distribution, EntryPoint
-from inspect import getsourcefile, isabstract
+from inspect import getsourcefile
 from os import fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
@@ -155,14 +155,21 @@ def _entry(name: str) -> EntryPoint:
     return EntryPoint(name, name, LEARNERS)
 
 
+def _missing(kind: type[LearnerBase]) -> list[str]:
+    """Methods that a class of learners has to define and does not."""
+    missing = sorted(getattr(kind, "__abstractmethods__", ()))
+    says_nothing = Learner.act, Learner.probabilities
+    if issubclass(kind, Learner) and (kind.act, kind.probabilities) == says_nothing:
+        missing = [*missing, "act or probabilities"]
+    return missing
+
+
 def _is_whole(kind: Any) -> bool:
-    return isinstance(kind, type) and issubclass(kind, LearnerBase) and not isabstract(kind)
+    return isinstance(kind, type) and issubclass(kind, LearnerBase) and not _missing(kind)
 
 
-def _require_methods(kind: Any) -> None:
-    """Raise LearnerError if a class of learners lacks a method that it has to define."""
-    if isabstract(kind):
-        missing = " and ".join(sorted(kind.__abstractmethods__))
+def _require_methods(kind: type[LearnerBase]) -> None:
+    if missing := " and no ".join(_missing(kind)):
         raise LearnerError(f"{kind.__module__}:{kind.__qualname__} has no {missing}; define it")
 
 

@@ -291,6 +291,25 @@ class NeedsToAct(Dice):
         assert len(self.chosen) == len(step.action)
 
 
+class ClaimsToPushTheDoor(Dice):
+    """Says that it pushes the door, as often as it does something else."""
+
+    share = 1.0
+
+    def probabilities(self, view):
+        return np.tile(np.eye(self.brief.actions)[-1] * self.share, (self.brief.subjects, 1))
+
+
+class ClaimsHalf(ClaimsToPushTheDoor):
+    share = 0.5
+
+
+class DrawsWhenAsked(Dice):
+    def probabilities(self, view):
+        self.streams.uniform()
+        return np.full((self.brief.subjects, self.brief.actions), 1 / self.brief.actions)
+
+
 @dataclass
 class Thawed:
     rate: Annotated[float, "how fast"] = 0.5
@@ -325,6 +344,7 @@ WithThawed, WithSilent, WithDemanding, WithInconsistent = map(
 ANSWERS = "answers_with_one_action_for_each_subject"
 FINISHED = "ignores_subjects_that_have_finished"
 GLOBAL = "keeps_no_global_randomness"
+PROBABILITIES = "draws_its_actions_from_its_probabilities"
 OTHERS = "learns_from_what_others_do"
 RESUMES = "goes_on_from_a_checkpoint"
 PARAMETERS = "its_parameters_are_a_frozen_dataclass_that_explains_itself"
@@ -345,6 +365,9 @@ class TestDice(LearnerContract):
         (DrawsGlobally, GLOBAL, "numpy.random"),
         (SeedsGlobally, GLOBAL, "random"),
         (DrawsItsOwnSeed, GLOBAL, "depends on random"),
+        (ClaimsToPushTheDoor, PROBABILITIES, "impossible"),
+        (ClaimsHalf, PROBABILITIES, "add up to 1"),
+        (DrawsWhenAsked, PROBABILITIES, "once its probabilities are asked for"),
         (NeedsToAct, OTHERS, "AttributeError"),
         (Forgets, RESUMES, "agree for"),
         (WithThawed, PARAMETERS, "frozen=True"),
