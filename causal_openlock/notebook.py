@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from causal_openlock.contract.learner import Learner
     from causal_openlock.envs.playable import Picture, PlayableRoom
     from causal_openlock.experiment.declare import Experiment
-    from causal_openlock.play.background import OpenedRoom
     from causal_openlock.render.film import Shot
     from causal_openlock.render.watch import WatchedTrial
     from causal_openlock.schemas.schema import Schema
@@ -80,7 +79,7 @@ def playable_html(room: PlayableRoom) -> str:
     return _room(title, now.observation, now.panel, _text(f"push or pull {names}; or push door"))
 
 
-def opened_html(opened: OpenedRoom) -> str:
+def opened_html(opened: Any) -> str:
     """The link of a room that is open in the browser."""
     url = escape(opened.url)
     return _card(repr(opened).strip("<>"), f'<div><a href="{url}" target="_blank">{url}</a></div>')
