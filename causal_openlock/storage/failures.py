@@ -9,7 +9,6 @@ from causal_openlock.experiment.declare import Cell
 from causal_openlock.files.atomic import write_bytes
 
 _COUNT = re.compile(r"\nfailures: (\d{1,6})\n\Z")
-_NAME = re.compile(r".+_[0-9a-f]{12}\.txt")
 
 
 class Failures:
@@ -33,13 +32,11 @@ class Failures:
     def record(
         self, cell: Cell, what: str, trace: str, failures: int | None = None, counts: bool = True
     ) -> str:
-        """Save why a cell failed: a clause that follows its name, and the traceback.
-
-        Returns the sentence.
+        """Save why a cell failed, and return it as a sentence.
 
         Args:
             cell: The cell.
-            what: The clause.
+            what: A clause that follows its name.
             trace: The traceback.
             failures: How often it has failed now; by default once more than before.
             counts: Whether it is once more; another try may get further.
@@ -48,8 +45,9 @@ class Failures:
             OpenLockError: If it cannot be written.
         """
         why = f"the learner {cell.in_words}, {what}"
-        many = self.of(cell.file_name)[0] + counts if failures is None else failures
-        text = f"{why}\n\n{trace}\nfailures: {many}\n"
+        if failures is None:
+            failures = self.of(cell.file_name)[0] + counts
+        text = f"{why}\n\n{trace}\nfailures: {failures}\n"
         write_bytes(self.path(cell.file_name), text.encode("utf-8", "backslashreplace"))
         return why
 
@@ -59,15 +57,9 @@ class Failures:
             text = self.path(file_name).read_text("utf-8", "replace")
         except OSError:
             return 0, ""
-        many = _COUNT.search(text)
-        return int(many[1]) if many else 1, text.partition("\n")[0]
+        count = _COUNT.search(text)
+        return int(count[1]) if count else 1, text.partition("\n")[0]
 
     def clear(self, cell: Cell) -> None:
         """Remove the reason why a cell failed."""
         self.path(cell.file_name).unlink(missing_ok=True)
-
-    def tidy(self, known: set[str]) -> None:
-        """Remove the reasons of all but these cells, named as their files without the ending."""
-        for path in self.folder.glob("*.txt"):
-            if path.stem not in known and _NAME.fullmatch(path.name):
-                path.unlink(missing_ok=True)

@@ -9,6 +9,8 @@ from collections.abc import Collection
 from contextlib import suppress
 from pathlib import Path
 
+from causal_openlock.files.atomic import sweep
+
 AWAITED = ".awaited-"
 """The beginning of the names of files that are there while a run waits for its workers."""
 CHECKPOINT, PROGRESS = ".checkpoint", ".progress"
@@ -47,17 +49,18 @@ def remove_files_of(record: Path) -> None:
         record.with_suffix(suffix).unlink(missing_ok=True)
 
 
-def remove_leftovers(folder: Path, cells: Path, known: Collection[str]) -> None:
-    """Remove what killed runs left in a results folder; checkpoints of these cells stay.
+def tidy(folder: Path, known: Collection[str]) -> None:
+    """Remove what killed runs and earlier forms of an experiment left in a results folder.
 
     Args:
         folder: The results folder.
-        cells: The folder of its cells.
-        known: Names of cells' files without the ending.
+        known: Names of files of cells without the ending, whose checkpoints and errors stay.
     """
-    for path in folder.glob(f"{AWAITED}*"):  # its run was killed
+    cells, identity = folder / "cells", "[0-9a-f]" * 12
+    for place in (folder, cells):
+        sweep(place)
+    for path in [*folder.glob(f"{AWAITED}*"), *cells.glob(f"*{PROGRESS}")]:
         path.unlink(missing_ok=True)
-    for path in cells.iterdir():
-        foreign = path.suffix == CHECKPOINT and path.stem not in known
-        if foreign or path.suffix in (PROGRESS, ".attempts"):  # which runs of 0.2 had
+    for path in [*cells.glob(f"*{CHECKPOINT}"), *(folder / "errors").glob(f"*_{identity}.txt")]:
+        if path.stem not in known:
             path.unlink(missing_ok=True)

@@ -32,12 +32,13 @@ from typing import TYPE_CHECKING, Any
 
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.declare import Cell, Experiment
-from causal_openlock.files.atomic import folder_at, is_empty, sweep, unwritable, write_bytes
+from causal_openlock.files.atomic import folder_at, is_empty, unwritable, write_bytes
 from causal_openlock.files.checksums import ChecksumError, json_bytes, read_json
+from causal_openlock.files.json_text import present
 from causal_openlock.storage.cell_file import read_cell_file, write_cell_file
 from causal_openlock.storage.failures import Failures
 from causal_openlock.storage.folder_lock import FolderLock
-from causal_openlock.storage.running_files import remove_leftovers
+from causal_openlock.storage.running_files import tidy
 from causal_openlock.storage.versions import merged_versions, other_versions, versions
 from causal_openlock.version import RESULTS_VERSION
 
@@ -100,12 +101,8 @@ class Store:
             if to_declare:
                 self.declare(experiment, files)
             self.cells.mkdir(exist_ok=True)
-            if shard is None:  # it removes what killed runs and earlier forms have left
-                known = {Path(name).stem for name in files}
-                sweep(self.folder)
-                sweep(self.cells)
-                remove_leftovers(self.folder, self.cells, known)
-                self.failures.tidy(known)
+            if shard is None:  # others may be at work beside a shard
+                tidy(self.folder, {Path(name).stem for name in files})
         except BaseException as error:
             self.close()
             if isinstance(error, OSError):
@@ -177,11 +174,10 @@ class Store:
             "identity": identity or experiment.identity,
             **experiment.as_dict(),
             "cells": [*files],
-            "versions": dict(versions()),
+            "versions": versions(),
+            "not_applicable": experiment.not_applicable or None,
         }
-        if experiment.not_applicable:
-            data["not_applicable"] = experiment.not_applicable
-        content = json_bytes(data)
+        content = json_bytes(present(data))
         if not self._declared.exists() or self._declared.read_bytes() != content:
             write_bytes(self._declared, content)
 
@@ -349,12 +345,12 @@ class Store:
                     )
             made_with.append(versions)
             tables.append(compact(table) if small else table)
-        reasons = {path.stem: self.failures.of(path.name)[1] for path in missing}
+        reasons = {path.stem: self.failures.of(path.name)[1] or None for path in missing}
         return pa.concat_tables(tables), replace(
             experiment,
             versions=merged_versions(made_with),
-            missing=tuple(path.stem for path in missing),
-            failures={stem: reason for stem, reason in reasons.items() if reason},
+            missing=(*reasons,),
+            failures=present(reasons),
         )
 
     def files(self) -> tuple[list[Path], list[Path]]:

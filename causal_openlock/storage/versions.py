@@ -1,9 +1,7 @@
 """The versions that results depend on: those here, and those that a results folder was made with.
 
-The same code gives the same bytes with the same versions of what computes: Python, NumPy, torch,
-numba, which compiles the rooms and the networks, networkx, and this package's results. With others
-the last bits of a sum may differ, and a long training with them. So a folder says what it was made
-with, and a comparison that was begun with other versions is not silently completed with these.
+With others the last bits of a sum may differ, and a long training with them. So a comparison that
+was begun with other versions is not silently completed with these.
 """
 
 from __future__ import annotations
@@ -20,29 +18,28 @@ PACKAGES = ("numpy", "torch", "numba", "networkx")
 
 
 @cache
-def versions() -> Mapping[str, str]:
+def versions() -> dict[str, str]:
     """The versions of packages that results depend on, by name."""
-    found = {"Python": platform.python_version(), "causal-openlock": RESULTS_VERSION}
+    here = {"Python": platform.python_version(), "causal-openlock": RESULTS_VERSION}
     for package in PACKAGES:
         try:
-            found[package] = version(package)
+            here[package] = version(package)
         except PackageNotFoundError:
-            found[package] = "not installed"
-    return found
+            here[package] = "not installed"
+    return here
 
 
-def merged_versions(all_of_them: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def merged_versions(several: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """The version of each package, or a list if there are several.
 
     >>> merged_versions([{"numpy": "2.0"}, {"numpy": ["2.1", "2.0"], "torch": "2.6"}])
     {'numpy': ['2.0', '2.1'], 'torch': '2.6'}
     """
-    found: dict[str, dict[str, None]] = {}
-    for versions in all_of_them:
-        for package, held in versions.items():
-            several = [held] if isinstance(held, str) else held
-            found.setdefault(package, {}).update(dict.fromkeys(several))
-    return {name: next(iter(held)) if len(held) == 1 else [*held] for name, held in found.items()}
+    merged: dict[str, dict[str, None]] = {}
+    for made_with in several:
+        for package in made_with:
+            merged.setdefault(package, {}).update(dict.fromkeys(_listed(made_with[package])))
+    return {name: [*of] if len(of) > 1 else next(iter(of)) for name, of in merged.items()}
 
 
 def other_versions(made_with: Mapping[str, Any], here: Mapping[str, str]) -> str:
@@ -52,7 +49,11 @@ def other_versions(made_with: Mapping[str, Any], here: Mapping[str, str]) -> str
     'numpy 2.0 (here it is 2.1)'
     """
     return ", ".join(
-        f"{name} {' and '.join(several)} (here it is {here[name]})"
-        for name, held in made_with.items()
-        if name in here and here[name] not in (several := [held] if isinstance(held, str) else held)
+        f"{name} {' and '.join(_listed(before))} (here it is {here[name]})"
+        for name, before in made_with.items()
+        if name in here and here[name] not in _listed(before)
     )
+
+
+def _listed(version: str | list[str]) -> list[str]:
+    return [version] if isinstance(version, str) else version
