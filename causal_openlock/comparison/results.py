@@ -32,8 +32,8 @@ from causal_openlock.analysis.results.references import (
     find_references,
 )
 from causal_openlock.analysis.topic import all_topics, columns_of
-from causal_openlock.errors import StoreError, in_short, renamed
-from causal_openlock.files.atomic import folder_at
+from causal_openlock.errors import StoreError, renamed
+from causal_openlock.files.atomic import folder_at, is_empty, move_into, unwritable
 from causal_openlock.storage.folder_lock import LOCK
 from causal_openlock.storage.store import Store
 from causal_openlock.storage.stored import StoredExperiment
@@ -337,18 +337,16 @@ class Results(Material):
             )
         if self.folders[0] in folder.parents:
             raise StoreError(f"{folder} is inside the results; choose a folder next to them")
-        if folder.exists() and any(folder.iterdir()):
+        if not is_empty(folder):
             raise StoreError(f"{folder} is there already; choose another name")
         try:
             folder.parent.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".saving-") as beside_it:
                 copied = Path(beside_it) / folder.name
                 shutil.copytree(self.folders[0], copied, ignore=shutil.ignore_patterns(LOCK))
-                copied.replace(folder)
+                move_into(copied, folder)
         except OSError as error:
-            raise StoreError(
-                f"{folder} cannot be written ({error.strerror or in_short(error)})"
-            ) from None
+            raise unwritable(folder, error) from None
         object.__setattr__(self, "folders", (folder,))
         return folder
 

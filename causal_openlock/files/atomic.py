@@ -17,6 +17,9 @@ from uuid import uuid4
 
 from causal_openlock.errors import StoreError
 
+LEFTOVERS = ".DS_Store ._* Thumbs.db desktop.ini .nfs* .ipynb_checkpoints .lock* .*.partial".split()
+"""Names in a folder that holds nothing yet."""
+
 
 def folder_at(place: Path | str) -> Path:
     """A folder to write to, which need not exist.
@@ -44,9 +47,18 @@ def folder_at(place: Path | str) -> Path:
 
 
 def is_empty(folder: Path) -> bool:
-    """Whether there is no folder, or only what systems leave in one, such as ``.DS_Store``."""
-    names = [path.name for path in folder.iterdir()] if folder.exists() else []
-    return all(name.startswith(".") or name in ("Thumbs.db", "desktop.ini") for name in names)
+    """Whether there is no folder, or only what systems and killed runs leave in one."""
+    paths = folder.iterdir() if folder.exists() else ()
+    return all(any(path.match(name) for name in LEFTOVERS) for path in paths)
+
+
+def move_into(made: Path, folder: Path) -> None:
+    """Rename a folder to one that is empty by :func:`is_empty`."""
+    if not folder.exists():
+        made.replace(folder)
+        return
+    for path in made.iterdir():
+        path.replace(folder / path.name)
 
 
 def unwritable(path: Path, error: OSError) -> StoreError:

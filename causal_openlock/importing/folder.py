@@ -29,7 +29,7 @@ from causal_openlock.experiment.declare import (
 from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.record import played, with_times
 from causal_openlock.experiment.session import AT_ONCE
-from causal_openlock.files.atomic import folder_at
+from causal_openlock.files.atomic import folder_at, is_empty, move_into
 from causal_openlock.files.digest import digest
 from causal_openlock.importing.csv_tables import Table, experiment_of, table_actions
 from causal_openlock.importing.imported_actions import ActionEntry
@@ -103,7 +103,7 @@ def import_files(
     paths, folder = [*map(Path, files)], folder_at(out).resolve()
     if folder == Path.cwd():
         raise StoreError(f"{out} is the folder that you work in; name a new folder in it")
-    if folder.exists() and any(folder.iterdir()):
+    if not is_empty(folder):
         raise StoreError(f"{out} is there already; choose another folder")
     _check_each_once(paths)
     known = read_experiment(find_experiment(experiment), tell=tell) if experiment else None
@@ -289,7 +289,7 @@ def _write(
             cells.append(cell)
         store.declare(experiment, [cell.file_name for cell in cells])
         store.close()
-        store.folder.replace(folder)
+        move_into(store.folder, folder)
 
 
 @contextmanager

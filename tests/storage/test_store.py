@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from causal_openlock.analysis.results.reading import read_results
+from causal_openlock.comparison.results import open_results
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.record import compact
@@ -128,6 +129,10 @@ def test_where_nothing_is_done_yet_another_experiment_may_begin(experiment, tmp_
     store = play(dataclasses.replace(experiment, seed=4), folder)
     assert store.experiment().seed == 4
     assert not list(folder.glob(".*.partial"))
+    saved = tmp_path / "saved"
+    saved.mkdir()
+    (saved / ".DS_Store").touch()
+    assert open_results(open_results(folder).save(saved)).experiment.seed == 4
 
 
 def test_a_description_that_was_deleted_is_made_again(experiment, tmp_path):
