@@ -17,7 +17,8 @@ from uuid import uuid4
 
 from causal_openlock.errors import StoreError
 
-LEFTOVERS = ".DS_Store ._* Thumbs.db desktop.ini .nfs* .ipynb_checkpoints .lock* .*.partial".split()
+SYSTEMS = [".DS_Store", "._*", "Thumbs.db", "desktop.ini", ".nfs*", ".ipynb_checkpoints"]
+LEFTOVERS = [*SYSTEMS, ".lock*", ".*.partial"]
 """Names in a folder that holds nothing yet."""
 
 
