@@ -8,6 +8,7 @@ checkpoint and ends.
 from __future__ import annotations
 
 import multiprocessing
+import signal
 import sys
 import threading
 import time
@@ -231,7 +232,7 @@ def _require_declared(spec: LearnerSpec) -> None:
 def _is_users_process() -> bool:
     """Whether Ctrl-C reaches this thread: elsewhere only the learner can have interrupted."""
     in_main_thread = threading.current_thread() is threading.main_thread()
-    return in_main_thread and multiprocessing.parent_process() is None
+    return in_main_thread and signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def _is_gone(awaited: str) -> bool:
