@@ -88,13 +88,23 @@ class OwnReward(RewardFunction):
         return {"name": self.name, "function": self.name, "source": self.source}
 
 
-def own_reward(name: str) -> OwnReward:
-    """A reward by ``module:function``, tried out on all events, and on some of them apart.
+def own_reward(given: str | Callable[..., Any]) -> OwnReward:
+    """A function, itself or as ``module:function``, as a reward, tried out on all events.
 
     Raises:
-        RewardError: If there is no such function, or it does not work as a reward.
+        RewardError: If there is no such function, workers cannot find it by a name, or it does not
+            work as a reward.
     """
     forget()  # its module may have been reloaded
+    if isinstance(given, str):
+        name = given
+    else:
+        name = f"{given.__module__}:{getattr(given, '__qualname__', '')}"
+        if not (MODULE_AND_NAME.fullmatch(name) and _loaded(name)[0] is given):
+            raise RewardError(
+                f"the reward {given!r} cannot be found by a name, as workers have to; define it "
+                "with def at the top level of a notebook or of a module"
+            )
     reward = OwnReward(name, _loaded(name)[1] or source_of(name))
     if (now := source_of(name)) != reward.source:
         raise RewardError(
@@ -109,23 +119,6 @@ def own_reward(name: str) -> OwnReward:
             "actions; let it depend on the events of each action alone"
         )
     return reward
-
-
-def reward_name(function: Callable[..., Any]) -> str:
-    """The name by which a function is found: ``module:function``.
-
-    Raises:
-        RewardError: If it cannot be found by a name, such as one defined in another function.
-    """
-    name = f"{function.__module__}:{getattr(function, '__qualname__', '')}"
-    if inspect.isfunction(function) and MODULE_AND_NAME.fullmatch(name):
-        forget()
-        if _loaded(name)[0] is function:
-            return name
-    raise RewardError(
-        f"the reward {function!r} cannot be found by a name, as workers have to; define it with "
-        "def at the top level of a notebook or of a module"
-    )
 
 
 @cache

@@ -271,7 +271,7 @@ def find_reward(reward: RewardForm) -> RewardFunction:
         return reward
     if isinstance(reward, Mapping):
         return _weighted(reward)
-    if isinstance(reward, str) and ":" in reward:
+    if callable(reward) or (isinstance(reward, str) and ":" in reward):
         from causal_openlock.world.reward_code import own_reward
 
         return own_reward(reward)
@@ -282,10 +282,6 @@ def find_reward(reward: RewardForm) -> RewardFunction:
                 "own is written module:function"
             )
         return PRESETS[reward]
-    if callable(reward):
-        from causal_openlock.world.reward_code import own_reward, reward_name
-
-        return own_reward(reward_name(reward))
     if not isinstance(reward, Iterable):
         raise RewardError(
             f"{reward!r} is not a reward; give a preset's name, terms, weights or a function"
