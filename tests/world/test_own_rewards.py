@@ -11,7 +11,6 @@ from causal_openlock.contract.registry import create
 from causal_openlock.envs import OpenLockEnv, OpenLockVectorEnv
 from causal_openlock.errors import OpenLockError, RewardError
 from causal_openlock.experiment.declare import PROTOCOLS, find_condition
-from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.session import Session
 from causal_openlock.export.as_minari import write_minari
 from causal_openlock.storage.store import Store
@@ -76,7 +75,7 @@ protocols: {short: {attempt_limit: 4, baseline_trials: 1}}
 """
 
 
-def test_results_are_told_apart_by_the_code_and_read_without_it(tmp_path, monkeypatch):
+def test_results_are_read_without_the_code_of_a_reward(tmp_path, monkeypatch):
     folder = tmp_path / "study"
     folder.mkdir()
     (folder / "mine.yaml").write_text(TEXT)
@@ -88,19 +87,7 @@ def test_results_are_told_apart_by_the_code_and_read_without_it(tmp_path, monkey
     record, experiment = Store(tmp_path / "out").record()
     paid = record.to_pandas().groupby("learner", observed=True)["reward"].max()
     assert (paid["oracle"], paid["weights"]) == (7, 15)
-    told = experiment.learners[1].reward
-    assert isinstance(told, OwnReward)
-    assert told.name == "mine_pays:pay"
-    assert told.source.startswith("mine_pays.py ")
-    assert experiment.as_file()["learners"][1]["reward"] == "mine_pays:pay"
-    # Another code is another experiment, and other cells.
-    said = []
-    for code in (CODE, CODE.replace("7.0", "8.0")):
-        (folder / "mine_pays.py").write_text(code)
-        _loaded.cache_clear()
-        with modules_of(folder):
-            said.append([cell.identity for cell in read_experiment(folder / "mine.yaml").cells()])
-    assert [before == after for before, after in zip(*said, strict=True)] == [True, False, False]
+    assert isinstance(experiment.learners[1].reward, OwnReward)
     # Results need no code, and run none.
     _loaded.cache_clear()
     sys.path.remove(str(folder))

@@ -138,11 +138,6 @@ def test_tables_of_a_room_by_position(data, schema, more):
 
 
 def test_actions_are_named_by_position_in_the_papers_order():
-    assert action_names(7) == (
-        "push_UPPERRIGHT", "push_UPPER", "push_UPPERLEFT", "push_LEFT", "push_LOWERLEFT",
-        "push_LOWER", "push_LOWERRIGHT", "pull_UPPERRIGHT", "pull_UPPER", "pull_UPPERLEFT",
-        "pull_LEFT", "pull_LOWERLEFT", "pull_LOWER", "pull_LOWERRIGHT", "push_door",
-    )  # fmt: skip
     assert action_names(9)[8:10] == ("push_P8", "pull_P0")
     asked = ("push_UPPER", "pull UPPER", "upper", "door", 14, np.int64(0))
     assert [action_index(action, 7) for action in asked] == [1, 8, 1, 14, 14, 0]
