@@ -78,26 +78,16 @@ def test_of_many_faults_the_first_twenty_are_told():
     assert "1,481" in lines[20]
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "a: &a [x, x]\n" + "".join(f"{b}: &{b} [{f'*{a},' * 9}]\n" for a, b in pairwise("abcdefg")),
-        "[" * 200,
-        "a: [" + "1," * 5_000 + "]",
-        f"name: X\nlevers: [{', '.join(['1'] * 1500)}]\n",
-    ],
-    ids=["aliases of aliases", "deep", "many values", "many faults"],
-)
-def test_no_file_is_more_work_than_its_length_allows(text):
+def test_no_file_is_more_work_than_its_length_allows():
+    aliases = (f"{b}: &{b} [{f'*{a},' * 9}]\n" for a, b in pairwise("abcdefg"))
+    text = "a: &a [x, x]\n" + "".join(aliases)
     faults_of(GOOD + "a: 1\n")  # imports what is needed
-    assert calls(lambda: faults_of(text)) < 200_000 + 500 * len(text)
+    assert calls(lambda: faults_of(text)) < 20_000 + 500 * len(text)
 
 
 # -- JSON Schema -----------------------------------------------------------------------------------
 
 TABLES = {"schemas": schema_file.json_schema(), "experiments": declare.json_schema()}
-
-
 ROWS = {"schemas": "schemas.txt", "experiments": "experiment.txt"}
 
 

@@ -90,9 +90,7 @@ def test_files_are_known_by_their_suffix(tmp_path, format):
             assert read_schema(other, format) == schema
 
 
-@pytest.mark.parametrize(
-    "suffix", [".dot", ".GV", ".gml", ".graphml", ".dagitty", ".json", ".yml", ".txt"]
-)
+@pytest.mark.parametrize("suffix", [".dot", ".GV", ".yml"])
 def test_every_format_is_read_wherever_a_schema_is_named(tmp_path, suffix):
     own, path = schema("A -> B; B -> door; C -> door", name="mine"), tmp_path / f"mine{suffix}"
     write_schema(own, path)
