@@ -141,15 +141,15 @@ def _format(name: str) -> Format:
 # -- a graph as a schema ---------------------------------------------------------------------------
 
 LOOKS = re.compile(
-    r"""(x|head|tail)?label(font\w+|angle|distance|loc)? | LabelGraphics | font(name|size|color)
-      | (fill)?color | fill | style | penwidth | arrowsize | outline | smooth | bend | constraint
-      | shape(_type)? | sides | peripheries | regular | orientation | fixedsize | image | size
-      | width | height | len | minlen | margin | pos | lp | [fv]?[xyz] | [whdrgb] | point | Line
-      | (head|tail)port | same(head|tail) | group | ordering | rank | id | index | key | name | type
-      | class | comment | description | tooltip | url | URL | href""",
+    r"""(fill)?color | fill | style | penwidth | arrowsize | outline | smooth | bend | constraint
+      | label(font\w+|angle|distance|loc) | LabelGraphics | font(name|size|color) | image | size
+      | shape(_type)? | sides | peripheries | regular | orientation | fixedsize | len | minlen
+      | width | height | margin | pos | lp | [fv]?[xyz] | [whdrgb] | point | Line | (head|tail)port
+      | same(head|tail) | group | ordering | rank | id | index | key | comment | description
+      | tooltip | url | URL | href""",
     re.VERBOSE,
 )
-"""Attributes that only say how a node or an edge is drawn, or what is written at it."""
+"""Attributes that only say how a node or an edge is drawn."""
 _HIDDEN = re.compile(r"invis|transparent|none|^0+\.?0*$|^#\w{6}00$", re.IGNORECASE)
 _HEADS = ("normal", "vee", "open", "empty", "onormal", "standard", "delta", "plain")
 _EDGE_SAYS = {
@@ -184,20 +184,22 @@ def schema_of_graph(graph: nx.Graph, format: str, name: str) -> Schema:
     try:
         for node, says in graph.nodes(data=True):
             kind = "door" if node == DOOR else "lever"
-            gate = _meant(f"the node {node!s:.64}", says, {"kind": (kind,)}, "gate").get("gate")
+            what = f"the node {node!s:.64}"
+            gate = _meant(what, says, {"kind": (kind,)}, "gate", "label", "name").get("gate")
             at_least = re.fullmatch(r"at[_ ]least (\d{1,9})", str(gate))
             if gate is not None and str(gate) != "any":
                 gates[node] = {"at_least": int(at_least[1])} if at_least else str(gate)
         for cause, effect, says in graph.edges(data=True):
             edge = f"the edge {cause!s:.64} -> {effect!s:.64}"
-            meant = _meant(edge, says, _EDGE_SAYS, "strength")
+            strength = says.get("strength", 1.0)
+            with suppress(ValueError):
+                strength = float(strength) if isinstance(strength, str) else strength
+            label = ("", "none", f"{strength:g}" if isinstance(strength, float) else "")
+            meant = _meant(edge, says, {**_EDGE_SAYS, "label": label}, "strength")
             if meant.get("dir") == "back" or meant.get("arrow") == "first":
                 cause, effect = effect, cause
             if effect in edges.setdefault(cause, {}):
                 raise SchemaError(f"{edge} is there twice; remove one of them")
-            strength = meant.get("strength", 1.0)
-            with suppress(ValueError):
-                strength = float(strength) if isinstance(strength, str) else strength
             edges[cause][effect] = {"strength": strength}
         names = {key: graph.graph[key] for key in ("title", "inert") if key in graph.graph}
         if isinstance(names.get("inert"), str):
@@ -210,7 +212,7 @@ def schema_of_graph(graph: nx.Graph, format: str, name: str) -> Schema:
 
 
 def _meant(
-    what: str, says: Mapping[str, Any], allowed: Mapping[str, tuple[str, ...]], meaning: str
+    what: str, says: Mapping[str, Any], allowed: Mapping[str, tuple[str, ...]], *meaning: str
 ) -> dict[str, Any]:
     """What a node or an edge says that has a meaning here.
 
@@ -218,19 +220,20 @@ def _meant(
         SchemaError: If it says anything else than how it is drawn, or is drawn as not there.
     """
     if isinstance(graphics := says.get("graphics"), Mapping):  # of GML
-        says = {**graphics, **{key: value for key, value in says.items() if key != "graphics"}}
+        drawn = {key: value for key, value in graphics.items() if key != "type"}  # of line
+        says = {**drawn, **{key: value for key, value in says.items() if key != "graphics"}}
     for key, value in says.items():
         if key in allowed:
             good = str(value).lower() in allowed[key]
         elif key in ("style", "color", "penwidth"):
             good = not _HIDDEN.search(str(value))
         else:
-            good = key == meaning or LOOKS.fullmatch(str(key)) is not None
+            good = key in meaning or LOOKS.fullmatch(str(key)) is not None
         if not good:
             raise SchemaError(
                 f"{what} says {key!s:.64}={value!s:.64}, which is not understood; take it out"
             )
-    return {key: value for key, value in says.items() if key == meaning or key in allowed}
+    return {key: value for key, value in says.items() if key in (*meaning, *allowed)}
 
 
 def _by_label(graph: nx.Graph) -> nx.Graph:
@@ -383,10 +386,11 @@ def _dagitty_graph(text: str) -> nx.Graph:
     parts = _DAGITTY.fullmatch(text)
     if not parts:
         raise SchemaError("a dagitty graph is written `dag { A -> B }`; is this the right file?")
-    graph, body, at = nx.MultiDiGraph(name=_unquoted(parts[1])), parts[2], 0
+    body = _TEXT_OR_COMMENT.sub(lambda part: part[0] if part[0][0] == '"' else " ", parts[2])
+    graph, at = nx.MultiDiGraph(name=_unquoted(parts[1])), 0
     for statement in [*_STATEMENT.finditer(body), None]:
         between = body[at : statement.start() if statement else None]
-        if _TEXT_OR_COMMENT.sub("", between).strip("; \t\r\n"):
+        if between.strip("; \t\r\n"):
             raise SchemaError(f"this dagitty graph is not understood at {between.strip()!r:.64}")
         at = statement.end() if statement else at
         if not statement or not statement[1]:  # the end, or a setting of the drawing

@@ -26,7 +26,7 @@ from pydantic import BeforeValidator, Field, ValidationError, WrapValidator
 
 from causal_openlock.errors import SchemaError, together
 from causal_openlock.files.validation import StrictModel, described, faults_of, plain
-from causal_openlock.files.yaml_file import Document, parse_document, read_document
+from causal_openlock.files.yaml_file import parse_document
 from causal_openlock.schemas.schema import MAX_LEVERS, NAME, Gate, Schema
 
 JSON_SCHEMA_ID = "https://json-schema.org/draft/2020-12/schema"
@@ -135,22 +135,20 @@ class SchemaFile(StrictModel):
         return Schema(self.name, self.levers, edges, gates=gates, inert=inert, title=title)
 
 
-def read_schema_file(path: Path | str) -> Schema:
-    """Read a schema file.
-
-    Raises:
-        FileError: With line, column and remedy of every fault.
-    """
-    return _schema_of(read_document(path))
-
-
 def parse_schema(text: str, path: Path | str = "<text>") -> Schema:
     """Read a schema from the text of a schema file.
 
     >>> parse_schema("{name: one, levers: [A], edges: {A: [door]}}").solutions
     (('A',),)
+
+    Raises:
+        FileError: With line, column and remedy of every fault.
     """
-    return _schema_of(parse_document(text, path))
+    document = parse_document(text, path)
+    try:
+        return document.validate(SchemaFile).schema_()
+    except SchemaError as error:
+        raise document.error(error) from None
 
 
 def schema_from_dict(data: Mapping[str, Any]) -> Schema:
@@ -165,13 +163,6 @@ def schema_from_dict(data: Mapping[str, Any]) -> Schema:
     except ValidationError as error:
         faults = faults_of(error, SchemaFile)
         raise together([SchemaError(message, where) for where, message in faults]) from None
-
-
-def _schema_of(document: Document) -> Schema:
-    try:
-        return document.validate(SchemaFile).schema_()
-    except SchemaError as error:
-        raise document.error(error) from None
 
 
 def json_schema() -> dict[str, Any]:

@@ -44,7 +44,7 @@ def schema_file(text: str | bytes = "", name: str = "schema.yaml", **changes: st
     """
     good = {"name": "X", "levers": "[L0, L1]", "edges": "{L0: [L1], L1: [door]}", **changes}
     written = text or "".join(f"{key}: {value}\n" for key, value in good.items())
-    return of("causal_openlock.schemas.schema_file", "read_schema_file")(file(name, written))
+    return of("causal_openlock.schemas.graphs", "read_schema")(file(name, written), "yaml")
 
 
 def experiment_file(text: str = "", **changes: str) -> Any:

@@ -142,7 +142,7 @@ def test_edges_that_are_drawn_backwards_are_turned():
       edge [ source 6 target 7 ] ]"""
     dot = """strict digraph "safe" { # comment
       wheel -> bolt [dir=back, style=dashed]; edge [color=red]; wheel -> door:n;
-      node [shape=box]; bolt:e -> door [label=<b>] }"""
+      node [shape=box]; bolt:e -> door [URL="http://x/#y"] }"""
     assert {*import_schema(gml, "gml").graph.edges} == expected
     assert {*import_schema(dot, "dot").graph.edges} == expected
 
@@ -154,6 +154,13 @@ def test_defaults_of_a_graph_hold_for_what_follows():
     assert found.graph.edges["A", "B"]["strength"] == 0.5
     assert found.graph.edges["A", "door"]["strength"] == 0.25
     assert found.graph.edges["B", "door"]["strength"] == 1.0
+    graphml = """<graphml xmlns="http://graphml.graphdrawing.org/xmlns">
+      <key id="s" for="edge" attr.name="strength" attr.type="double"><default>0.5</default></key>
+      <graph edgedefault="directed"><node id="A"/><node id="B"/><node id="door"/>
+      <edge source="A" target="B"/><edge source="B" target="door"><data key="s">1</data></edge>
+      </graph></graphml>"""
+    assert import_schema(graphml, "graphml").strengths("B") == (0.5,)
+    assert import_schema(graphml, "graphml").strengths("door") == (1.0,)
     assert (found.title, found.gate("door")) == ('T & "t"', Gate("all"))
 
 
