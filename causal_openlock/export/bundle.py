@@ -47,7 +47,8 @@ from causal_openlock.export.croissant import as_json, croissant, data_card
 from causal_openlock.files.atomic import replacing, write_bytes
 from causal_openlock.files.digest import digest
 from causal_openlock.files.yaml_file import dump_yaml
-from causal_openlock.storage.stored import StoredExperiment, Versions
+from causal_openlock.storage.stored import StoredExperiment
+from causal_openlock.storage.versions import Versions
 from causal_openlock.usercode.own_files import digest_of, module_source, own_files
 from causal_openlock.usercode.session_code import is_of_session
 from causal_openlock.version import RESULTS_VERSION

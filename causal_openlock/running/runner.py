@@ -290,8 +290,6 @@ class _Run:
             self.warn(f"the learner {cell.in_words}, {done.lost}; it is tried again")
             self.jobs.append(cell)
             return
-        failures = self.store.failures
         trace = "A process that ends so leaves no traceback.\n"
-        counted = None if done.late else MOST_FAILURES  # one that is late may have made progress
-        why = failures.record(cell, done.lost, trace, counted, counts=not done.late)
-        self.has_failed(cell, why)
+        failures = 0 if done.late else MOST_FAILURES  # one that is late may have made progress
+        self.has_failed(cell, self.store.failures.record(cell, done.lost, trace, failures))

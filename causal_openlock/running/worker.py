@@ -148,8 +148,8 @@ def record_failure(store: Store, cell: Cell, error: BaseException) -> str:
         trace = f"{type(error).__name__}\n"
     if len(trace) > MOST_WRITTEN:  # an exception's text may be of any length
         trace = f"{trace[: MOST_WRITTEN // 2]}\n...\n{trace[-MOST_WRITTEN // 2 :]}"
-    counts = not isinstance(error, NotAvailableError)
-    return store.failures.record(cell, f"failed: {what}", trace, counts=counts)
+    failures = 0 if isinstance(error, NotAvailableError) else 1
+    return store.failures.record(cell, f"failed: {what}", trace, failures)
 
 
 def _users_line(error: BaseException) -> str:

@@ -10,12 +10,10 @@ from typing import TYPE_CHECKING
 from causal_openlock.experiment.declare import Cell
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.files.checksums import ChecksumError, read_table, table_bytes
-from causal_openlock.storage.versions import versions
+from causal_openlock.storage.versions import Versions, versions
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-    from causal_openlock.storage.stored import Versions
 
 IDENTITY = b"causal_openlock.cell"
 VERSIONS = b"causal_openlock.versions"
@@ -29,7 +27,7 @@ def read_cell_file(
     Args:
         path: Its file.
         identity: The cell's identity; by default that in the file's name.
-        columns: The columns to read; by default all.
+        columns: The columns to read and to check; by default all.
 
     Raises:
         OSError: If it cannot be read.
@@ -49,18 +47,15 @@ def read_cell_file(
     if columns is not None:
         schema = pa.schema([schema.field(name) for name in columns])
     try:
+        made_with = TypeAdapter(Versions).validate_json(metadata.get(VERSIONS, b"{}"))
         # Other programs may encode names differently.
         table = table.replace_schema_metadata(None).cast(schema)
         table.validate(full=True)
         if any(column.null_count for column in table.columns):
             raise ValueError("values are missing")
     except (pa.ArrowException, ValueError):
-        raise ChecksumError("its columns are not those of a record") from None
-    try:
-        form = TypeAdapter(dict[str, str | list[str]])
-        return table, form.validate_json(metadata.get(VERSIONS, b"{}"))
-    except ValueError:
-        raise ChecksumError("it does not say what it was made with") from None
+        raise ChecksumError("its columns or versions are not those of a record") from None
+    return table, made_with
 
 
 def write_cell_file(path: Path, cell: Cell, record: pa.Table) -> None:

@@ -29,24 +29,20 @@ class Failures:
         """The path of the reason why a cell failed, by the name of its record's file."""
         return self.folder / f"{Path(file_name).stem}.txt"
 
-    def record(
-        self, cell: Cell, what: str, trace: str, failures: int | None = None, counts: bool = True
-    ) -> str:
+    def record(self, cell: Cell, what: str, trace: str, failures: int = 1) -> str:
         """Save why a cell failed, and return it as a sentence.
 
         Args:
             cell: The cell.
             what: A clause that follows its name.
             trace: The traceback.
-            failures: How often it has failed now; by default once more than before.
-            counts: Whether it is once more; another try may get further.
+            failures: As how many failures it counts; 0 where another try may get further.
 
         Raises:
             OpenLockError: If it cannot be written.
         """
         why = f"the learner {cell.in_words}, {what}"
-        if failures is None:
-            failures = self.of(cell.file_name)[0] + counts
+        failures += self.of(cell.file_name)[0]
         text = f"{why}\n\n{trace}\nfailures: {failures}\n"
         write_bytes(self.path(cell.file_name), text.encode("utf-8", "backslashreplace"))
         return why

@@ -1,8 +1,7 @@
 """A shard: a fixed share of an experiment's cells, for a job of a batch system.
 
-A job array needs no scheduler: job 3 of 16 plays the shard ``3/16``, and all jobs write into one
-folder. Which cells a shard has depends on the experiment alone, so it does not matter when a job
-starts, and a job that was killed is simply started again.
+Which cells a shard has depends on the experiment alone. So it does not matter when the jobs of an
+array start, and one that was killed is simply started again.
 """
 
 from __future__ import annotations

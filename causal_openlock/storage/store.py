@@ -39,14 +39,14 @@ from causal_openlock.storage.cell_file import read_cell_file, write_cell_file
 from causal_openlock.storage.failures import Failures
 from causal_openlock.storage.folder_lock import FolderLock
 from causal_openlock.storage.running_files import tidy
-from causal_openlock.storage.versions import merged_versions, other_versions, versions
+from causal_openlock.storage.versions import Versions, merged_versions, other_versions, versions
 from causal_openlock.version import RESULTS_VERSION
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
     from causal_openlock.storage.shard import Shard
-    from causal_openlock.storage.stored import StoredExperiment, Versions
+    from causal_openlock.storage.stored import StoredExperiment
 
 TRANSCRIPTS = "transcripts"
 LOG = "log.jsonl"
@@ -327,12 +327,12 @@ class Store:
         from causal_openlock.experiment.record import compact
 
         experiment = self.experiment()
+        done, missing = self.files(experiment)
         listed = {
             "learner": {spec.name for spec in experiment.learners},
             "condition": {condition.name for condition in experiment.conditions},
             "protocol": {spec.protocol.name for spec in experiment.learners},
         }
-        done, missing = self._split(experiment)
         tables, made_with = [], []
         for path in done:
             table, versions = self._read(path, None, columns)
@@ -353,23 +353,21 @@ class Store:
             failures=present(reasons),
         )
 
-    def files(self) -> tuple[list[Path], list[Path]]:
+    def files(self, experiment: StoredExperiment | None = None) -> tuple[list[Path], list[Path]]:
         """The existing files of cells, in order, and the missing ones.
+
+        Args:
+            experiment: The folder's experiment, if it has been read.
 
         Raises:
             StoreError: If the folder holds no results, or no cell.
         """
-        return self._split(self.experiment())
-
-    def _split(self, experiment: StoredExperiment) -> tuple[list[Path], list[Path]]:
-        done: list[Path] = []
-        missing: list[Path] = []
-        for name in experiment.files:
-            path = self.cells / name
-            (done if path.exists() else missing).append(path)
+        paths = [self.cells / name for name in (experiment or self.experiment()).files]
+        exists = {path: path.exists() for path in paths}
+        done = [path for path in paths if exists[path]]
         if not done:
             raise StoreError(f"{self.folder} holds no cell yet; run compare to the end first")
-        return done, missing
+        return done, [path for path in paths if not exists[path]]
 
     def _damaged(self, path: Path, error: Exception) -> StoreError:
         if (self.folder / LOG).exists():

@@ -17,9 +17,7 @@ from pydantic import ValidationError
 from causal_openlock.errors import StoreError, in_short
 from causal_openlock.experiment.declare import Experiment
 from causal_openlock.files.validation import adapter, errors_of, part
-
-Versions = Mapping[str, str | list[str]]
-"""Versions by the name of the package; a list if cells were made with several."""
+from causal_openlock.storage.versions import Versions
 
 
 @part(kw_only=True)

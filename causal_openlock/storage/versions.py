@@ -14,6 +14,8 @@ from typing import Any
 
 from causal_openlock.version import RESULTS_VERSION
 
+Versions = Mapping[str, str | list[str]]
+"""Versions by the name of the package; a list if cells were made with several."""
 PACKAGES = ("numpy", "torch", "numba", "networkx")
 
 
@@ -29,7 +31,7 @@ def versions() -> dict[str, str]:
     return here
 
 
-def merged_versions(several: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def merged_versions(several: Sequence[Versions]) -> dict[str, Any]:
     """The version of each package, or a list if there are several.
 
     >>> merged_versions([{"numpy": "2.0"}, {"numpy": ["2.1", "2.0"], "torch": "2.6"}])
@@ -42,7 +44,7 @@ def merged_versions(several: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return {name: [*of] if len(of) > 1 else next(iter(of)) for name, of in merged.items()}
 
 
-def other_versions(made_with: Mapping[str, Any], here: Mapping[str, str]) -> str:
+def other_versions(made_with: Versions, here: Mapping[str, str]) -> str:
     """Stored versions that differ from those here, in words; empty if there are none.
 
     >>> other_versions({"numpy": "2.0", "torch": ["2.6", "2.7"]}, {"numpy": "2.1", "torch": "2.7"})
