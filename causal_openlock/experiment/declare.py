@@ -52,6 +52,7 @@ from pydantic import (
     PlainSerializer,
     SerializationInfo,
     SerializerFunctionWrapHandler,
+    ValidationError,
     ValidationInfo,
     create_model,
     field_serializer,
@@ -63,7 +64,6 @@ from pydantic.json_schema import SkipJsonSchema
 from causal_openlock.contract.registry import (
     learner_class,
     name_of,
-    parameter_table,
     parse_parameters,
 )
 from causal_openlock.errors import ExperimentError, LearnerError, OpenLockError, ProtocolError
@@ -77,6 +77,7 @@ from causal_openlock.files.validation import (
     Where,
     adapter,
     each,
+    errors_of,
     located,
     part,
     plain,
@@ -98,7 +99,6 @@ from causal_openlock.world.rewards import (
     AuthorsReward,
     Reward,
     RewardFunction,
-    Weights,
     find_reward,
 )
 from causal_openlock.world.room import Layout, position_names, positions_for, published_layouts
@@ -218,21 +218,16 @@ RewardWeights.__doc__ = "Another reward's terms or preset, with other weights."
 def _reward(value: Any, info: ValidationInfo) -> RewardFunction:
     """A reward in any form; a recorded one as it was, without its code."""
     context = info.context or {}
+    if isinstance(value, Mapping) and context.get("recorded"):
+        recorded: Any = adapter(Reward | OwnReward | AuthorsReward).validate_python(value)
+        if unknown := {*getattr(recorded, "terms", ())} - {*TERMS}:
+            raise ExperimentError(f"there is no reward term {min(unknown)!r}")
+        return recorded
+    if isinstance(value, Mapping):
+        RewardWeights.model_validate(plain(value))
     if isinstance(value, str) and ":" in value:
-        for folder in context.get("folders", ()):
-            look_beside(folder)
-    if not context.get("recorded") or isinstance(value, RewardFunction):
-        if isinstance(value, Mapping):
-            RewardWeights.model_validate(plain(value))
-        return find_reward(value)
-    if "function" in value:
-        return OwnReward(value["function"], value["source"])
-    if "terms" not in value:
-        return adapter(AuthorsReward).validate_python(value)
-    if unknown := {*value["terms"]} - {*TERMS}:
-        raise ExperimentError(f"there is no reward term {min(unknown)!r}")
-    weights = adapter(Weights).validate_python(value.get("weights", {}))
-    return Reward(value["name"], tuple(value["terms"]), weights)
+        look_beside(*context.get("folders", ()))
+    return find_reward(value)
 
 
 AnyReward = Annotated[
@@ -323,25 +318,9 @@ class ProtocolChanges(Protocol):
 
 
 PROTOCOLS = {
-    "human": Protocol("human", attempt_limit=30, stop_when_solved=True),
-    "rl": Protocol(
-        "rl",
-        attempt_limit=300,
-        stop_when_solved=False,
-        test_trials=5,
-        baseline_loops=10,
-        train_loops=100,
-        test_loops=10,
-    ),
-    "rl_2020": Protocol(
-        "rl_2020",
-        attempt_limit=700,
-        stop_when_solved=True,
-        test_trials=5,
-        baseline_loops=200,
-        train_loops=200,
-        test_loops=200,
-    ),
+    "human": Protocol("human", 30, True),
+    "rl": Protocol("rl", 300, False, 5, 6, 5, baseline_loops=10, train_loops=100, test_loops=10),
+    "rl_2020": Protocol("rl_2020", 700, True, 5, 6, 5, 200, 200, 200),
 }
 
 
@@ -409,15 +388,15 @@ def _own_protocols(protocols: Any, info: ValidationInfo) -> Any:
     if not isinstance(protocols, Mapping):
         return protocols
     known = (info.context or {}).setdefault("protocols", {})
-    errors = []
+    errors: list[tuple[Where, OpenLockError]] = []
     for name, settings in protocols.items():
         known[name] = PROTOCOLS[HUMAN_PROTOCOL]  # a faulty one is said to be so once
         if isinstance(settings, Mapping):
-            settings = {"based_on": HUMAN_PROTOCOL, **settings, "name": name}
+            settings = {**settings, "name": name}
         try:
             known[name] = adapter(AnyProtocol).validate_python(settings, context=info.context)
-        except ValueError as error:
-            errors.append(((name,), error))
+        except ValidationError as error:
+            errors += [((name, *where), fault) for where, fault in errors_of(error, AnyProtocol)]
     if errors:
         raise located(errors)
     return {name: known[name] for name in protocols}
@@ -515,6 +494,18 @@ def _training(value: Any, info: ValidationInfo) -> Any:
     return _trials(value)
 
 
+def _room(layout: Any, info: ValidationInfo) -> Layout:
+    """A layout of the trials that come before in a condition, by the number of its levers."""
+    trials = (*info.data.get("train", ()), *info.data.get("test", ()))
+    fitting = {len(group.schema.levers): group.schema for group in trials}
+    return layout if isinstance(layout, Layout) else layout_for(fitting[len(layout)], layout)
+
+
+RecordedRoom = Annotated[
+    InstanceOf[Layout], BeforeValidator(_room), PlainSerializer(lambda layout: [*layout.places])
+]
+
+
 @part()
 class Condition(Part):
     """A sequence of trials.
@@ -547,35 +538,11 @@ class Condition(Part):
         tuple[Trials, ...], BeforeValidator(_trials, json_schema_input_type=str | list[Trials])
     ] = ()
     rooms: Annotated[
-        Mapping[int, tuple[Layout, ...]],
+        dict[Annotated[int, PlainSerializer(str)], tuple[RecordedRoom, ...]],
         SkipJsonSchema(),
         Field(exclude_if=lambda rooms: not rooms),
     ] = field(default_factory=dict, compare=False)
     shown: Annotated[bool, SkipJsonSchema(), Field(exclude_if=lambda shown: not shown)] = False
-
-    @field_validator("rooms", mode="plain")
-    @classmethod
-    def _on_record(cls, rooms: Any, info: ValidationInfo) -> Any:
-        trials = (*info.data.get("train", ()), *info.data.get("test", ()))
-        schemas = {len(group.schema.levers): group.schema for group in trials}
-        return {
-            int(subject): each(
-                layouts,
-                lambda layout: (
-                    layout
-                    if isinstance(layout, Layout)
-                    else layout_for(schemas[len(layout)], layout)
-                ),
-            )
-            for subject, layouts in rooms.items()
-        }
-
-    @field_serializer("rooms")
-    def _rooms_data(self, rooms: Mapping[int, tuple[Layout, ...]]) -> Any:
-        return {
-            str(subject): [[*layout.places] for layout in layouts]
-            for subject, layouts in rooms.items()
-        }
 
     def __post_init__(self) -> None:
         if not self.shown:
@@ -655,27 +622,24 @@ def _halves(text: str) -> dict[str, Any]:
 
 
 def _once(thing: Any, info: ValidationInfo) -> Any:
-    """Refuse a second condition or learner of a name, and two schemas of one."""
-    for named in (thing if isinstance(thing, list) else [thing]) if _declares(info) else ():
-        names: set[str] = (info.context or {}).setdefault(info.field_name, set())
+    """Refuse a second condition or learner of a name, and a second schema of one."""
+    if not _declares(info) or info.context is None:
+        return thing
+    kind = (info.field_name or "learners").removesuffix("s")
+    for named in thing if isinstance(thing, list) else [thing]:
+        names: set[str] = info.context.setdefault(kind, set())
         if named.name in names:
             raise ExperimentError(
-                f"the {str(info.field_name)[:-1]} {named.name} is listed twice; remove one of "
-                "them, or give it another name (name: in a file; learner(..., label=...) or "
-                "schema(..., name=...) in Python)"
+                f"the {kind} {named.name} is listed twice; remove one of them, or give it another "
+                "name (name: in a file; in Python learner(..., label=...), schema(..., name=...))"
             )
         names.add(named.name)
-    return thing
-
-
-def _one_schema_a_name(condition: Condition, info: ValidationInfo) -> Condition:
-    known = (info.context or {}).setdefault("schemas", {})
-    for schema in condition.schemas:
-        if known.setdefault(schema.name, schema) != schema:
+    for schema in thing.schemas if isinstance(thing, Condition) else ():
+        if info.context.setdefault(f"schema {schema.name}", schema) != schema:
             raise ExperimentError(
                 f"two different schemas are called {schema.name}; rename one of them"
             )
-    return condition
+    return thing
 
 
 AnyCondition = Annotated[
@@ -719,7 +683,7 @@ def label_of(name: str, values: Mapping[str, Any], mark: str) -> str:
 
 
 def points(entry: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The learners of a sweep, one for each combination of its values, with their labels.
+    """Entries for the learners of a sweep, with their labels.
 
     >>> swept = points({"learner": "bayes", "sweep": {"lapse": [0.0, 0.1]}})
     >>> [(point["name"], point["parameters"]) for point in swept]
@@ -781,51 +745,17 @@ class LearnerSpec(Part):
     @classmethod
     def _is_there(cls, learner: str, info: ValidationInfo) -> str:
         if not info.data.get("recorded"):
-            for folder in (info.context or {}).get("folders", ()) if ":" in learner else ():
-                look_beside(folder)
+            if ":" in learner:
+                look_beside(*(info.context or {}).get("folders", ()))
             learner_class(learner)
         return learner
-
-    @field_validator("sweep")
-    @classmethod
-    def _can_be_swept(cls, sweep: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
-        """Check each value, and how many combinations there are."""
-        learner = info.data.get("learner")
-        if learner is None or not sweep:
-            return sweep
-        known = {row.name for row in parameter_table(learner)}
-        errors: list[tuple[Where, ValueError]] = [
-            ((key, index), part)
-            for key, values in sweep.items()
-            for index, value in enumerate(values if key in known else values[:1])
-            for part in _faulty(learner, {key: value}, {key})
-        ]
-        errors = [(where[:1] if where[0] not in known else where, part) for where, part in errors]
-        if (size := prod(map(len, sweep.values()))) > MOST_SWEPT:
-            message = f"this sweep has {size:,} learners; sweep at most {MOST_SWEPT}"
-            errors.append(((), LearnerError(message)))
-        labels = [point["name"] for point in points({"learner": learner, "sweep": sweep})]
-        for label in sorted({label for label in labels if labels.count(label) > 1}):
-            message = f"this sweep has two learners called {label}; take one of their values out"
-            errors.append(((), LearnerError(message)))
-        if errors:
-            raise located(errors)
-        return sweep
 
     @field_validator("parameters")
     @classmethod
     def _fit(cls, parameters: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
-        """All parameters, defaults included, checked; of a sweep those that are not swept."""
-        learner, sweep = info.data.get("learner"), info.data.get("sweep", {})
-        if learner is None or info.data.get("recorded"):
-            return parameters
-        if twice := sweep.keys() & parameters.keys():
-            message = f"{min(twice)} is in parameters and in sweep; leave it out of one"
-            raise located([((min(twice),), LearnerError(message))])
-        if sweep or "sweep" not in info.data:
-            errors = _faulty(learner, parameters, {*parameters})
-            if errors:
-                raise located((part.at, part) for part in errors)
+        """All parameters, defaults included; those of a sweep are checked with its values."""
+        learner = info.data.get("learner")
+        if learner is None or info.data.get("recorded") or info.data.get("sweep"):
             return parameters
         return asdict(parse_parameters(learner, parameters))
 
@@ -861,15 +791,6 @@ class LearnerSpec(Part):
     def is_random(self) -> bool:
         """Whether the learner draws every action at random."""
         return self.learner == "random" or self.origin.class_name == RANDOM_CLASS
-
-
-def _faulty(learner: str, parameters: Mapping[str, Any], keys: set[str]) -> list[OpenLockError]:
-    """Faults of some parameters of a learner, the others left aside."""
-    try:
-        parse_parameters(learner, parameters)
-    except LearnerError as error:
-        return [part for part in error.parts if {*part.at[:1]} & keys]
-    return []
 
 
 def _learner(value: Any, info: ValidationInfo) -> Any:
@@ -909,12 +830,29 @@ def _from_record(entry: dict[str, Any]) -> dict[str, Any]:
 
 
 def _family(spec: LearnerSpec, info: ValidationInfo) -> list[LearnerSpec]:
-    """The learners of a sweep; without one, the learner alone."""
-    if not spec.sweep:
+    """The learners of a sweep, one for each combination of values; without one, the learner."""
+    sweep, learners = spec.sweep, []
+    if not sweep:
         return [spec]
-    entry = {key: getattr(spec, key) for key in LearnerSpec.__dataclass_fields__}
-    kind = adapter(LearnerSpec)
-    return [kind.validate_python(point, context=info.context) for point in points(entry)]
+    if (size := prod(map(len, sweep.values()))) > MOST_SWEPT:
+        message = f"this sweep has {size:,} learners; sweep at most {MOST_SWEPT}"
+        raise located([(("sweep",), LearnerError(message))])
+    if twice := sweep.keys() & spec.parameters.keys():
+        message = f"{min(twice)} is in parameters and in sweep; leave it out of one"
+        raise located([(("sweep", min(twice)), LearnerError(message))])
+    errors: dict[Where, OpenLockError] = {}
+    for point in points({key: getattr(spec, key) for key in spec.__dataclass_fields__}):
+        try:
+            learners.append(adapter(LearnerSpec).validate_python(point, context=info.context))
+        except ValidationError as error:
+            for where, fault in errors_of(error, LearnerSpec):
+                _, key, *_ = (*where, "", "")
+                if where[:1] == ("parameters",) and key in sweep:
+                    where = ("sweep", key, sweep[key].index(point["parameters"][key]))
+                errors.setdefault(where, fault)
+    if errors:
+        raise located(errors.items())
+    return learners
 
 
 AnyLearner = Annotated[
@@ -1016,9 +954,7 @@ class Experiment(Part):
     )
     subjects: Annotated[Subjects, Field(exclude=True)] = 40
     conditions: Annotated[
-        tuple[
-            Annotated[AnyCondition, AfterValidator(_once), AfterValidator(_one_schema_a_name)], ...
-        ],
+        tuple[Annotated[AnyCondition, AfterValidator(_once)], ...],
         AtLeastOne,
         MIN_ITEMS,
     ]
@@ -1098,11 +1034,7 @@ class Experiment(Part):
 
     def as_dict(self) -> dict[str, Any]:
         """The experiment as plain data, schemas and defaults included."""
-        return self._dump()
-
-    def _dump(self, context: dict[str, str] | None = None) -> dict[str, Any]:
-        data: dict[str, Any] = adapter(Experiment).dump_python(self, context=context)
-        return data
+        return plain(adapter(Experiment).dump_python(self))  # type: ignore[no-any-return]
 
     def as_file(self, schemas: str = "schemas") -> dict[str, Any]:
         """The experiment as an experiment file has it, to be written as YAML.
@@ -1113,7 +1045,7 @@ class Experiment(Part):
         Args:
             schemas: The folder next to the file that has each schema as ``NAME.yaml``.
         """
-        data = self._dump({"schemas": schemas})
+        data = plain(adapter(Experiment).dump_python(self, context={"schemas": schemas}))
         return {key: value for key, value in data.items() if key not in ("version", "command")}
 
     def warnings(self) -> list[str]:

@@ -10,17 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import field
 from functools import cache, wraps
 from inspect import signature
-from types import UnionType
-from typing import (
-    Annotated,
-    Any,
-    TypeVar,
-    Union,
-    dataclass_transform,
-    get_args,
-    get_origin,
-    get_type_hints,
-)
+from typing import Any, TypeVar, dataclass_transform
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
@@ -120,7 +110,6 @@ def check_arguments(given: Iterable[str], function: Callable[..., Any], name: st
             raise OpenLockError(f"{name} has no argument {one}; {nearest(one, names)}")
 
 
-_UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
 _WANTED = {
     "string_type": "a valid string",
     "int_type": "a valid integer",
@@ -138,54 +127,38 @@ def faults_of(error: ValidationError, kind: Any) -> list[tuple[Where, str]]:
 
 
 def errors_of(error: ValidationError, kind: Any) -> list[tuple[Where, OpenLockError]]:
-    """Faults that Pydantic found or gathered: the path of each, and the error."""
+    """Faults that Pydantic found, or gathered from what raised errors of ours, with their paths."""
     errors: list[tuple[Where, OpenLockError]] = []
     for fault in error.errors(include_url=False):
         raised = fault.get("ctx", {}).get("error")
         if isinstance(raised, OpenLockError):
             errors += [((*fault["loc"], *part.at), part) for part in raised.parts]
-            continue
-        # <name>, <list>, <mapping>: the arm of a union, no key of the file.
-        *above, last = fault["loc"] or ("",)
-        arm = str(last)[:1] == "<" and fault["type"] not in _UNKNOWN_KEY
-        kept = [key for key in above if str(key)[:1] != "<"]
-        where = (*kept, *(() if arm or not fault["loc"] else (last,)))
-        errors.append((where, OpenLockError(_sentence(fault, where, kind))))
+        else:
+            errors.append((fault["loc"], OpenLockError(_sentence(fault, kind))))
     return errors
 
 
-def located(errors: Iterable[tuple[Where, ValueError]]) -> ValidationError:
+def located(errors: Iterable[tuple[Where, OpenLockError]]) -> ValidationError:
     """Errors of parts, each with its path, as one that Pydantic adds to those of other parts."""
-    lines: list[InitErrorDetails] = []
-    for where, error in errors:
-        if isinstance(error, ValidationError):
-            lines += [
-                {
-                    "type": fault["type"],
-                    "loc": (*where, *fault["loc"]),
-                    "input": fault["input"],
-                    "ctx": fault.get("ctx", {}),
-                }
-                for fault in error.errors(include_url=False)
-            ]
-        else:
-            lines.append(
-                {"type": "value_error", "loc": where, "input": None, "ctx": {"error": error}}
-            )
+    lines: list[InitErrorDetails] = [
+        {"type": "value_error", "loc": where, "input": None, "ctx": {"error": error}}
+        for where, error in errors
+    ]
     return ValidationError.from_exception_data("faults", lines)
 
 
 def each(values: Iterable[Any], make: Callable[[Any], T]) -> tuple[T, ...]:
-    """What is made of each value; where some cannot be, the faults of all.
+    """What is made of each value.
 
     Raises:
-        ValidationError: With the index of each value that raised a ValueError.
+        ValidationError: With the index of each value that raised an error of ours.
     """
-    made, errors = [], []
+    made: list[T] = []
+    errors: list[tuple[Where, OpenLockError]] = []
     for index, value in enumerate(values):
         try:
             made.append(make(value))
-        except ValueError as error:
+        except OpenLockError as error:
             errors.append(((index,), error))
     if errors:
         raise located(errors)
@@ -198,7 +171,7 @@ class Part:
     def as_dict(self) -> dict[str, Any]:
         """The part as plain data, which is what a results folder stores."""
         kind: Any = type(self)
-        data: dict[str, Any] = adapter(kind).dump_python(self)
+        data: dict[str, Any] = plain(adapter(kind).dump_python(self))
         return data
 
 
@@ -234,68 +207,51 @@ def part(*, kw_only: bool = False) -> Callable[[type[T]], type[T]]:
     return made
 
 
-def _sentence(fault: Any, where: Where, kind: Any) -> str:
-    type_, value = fault["type"], fault.get("input")
-    name = ".".join(str(part) for part in where) or "the file"
+def _sentence(fault: Any, kind: Any) -> str:
+    """A fault that Pydantic found, in a sentence with a remedy."""
+    what, value, where = fault["type"], fault.get("input"), fault["loc"]
+    name = ".".join(map(str, where)) or "the file"
     in_quotes = value is not None and not isinstance(value, str | Mapping | Sequence)
     quotes = "; write it in quotes" if in_quotes else ""
-    if type_ == "missing":
+    if what == "missing":
         return f"{where[-1]}: is missing; add it"
-    if type_ in _UNKNOWN_KEY:
-        known = _fields(kind, where[:-1])
-        return f"{where[-1]!r} is not a key here; {nearest(str(where[-1]), known)}"
-    if type_.startswith("custom."):
+    if what in ("extra_forbidden", "unexpected_keyword_argument"):
+        return (
+            f"{where[-1]!r} is not a key here; {nearest(str(where[-1]), _keys(kind, where[:-1]))}"
+        )
+    if what.startswith("custom."):
         return f"{fault['msg']}"
     if where and where[-1] == "[key]":
         return f"a key must be a text, and this is {described(value)}{quotes or '; write a name'}"
-    if type_ in _WANTED:
-        remedy = quotes if type_ == "string_type" else ""
-        return f"{name} must be {_WANTED[type_]}, and this is {described(value)}{remedy}"
-    if type_ == "too_short":
+    if what in _WANTED:
+        remedy = quotes if what == "string_type" else ""
+        return f"{name} must be {_WANTED[what]}, and this is {described(value)}{remedy}"
+    if what == "too_short":
         return f"{name} needs at least {fault['ctx']['min_length']}; add one"
-    if type_ == "string_pattern_mismatch":
-        _, *notes = get_args(_fields(kind, where[:-1]).get(str(where[-1])))
-        forms = [getattr(note, "description", None) for note in notes]
-        form = next(filter(None, forms), fault["ctx"]["pattern"])
+    if what == "string_pattern_mismatch":
+        form = _keys(kind, where[:-1]).get(where[-1], {}).get("description", "another one")
         return f"{name} must have the form: {form}; this is {described(value)}"
     message = fault["msg"].removeprefix("Value error, ").removeprefix("Input ")
     return f"{name} {message}, and this is {described(value)}"
 
 
-def _fields(kind: Any, where: Where) -> dict[str, Any]:
-    """The keys at a path of keys and indices, found by walking annotations."""
+def _keys(kind: Any, where: Where) -> dict[str, Any]:
+    """The keys that may stand at a path of keys and indices, by the JSON Schema of a kind."""
+    whole = adapter(kind).json_schema()
 
-    def arms(annotation: Any) -> list[Any]:
-        """The types of a union, and what a short form is read from, without what annotates them."""
-        if get_origin(annotation) is Annotated:
-            inner, *notes = get_args(annotation)
-            read_from = [getattr(note, "json_schema_input_type", inner) for note in notes]
-            return [arm for one in dict.fromkeys([inner, *read_from]) for arm in arms(one)]
-        if get_origin(annotation) in (Union, UnionType):
-            return [arm for one in get_args(annotation) for arm in arms(one)]
-        return [annotation]
+    def forms(schema: Any) -> list[dict[str, Any]]:
+        """A schema, or those that it says are possible."""
+        if "$ref" in schema:
+            return forms(whole["$defs"][schema["$ref"].rpartition("/")[2]])
+        inner = [form for one in schema.get("anyOf", ()) for form in forms(one)]
+        return inner or [schema]
 
-    kinds = arms(kind)
+    parts = forms(whole)
     for key in where:
-        inner = []
-        for arm in kinds:
-            if key in (fields := _declared(arm)):
-                inner += arms(fields[key])
-            elif (get_origin(arm), type(key)) in ((list, int), (tuple, int), (dict, str)):
-                inner += arms(get_args(arm)[0 if get_origin(arm) is tuple else -1])
-        kinds = inner
-    return {key: value for arm in kinds for key, value in _declared(arm).items()}
-
-
-def _declared(kind: Any) -> dict[str, Any]:
-    """The keys that a model or a part has in a file, with their annotations."""
-    fields = getattr(kind, "__pydantic_fields__", {})
-    hints = get_type_hints(kind, include_extras=True) if fields else {}
-    keys = {}
-    for name, about in fields.items():
-        alias = getattr(about.validation_alias, "choices", [about.validation_alias])[0]
-        keys[alias or name] = hints[name]
-    return keys
+        inside = "items" if isinstance(key, int) else "additionalProperties"
+        below = [part.get("properties", {}).get(key, part.get(inside)) for part in parts]
+        parts = [form for schema in below if isinstance(schema, dict) for form in forms(schema)]
+    return {key: schema for part in parts for key, schema in part.get("properties", {}).items()}
 
 
 def read(kind: Any, data: Any, context: dict[str, Any] | None = None) -> Any:
