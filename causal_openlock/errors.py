@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import traceback
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -181,51 +180,21 @@ class FileError(OpenLockError):
 
 
 def together(errors: Sequence[OpenLockError]) -> OpenLockError:
-    """One error for several: a line for each, or all faults of the file that they are in.
+    """One error for several, with a line for each.
 
     >>> both = together([SchemaError("no door"), SchemaError("no lever")])
     >>> type(both).__name__, str(both).splitlines()
     ('SchemaError', ['no door', 'no lever'])
     """
-    first, *others = errors
+    by_text = {str(error): error for error in errors}
+    first, *others = by_text.values()
     if not others:
         return first
-    kinds = {type(one) for one in errors}
-    if isinstance(first, FileError) and {getattr(one, "path", "") for one in errors} == {
-        first.path
-    }:
-        faults = (fault for one in errors if isinstance(one, FileError) for fault in one.faults)
-        return FileError(first.path, dict.fromkeys(faults))
-    kind = OpenLockError if FileError in kinds or len(kinds) > 1 else type(first)
-    made = kind("\n".join(_first([*dict.fromkeys(map(str, errors))])), first.at)
-    made._parts = tuple(part for one in errors for part in one.parts)
+    alike = all(type(error) is type(first) for error in others)
+    kind = type(first) if alike and not isinstance(first, FileError) else OpenLockError
+    made = kind("\n".join(_first([*by_text])), first.at)
+    made._parts = tuple(part for error in errors for part in error.parts)
     return made
-
-
-class Faults(list[OpenLockError]):
-    """Errors that are raised together, once everything has been checked.
-
-    >>> faults = Faults()
-    >>> with faults.noted("levers"):
-    ...     raise SchemaError("no lever")
-    >>> [one.at for one in faults]
-    [('levers',)]
-    """
-
-    @contextmanager
-    def noted(self, *where: str | int) -> Iterator[None]:
-        """Take note of an error instead of raising it, with the path before its own."""
-        try:
-            yield
-        except OpenLockError as error:
-            for part in error.parts:
-                part.at = (*where, *part.at)
-            self.append(error)
-
-    def check(self) -> None:
-        """Raise all errors that have been taken note of."""
-        if self:
-            raise together(self) from None
 
 
 def in_short(error: BaseException) -> str:

@@ -275,6 +275,7 @@ class Protocol(Part):
             solution needs.
 
     Example:
+        >>> from dataclasses import replace
         >>> short = replace(PROTOCOLS["human"], name="short", attempt_limit=5)
         >>> short.attempt_limit, short.training_trials
         (5, 6)
@@ -763,22 +764,18 @@ class LearnerSpec(Part):
         if not self.name:
             object.__setattr__(self, "name", self.learner.rpartition(":")[2])
 
-    @model_serializer(mode="wrap")
-    def _data(self, handler: SerializerFunctionWrapHandler, info: SerializationInfo) -> Any:
-        """The learner with its origin, which no file says."""
-        data = handler(self)
-        if info.context:
-            return data
-        known = {key: getattr(self.origin, key) or None for key in _NOTES}
-        if self.origin.prior_attempts is None:
+    def as_dict(self) -> dict[str, Any]:
+        """The learner as plain data, with its origin, which no file says."""
+        origin = self.origin
+        known = {key: getattr(origin, key) or None for key in _NOTES}
+        if origin.prior_attempts is None:
             known["prior_attempts"] = "unknown"
         about = {
-            "class": self.origin.class_name,
-            "package": self.origin.package,
-            "material": self.origin.artifact_hash or None,
-            **known,
+            "class": origin.class_name,
+            "package": origin.package,
+            "material": origin.artifact_hash or None,
         }
-        return {**data, **present(about)}
+        return {**super().as_dict(), **present({**about, **known})}
 
     @cached_property
     def origin(self) -> Origin:
@@ -1034,7 +1031,8 @@ class Experiment(Part):
 
     def as_dict(self) -> dict[str, Any]:
         """The experiment as plain data, schemas and defaults included."""
-        return plain(adapter(Experiment).dump_python(self))  # type: ignore[no-any-return]
+        data = plain(adapter(Experiment).dump_python(self))
+        return {**data, "learners": [spec.as_dict() for spec in self.learners]}
 
     def as_file(self, schemas: str = "schemas") -> dict[str, Any]:
         """The experiment as an experiment file has it, to be written as YAML.
