@@ -141,18 +141,20 @@ def _format(name: str) -> Format:
 # -- a graph as a schema ---------------------------------------------------------------------------
 
 LOOKS = re.compile(
-    r"""(fill)?color | fill | style | penwidth | arrowsize | outline | smooth | bend | constraint
+    r"""(fill)?color | fill | style | penwidth | arrowsize | outline | smooth\w* | bend | edgeAnchor
       | label(font\w+|angle|distance|loc) | LabelGraphics | font(name|size|color) | image | size
       | shape(_type)? | sides | peripheries | regular | orientation | fixedsize | len | minlen
       | width | height | margin | pos | lp | [fv]?[xyz] | [whdrgb] | point | Line | (head|tail)port
       | same(head|tail) | group | ordering | rank | id | index | key | comment | description
-      | tooltip | url | URL | href""",
+      | tooltip | url | URL | href | constraint""",
     re.VERBOSE,
 )
 """Attributes that only say how a node or an edge is drawn."""
 _HIDDEN = re.compile(r"invis|transparent|none|^0+\.?0*$|^#\w{6}00$", re.IGNORECASE)
 _HEADS = ("normal", "vee", "open", "empty", "onormal", "standard", "delta", "plain")
-_EDGE_SAYS = {
+_NODE_SAYS: dict[str, tuple[str, ...] | None] = dict.fromkeys(("gate", "label", "name", "graphics"))
+_EDGE_SAYS: dict[str, tuple[str, ...] | None] = {
+    "strength": None,
     "arrow": ("last", "first"),
     "arrowhead": _HEADS,
     "arrowtail": _HEADS,
@@ -162,7 +164,8 @@ _EDGE_SAYS = {
     "value": ("1", "1.0"),
     "weight": ("1", "1.0"),
 }
-"""Values of what else an edge may say; ``first`` and ``back`` turn it."""
+"""What else may be said, with the values that are understood; ``first`` and ``back`` turn an edge.
+"""
 
 
 def schema_of_graph(graph: nx.Graph, format: str, name: str) -> Schema:
@@ -183,20 +186,24 @@ def schema_of_graph(graph: nx.Graph, format: str, name: str) -> Schema:
     gates: dict[Any, Any] = {}
     try:
         for node, says in graph.nodes(data=True):
-            kind = "door" if node == DOOR else "lever"
-            what = f"the node {node!s:.64}"
-            gate = _meant(what, says, {"kind": (kind,)}, "gate", "label", "name").get("gate")
+            kind = ("door",) if node == DOOR else ("lever",)
+            _check(f"the node {node!s:.64}", says, {**_NODE_SAYS, "kind": kind})
+            gate = says.get("gate")
             at_least = re.fullmatch(r"at[_ ]least (\d{1,9})", str(gate))
             if gate is not None and str(gate) != "any":
                 gates[node] = {"at_least": int(at_least[1])} if at_least else str(gate)
         for cause, effect, says in graph.edges(data=True):
             edge = f"the edge {cause!s:.64} -> {effect!s:.64}"
+            if isinstance(says.get("graphics"), dict):  # of GML
+                says = dict(says)
+                drawing = says.pop("graphics")
+                says |= {key: drawing[key] for key in drawing if key != "type"}  # of line
             strength = says.get("strength", 1.0)
             with suppress(ValueError):
                 strength = float(strength) if isinstance(strength, str) else strength
             label = ("", "none", f"{strength:g}" if isinstance(strength, float) else "")
-            meant = _meant(edge, says, {**_EDGE_SAYS, "label": label}, "strength")
-            if meant.get("dir") == "back" or meant.get("arrow") == "first":
+            _check(edge, says, {**_EDGE_SAYS, "label": label})
+            if str(says.get("dir", says.get("arrow"))).lower() in ("back", "first"):
                 cause, effect = effect, cause
             if effect in edges.setdefault(cause, {}):
                 raise SchemaError(f"{edge} is there twice; remove one of them")
@@ -211,29 +218,22 @@ def schema_of_graph(graph: nx.Graph, format: str, name: str) -> Schema:
         raise _prefixed(f"this {format} graph is not a schema", error) from None
 
 
-def _meant(
-    what: str, says: Mapping[str, Any], allowed: Mapping[str, tuple[str, ...]], *meaning: str
-) -> dict[str, Any]:
-    """What a node or an edge says that has a meaning here.
-
-    Raises:
-        SchemaError: If it says anything else than how it is drawn, or is drawn as not there.
-    """
-    if isinstance(graphics := says.get("graphics"), Mapping):  # of GML
-        drawn = {key: value for key, value in graphics.items() if key != "type"}  # of line
-        says = {**drawn, **{key: value for key, value in says.items() if key != "graphics"}}
+def _check(
+    what: str, says: Mapping[str, Any], allowed: Mapping[str, tuple[str, ...] | None]
+) -> None:
+    """Refuse what a node or an edge says that is not understood, or that hides it."""
     for key, value in says.items():
         if key in allowed:
-            good = str(value).lower() in allowed[key]
+            values = allowed[key]
+            good = values is None or str(value).lower() in values
         elif key in ("style", "color", "penwidth"):
             good = not _HIDDEN.search(str(value))
         else:
-            good = key in meaning or LOOKS.fullmatch(str(key)) is not None
+            good = LOOKS.fullmatch(str(key)) is not None
         if not good:
             raise SchemaError(
                 f"{what} says {key!s:.64}={value!s:.64}, which is not understood; take it out"
             )
-    return {key: value for key, value in says.items() if key in (*meaning, *allowed)}
 
 
 def _by_label(graph: nx.Graph) -> nx.Graph:
@@ -340,7 +340,7 @@ def _dot_graph(text: str) -> nx.Graph:
         import pydot
     except ImportError:
         raise OpenLockError(
-            "DOT is read by pydot, which is not installed; pip install 'causal_openlock[dot]', or "
+            "DOT is read by pydot, which is not installed; pip install 'causal-openlock[dot]', or "
             "give the schema in another format"
         ) from None
     body = _TEXT_OR_COMMENT.sub('""', text).partition("{")[2]
