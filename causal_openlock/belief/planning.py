@@ -36,7 +36,6 @@ from causal_openlock.belief.likelihoods import completes
 from causal_openlock.belief.structures import NEVER, Hypotheses
 from causal_openlock.contract.learner import View
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
-from causal_openlock.world.randomness import pick
 
 MOST_BRANCHES = 5000
 """About the most sequences of pushes in a plan: four actions ahead with seven levers, six with
@@ -275,40 +274,6 @@ def thinned(weight: FloatArray, most: int) -> tuple[IntArray, FloatArray]:
     return which, coarse
 
 
-def sample_solution(
-    hypotheses: Hypotheses,
-    weight: FloatArray,
-    situation: Situation,
-    draws: tuple[float, float],
-    by_weight: bool,
-) -> tuple[int, ...] | None:
-    """Levers to push for a new solution that some hypothesis allows.
-
-    Args:
-        hypotheses: ``[h]`` the possible hypotheses.
-        weight: ``[h]`` their probabilities.
-        situation: Where the attempt stands.
-        draws: Two uniform numbers in [0, 1).
-        by_weight: Whether to draw a hypothesis by its probability and then one of its solutions
-            (Thompson), or uniformly any solution that some hypothesis allows.
-
-    Returns:
-        Slots in an order that works; None if no hypothesis has a solution left to find.
-    """
-    fitting = fitting_solutions(hypotheses, weight, situation)
-    if fitting is None:
-        return None
-    if by_weight:
-        which = pick(weight * _any_of(fitting), draws[0])
-        solution = int(hypotheses.solutions[which, pick(fitting[which] * 1.0, draws[1])])
-    else:
-        choices = np.unique(hypotheses.solutions[fitting])
-        solution = int(choices[int(draws[0] * len(choices))])
-        allows = _any_of(fitting & (hypotheses.solutions == solution))
-        which = pick(weight * allows, draws[1])
-    return _in_order(hypotheses, which, solution, situation.pushed)
-
-
 def fitting_solutions(
     hypotheses: Hypotheses, weight: FloatArray, situation: Situation
 ) -> BoolArray | None:
@@ -319,27 +284,6 @@ def fitting_solutions(
         # No solution can be completed in this attempt any more; begin one all the same.
         fitting = achievable(hypotheses, 0, hypotheses.causes.shape[1] + 1, found) & possible
     return fitting if fitting.any() else None
-
-
-def _any_of(table: BoolArray) -> BoolArray:
-    """``[h]`` ``table.any(axis=1)``, faster for few columns."""
-    return np.logical_or.reduce(np.ascontiguousarray(table.T))
-
-
-def _in_order(hypotheses: Hypotheses, which: int, solution: int, pushed: int) -> tuple[int, ...]:
-    """The levers of a solution that are still to be pushed, causes before effects."""
-    causes, threshold = hypotheses.causes[which], hypotheses.threshold[which]
-    order: list[int] = []
-    missing = {slot for slot in range(len(causes) - 1) if (solution & ~pushed) >> slot & 1}
-    while missing:
-        ready = [
-            slot for slot in sorted(missing)
-            if (int(causes[slot]) & pushed).bit_count() >= threshold[slot]
-        ] or sorted(missing)  # fmt: skip
-        order.append(ready[0])
-        missing.discard(ready[0])
-        pushed |= 1 << ready[0]
-    return tuple(order)
 
 
 def _bits(weight: FloatArray) -> FloatArray:

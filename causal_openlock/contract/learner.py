@@ -22,6 +22,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from causal_openlock.errors import LearnerError
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.room import Room
@@ -238,23 +239,35 @@ class LearnerBase:
 
 
 class Learner(LearnerBase, ABC):
-    """A learner that plays B subjects at once.
+    """A learner that plays B subjects at once; it defines :meth:`probabilities` or :meth:`act`.
+
+    Attributes:
+        brief: What it was told before it began.
 
     Example:
         >>> class PushesTheDoor(Learner):
-        ...     def begin(self, brief):
-        ...         self.brief = brief
         ...     def act(self, view):
         ...         return np.full(self.brief.subjects, self.brief.actions - 1)
     """
 
-    @abstractmethod
+    brief: Brief
+
     def begin(self, brief: Brief) -> None:
         """Get ready to play; called once, before anything else."""
+        self.brief = brief
 
-    @abstractmethod
     def act(self, view: View) -> IntArray:
-        """``[B]`` the action of each subject."""
+        """``[B]`` the action of each subject; by default drawn from :meth:`probabilities`.
+
+        For that, each subject's generator of the brief gives one number.
+        """
+        odds = self.probabilities(view)
+        if odds is None:
+            raise LearnerError(f"{type(self).__name__} defines neither act nor probabilities")
+        reached = odds.cumsum(axis=1)
+        uniform = np.array([generator.random() for generator in self.brief.generators])
+        chosen: IntArray = (reached > uniform[:, None] * reached[:, -1:]).argmax(axis=1)
+        return chosen
 
     def probabilities(self, view: View) -> FloatArray | None:
         """``[B, A]`` the probability of each action now; None if the learner cannot say.

@@ -27,7 +27,6 @@ import numpy as np
 from causal_openlock.contract.learner import Brief, Learner, Observations, Step, View
 from causal_openlock.contract.parameters import Positive, Share
 from causal_openlock.schemas.fsm import FloatArray, IntArray
-from causal_openlock.world.randomness import Streams
 
 
 @dataclass(frozen=True)
@@ -49,8 +48,8 @@ class Associative(Learner):
 
     def begin(self, brief: Brief) -> None:
         """Begin without any association."""
+        super().begin(brief)
         self._positions = brief.positions
-        self._draws = Streams(brief.generators)
         self.lever = np.zeros((brief.subjects, brief.actions))
         self.position = np.zeros((brief.subjects, brief.actions))
         self.colour = np.zeros((brief.subjects, 6))  # push white, grey; pull white, grey; door
@@ -67,25 +66,14 @@ class Associative(Learner):
         total: FloatArray = self.lever + self.position + colour
         return total
 
-    def act(self, view: View) -> IntArray:
-        """``[B]`` actions drawn by their strength."""
-        odds = self._odds(view).cumsum(axis=1)
-        chosen: IntArray = (odds > self._draws.uniform()[:, None] * odds[:, -1:]).argmax(axis=1)
-        return chosen
-
     def probabilities(self, view: View) -> FloatArray:
         """``[B, A]`` the softmax of the strengths."""
-        odds = self._odds(view)
-        return odds / odds.sum(axis=1, keepdims=True)
-
-    def _odds(self, view: View) -> FloatArray:
-        """``[B, A]`` in what proportion actions are drawn."""
         out = view.observation[:, : self._positions] == 1
         impossible = np.hstack([out, ~out, np.zeros((len(out), 1), dtype=bool)])
         strength = self.strength(view.observation) / self.parameters.temperature
         strength[impossible] = -np.inf
         odds: FloatArray = np.exp(strength - strength.max(axis=1, keepdims=True))
-        return odds
+        return odds / odds.sum(axis=1, keepdims=True)
 
     def learn(self, step: Step) -> None:
         """Share the prediction error among the cues that were present."""

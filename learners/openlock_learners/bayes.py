@@ -32,21 +32,19 @@ from pydantic import Field
 from causal_openlock.belief.belief_learner import BeliefLearner
 from causal_openlock.belief.beliefs import Belief, Beliefs
 from causal_openlock.belief.hypotheses import Space
-from causal_openlock.belief.intentions import Intention, Intentions, courses, drawn_solutions
+from causal_openlock.belief.intentions import Intentions, drawn_solutions
 from causal_openlock.belief.knowledge import Prior
 from causal_openlock.belief.planning import (
     TIE,
     Objective,
     Planner,
     Situation,
-    sample_solution,
     thinned,
 )
 from causal_openlock.belief.structures import Hypotheses
 from causal_openlock.contract.learner import Brief, Step, View
 from causal_openlock.contract.parameters import Count, Share
-from causal_openlock.schemas.fsm import FloatArray, IntArray
-from causal_openlock.world.randomness import Streams, pick
+from causal_openlock.schemas.fsm import FloatArray
 
 Policy = Literal[
     "solve_and_learn", "solve", "learn_attempt", "learn_action", "thompson", "random_consistent"
@@ -78,12 +76,9 @@ class Bayes(BeliefLearner):
 
     def begin(self, brief: Brief) -> None:
         """Set the priors before the first room."""
-        self.brief = brief
-        choices, samples = zip(*(g.spawn(2) for g in brief.generators), strict=True)
-        self._draws = Streams(choices, width=3)
+        super().begin(brief)
+        samples = tuple(generator.spawn(1)[0] for generator in brief.generators)
         self.beliefs = Beliefs(brief, self.parameters, samples)
-        self._plans: list[tuple[int, ...] | None] = [None] * brief.subjects
-        self._tried = [0] * brief.subjects
         self._intentions: dict[int, Intentions] = {}
         self._objectives = {
             "solve_and_learn": Objective(1.0, self.parameters.beta),
@@ -92,26 +87,6 @@ class Bayes(BeliefLearner):
             "learn_attempt": Objective(1.0, ALMOST_NOTHING),
             "learn_action": Objective(1.0, 0.0, horizon=1),
         }
-
-    def act(self, view: View) -> IntArray:
-        """``[B]`` the action of each subject."""
-        self.beliefs.enter(view)
-        draws = self._draws.uniform()
-        actions = np.zeros(self.brief.subjects, dtype=np.int64)
-        for subject in np.flatnonzero(view.playing).tolist():
-            lapses, one, other = draws[subject].tolist()
-            if lapses < self.parameters.lapse:
-                actions[subject] = int(one * self.brief.actions)
-                continue
-            belief = self.belief(subject)
-            situation = Situation.of(view, subject, belief.slots, belief.found)
-            if self.parameters.policy in ("thompson", "random_consistent"):
-                slot = self._carry_out(subject, belief, situation, (one, other))
-            else:
-                slot = pick(self._odds(self._values(belief, situation)), other)
-            door = slot == self.brief.positions
-            actions[subject] = 2 * slot if door else belief.positions[slot]
-        return actions
 
     def _odds(self, values: FloatArray) -> FloatArray:
         """``[P + 1]`` how likely each lever is pushed, and the door, by softmax."""
@@ -131,21 +106,6 @@ class Bayes(BeliefLearner):
             if values.max() < TIE or to_solve[-1] > 0:
                 return to_solve
         return values
-
-    def _carry_out(
-        self, subject: int, belief: Belief, situation: Situation, draws: tuple[float, float]
-    ) -> int:
-        """The next lever of the solution that the subject carries out; P is the door."""
-
-        def draw() -> list[tuple[float, tuple[int, ...] | None]]:
-            possible = self._possible(belief), belief.weight, situation
-            return [(1.0, sample_solution(*possible, draws, self._by_weight))]
-
-        mind = Intention(self._plans[subject], self._tried[subject])
-        ways = [*courses(mind, situation, self.brief.positions, draw)]
-        way = ways[int(draws[0] * len(ways))]
-        self._plans[subject], self._tried[subject] = way.then
-        return way.slot
 
     @property
     def _by_weight(self) -> bool:
@@ -210,5 +170,3 @@ class Bayes(BeliefLearner):
                 slot = self._slot(subject, int(step.action[subject]))
                 intentions.acted(slot, bool(step.attempt_over[subject]))
         self.beliefs.update(step)
-        for subject in np.flatnonzero(step.attempt_over & step.view.playing).tolist():
-            self._plans[subject] = None

@@ -18,9 +18,8 @@ from causal_openlock.belief.belief_learner import BeliefLearner
 from causal_openlock.belief.beliefs import Beliefs
 from causal_openlock.belief.knowledge import Prior
 from causal_openlock.belief.planning import TIE
-from causal_openlock.contract.learner import Brief, Step, View
-from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
-from causal_openlock.world.randomness import pick
+from causal_openlock.contract.learner import Brief, Learner, Step, View
+from causal_openlock.schemas.fsm import FloatArray, IntArray
 from openlock_learners.ddqn import DDQN, DDQNParameters
 
 
@@ -47,14 +46,9 @@ class BayesNetDDQN(DDQN, BeliefLearner):
     def _believe(self, brief: Brief, samples: Sequence[np.random.Generator]) -> None:
         self.beliefs = Beliefs(brief, self.parameters, tuple(samples))
 
-    def _explore(self, view: View, explores: BoolArray, draw: FloatArray) -> IntArray:
-        self.beliefs.enter(view)
-        actions = super()._explore(view, explores, draw)
-        for subject in np.flatnonzero(explores & view.playing).tolist():
-            gains = self.gains(subject, view)
-            if gains.sum() > TIE:
-                actions[subject] = pick(gains, float(draw[subject]))
-        return actions
+    def act(self, view: View) -> IntArray:
+        """``[B]`` actions drawn from :meth:`probabilities`."""
+        return Learner.act(self, view)
 
     def _exploring(self, view: View) -> FloatArray:
         self.beliefs.enter(view)

@@ -163,7 +163,7 @@ class DDQN(Learner):
         """``[B]`` epsilon-greedy actions."""
         uniform = self._exploration.uniform()
         explores = uniform[:, 0] < self.epsilon
-        actions = self._explore(view, explores, uniform[:, 1])
+        actions = (uniform[:, 1] * self.brief.actions).astype(np.int64)
         if not explores.all():
             inputs = self._network_input(view.observation, view.console.solutions_found)
             actions = np.where(explores, actions, self.q.greedy(inputs, ~explores))
@@ -179,10 +179,6 @@ class DDQN(Learner):
     def _exploring(self, view: View) -> FloatArray:
         """``[B, A]`` the probability of each action of those that explore."""
         return np.full((self.brief.subjects, self.brief.actions), 1.0 / self.brief.actions)
-
-    def _explore(self, view: View, explores: BoolArray, draw: FloatArray) -> IntArray:
-        """``[B]`` an action for those that explore, by a number in [0, 1) each."""
-        return (draw * self.brief.actions).astype(np.int64)
 
     def learn(self, step: Step) -> None:
         """Add the transition to the buffer, take a gradient step, and lower epsilon."""

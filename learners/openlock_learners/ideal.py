@@ -42,7 +42,6 @@ from causal_openlock.contract.learner import (
 from causal_openlock.errors import LearnerError
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.schemas.schema import Schema
-from causal_openlock.world.randomness import Streams
 
 PLANNED = 600
 """The most hypotheses that a plan takes into account."""
@@ -70,9 +69,8 @@ class Ideal(InformedLearner):
         return ""
 
     def begin(self, brief: Brief) -> None:
-        """Open one stream of numbers for each subject."""
-        self._brief = brief
-        self._draws = Streams(brief.generators)
+        """Begin in no room."""
+        super().begin(brief)
         self._rooms: list[RoomBelief | None] = [None] * brief.subjects
         self._left: list[tuple[RoomBelief, Schema] | None] = [None] * brief.subjects
 
@@ -80,18 +78,9 @@ class Ideal(InformedLearner):
         """Take the schema of each subject's room; the layout is not used."""
         self._schemas = [truth.rooms[room].schema for room in truth.room]
 
-    def act(self, view: View) -> IntArray:
-        """``[B]`` one of the best actions of each subject."""
-        draws = self._draws.uniform()
-        actions = np.zeros(self._brief.subjects, dtype=np.int64)
-        for subject in np.flatnonzero(view.playing).tolist():
-            best = self._best(view, subject)
-            actions[subject] = best[int(draws[subject] * len(best))]
-        return actions
-
     def probabilities(self, view: View) -> FloatArray:
         """``[B, A]`` the same for each of the best actions."""
-        found = np.zeros((self._brief.subjects, self._brief.actions))
+        found = np.zeros((self.brief.subjects, self.brief.actions))
         for subject in np.flatnonzero(view.playing).tolist():
             best = self._best(view, subject)
             found[subject, best] = 1.0 / len(best)
@@ -107,12 +96,12 @@ class Ideal(InformedLearner):
         return [self._action(room, *divmod(each, len(schema.levers))) for each in best]
 
     def _action(self, room: RoomBelief, verb: int, slot: int) -> int:
-        positions = self._brief.positions
+        positions = self.brief.positions
         lever = int(np.flatnonzero(room.slots == slot)[0])
         return 2 * positions if verb == 2 else verb * positions + lever
 
     def _enter(self, view: View, subject: int) -> RoomBelief:
-        positions = self._brief.positions
+        positions = self.brief.positions
         white = view.observation[subject, positions : 2 * positions] == 0
         schema, limit = self._schemas[subject], int(view.console.actions_left[subject])
         slots = np.argsort(np.argsort(white, kind="stable"))
@@ -148,7 +137,7 @@ class Ideal(InformedLearner):
         room, schema = known
         at = np.argsort(room.slots)[: len(schema.levers)]
         placed = _solver(schema, room.action_limit).hypotheses
-        return expected_structure([(at, placed, room.weight)], self._brief.positions)
+        return expected_structure([(at, placed, room.weight)], self.brief.positions)
 
 
 class _Solver:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from causal_openlock.contract.learner import Brief, InformedLearner, Truth, View
-from causal_openlock.schemas.fsm import FloatArray, IntArray
+from causal_openlock.schemas.fsm import FloatArray
 
 
 class Oracle(InformedLearner):
@@ -18,6 +18,7 @@ class Oracle(InformedLearner):
 
     def begin(self, brief: Brief) -> None:
         """Store the size of the room."""
+        super().begin(brief)
         self._door = 2 * brief.positions
         self._plans = np.zeros((0, 0, 0), dtype=np.int64)
         self._room = np.zeros(brief.subjects, dtype=np.int64)
@@ -34,19 +35,12 @@ class Oracle(InformedLearner):
             for which, levers in enumerate(room.schema.solutions):
                 self._plans[index, which, : len(levers) + 1] = room.action_of(levers)
 
-    def act(self, view: View) -> IntArray:
-        """``[B]`` the next push of the current solution."""
-        return self._next(view)
-
-    def _next(self, view: View) -> IntArray:
+    def probabilities(self, view: View) -> FloatArray:
+        """``[B, A]`` 1 for the next push of the current solution, and 0 for everything else."""
         # Solutions are carried out in order, so the number found is the index of the present one.
         present = np.minimum(view.console.solutions_found, self._plans.shape[1] - 1)
         plan = self._plans[self._room, present]
         everyone = np.arange(len(plan))[:, None]
         pushed = (plan < self._door) & (view.observation[everyone, plan % self._door] == 1)
-        chosen: IntArray = np.take_along_axis(plan, (~pushed).argmax(axis=1)[:, None], axis=1)[:, 0]
-        return chosen
-
-    def probabilities(self, view: View) -> FloatArray:
-        """``[B, A]`` 1 for the next push, and 0 for everything else."""
-        return np.eye(self._door + 1)[self._next(view)]
+        following = np.take_along_axis(plan, (~pushed).argmax(axis=1)[:, None], axis=1)[:, 0]
+        return np.eye(self.brief.actions)[following]

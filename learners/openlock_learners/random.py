@@ -8,23 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from causal_openlock.contract.learner import Brief, Learner, View
-from causal_openlock.schemas.fsm import FloatArray, IntArray
-from causal_openlock.world.randomness import Streams
+from causal_openlock.contract.learner import Learner, View
+from causal_openlock.schemas.fsm import FloatArray
 
 
 class RandomLearner(Learner):
     """Draws every action uniformly."""
 
-    def begin(self, brief: Brief) -> None:
-        """Open a random stream for each subject."""
-        self._actions = brief.actions
-        self._streams = Streams(brief.generators)
-
-    def act(self, view: View) -> IntArray:
-        """``[B]`` uniformly random actions."""
-        return self._streams.integers(self._actions)
-
     def probabilities(self, view: View) -> FloatArray:
         """``[B, A]`` the same for every action."""
-        return np.full((len(view.playing), self._actions), 1.0 / self._actions)
+        return np.full((self.brief.subjects, self.brief.actions), 1.0 / self.brief.actions)

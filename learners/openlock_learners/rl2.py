@@ -26,8 +26,7 @@ from causal_openlock.contract.parameters import Count, Share
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.declare import PAPER_ACTION_LIMIT
 from causal_openlock.files.digest import digest
-from causal_openlock.schemas.fsm import FloatArray, IntArray
-from causal_openlock.world.randomness import Streams
+from causal_openlock.schemas.fsm import FloatArray
 from openlock_learners.networks.denormals import denormals_flushed
 from openlock_learners.networks.perception import Perception
 
@@ -118,7 +117,6 @@ class RL2(Learner):
             )
             self.trainer = PPO(self.network, ppo)
         self._perception = Perception(brief)
-        self._streams = Streams(brief.generators)
         size = self.network.state_size(brief.positions)
         self._hidden_state = np.zeros((brief.subjects, size), dtype=np.float32)
         self._fresh = np.zeros(brief.subjects, dtype=bool)
@@ -140,19 +138,8 @@ class RL2(Learner):
         logits, values, state = (part[:, 0].numpy() for part in found)
         return logits, values, state
 
-    def act(self, view: View) -> IntArray:
-        """``[B]`` actions of the policy; :meth:`learn` then keeps the next hidden state."""
-        from openlock_learners.networks.ppo import sample_actions
-
-        self._logits, self._values, self._next_hidden_state = self._evaluate(view)
-        uniform = self._streams.uniform()
-        if self.parameters.greedy:
-            likeliest: IntArray = self._logits.argmax(axis=1)
-            return likeliest
-        return sample_actions(self._logits, uniform)
-
     def probabilities(self, view: View) -> FloatArray:
-        """``[B, A]`` probabilities of the policy."""
+        """``[B, A]`` probabilities of the policy; :meth:`learn` keeps the next hidden state."""
         from openlock_learners.networks.ppo import action_odds
 
         self._logits, self._values, self._next_hidden_state = self._evaluate(view)

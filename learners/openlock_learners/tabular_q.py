@@ -19,8 +19,7 @@ import numpy as np
 
 from causal_openlock.contract.learner import Brief, Learner, Observations, Step, View
 from causal_openlock.contract.parameters import Share
-from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
-from causal_openlock.world.randomness import Streams
+from causal_openlock.schemas.fsm import FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -46,8 +45,8 @@ class TabularQ(Learner):
 
     def begin(self, brief: Brief) -> None:
         """Begin with an empty table; it grows with the observations that are met."""
-        self._everyone, self._actions = np.arange(brief.subjects), brief.actions
-        self._draws = Streams(brief.generators, width=2 + brief.actions)
+        super().begin(brief)
+        self._everyone = np.arange(brief.subjects)
         self._weights = 1 << np.arange(brief.observation_size, dtype=np.int64)
         self._numbers: dict[int, int] = {}
         self._values = np.full((brief.subjects, 64, brief.actions), self.parameters.initial_value)
@@ -68,17 +67,11 @@ class TabularQ(Learner):
         found: FloatArray = self._values[self._everyone, rows]
         return found
 
-    def act(self, view: View) -> IntArray:
-        """``[B]`` epsilon-greedy actions."""
-        draws, values = self._draws.uniform(), self.values(view.observation)
-        greedy = np.where(_best(values), draws[:, 2:], -1.0).argmax(axis=1)
-        drawn = (draws[:, 1] * self._actions).astype(np.int64)
-        return np.where(draws[:, 0] < self.epsilon, drawn, greedy)
-
     def probabilities(self, view: View) -> FloatArray:
         """``[B, A]`` a random action and the best ones, mixed by epsilon."""
-        best, share = _best(self.values(view.observation)), self.epsilon[:, None]
-        return share / self._actions + (1.0 - share) * best / best.sum(axis=1, keepdims=True)
+        values, share = self.values(view.observation), self.epsilon[:, None]
+        best = values == values.max(axis=1, keepdims=True)
+        return share / self.brief.actions + (1.0 - share) * best / best.sum(axis=1, keepdims=True)
 
     def learn(self, step: Step) -> None:
         """Correct the value of each action that was taken, and lower epsilon."""
@@ -92,9 +85,3 @@ class TabularQ(Learner):
         self.epsilon[who] = decayed
         if settings.epsilon_after_trial is not None:
             self.epsilon[who[step.trial_over[who]]] = settings.epsilon_after_trial
-
-
-def _best(values: FloatArray) -> BoolArray:
-    """``[B, A]`` which actions have the greatest value."""
-    best: BoolArray = values == values.max(axis=1, keepdims=True)
-    return best

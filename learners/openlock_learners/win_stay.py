@@ -25,7 +25,6 @@ import numpy as np
 
 from causal_openlock.contract.learner import Brief, Learner, Step, View
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
-from causal_openlock.world.randomness import Streams, pick
 
 
 @dataclass(frozen=True)
@@ -46,24 +45,14 @@ class WinStay(Learner):
 
     def begin(self, brief: Brief) -> None:
         """List all sequences of different levers."""
+        super().begin(brief)
         self._positions = brief.positions
         length = min(brief.action_limit - 1, brief.positions)
         self._sequences = np.array([*permutations(range(brief.positions), length)])
-        self._draws = Streams(brief.generators)
         nothing = np.zeros((brief.subjects, len(self._sequences)), dtype=bool)
         self._tried, self._won, self._won_before = nothing, nothing.copy(), nothing.copy()
-        self._plan = np.zeros(brief.subjects, dtype=np.int64)
         self._same = ~nothing  # sequences that agree with what was done in the attempt
         self._place = np.zeros(brief.subjects, dtype=np.int64)  # actions of the attempt so far
-
-    def act(self, view: View) -> IntArray:
-        """``[B]`` the next lever of the sequence, or the door if it is unlocked or none is left."""
-        draws, positions = self._draws.uniform(), self._positions
-        for subject in np.flatnonzero(view.playing & (self._place == 0)).tolist():
-            grey = view.observation[subject, positions : 2 * positions] == 1
-            self._plan[subject] = pick(self._odds(subject, grey).astype(float), draws[subject])
-        every = np.arange(len(self._plan))
-        return self._actions(view)[every, self._plan]
 
     def _actions(self, view: View) -> IntArray:
         """``[B, C]`` what carrying out each sequence asks for now: its lever, or the door."""

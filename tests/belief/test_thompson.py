@@ -1,7 +1,7 @@
 """Intentions: drawn as probable as they are, new, in time, and in an order that works."""
 
 import math
-from collections import Counter, defaultdict
+from collections import defaultdict
 from functools import cache
 
 import numpy as np
@@ -9,15 +9,16 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from causal_openlock.belief import intentions
 from causal_openlock.belief.hypotheses import RoomSight, enumerate_space, strengths
-from causal_openlock.belief.planning import Situation, sample_solution
+from causal_openlock.belief.intentions import drawn_solutions
+from causal_openlock.belief.planning import Situation
 from causal_openlock.belief.structures import Hypotheses
 from oracle import DOOR
 from support.belief_arrays import lever_set, mask, rules_in
 
 ROOM, LONG = RoomSight(7, 4, 3, 3), RoomSight(7, 3, 1, 5)
 START = Situation(pushed=0, unlocked=False, left=3, found=())
-NUMBERS = st.floats(0, 1, exclude_max=True)
 
 
 @cache
@@ -30,6 +31,19 @@ def some(count, seed, sight=ROOM):
     every, rng = hypotheses_of(sight), np.random.default_rng(seed)
     chosen = rng.choice(len(every), size=count, replace=False)
     return every[np.sort(chosen)], rng.dirichlet(np.full(count, 0.7))
+
+
+def drawn(*situation, by_weight=True):
+    """The plans that may be drawn, with their probabilities."""
+    return {plan: chance for chance, plan in drawn_solutions(*situation, by_weight)}
+
+
+def of_goals(plans, at):
+    """Their probabilities by what stands pushed in the end."""
+    found = defaultdict(float)
+    for plan, chance in plans.items():
+        found[frozenset(plan) | lever_set(at.pushed)] += chance
+    return found
 
 
 def situation_in(hypotheses, index, at):
@@ -86,21 +100,21 @@ def situations(draw):
 
 
 @settings(max_examples=100, deadline=None)
-@given(situations(), NUMBERS, NUMBERS, st.booleans())
-def test_what_is_intended_works_if_a_hypothesis_is_right(situation, first, second, by_weight):
+@given(situations(), st.booleans())
+def test_what_is_intended_works_if_a_hypothesis_is_right(situation, by_weight):
     hypotheses, weight, at = situation
     possible = [completed(hypotheses, index, at) for index in range(len(weight))]
     assume(any(possible))
-    order = sample_solution(hypotheses, weight, at, (first, second), by_weight)
-    assert any(
-        carried_out(hypotheses, index, at, order)
-        and any(set(order) == goal - lever_set(at.pushed) for goal in goals)
-        for index, goals in enumerate(possible)
-    )
+    for plan in drawn(hypotheses, weight, at, by_weight=by_weight):
+        assert any(
+            carried_out(hypotheses, index, at, plan)
+            and any(set(plan) == goal - lever_set(at.pushed) for goal in goals)
+            for index, goals in enumerate(possible)
+        )
     alone = hypotheses[np.array([0])]
     if possible[0]:  # of one hypothesis, in the order that it asks for
-        order = sample_solution(alone, np.ones(1), at, (first, second), by_weight)
-        assert carried_out(alone, 0, at, order)
+        plans = drawn(alone, np.ones(1), at, by_weight=by_weight)
+        assert all(carried_out(alone, 0, at, plan) for plan in plans)
 
 
 def test_three_levers_one_after_another_are_pushed_in_their_order():
@@ -108,15 +122,17 @@ def test_three_levers_one_after_another_are_pushed_in_their_order():
     orders, at = set(), Situation(0, False, 5, ())
     for index in np.flatnonzero(np.bitwise_count(hypotheses.solutions[:, 0]) == 3).tolist():
         alone = hypotheses[np.array([index])]
-        order = sample_solution(alone, np.ones(1), at, (0.3, 0.3), True)
-        assert carried_out(alone, 0, at, order)
-        orders.add(order)
+        (plan,) = drawn(alone, np.ones(1), at)
+        assert carried_out(alone, 0, at, plan)
+        orders.add(plan)
     assert len(orders) > 20
     assert any(list(order) != sorted(order) for order in orders)
 
 
+@pytest.mark.parametrize("sorts", [False, True])
 @pytest.mark.parametrize(("seed", "found"), [(0, 0), (1, 1), (2, 1)])
-def test_thompson_draws_hypotheses_as_probable_as_they_are(seed, found):
+def test_thompson_draws_hypotheses_as_probable_as_they_are(seed, found, sorts, monkeypatch):
+    monkeypatch.setattr(intentions, "DENSE", 0 if sorts else 4096)
     hypotheses, weight = some(8, seed)
     known = (int(hypotheses.solutions[3, 1]),) * found
     at = Situation(0, False, 3, known)
@@ -126,27 +142,15 @@ def test_thompson_draws_hypotheses_as_probable_as_they_are(seed, found):
     for w, goals in zip(weight, able, strict=True):
         for goal in goals:
             exact[goal] += w / total / len(goals)
-    steps, drawn = 400, Counter()  # one number decides the hypothesis, the other its solution
-    for i in range(steps):
-        for j in range(6):  # 1, 2 or 3 solutions are left, which 6 divides
-            draws = ((i + 0.5) / steps, (j + 0.5) / 6)
-            drawn[frozenset(sample_solution(hypotheses, weight, at, draws, True))] += 1
-    assert set(drawn) <= set(exact)
-    for goal, p in exact.items():
-        # A step of a ladder can be off by one draw at either end, for each hypothesis.
-        assert drawn[goal] / (6 * steps) == pytest.approx(p, abs=8 / steps)
+    assert of_goals(drawn(hypotheses, weight, at), at) == pytest.approx(exact)
 
 
 def test_any_consistent_solution_is_as_probable_as_any_other():
     hypotheses, weight = some(10, 1)
     at = Situation(0, False, 3, (int(hypotheses.solutions[3, 1]),))
     allowed = set().union(*(completed(hypotheses, index, at) for index in range(10)))
-    steps = 50 * len(allowed)
-    drawn = Counter(
-        frozenset(sample_solution(hypotheses, weight, at, ((i + 0.5) / steps, 0.4), False))
-        for i in range(steps)
-    )
-    assert drawn == dict.fromkeys(allowed, 50)
+    plans = drawn(hypotheses, weight, at, by_weight=False)
+    assert of_goals(plans, at) == pytest.approx(dict.fromkeys(allowed, 1 / len(allowed)))
 
 
 def test_in_which_order_is_up_to_the_hypotheses_that_allow_it():
@@ -159,10 +163,8 @@ def test_in_which_order_is_up_to_the_hypotheses_that_allow_it():
     causes[1, [0, 7]] = 2, 1
     inert, solutions = np.full(2, 0b1111100, np.uint16), np.full((2, 1), 3, np.uint16)
     both = Hypotheses(causes, threshold, inert, solutions, np.zeros(2, dtype=np.uint8))
-    weight = np.array([0.25, 0.75])
-    for i in range(100):
-        order = sample_solution(both, weight, START, (0.5, (i + 0.5) / 100), by_weight=False)
-        assert order == ((0, 1) if i < 25 else (1, 0))
+    plans = drawn(both, np.array([0.25, 0.75]), START, by_weight=False)
+    assert plans == pytest.approx({(0, 1): 0.25, (1, 0): 0.75})
 
 
 @pytest.mark.parametrize("by_weight", [True, False])
@@ -172,12 +174,10 @@ def test_what_is_impossible_is_never_intended(by_weight):
     weight[[0, 4, 7, 9]] = 0.0
     kept = weight > 0
     allowed = set().union(*(completed(hypotheses, i, START) for i in np.flatnonzero(kept).tolist()))
-    for first in np.linspace(0, 1, 60, endpoint=False).tolist():
-        for second in (0.0, 0.3, 0.99):
-            draws = first, second
-            order = sample_solution(hypotheses, weight, START, draws, by_weight)
-            assert frozenset(order) in allowed
-            assert order == sample_solution(hypotheses[kept], weight[kept], START, draws, by_weight)
+    plans = drawn(hypotheses, weight, START, by_weight=by_weight)
+    assert set(of_goals(plans, START)) <= allowed
+    fewer = drawn(hypotheses[kept], weight[kept], START, by_weight=by_weight)
+    assert plans == pytest.approx(fewer)
 
 
 @pytest.mark.parametrize("by_weight", [True, False])
@@ -185,10 +185,10 @@ def test_what_does_not_fit_any_more_is_begun_and_where_nothing_is_left_nothing_i
     hypotheses, weight = some(5, 2)
     late = Situation(0, False, 1, ())
     assert not any(completed(hypotheses, index, late) for index in range(5))
-    order = sample_solution(hypotheses, weight, late, (0.5, 0.5), by_weight)
-    assert mask(order) in hypotheses.solutions
+    for plan in drawn(hypotheses, weight, late, by_weight=by_weight):
+        assert mask(plan) in hypotheses.solutions
     single, sure = some(1, 2)
     done = Situation(0, False, 3, tuple(single.solutions[0].tolist()))
-    assert sample_solution(single, sure, done, (0.5, 0.5), by_weight) is None
+    assert drawn(single, sure, done, by_weight=by_weight) == {None: 1.0}
     nothing = hypotheses[np.zeros(0, dtype=np.int64)]
-    assert sample_solution(nothing, np.zeros(0), START, (0.5, 0.5), by_weight) is None
+    assert drawn(nothing, np.zeros(0), START, by_weight=by_weight) == {None: 1.0}
