@@ -223,8 +223,14 @@ def _module(
             f"{now}); restore it, or compare again"
         )
     found = own_files([module], places)
+    # A link may lead to anything, and a bundle is for others.
+    files = {
+        inside: path
+        for inside, path in found.files.items()
+        if path.resolve().is_relative_to(path.parents[inside.count("/")].resolve())
+    }
     warnings = []
-    helpers = sorted(set(found.files) - {f"{module.replace('.', '/')}.py"})
+    helpers = sorted(set(files) - {f"{module.replace('.', '/')}.py"})
     if helpers and now != package:
         warnings.append(
             f"{module} imports {', '.join(helpers)}, bundled as now; whether that has changed "
@@ -235,12 +241,12 @@ def _module(
     missing = sorted(
         one for one in found.others if not named & {_normal(p) for p in installed.get(one, [one])}
     )
-    if missing:
+    if missing := [*sorted(found.files.keys() - files), *missing]:
         warnings.append(
             f"{module} imports {', '.join(missing)}, which neither the bundle nor its "
             "requirements.txt holds."
         )
-    return {inside: path.read_bytes() for inside, path in found.files.items()}, warnings
+    return {inside: path.read_bytes() for inside, path in files.items()}, warnings
 
 
 def _hash(content: bytes) -> str:

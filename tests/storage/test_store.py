@@ -211,7 +211,7 @@ def test_tables_of_another_form_are_named_and_their_cells_played_again(experimen
     odd = {
         "another cell": store.path(second).read_bytes(),
         "columns": table.drop_columns(["layout"]),
-        "columns are not those": table.set_column(4, "subject", numbers),
+        "those of a record": table.set_column(4, "subject", numbers),
     }
     for named, content in odd.items():
         if isinstance(content, bytes):
