@@ -4,7 +4,6 @@ What happens to whole folders is tested in ``tests/storage/test_folder_machine.p
 """
 
 import os
-import pickle
 import random
 import time
 from pathlib import Path
@@ -325,10 +324,11 @@ class Former(OddAtOnce):
     """Gives its state in the way of version 0.2."""
 
     def state_dict(self):
-        return {"streams": pickle.dumps(self._streams)}
+        return {"states": [one.bit_generator.state for one in self.brief.generators]}
 
     def load_state_dict(self, state):
-        self._streams = pickle.loads(state["streams"])
+        for generator, held in zip(self.brief.generators, state["states"], strict=True):
+            generator.bit_generator.state = held
 
 
 class Global(Noting):
