@@ -350,19 +350,13 @@ def _protocol(value: Any, info: ValidationInfo) -> Any:
             '{"attempt_limit": 10}'
         )
     settings = {**value}
-    if settings.get("test_layout"):
-        raise ProtocolError(
-            "test_layout belongs to conditions now, as in test: [{schema: CC4, layouts: [trial7]}]"
-        )
     fields = [key for key in ProtocolChanges.__dataclass_fields__ if key in settings]
     settings = {key: settings[key] for key in [*fields, *settings]}  # in an order that names it
     base = settings.pop("based_on", HUMAN_PROTOCOL)
     protocol = adapter(AnyProtocol).validate_python(base, context=info.context)
     name = settings.pop("name", None) or label_of(protocol.name, settings, "_")
     if name in PROTOCOLS and (settings or "name" in value):
-        raise ProtocolError(
-            f"the protocol {name} comes with the package; choose another name for yours"
-        )
+        raise ProtocolError(f"the protocol {name} comes with the package; choose another name")
     if "name" not in value and not NAME.fullmatch(name):  # too many settings for a name
         name = f"{protocol.name[:40]}_{digest(repr(settings))[:8]}"
     return {**asdict(protocol), **settings, "name": name}
@@ -438,9 +432,7 @@ class Trials(Part):
         if schema is None or layouts is None or layouts in ("published", "random"):
             return layouts
         if not isinstance(layouts, list | tuple):
-            raise ProtocolError(
-                f"layouts are 'published', 'random' or a list of layouts, not {layouts!r}"
-            )
+            raise ProtocolError(f"layouts are 'published', 'random' or a list, not {layouts!r}")
         return each(layouts, lambda layout: layout_for(schema, layout))
 
     @field_serializer("layouts")
@@ -575,6 +567,10 @@ class UnnamedCondition(Condition):
     name: Name = ""
 
 
+def _names_schema(value: Any) -> bool:
+    return isinstance(value, str | Path | Schema)
+
+
 def _condition(value: Any, info: ValidationInfo) -> Any:
     """``CC4``, ``CC3-CC4``, ``shown-CC3-CC4``, a path, a schema, a list of these, or a mapping."""
     if isinstance(value, Condition):
@@ -583,11 +579,7 @@ def _condition(value: Any, info: ValidationInfo) -> Any:
         value = _halves(str(value))
     elif isinstance(value, Schema):
         value = {"train": value}
-    elif (
-        isinstance(value, list | tuple)
-        and value
-        and all(isinstance(schema, str | Path | Schema) for schema in value)
-    ):
+    elif isinstance(value, list | tuple) and {*map(_names_schema, value)} == {True}:
         value = {"train": value[:-1] or value, "test": value[-1:] if value[1:] else []}
     if not isinstance(value, Mapping):
         raise ExperimentError(
@@ -598,7 +590,7 @@ def _condition(value: Any, info: ValidationInfo) -> Any:
     trained = train.get(SHOWN) if isinstance(train, Mapping) else train
     groups = [trained, value.get("test") or []]
     schemas = [*chain(*(group if isinstance(group, list | tuple) else [group] for group in groups))]
-    if "name" not in value and all(isinstance(schema, str | Path | Schema) for schema in schemas):
+    if "name" not in value and all(map(_names_schema, schemas)):
         try:
             names = [_schema(schema, info).name for schema in schemas]
         except ValueError:
@@ -637,9 +629,7 @@ def _once(thing: Any, info: ValidationInfo) -> Any:
         names.add(named.name)
     for schema in thing.schemas if isinstance(thing, Condition) else ():
         if info.context.setdefault(f"schema {schema.name}", schema) != schema:
-            raise ExperimentError(
-                f"two different schemas are called {schema.name}; rename one of them"
-            )
+            raise ExperimentError(f"two different schemas are called {schema.name}; rename one")
     return thing
 
 

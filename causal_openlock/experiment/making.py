@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from itertools import chain, product
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -83,17 +83,15 @@ class Changes(Part):
     def applied(self, data: Mapping[str, Any]) -> dict[str, Any]:
         """The data of an experiment file, changed; the file's entries are chosen by name."""
         changed = {**data, **self.given}
-        for key in ("conditions", "learners"):
-            if (forms := getattr(self, key)) is not None:
-                named = _by_name(data.get(key))
-                choices = [
-                    named.get(form) or [form] if isinstance(form, str) else [form] for form in forms
-                ]
-                changed[key] = [*chain(*choices)]
-        overruled = {"protocol", "subjects"} & self.given.keys()
-        if overruled and isinstance(changed.get("learners"), list):
+        for key in {"conditions", "learners"} & self.given.keys():
+            named = _by_name(data.get(key))
+            changed[key] = []
+            for form in self.given[key]:
+                changed[key] += (isinstance(form, str) and named.get(form)) or [form]
+        if isinstance(changed.get("learners"), list):
+            overruled = {"protocol", "subjects"} & self.given.keys()
             changed["learners"] = [
-                {key: value for key, value in entry.items() if key not in overruled}
+                {key: entry[key] for key in entry if key not in overruled}
                 if isinstance(entry, Mapping)
                 else entry
                 for entry in changed["learners"]
@@ -204,14 +202,11 @@ def listed(forms: Any) -> list[Any]:
     single = isinstance(forms, str | Path | Schema | Condition | Mapping | type)
     if single or not isinstance(forms, Iterable):
         return [forms]
-    several = (form if _is_sweep(form) else [form] for form in forms)
-    return [*chain(*several)]
-
-
-def _is_sweep(form: Any) -> bool:
-    return (
-        isinstance(form, list) and form != [] and all(isinstance(point, Mapping) for point in form)
-    )
+    several: list[Any] = []
+    for form in forms:
+        is_sweep = isinstance(form, list) and form and isinstance(form[0], Mapping)
+        several += form if is_sweep else [form]
+    return several
 
 
 def learner(
@@ -245,9 +240,8 @@ def learner(
         >>> learner("ddqn", learning_rate=0.0005, label="slow")["parameters"]
         {'learning_rate': 0.0005}
     """
-    entry = learner if isinstance(learner, Mapping) else {"learner": learner}
     given = {"name": label, "subjects": subjects, "protocol": protocol, "reward": reward}
-    return _checked({**entry, **present(given)}, parameters, {})
+    return _entry(learner, present(given), parameters)
 
 
 def sweep(
@@ -282,24 +276,15 @@ def sweep(
     if not swept or not all(swept.values()):
         raise LearnerError("a sweep needs a list of values, such as gamma=[0.5, 0.9]")
     fixed = {key: value for key, value in values.items() if key not in swept}
-    entry = learner_ if isinstance(learner_, Mapping) else {"learner": learner_}
     given = {"name": label, "subjects": subjects, "protocol": protocol, "reward": reward}
-    return points(_checked({**entry, **present(given)}, fixed, swept))
+    return points(_entry(learner_, {**present(given), "sweep": swept}, fixed))
 
 
-def _checked(
-    entry: dict[str, Any], parameters: Mapping[str, Any], sweep: Mapping[str, Any]
-) -> dict[str, Any]:
-    """An entry of an experiment file, with more parameters.
-
-    Raises:
-        OpenLockError: With every fault; a protocol may be one that only an experiment knows.
-    """
+def _entry(learner: Any, given: dict[str, Any], parameters: dict[str, Any]) -> dict[str, Any]:
+    """An entry of an experiment file; its protocol may be one that only an experiment knows."""
+    entry = {**(learner if isinstance(learner, Mapping) else {"learner": learner}), **given}
     if isinstance(entry["learner"], type):
         entry["learner"] = name_of(entry["learner"])
     entry["parameters"] = {**entry.get("parameters", {}), **parameters}
-    if sweep:
-        entry["sweep"] = dict(sweep)
-    known_here = {key: value for key, value in entry.items() if key != "protocol"}
-    read(AnyLearner, known_here)
+    read(AnyLearner, {key: value for key, value in entry.items() if key != "protocol"})
     return entry

@@ -55,8 +55,8 @@ def plan(
     """
     if protocol.test_layout is not None:
         raise ProtocolError(
-            f"the protocol {protocol.name} is one of 0.2, with a test_layout; list the layout in "
-            "the condition, as in test: [{schema: CC4, layouts: [trial7]}]"
+            f"the protocol {protocol.name} has a test_layout, as in 0.2; a condition says it now: "
+            "test: [{schema: CC4, layouts: [trial7]}]"
         )
     train = (protocol.training_trials, protocol.train_loops)
     if not condition.test:
