@@ -78,18 +78,6 @@ class SchemaError(OpenLockError):
     """A schema that has no meaning."""
 
 
-class LayoutError(OpenLockError):
-    """An arrangement of levers that no room can have."""
-
-
-class RewardError(OpenLockError):
-    """A reward that is not made of known terms."""
-
-
-class ProtocolError(OpenLockError):
-    """A protocol or condition that cannot be carried out."""
-
-
 class LearnerError(OpenLockError):
     """An unknown learner, a wrong hyper-parameter, or an action outside the action space."""
 
@@ -138,7 +126,7 @@ class CellsFailed(LearnerError):  # noqa: N818 - the others did not
 
 
 class ExperimentError(OpenLockError):
-    """An experiment whose parts do not fit together."""
+    """An experiment that cannot be played, for one of its protocols, layouts or rewards."""
 
 
 class StoreError(OpenLockError):
@@ -215,6 +203,13 @@ def in_short(error: BaseException) -> str:
         return f"{at_a_word if len(at_a_word) > 150 else text[:199]} …"
     except Exception:
         return ""
+
+
+def __getattr__(name: str) -> type[OpenLockError]:
+    if name not in ("LayoutError", "ProtocolError", "RewardError"):
+        raise AttributeError(f"module {__name__} has no attribute {name!r}")
+    renamed(name, "ExperimentError")
+    return ExperimentError
 
 
 def renamed(former: str, present: str) -> None:

@@ -264,7 +264,7 @@ def trace_trial(
 
     Raises:
         LearnerError: If the learner holds no beliefs.
-        ProtocolError: If there is no such trial, or a schema does not fit the protocol.
+        ExperimentError: If there is no such trial, or a schema does not fit the protocol.
 
     Example:
         >>> from causal_openlock import PROTOCOLS, create, find_schema

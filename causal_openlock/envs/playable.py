@@ -148,7 +148,7 @@ class PlayableRoom:
                 ``UPPER`` and ``door`` for short, which push; or an index.
 
         Raises:
-            LayoutError: If there is no such action.
+            ExperimentError: If there is no such action.
             OpenLockError: If the trial is over.
         """
         chosen = action_index(action, self.positions)

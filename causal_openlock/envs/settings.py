@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import numpy as np
 from gymnasium import spaces
 
-from causal_openlock.errors import LayoutError, OpenLockError, ProtocolError
+from causal_openlock.errors import ExperimentError, OpenLockError
 from causal_openlock.experiment.declare import MAX_ACTION_LIMIT, default_action_limit
 from causal_openlock.files.validation import check_arguments, plain, whole_number
 from causal_openlock.schemas.schema import Schema
@@ -56,7 +56,7 @@ class Settings:
 
         schema = schema_from_dict(schema) if isinstance(schema, Mapping) else find_schema(schema)
         if not isinstance(layout, str | Mapping | Layout):
-            raise LayoutError(
+            raise ExperimentError(
                 f"layout is a name, such as trial1 or {RANDOM_LAYOUT}, or the position of each "
                 f"lever, and this is {layout!r}"
             )
@@ -66,19 +66,19 @@ class Settings:
         positions = whole_number(positions, "positions")
         position_names(positions)
         if positions < len(schema.levers):
-            raise LayoutError(
+            raise ExperimentError(
                 f"{schema.name} has {len(schema.levers)} levers, more than {positions} positions"
             )
         if episode not in ("attempt", "trial"):
             raise OpenLockError(f"an episode is 'attempt' or 'trial', not {episode!r}")
         attempt_limit = whole_number(attempt_limit, "attempt_limit")
         if attempt_limit < 1:
-            raise ProtocolError(f"attempt_limit must be at least 1, not {attempt_limit}")
+            raise ExperimentError(f"attempt_limit must be at least 1, not {attempt_limit}")
         if action_limit is None:
             action_limit = default_action_limit(schema)
         action_limit = whole_number(action_limit, "action_limit")
         if not schema.least_action_limit <= action_limit <= MAX_ACTION_LIMIT:
-            raise ProtocolError(
+            raise ExperimentError(
                 f"{schema.name} needs attempts of at least {schema.least_action_limit} actions and "
                 f"no attempt can have more than {MAX_ACTION_LIMIT}, so action_limit cannot be "
                 f"{action_limit}"

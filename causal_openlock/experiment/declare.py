@@ -66,7 +66,7 @@ from causal_openlock.contract.registry import (
     name_of,
     parse_parameters,
 )
-from causal_openlock.errors import ExperimentError, LearnerError, OpenLockError, ProtocolError
+from causal_openlock.errors import ExperimentError, LearnerError, OpenLockError
 from causal_openlock.experiment.origin import Origin, answer_of, origin_of
 from causal_openlock.files.digest import digest
 from causal_openlock.files.json_text import present
@@ -187,7 +187,7 @@ def layout_for(schema: Schema, layout: Any, positions: int | None = None) -> Lay
         positions: Size of the room; by default the smallest that holds the levers.
 
     Raises:
-        LayoutError: If it does not fit the schema.
+        ExperimentError: If it does not fit the schema.
 
     Example:
         >>> layout_for(find_schema("CC3"), [0, 4, 2]).name
@@ -298,12 +298,12 @@ class Protocol(Part):
         """Actions in an attempt in a room of this schema.
 
         Raises:
-            ProtocolError: If the protocol's limit is too small for the schema.
+            ExperimentError: If the protocol's limit is too small for the schema.
         """
         if self.action_limit is None:
             return default_action_limit(schema)
         if self.action_limit < schema.least_action_limit:
-            raise ProtocolError(
+            raise ExperimentError(
                 f"{schema.name} needs attempts of {schema.least_action_limit} actions and the "
                 f"protocol {self.name} allows {self.action_limit}; raise its action_limit"
             )
@@ -329,11 +329,11 @@ def find_protocol(name: str, own: Mapping[str, Protocol] | None = None) -> Proto
     """A protocol by name.
 
     Raises:
-        ProtocolError: If there is none; the message suggests the nearest name.
+        ExperimentError: If there is none; the message suggests the nearest name.
     """
     known = {**PROTOCOLS, **(own or {})}
     if name not in known:
-        raise ProtocolError(f"there is no protocol {name!r}; {nearest(name, known)}")
+        raise ExperimentError(f"there is no protocol {name!r}; {nearest(name, known)}")
     return known[name]
 
 
@@ -345,7 +345,7 @@ def _protocol(value: Any, info: ValidationInfo) -> Any:
     if isinstance(value, Protocol) or context.get("recorded"):
         return value
     if not isinstance(value, Mapping):
-        raise ProtocolError(
+        raise ExperimentError(
             f"{value!r} is not a protocol; give its name, a Protocol, or settings such as "
             '{"attempt_limit": 10}'
         )
@@ -356,7 +356,7 @@ def _protocol(value: Any, info: ValidationInfo) -> Any:
     protocol = adapter(AnyProtocol).validate_python(base, context=info.context)
     name = settings.pop("name", None) or label_of(protocol.name, settings, "_")
     if name in PROTOCOLS and (settings or "name" in value):
-        raise ProtocolError(f"the protocol {name} comes with the package; choose another name")
+        raise ExperimentError(f"the protocol {name} comes with the package; choose another name")
     if "name" not in value and not NAME.fullmatch(name):  # too many settings for a name
         name = f"{protocol.name[:40]}_{digest(repr(settings))[:8]}"
     return {**asdict(protocol), **settings, "name": name}
@@ -432,7 +432,7 @@ class Trials(Part):
         if schema is None or layouts is None or layouts in ("published", "random"):
             return layouts
         if not isinstance(layouts, list | tuple):
-            raise ProtocolError(f"layouts are 'published', 'random' or a list, not {layouts!r}")
+            raise ExperimentError(f"layouts are 'published', 'random' or a list, not {layouts!r}")
         return each(layouts, lambda layout: layout_for(schema, layout))
 
     @field_serializer("layouts")
@@ -444,7 +444,7 @@ class Trials(Part):
 
     def __post_init__(self) -> None:
         if isinstance(self.layouts, tuple) and (self.number or 0) > len(self.layouts):
-            raise ProtocolError(
+            raise ExperimentError(
                 f"{self.number} trials of {self.schema.name} need that number of layouts, and "
                 f"{len(self.layouts)} are given"
             )
@@ -541,15 +541,15 @@ class Condition(Part):
         if not self.shown:
             return
         if not self.test:
-            raise ProtocolError(f"{self.name} is only shown; add a test, which is played")
+            raise ExperimentError(f"{self.name} is only shown; add a test, which is played")
         if self.name in PAPER_CONDITIONS:
-            raise ProtocolError(
+            raise ExperimentError(
                 f"{self.name} is a condition of the paper, where nothing is shown; choose another "
                 f"name, such as {SHOWN}-{self.name}"
             )
         for trials in self.train:
             if not trials.schema.deterministic:
-                raise ProtocolError(
+                raise ExperimentError(
                     f"a push can fail in rooms of {trials.schema.name}, so its solutions cannot be "
                     "shown; choose a schema without strengths below 1"
                 )
@@ -606,7 +606,7 @@ def _halves(text: str) -> dict[str, Any]:
     first, *others = text.removeprefix(f"{SHOWN}-").split("-")
     if len(others) > 1 or not all(map(NAME.fullmatch, (first, *others))):
         much = f"... ({len(text):,} characters)" if len(text) > 200 else ""
-        raise ProtocolError(
+        raise ExperimentError(
             f"{text[:200]!r}{much} is not a condition; write one schema for a baseline (CC4), two "
             "for a transfer (CC3-CC4), or a list where one is a file: [CC3, my/vault.yaml]"
         )

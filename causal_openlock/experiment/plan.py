@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from causal_openlock.errors import ProtocolError
+from causal_openlock.errors import ExperimentError
 from causal_openlock.experiment.declare import (
     SHOWN,
     Condition,
@@ -50,11 +50,11 @@ def plan(
     has ``rooms`` of, the first trials are in those.
 
     Raises:
-        ProtocolError: If a schema does not fit the protocol, has fewer layouts than trials, or more
-            solutions to show than a trial has attempts.
+        ExperimentError: If a schema does not fit the protocol, has fewer layouts than trials, or
+            more solutions to show than a trial has attempts.
     """
     if protocol.test_layout is not None:
-        raise ProtocolError(
+        raise ExperimentError(
             f"the protocol {protocol.name} has a test_layout, as in 0.2; a condition says it now: "
             "test: [{schema: CC4, layouts: [trial7]}]"
         )
@@ -77,7 +77,7 @@ def plan(
         if visit.phase == SHOWN:
             solutions = len(visit.schema.solutions)
             if solutions > protocol.attempt_limit:
-                raise ProtocolError(
+                raise ExperimentError(
                     f"{visit.schema.name} has {solutions} solutions to show, and a trial of "
                     f"protocol {protocol.name} has {counted(protocol.attempt_limit, 'attempt')}; "
                     "raise its attempt_limit"
@@ -104,7 +104,7 @@ def draw_layouts(
         source: Where they come from, if the trials do not say.
 
     Raises:
-        ProtocolError: If there are not enough layouts.
+        ExperimentError: If there are not enough layouts.
     """
     schema = trials.schema
     layouts: Any = trials.layouts or source
@@ -115,7 +115,7 @@ def draw_layouts(
     if layouts == "random":
         most = math.perm(positions_for(schema), len(schema.levers))
         if number > most:
-            raise ProtocolError(
+            raise ExperimentError(
                 f"{schema.name} has {most} layouts, too few for {number} trials; ask for fewer "
                 "trials, or for more loops"
             )
@@ -125,7 +125,7 @@ def draw_layouts(
             drawn.setdefault(layout.places, layout)
         return list(drawn.values())
     if (trials.number or 0) > len(layouts):
-        raise ProtocolError(
+        raise ExperimentError(
             f"{trials.number} trials of {schema.name} are asked for and {len(layouts)} layouts of "
             f"{len(schema.levers)} levers are published; ask for at most {len(layouts)} trials, or "
             "for layouts: random"
@@ -156,7 +156,7 @@ def check_trial(trial: int, trials: int, where: str) -> None:
     """Refuse a number of a trial that a condition does not have; ``where`` is for the message.
 
     Raises:
-        ProtocolError: If there is no such trial.
+        ExperimentError: If there is no such trial.
     """
     if not 1 <= trial <= trials:
-        raise ProtocolError(f"{where} has no trial {trial}; choose one from 1 to {trials}")
+        raise ExperimentError(f"{where} has no trial {trial}; choose one from 1 to {trials}")

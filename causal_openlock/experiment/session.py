@@ -27,7 +27,7 @@ from causal_openlock.contract.learner import (
     View,
     put_back,
 )
-from causal_openlock.errors import LearnerError, ProtocolError
+from causal_openlock.errors import ExperimentError, LearnerError
 from causal_openlock.experiment.declare import Condition, Protocol
 from causal_openlock.experiment.plan import check_trial, plan
 from causal_openlock.experiment.record import AttemptLog, assemble
@@ -80,7 +80,7 @@ class Session:
         log: The attempts so far, in the order in which they ended.
 
     Raises:
-        ProtocolError: If a schema of the condition does not fit the protocol, or there is no
+        ExperimentError: If a schema of the condition does not fit the protocol, or there is no
             subject or one twice.
 
     Example:
@@ -106,7 +106,9 @@ class Session:
         self.condition, self.protocol = condition, protocol
         self.subjects = len(numbers)
         if not numbers or len(set(numbers)) < len(numbers):
-            raise ProtocolError("a session needs at least one subject, and each subject only once")
+            raise ExperimentError(
+                "a session needs at least one subject, and each subject only once"
+            )
         self._constants = {
             "experiment": experiment,
             "learner": learner,
@@ -261,7 +263,7 @@ class Session:
         """Let a learner begin, and play the only subject to the beginning of a trial, from 1.
 
         Raises:
-            ProtocolError: If there is no such trial.
+            ExperimentError: If there is no such trial.
         """
         where = f"{self.condition.name} under protocol {self.protocol.name}"
         check_trial(trial, self.brief.trials, where)

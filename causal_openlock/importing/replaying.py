@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from causal_openlock.contract.learner import Step
-from causal_openlock.errors import LayoutError, StoreError
+from causal_openlock.errors import ExperimentError
 from causal_openlock.experiment.declare import SHOWN, Condition, layout_for
 from causal_openlock.experiment.plan import Visit, plan
 from causal_openlock.experiment.session import Session
@@ -216,7 +216,7 @@ def _rooms(
         try:
             schema = visit.schema
             layouts.append(layout_for(schema, one.layout, positions_for(schema)))
-        except (LayoutError, StoreError) as error:
+        except ExperimentError as error:
             why = f"{error}".partition("; compare again")[0]
             raise one.place.fault(f"{why}{_was_shown(visit, condition)}") from None
     return tuple(layouts)
@@ -228,7 +228,7 @@ def _indices(own: Sequence[ActionEntry], positions: int) -> np.ndarray:
     for one in own:
         try:
             found.append(action_index(one.action, positions))
-        except LayoutError as error:
+        except ExperimentError as error:
             why = str(error)
             if _ROLE.fullmatch(str(one.action)):
                 why = (

@@ -123,7 +123,7 @@ class RoomGeometry:
         """The geometry of a room of 7 to 12 levers; the same object for the same number.
 
         Raises:
-            LayoutError: If no room has this number of positions.
+            ExperimentError: If no room has this number of positions.
         """
         facts = room_facts()
         arm, door, travel = facts["arm"], facts["door"], facts["track"]["visible_outside_bar"]

@@ -78,7 +78,7 @@ class People:
 
     Raises:
         StoreError: If the folder holds something else, is in use, damaged, or cannot be written to.
-        ProtocolError: If a condition does not fit the protocol.
+        ExperimentError: If a condition does not fit the protocol.
     """
 
     def __init__(

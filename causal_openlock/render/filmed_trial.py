@@ -122,7 +122,7 @@ def play_trial(
         label: Label of the learner; it keys the learner's randomness.
 
     Raises:
-        ProtocolError: If there is no such trial, or a schema does not fit the protocol.
+        ExperimentError: If there is no such trial, or a schema does not fit the protocol.
     """
     session = Session(condition, protocol, [subject], seed=seed, reward=reward, learner=label)
     session.begin_trial(learner, trial)
@@ -154,7 +154,7 @@ def recorded_trial(
 
     Raises:
         StoreError: If the folder does not hold it.
-        ProtocolError: If there is no such trial.
+        ExperimentError: If there is no such trial.
     """
     import pyarrow.compute as pc
 

@@ -47,7 +47,7 @@ def draw_room(
 
     Raises:
         ValueError: If the observation has another length.
-        LayoutError: If no room has this number of positions.
+        ExperimentError: If no room has this number of positions.
     """
     return draw(Look.of_observation(observation, positions), size, panel)
 

@@ -61,7 +61,7 @@ def frame(positions: int, size: int) -> Frame:
     """Frame of a picture of a room, ``size`` pixels high and about a quarter wider.
 
     Raises:
-        LayoutError: If no room has this number of positions.
+        ExperimentError: If no room has this number of positions.
     """
     geometry = RoomGeometry.of(positions)
     reach = max(abs(x) for track in geometry.tracks for x in track.end) + BAR_WIDTH / 2

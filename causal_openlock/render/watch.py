@@ -18,7 +18,7 @@ import numpy as np
 from causal_openlock.belief.belief_learner import BeliefLearner
 from causal_openlock.belief.trace import Snapshot, Trace, trace_trial
 from causal_openlock.contract.registry import create
-from causal_openlock.errors import ProtocolError
+from causal_openlock.errors import ExperimentError
 from causal_openlock.experiment.declare import Condition, Protocol
 from causal_openlock.experiment.making import ConditionForm, LearnerForm, make_experiment
 from causal_openlock.files.validation import whole_number
@@ -138,7 +138,7 @@ def watch(
 def _in_layout(condition: Condition, layout: str | Mapping[str, str] | Layout) -> Condition:
     """A condition of one schema in one layout."""
     if len(condition.train) > 1 or condition.test:
-        raise ProtocolError(
+        raise ExperimentError(
             f"{condition.name} has rooms of several kinds, and the layout {layout} is for one; "
             "leave it out, or watch one schema"
         )

@@ -29,7 +29,7 @@ from typing import Any
 
 import numpy as np
 
-from causal_openlock.errors import RewardError
+from causal_openlock.errors import ExperimentError
 from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.usercode.misspelt import misspelt
 from causal_openlock.usercode.own_files import (
@@ -59,25 +59,25 @@ class OwnReward(RewardFunction):
         """``[N]`` the reward of each action.
 
         Raises:
-            RewardError: If the function fails, does not return N finite numbers, or is not the one
-                that was recorded.
+            ExperimentError: If the function fails, does not return N finite numbers, or is not the
+                one that was recorded.
         """
         function, source = _loaded(self.name)
         # A worker has the functions of a session as they were packed, without their source.
         if source != self.source and not is_of_session(self.name):
-            raise RewardError(
+            raise ExperimentError(
                 f"the reward {self.name} was {self.source} and is {source}; bring back the file as "
                 "it was"
             )
         try:
             paid = np.asarray(function(events))
         except Exception as error:  # a user's code can fail in any way
-            raise RewardError(
+            raise ExperimentError(
                 f"the reward {self.name} fails ({type(error).__name__}: {error})"
             ) from error
         number = len(events.first)
         if paid.shape != (number,) or paid.dtype.kind not in "iufb" or not np.isfinite(paid).all():
-            raise RewardError(
+            raise ExperimentError(
                 f"the reward {self.name} has to return one finite number for each of {number} "
                 f"actions, and returned {paid.dtype} of shape {paid.shape}: {paid}"
             )
@@ -92,8 +92,8 @@ def own_reward(given: str | Callable[..., Any]) -> OwnReward:
     """A function, itself or as ``module:function``, as a reward, tried out on all events.
 
     Raises:
-        RewardError: If there is no such function, workers cannot find it by a name, or it does not
-            work as a reward.
+        ExperimentError: If there is no such function, workers cannot find it by a name, or it does
+            not work as a reward.
     """
     forget()  # its module may have been reloaded
     if isinstance(given, str):
@@ -101,20 +101,20 @@ def own_reward(given: str | Callable[..., Any]) -> OwnReward:
     else:
         name = f"{given.__module__}:{getattr(given, '__qualname__', '')}"
         if not (MODULE_AND_NAME.fullmatch(name) and _loaded(name)[0] is given):
-            raise RewardError(
+            raise ExperimentError(
                 f"the reward {given!r} cannot be found by a name, as workers have to; define it "
                 "with def at the top level of a notebook or of a module"
             )
     reward = OwnReward(name, _loaded(name)[1] or source_of(name))
     if (now := source_of(name)) != reward.source:
-        raise RewardError(
+        raise ExperimentError(
             f"the code of the reward {name} has changed since it was imported (it was "
             f"{reward.source} and is {now}); reload it with importlib.reload, or begin anew"
         )
     words, found = possible(np.arange(256), 2)
     paid, apart = (reward.pay(Events.of(words[::n], found[::n])) for n in (1, 7))
     if not np.allclose(paid[::7], apart, rtol=1e-9, atol=1e-12):
-        raise RewardError(
+        raise ExperimentError(
             f"the reward {name} pays an action differently when it is called again, or among other "
             "actions; let it depend on the events of each action alone"
         )
@@ -125,17 +125,17 @@ def own_reward(given: str | Callable[..., Any]) -> OwnReward:
 def _loaded(name: str) -> tuple[Callable[[Events], Any], str]:
     """A function by its name, and the :attr:`OwnReward.source` that it was loaded from."""
     if not MODULE_AND_NAME.fullmatch(name):
-        raise RewardError(f"{name!r} names no reward; write it like my_module:my_function")
+        raise ExperimentError(f"{name!r} names no reward; write it like my_module:my_function")
     look_beside()
     try:
         function = (entry := EntryPoint(name, name, "")).load()
     except Exception as error:  # a module can fail in any way while it is imported
-        raise RewardError(
+        raise ExperimentError(
             misspelt(entry, error, "function", inspect.isfunction)
             or f"the reward {name!r} cannot be imported: {type(error).__name__}: {error}"
         ) from error
     if not callable(function) or isinstance(function, type):
-        raise RewardError(f"{name!r} is not a function; a reward is a function of events")
+        raise ExperimentError(f"{name!r} is not a function; a reward is a function of events")
     return function, "" if is_of_session(name) else source_of(name, imported_digest)
 
 
@@ -146,7 +146,7 @@ def source_of(name: str, hash_of: Callable[[list[str]], str] = code_digest) -> s
     module = name.partition(":")[0]
     source = inspect.getsourcefile(sys.modules[module])
     if source is None:
-        raise RewardError(f"{name!r} has no source that can be recorded; write it in a file")
+        raise ExperimentError(f"{name!r} has no source that can be recorded; write it in a file")
     return f"{Path(source).name} {hash_of([module])}"
 
 

@@ -36,7 +36,7 @@ from typing import Annotated, Any, get_type_hints
 import numpy as np
 from numpy.typing import ArrayLike
 
-from causal_openlock.errors import RewardError
+from causal_openlock.errors import ExperimentError
 from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.wording import nearest
 from causal_openlock.world.events import Events as Events
@@ -258,8 +258,8 @@ def find_reward(reward: RewardForm) -> RewardFunction:
             a user-defined function, itself or as ``module:function``.
 
     Raises:
-        RewardError: If there is no such preset, a term or a weight is unknown or does not fit, or
-            the function does not work as a reward.
+        ExperimentError: If there is no such preset, a term or a weight is unknown or does not fit,
+            or the function does not work as a reward.
 
     Example:
         >>> find_reward("paper").terms
@@ -277,23 +277,23 @@ def find_reward(reward: RewardForm) -> RewardFunction:
         return own_reward(reward)
     if isinstance(reward, str):
         if reward not in PRESETS:
-            raise RewardError(
+            raise ExperimentError(
                 f"there is no reward {reward!r}; {nearest(reward, PRESETS)}; a function of your "
                 "own is written module:function"
             )
         return PRESETS[reward]
     if not isinstance(reward, Iterable):
-        raise RewardError(
+        raise ExperimentError(
             f"{reward!r} is not a reward; give a preset's name, terms, weights or a function"
         )
     terms = tuple(reward)
     for index, term in enumerate(terms):
         if term not in TERMS:
-            raise RewardError(f"there is no reward term {term!r}; {nearest(str(term), TERMS)}")
+            raise ExperimentError(f"there is no reward term {term!r}; {nearest(str(term), TERMS)}")
         if term in terms[:index]:
-            raise RewardError(f"the reward term {term} is listed twice; remove one of them")
+            raise ExperimentError(f"the reward term {term} is listed twice; remove one of them")
     if not terms:
-        raise RewardError(f"a reward needs at least one term; known: {', '.join(TERMS)}")
+        raise ExperimentError(f"a reward needs at least one term; known: {', '.join(TERMS)}")
     return Reward("+".join(terms), terms)
 
 
@@ -302,20 +302,20 @@ def _weighted(description: Mapping[str, Any]) -> Reward:
     given = dict(description)
     preset, terms = given.pop("preset", None), given.pop("terms", None)
     if preset is not None and terms is not None:
-        raise RewardError("a reward is based on a preset or on terms; leave one of them out")
+        raise ExperimentError("a reward is based on a preset or on terms; leave one of them out")
     base = find_reward(terms if terms is not None else preset or PAPER_REWARD)
     if not isinstance(base, Reward):
-        raise RewardError(
+        raise ExperimentError(
             f"the reward {base.name} has no weights that could be changed; base it on another "
             "preset"
         )
     for name, value in given.items():
         if name == "unique_solutions":
-            raise RewardError("unique_solutions has no weight; list it among the terms")
+            raise ExperimentError("unique_solutions has no weight; list it among the terms")
         if name not in WEIGHTS:
-            raise RewardError(f"there is no weight {name!r}; {nearest(str(name), WEIGHTS)}")
+            raise ExperimentError(f"there is no weight {name!r}; {nearest(str(name), WEIGHTS)}")
         if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-            raise RewardError(f"the weight {name} is a number, not {value!r}")
+            raise ExperimentError(f"the weight {name} is a number, not {value!r}")
     terms = dict.fromkeys([*base.terms, *(term_of(name) for name in WEIGHTS if name in given)])
     weights = Weights(**{name: float(value) for name, value in given.items()})
     listed = [

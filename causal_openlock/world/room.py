@@ -22,7 +22,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from causal_openlock.errors import LayoutError
+from causal_openlock.errors import ExperimentError
 from causal_openlock.schemas.fsm import FSM, BoolArray, FloatArray, IntArray, compile_schema
 from causal_openlock.schemas.schema import MAX_LEVERS, Schema
 from causal_openlock.wording import nearest
@@ -44,7 +44,7 @@ def position_names(positions: int) -> tuple[str, ...]:
     """Names of the positions of a room: the paper's for seven, ``P0``... in larger rooms.
 
     Raises:
-        LayoutError: If no room can have this number of positions.
+        ExperimentError: If no room can have this number of positions.
 
     Example:
         >>> position_names(7)[:3]
@@ -54,7 +54,7 @@ def position_names(positions: int) -> tuple[str, ...]:
         return PAPER_POSITIONS
     if len(PAPER_POSITIONS) < positions <= MAX_LEVERS:
         return tuple(f"P{index}" for index in range(positions))
-    raise LayoutError(
+    raise ExperimentError(
         f"a room has {len(PAPER_POSITIONS)} to {MAX_LEVERS} positions, not {positions}"
     )
 
@@ -80,7 +80,7 @@ def action_index(action: str | int, positions: int) -> int:
     """An action by its index or its name; a position alone, and the door, are pushed.
 
     Raises:
-        LayoutError: If there is no such action; the message names the nearest.
+        ExperimentError: If there is no such action; the message names the nearest.
 
     Example:
         >>> action_index("push_UPPER", 7), action_index("pull UPPER", 7), action_index("door", 7)
@@ -93,10 +93,10 @@ def action_index(action: str | int, positions: int) -> int:
         if (name := asked if asked in index else f"push_{asked}") in index:
             return index[name]
         written = names if "_" in action else [name.replace("_", " ") for name in names]
-        raise LayoutError(f"there is no action {action!r}; {nearest(action, written)}")
+        raise ExperimentError(f"there is no action {action!r}; {nearest(action, written)}")
     is_number = isinstance(action, int | np.integer) and not isinstance(action, bool)
     if not is_number or not 0 <= action < len(names):
-        raise LayoutError(f"there is no action {action!r}; actions are 0 to {len(names) - 1}")
+        raise ExperimentError(f"there is no action {action!r}; actions are 0 to {len(names) - 1}")
     return int(action)
 
 
@@ -140,9 +140,9 @@ class Layout:
         names = position_names(self.positions)
         for index, place in enumerate(self.places):
             if not 0 <= place < self.positions:
-                raise LayoutError(f"there is no position {place} in a room of {self.positions}")
+                raise ExperimentError(f"there is no position {place} in a room of {self.positions}")
             if place in self.places[:index]:
-                raise LayoutError(
+                raise ExperimentError(
                     f"two levers are at {names[place]}; give each lever a position of its own"
                 )
         if not self.name:
@@ -164,7 +164,7 @@ class Layout:
             positions: Size of the room; by default the smallest that holds the levers.
 
         Raises:
-            LayoutError: If it does not fit the schema or puts two levers at one position.
+            ExperimentError: If it does not fit the schema or puts two levers at one position.
 
         Example:
             >>> from causal_openlock import find_schema
@@ -174,32 +174,36 @@ class Layout:
         if isinstance(layout, str):
             published = room_facts()["layouts"]
             if layout not in published:
-                raise LayoutError(f"there is no layout {layout!r}; {nearest(layout, published)}")
+                raise ExperimentError(
+                    f"there is no layout {layout!r}; {nearest(layout, published)}"
+                )
             places = tuple(map(PAPER_POSITIONS.index, published[layout].values()))
             layout = cls(places, positions or positions_for(schema), layout)
         if isinstance(layout, Layout):
             if len(layout.places) != len(schema.levers):
                 fitting = ", ".join(published_layouts(schema)) or RANDOM_LAYOUT
-                raise LayoutError(
+                raise ExperimentError(
                     f"the layout {layout.name} places {len(layout.places)} levers and "
                     f"{schema.name} has {len(schema.levers)}; layouts that fit: {fitting}"
                 )
             return layout.in_room(positions or layout.positions)
         if not isinstance(layout, Mapping):
-            raise LayoutError(
+            raise ExperimentError(
                 f"{layout!r} is not a layout; give a name such as trial1, or {{lever: position}}"
             )
         names = position_names(positions or positions_for(schema))
         for lever, place in layout.items():
             if lever not in schema.levers:
-                raise LayoutError(
+                raise ExperimentError(
                     f"the layout places {lever!r}, which {schema.name} does not have; "
                     f"{nearest(str(lever), schema.levers)}"
                 )
             if place not in names:
-                raise LayoutError(f"{lever} cannot be at {place!r}; {nearest(str(place), names)}")
+                raise ExperimentError(
+                    f"{lever} cannot be at {place!r}; {nearest(str(place), names)}"
+                )
         if missing := [lever for lever in schema.levers if lever not in layout]:
-            raise LayoutError(f"the layout gives no position to {missing[0]}; add one")
+            raise ExperimentError(f"the layout gives no position to {missing[0]}; add one")
         places = tuple(names.index(layout[lever]) for lever in schema.levers)
         return cls(places, len(names))
 

@@ -8,7 +8,7 @@ from types import ModuleType
 import pytest
 
 from causal_openlock.contract.registry import origin
-from causal_openlock.errors import CellsFailed, RewardError
+from causal_openlock.errors import CellsFailed, ExperimentError
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.running.runner import run
 from causal_openlock.storage.store import Store
@@ -143,7 +143,7 @@ def test_a_reward_is_reloaded_and_old_code_is_not_taken_for_new(folder):
     sys.path.append(str(folder))
     first = own_reward("a_reward:pay")
     (folder / "a_helper.py").write_text(CHANGED)
-    with pytest.raises(RewardError, match=r"importlib.reload"):
+    with pytest.raises(ExperimentError, match=r"importlib.reload"):
         own_reward("a_reward:pay")
     importlib.reload(sys.modules["a_helper"])
     importlib.reload(sys.modules["a_reward"])

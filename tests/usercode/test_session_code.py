@@ -13,7 +13,7 @@ import pytest
 import causal_openlock as ol
 from causal_openlock.contract.registry import learner_class, origin, parameter_table
 from causal_openlock.envs.single import OpenLockEnv
-from causal_openlock.errors import LearnerError, RewardError, StoreError
+from causal_openlock.errors import ExperimentError, LearnerError, StoreError
 from causal_openlock.export.bundle import write_bundle
 from causal_openlock.usercode import session_code
 from causal_openlock.usercode.session_code import packed, session_source, unpack
@@ -192,7 +192,7 @@ def test_what_changes_after_it_was_declared_does_not_play(run, tmp_path):
 def test_what_workers_could_not_find_or_get_is_refused(run):
     run("def outer():\n    def inner(events):\n        return events.opens\n    return inner\n")
     main = vars(sys.modules["__main__"])
-    with pytest.raises(RewardError, match="define it with def at the top level of a notebook"):
+    with pytest.raises(ExperimentError, match="define it with def at the top level of a notebook"):
         find_reward(main["outer"]())
     run(HEAD, "import threading\nLOCK = threading.Lock()\n")
     exec(LEARNER, main)

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from causal_openlock.contract.parameters import Count, Share
-from causal_openlock.errors import ExperimentError, LayoutError
+from causal_openlock.errors import ExperimentError
 from causal_openlock.files.validation import StrictModel
 from causal_openlock.files.yaml_file import read_document
 from causal_openlock.schemas.finding import find_schema
@@ -130,7 +130,7 @@ def excluded_places(names: str | Sequence[str]) -> frozenset[frozenset[int]]:
     listed = known if names == "published" else names
     for name in listed:
         if name not in known:
-            raise LayoutError(f"there is no layout {name!r}; {nearest(name, known)}")
+            raise ExperimentError(f"there is no layout {name!r}; {nearest(name, known)}")
     return frozenset(
         frozenset(PAPER_POSITIONS.index(place) for place in known[name].values()) for name in listed
     )
