@@ -46,16 +46,12 @@ class Format(NamedTuple):
     """A file format that a schema can be written in.
 
     Attributes:
-        name: Its name here.
         suffixes: Suffixes of its files.
-        description: What it is and what reads it.
         write: From a schema to text.
         read: From text and a default name to a schema; None if it cannot be read.
     """
 
-    name: str
     suffixes: tuple[str, ...]
-    description: str
     write: Callable[[Schema], str]
     read: Callable[[str, str], Schema] | None = None
 
@@ -71,7 +67,7 @@ def export_schema(schema: Schema, format: str) -> str:
         >>> import_schema(export_schema(chain, "gml"), "gml") == chain
         True
     """
-    return _format(format).write(schema)
+    return FORMATS[_known(format)].write(schema)
 
 
 def import_schema(text: str, format: str, name: str = "imported") -> Schema:
@@ -86,16 +82,16 @@ def import_schema(text: str, format: str, name: str = "imported") -> Schema:
         SchemaError: If the text is not in that format, or its graph is not a schema.
         OpenLockError: If there is no such format or it can only be written.
     """
-    chosen = _format(format)
-    if chosen.read is None:
-        readable = ", ".join(known for known, each in FORMATS.items() if each.read)
-        raise OpenLockError(f"{chosen.name} can only be written; formats that are read: {readable}")
+    format = _known(format)
+    if (read := FORMATS[format].read) is None:
+        readable = ", ".join(other for other in FORMATS if FORMATS[other].read)
+        raise OpenLockError(f"{format} can only be written; formats that are read: {readable}")
     if len(text) > MAX_BYTES:
-        raise SchemaError(
-            f"this {chosen.name} text has {len(text):,} characters, more than the {MAX_BYTES:,} "
-            "allowed; is this the right file?"
+        what = (
+            f"this {format} text has {len(text):,} characters, more than the {MAX_BYTES:,} allowed"
         )
-    return chosen.read(text, name)
+        raise SchemaError(f"{what}; is this the right file?")
+    return read(text, name)
 
 
 def write_schema(schema: Schema, path: Path | str, format: str | None = None) -> None:
@@ -106,7 +102,7 @@ def write_schema(schema: Schema, path: Path | str, format: str | None = None) ->
     Raises:
         OpenLockError: If the format is unknown, or the file cannot be written.
     """
-    write_text(path, _format(format or Path(path).suffix).write(schema))
+    write_text(path, export_schema(schema, format or Path(path).suffix))
 
 
 def read_schema(path: Path | str, format: str | None = None) -> Schema:
@@ -117,25 +113,24 @@ def read_schema(path: Path | str, format: str | None = None) -> Schema:
         OpenLockError: If the file cannot be read or holds no schema; the text begins with its path.
     """
     path = Path(path)
-    chosen, text = _format(format or path.suffix), read_text(path)
-    if chosen.name == "yaml":
+    format, text = _known(format or path.suffix), read_text(path)
+    if format == "yaml":
         return parse_schema(text, path)
     stem = path.stem.replace("-", "_").replace(" ", "_")
     try:
-        return import_schema(text, chosen.name, stem if NAME.fullmatch(stem) else "imported")
+        return import_schema(text, format, stem if NAME.fullmatch(stem) else "imported")
     except SchemaError as error:
         raise _prefixed(f"{path}", error) from None
 
 
-def _format(name: str) -> Format:
-    """A format by its name or suffix."""
-    suffixes = {suffix: format for format in FORMATS.values() for suffix in format.suffixes}
-    for known in (FORMATS, suffixes):
-        for key in (name.lower(), f".{name}"):
-            if key in known:
-                return known[key]
-    known = suffixes if name.startswith(".") else FORMATS
-    raise OpenLockError(f"there is no schema format {name!r:.64}; {nearest(name[:64], known)}")
+def _known(name: str) -> str:
+    """The name of a format, from its name or a suffix of its files."""
+    for format, (suffixes, *_) in FORMATS.items():
+        if name == format or name.lower() in suffixes or f".{name}" in suffixes:
+            return format
+    suffixes = [suffix for format in FORMATS.values() for suffix in format.suffixes]
+    known = nearest(name[:64], suffixes if name.startswith(".") else FORMATS)
+    raise OpenLockError(f"there is no schema format {name!r:.64}; {known}")
 
 
 # -- a graph as a schema ---------------------------------------------------------------------------
@@ -470,25 +465,22 @@ def _dagitty_text(schema: Schema) -> str:
     return "\n".join([*lines, "}\n"])
 
 
+def _gml_text(schema: Schema) -> str:
+    return "\n".join(nx.generate_gml(_graph_of(schema))) + "\n"
+
+
+def _graphml_text(schema: Schema) -> str:
+    return "\n".join(nx.generate_graphml(_graph_of(schema))) + "\n"
+
+
 FORMATS: dict[str, Format] = {
-    format.name: format
-    for format in (
-        Format("yaml", (".yaml", ".yml"), "the toolkit's own schema file", Schema.to_yaml,
-               lambda text, _: parse_schema(text)),
-        Format("line", (".txt",), "one line of text: A -> B, C; B | C -> door",
-               lambda schema: one_line(schema) + "\n", parse_line),
-        Format("node-link", (".json",), "networkx node-link JSON, also for D3",
-               _node_link_text, _reading("node-link", _node_link_graph)),
-        Format("gml", (".gml",), "Graph Modelling Language: networkx, Gephi, igraph, yEd",
-               lambda schema: "\n".join(nx.generate_gml(_graph_of(schema))) + "\n",
-               _reading("gml", _gml_graph)),
-        Format("graphml", (".graphml",), "GraphML: networkx, Gephi, igraph, yEd",
-               lambda schema: "\n".join(nx.generate_graphml(_graph_of(schema))) + "\n",
-               _reading("graphml", _graphml_graph)),
-        Format("dot", (".dot", ".gv"), "Graphviz; to be read it needs the extra dot",
-               _dot_text, _reading("dot", _dot_graph)),
-        Format("dagitty", (".dagitty",), "DAGitty in the browser and in R",
-               _dagitty_text, _reading("dagitty", _dagitty_graph)),
-        Format("bif", (".bif",), "Bayesian network: pgmpy, bnlearn", bif_text),
-    )
-}  # fmt: skip
+    "yaml": Format((".yaml", ".yml"), Schema.to_yaml, lambda text, _: parse_schema(text)),
+    "line": Format((".txt",), lambda schema: one_line(schema) + "\n", parse_line),
+    "node-link": Format((".json",), _node_link_text, _reading("node-link", _node_link_graph)),
+    "gml": Format((".gml",), _gml_text, _reading("gml", _gml_graph)),
+    "graphml": Format((".graphml",), _graphml_text, _reading("graphml", _graphml_graph)),
+    "dot": Format((".dot", ".gv"), _dot_text, _reading("dot", _dot_graph)),
+    "dagitty": Format((".dagitty",), _dagitty_text, _reading("dagitty", _dagitty_graph)),
+    "bif": Format((".bif",), bif_text),
+}
+"""All formats by name."""
