@@ -210,15 +210,14 @@ def part(*, kw_only: bool = False) -> Callable[[type[T]], type[T]]:
 def _sentence(fault: Any, kind: Any) -> str:
     """A fault that Pydantic found, in a sentence with a remedy."""
     what, value, where = fault["type"], fault.get("input"), fault["loc"]
-    name = ".".join(map(str, where)) or "the file"
+    name = ".".join(str(key)[:64] for key in where) or "the file"
     in_quotes = value is not None and not isinstance(value, str | Mapping | Sequence)
     quotes = "; write it in quotes" if in_quotes else ""
     if what == "missing":
         return f"{where[-1]}: is missing; add it"
     if what in ("extra_forbidden", "unexpected_keyword_argument"):
-        return (
-            f"{where[-1]!r} is not a key here; {nearest(str(where[-1]), _keys(kind, where[:-1]))}"
-        )
+        known = nearest(str(where[-1])[:64], _keys(kind, where[:-1]))
+        return f"{where[-1]!r:.64} is not a key here; {known}"
     if what.startswith("custom."):
         return f"{fault['msg']}"
     if where and where[-1] == "[key]":
