@@ -52,7 +52,7 @@ def read_table(content: bytes, columns: Sequence[str] | None = None) -> pa.Table
         # that is ending by then (https://github.com/apache/arrow/issues/34314).
         return file.read(columns, use_threads=False)
     except Exception as error:  # it may be from anybody: reading it can raise anything
-        raise ChecksumError(in_short(error)) from None
+        raise ChecksumError(in_short(error) or type(error).__name__) from None
 
 
 def json_bytes(data: Mapping[str, Any]) -> bytes:

@@ -20,15 +20,10 @@ from typing import Any
 from causal_openlock.errors import OpenLockError
 from causal_openlock.version import __version__
 
-LEARNERS = "causal_openlock.learners"
-"""Learners: classes."""
-COMMANDS = "causal_openlock.commands"
-"""Commands of the command line: functions, or Typer apps."""
-TOPICS = "causal_openlock.topics"
-"""Ideas of a report: each a :class:`~causal_openlock.analysis.topic.Topic`."""
-REFERENCES = "causal_openlock.references"
-"""References that learners are compared with: functions that return a
-:class:`~causal_openlock.analysis.results.references.Reference`."""
+LEARNERS = "causal_openlock.learners"  # classes
+COMMANDS = "causal_openlock.commands"  # functions, or Typer apps
+TOPICS = "causal_openlock.topics"  # each a causal_openlock.analysis.topic.Topic
+REFERENCES = "causal_openlock.references"  # functions that return a Reference
 TOOLKIT = "causal-openlock"
 
 

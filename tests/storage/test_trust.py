@@ -101,7 +101,7 @@ def test_a_cell_that_is_no_file_of_the_folder_is_not_read(folder, words):
 
 @pytest.mark.parametrize(
     "name",
-    ["/a.parquet", "../../a.parquet", "a\0.parquet"],
+    ["/a.parquet", "../../a.parquet", "x/../../../a\0.parquet"],
 )
 def test_a_name_that_leads_out_of_the_folder_is_no_cell(folder, name):
     edit_stored(folder, lambda held: held["cells"].insert(0, name))
