@@ -141,7 +141,7 @@ class Schema:
         faults.check()
 
     def _add_edges(self, edges: Edges, gates: Mapping[str, Gate]) -> None:
-        """Add the edges to the graph, once edges, gates and inert levers are found to be good."""
+        """Add the edges to the graph, and check them, the gates, inert levers and paths."""
         faults, graph, nodes = _Faults(), self.graph, [*self.levers, DOOR]
         for index, lever in enumerate(self.inert):
             faults.unless_known(lever, self.levers, "inert", index)
