@@ -174,7 +174,9 @@ class _Worker:
         try:
             message = self.pipe.recv()
         except (EOFError, OSError):
-            self.process.join(GRACE)
+            last = time.monotonic() + GRACE
+            while self.process.exitcode is None and time.monotonic() < last:
+                time.sleep(0.02)  # join would wait for ever if only its descriptors are closed
             return Done(self.job, lost=self._how_lost())
         if message is None:
             self.has_begun, self.began = True, time.monotonic()
@@ -197,7 +199,7 @@ class _Worker:
     def _how_lost(self) -> str:
         code = self.process.exitcode
         if self.has_begun and code is None:
-            return "closed the connection to its worker, perhaps with all its file descriptors"
+            return "closed the connection to its worker, as os.closerange(3, 256) does"
         how = _how_ended(code)
         if self.has_begun:
             return f"ended its process ({how})"
@@ -246,8 +248,10 @@ def begin_worker(prepare: Callable[[], None] | None = None) -> None:
 
         def end_with_parent() -> None:
             parent.join()
-            end_groups([os.getpid()])
-            os._exit(1)
+            with suppress(OSError):  # a learner has closed all descriptors, and the parent lives
+                os.fstat(parent.sentinel)
+                end_groups([os.getpid()])
+                os._exit(1)
 
         threading.Thread(target=end_with_parent, daemon=True).start()
     if prepare:

@@ -1,5 +1,6 @@
 """Cells played by a cluster's workers or in shards: the same bytes, and nothing lost on the way."""
 
+import asyncio
 import hashlib
 import os
 import signal
@@ -205,6 +206,16 @@ def test_workers_play_the_code_of_the_comparison(folder, address):
             store = runner.run(experiment, folder / f"out{first}", cluster=address)
         actions = store.record(["subject", "actions"])[0].to_pandas().groupby("subject").first()
         assert [int(each[0]) for each in actions["actions"]] == [first] * 4
+
+
+def test_a_cluster_plays_where_an_event_loop_runs(folder, address):
+    """As in every notebook."""
+    experiment = declared(folder, "random", subjects=2)
+
+    async def cell():
+        return runner.run(experiment, folder / "out", cluster=address)
+
+    assert not asyncio.run(cell()).files()[1]
 
 
 def test_a_lost_scheduler_is_named_and_the_same_command_continues(folder, address):

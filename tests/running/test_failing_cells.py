@@ -39,6 +39,10 @@ class Mute(Fine):
     def act(self, observation):
         raise Silent
 
+class Talks(Fine):
+    def act(self, observation):
+        raise ValueError("x" * 10_000_000)
+
 class Stray(Fine):
     def act(self, observation):
         return 99
@@ -70,9 +74,10 @@ class Hangs(Fine):
 BY_ITSELF = {
     "Raises": "failed: ZeroDivisionError: the learner [/broke] (lethal.py:14)",
     "Mute": "failed: Silent (lethal.py:18)",
+    "Talks": f"failed: ValueError: {199 * 'x'} … (lethal.py:22)",
     "Stray": "failed: action 99 is outside",
     "Nonsense": "failed: Nonsense has to answer with the index of an action",
-    "Exits": "failed: SystemExit: 0 (lethal.py:30)",
+    "Exits": "failed: SystemExit: 0 (lethal.py:34)",
     "Stops": "failed: KeyboardInterrupt",
 }
 WITH_ITS_PROCESS = {"Dies": "(exit status 9)", "Killed": "(killed by SIGKILL, "}
@@ -125,6 +130,7 @@ def test_cells_that_fail_are_named_and_the_others_are_played(folder, kind):
         assert reason.startswith(begins)
         sentence, _, path = reason.partition("; see ")
         said, trace = Path(path).read_text(encoding="utf-8").split("\n\n", 1)
+        assert len(trace) < 30_000
         assert said == sentence
         assert "Traceback" in trace or "Silent" in trace
     store = Store(folder / "out")
