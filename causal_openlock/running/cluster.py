@@ -14,7 +14,7 @@ import logging
 import re
 import sys
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import ExitStack
 from functools import partial
@@ -25,7 +25,7 @@ from causal_openlock.contract import registry
 from causal_openlock.errors import OpenLockError, in_short
 from causal_openlock.experiment.declare import Cell, Experiment
 from causal_openlock.files.atomic import write_bytes
-from causal_openlock.running.workers import Do, Done, begin_worker, in_executor
+from causal_openlock.running.workers import Do, Doing, Done, begin_worker, in_executor
 from causal_openlock.storage.versions import versions
 from causal_openlock.usercode.own_files import digest_of, own_files
 from causal_openlock.world import reward_code
@@ -44,7 +44,7 @@ def in_cluster(
     experiment: Experiment,
     folder: Path,
     warn: Callable[[str], None],
-) -> Iterator[Done | None]:
+) -> Doing:
     """Let the workers of a Dask cluster do jobs; ``local:8`` starts eight of them here.
 
     Raises:

@@ -15,10 +15,12 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable
 from concurrent.futures import Executor
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import partial
+from importlib.util import find_spec
 from math import inf
 from numbers import Real
 from pathlib import Path
@@ -33,7 +35,7 @@ from causal_openlock.running import workers as workplaces
 from causal_openlock.running.cluster import in_cluster
 from causal_openlock.running.progress import Course, RunProgress, playing_in, work
 from causal_openlock.running.worker import Watching, play_cell, record_failure
-from causal_openlock.running.workers import Done
+from causal_openlock.running.workers import Doing, Done
 from causal_openlock.storage.running_files import AWAITED, checkpointed, remove_files_of
 from causal_openlock.storage.shard import Shard
 from causal_openlock.storage.store import Store
@@ -163,19 +165,19 @@ def run(
 
 def _checked(watching: Watching, time_limit: float | None) -> Watching:
     """The duties of workers, checked and completed."""
-    waits: dict[str, object] = {"checkpoint_every": watching.checkpoint_every}
-    if time_limit is not None:
-        waits["time_limit"] = time_limit
+    limit = inf if time_limit is None else time_limit
+    waits = {"checkpoint_every": watching.checkpoint_every, "time_limit": limit}
     for name, value in waits.items():
         if isinstance(value, bool) or not (isinstance(value, Real) and float(value) >= 0):
             raise OpenLockError(f"{name} is a number of seconds, not {value!r}")
-    if time_limit is not None:  # a cell that is ended has to have made progress
-        often = min(watching.checkpoint_every, time_limit / 5)
-        watching = replace(watching, checkpoint_every=often)
+    # A cell that is ended has to have made progress.
+    watching = replace(watching, checkpoint_every=min(watching.checkpoint_every, limit / 5))
     if watching.tensorboard is not None:
-        from causal_openlock.running.tensorboard import require_tensorboard
-
-        require_tensorboard()
+        if find_spec("tensorboard") is None:
+            raise OpenLockError(
+                "logs for TensorBoard need the package tensorboard; install it with: "
+                "pip install 'causal-openlock[tensorboard]'"
+            )
         # A worker may be in another directory.
         watching = replace(watching, tensorboard=str(Path(watching.tensorboard).resolve()))
     return watching
@@ -226,14 +228,15 @@ class _Run:
         ordered = sorted(self.jobs, key=lambda cell: (cell.first_subject, -work(cell)))
         self.jobs = deque(ordered)
 
-    def follow(self, doing: Iterator[Done | None]) -> None:
+    def follow(self, doing: Doing) -> None:
         """Take note of the cells that are done, and report the progress every second."""
         looked = self.look()
-        for done in doing:
-            if done is not None:
-                self.take(done)
-            if time.monotonic() >= looked + workplaces.LOOK_EVERY:
-                looked = self.look()
+        with closing(doing):  # a traceback would keep it, and its processes, alive
+            for done in doing:
+                if done is not None:
+                    self.take(done)
+                if time.monotonic() >= looked + workplaces.LOOK_EVERY:
+                    looked = self.look()
         self.look()
 
     def look(self) -> float:

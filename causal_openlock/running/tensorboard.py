@@ -11,7 +11,6 @@ Results are computed from the record, not from these curves.
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,24 +18,10 @@ from pathlib import Path
 import numpy as np
 
 from causal_openlock.contract.learner import Learner
-from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.session import Session
 
 POINTS = 500
 """Points of a curve, at most."""
-
-
-def require_tensorboard() -> None:
-    """Make sure that logs can be written.
-
-    Raises:
-        OpenLockError: If TensorBoard is not installed.
-    """
-    if importlib.util.find_spec("tensorboard") is None:
-        raise OpenLockError(
-            "logs for TensorBoard need the package tensorboard; install it with: "
-            "pip install 'causal-openlock[tensorboard]'"
-        )
 
 
 @contextmanager
@@ -51,8 +36,7 @@ def curves(session: Session, learner: Learner, folder: Path) -> Iterator[Callabl
     # In rows of the log: the attempts of all subjects.
     period = max(brief.trials * brief.attempt_limit // POINTS, 1) * brief.subjects
     known = log.rows
-    # Points after the checkpoint are drawn again.
-    purge = known // brief.subjects + 1 if known else None
+    purge = known // brief.subjects + 1 if known else None  # points after the checkpoint
 
     def draw() -> None:
         nonlocal known

@@ -18,7 +18,7 @@ import threading
 import time
 import warnings
 from collections import deque
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Generator, Iterator
 from concurrent.futures import (
     FIRST_COMPLETED,
     BrokenExecutor,
@@ -62,7 +62,11 @@ class Done(NamedTuple):
     late: bool = False
 
 
-def in_this_process(do: Do, jobs: deque[Any]) -> Iterator[Done | None]:
+Doing = Generator["Done | None", None, None]
+"""What is done, and in between None."""
+
+
+def in_this_process(do: Do, jobs: deque[Any]) -> Doing:
     """Do jobs here, one after another."""
     while jobs:
         yield None
@@ -76,7 +80,7 @@ def in_this_process(do: Do, jobs: deque[Any]) -> Iterator[Done | None]:
 
 def in_executor(
     executor: Executor, do: Do, jobs: deque[Any], most: Callable[[], float] = lambda: float("inf")
-) -> Iterator[Done | None]:
+) -> Doing:
     """Let an executor do jobs, at most as many at a time as ``most`` returns.
 
     Raises:
@@ -111,7 +115,7 @@ def in_processes(
     workers: int,
     alone: Callable[[Any], bool],
     time_limit: float = float("inf"),
-) -> Iterator[Done | None]:
+) -> Doing:
     """Do jobs in processes of this machine.
 
     Args:
@@ -269,21 +273,20 @@ def end(processes: Collection[BaseProcess]) -> None:
 
 def end_groups(groups: list[int]) -> None:
     """End process groups: with SIGTERM, and after some time with SIGKILL."""
+
+    def reached(group: int, number: int) -> bool:
+        with suppress(OSError, AttributeError):  # there is none left, or this is Windows
+            os.killpg(group, number)
+            return True
+        return False
+
     last = time.monotonic() + GRACE
-    groups = [group for group in groups if _reached(group, signal.SIGTERM)]
+    groups = [group for group in groups if reached(group, signal.SIGTERM)]
     while groups and time.monotonic() < last:
         time.sleep(0.02)
-        groups = [group for group in groups if _reached(group, 0)]
+        groups = [group for group in groups if reached(group, 0)]
     for group in groups:
-        _reached(group, signal.SIGKILL)
-
-
-def _reached(group: int, number: int) -> bool:
-    try:
-        os.killpg(group, number)
-    except (OSError, AttributeError):  # there is none, or this is Windows
-        return False
-    return True
+        reached(group, signal.SIGKILL)
 
 
 def _how_ended(code: int | None) -> str:
@@ -350,20 +353,17 @@ def worker_pool(workers: int, prepare: Callable[[], None] | None = None) -> Iter
 @contextmanager
 def _one_thread() -> Iterator[None]:
     """Make processes that are started in this context use one thread each."""
-    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    before = {name: os.environ[name] for name in ONE_THREAD if name in os.environ}
     os.environ.update(ONE_THREAD)
     try:
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+        for name in ONE_THREAD:
+            del os.environ[name]
+        os.environ.update(before)
 
 
 def available_cores() -> int:
     """Number of cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    has_affinity = hasattr(os, "sched_getaffinity")  # no process has on macOS
+    return len(os.sched_getaffinity(0)) if has_affinity else os.cpu_count() or 1

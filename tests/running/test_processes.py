@@ -2,7 +2,6 @@
 
 import multiprocessing
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -12,6 +11,8 @@ import pytest
 
 import causal_openlock as ol
 from causal_openlock.errors import CellsFailed
+from causal_openlock.running.runner import run
+from support.command import modules_of
 from support.processes import start_prepared
 
 pytestmark = pytest.mark.slow
@@ -58,8 +59,8 @@ def sleepers(tmp_path, monkeypatch):
         found = subprocess.run(["pgrep", "-fc", f"^sleep {seconds}"], stdout=subprocess.PIPE)
         return int(found.stdout)
 
-    yield number
-    sys.modules.pop("leaks", None)
+    with modules_of(tmp_path):
+        yield number
 
 
 @pytest.mark.parametrize(
@@ -85,14 +86,27 @@ def test_what_a_learner_starts_ends_with_its_cell(learner, end, sleepers, monkey
     assert sleepers() == 0
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
-def test_what_a_learner_starts_ends_with_the_run(number, sleepers):
+def test_what_a_learner_starts_ends_with_a_run_that_is_stopped(sleepers, monkeypatch, tmp_path):
+    start_prepared(monkeypatch)
+
+    def stop(_):
+        if sleepers():
+            raise KeyboardInterrupt
+
+    experiment = ol.make_experiment(["CC3"], ["leaks:Hangs"], subjects=1)
+    with pytest.raises(KeyboardInterrupt) as traceback:  # a notebook keeps it, too
+        run(experiment, tmp_path / "out", workers=1, progress=stop)
+    assert traceback
+    assert sleepers() == 0
+
+
+def test_what_a_learner_starts_ends_with_a_run_that_is_killed(sleepers):
     words = ["compare", "-c", "CC3", "-l", "leaks:Hangs", "--workers", "1", "--out", "out"]
-    run = subprocess.Popen([sys.executable, "-m", "causal_openlock", *words])
+    command = subprocess.Popen([sys.executable, "-m", "causal_openlock", *words])
     while not sleepers():
         time.sleep(0.1)
-    run.send_signal(number)
-    run.wait()
+    command.kill()
+    command.wait()
     last = time.monotonic() + 20
     while sleepers() and time.monotonic() < last:
         time.sleep(0.1)
