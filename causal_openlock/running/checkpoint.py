@@ -1,12 +1,11 @@
 """Checkpoints: a killed cell continues where it was.
 
-While a worker plays a cell, it keeps the state of the session and of the learner in a file next to
-that of the cell's record, ``NAME.checkpoint``: a pickle under the seal of this user's key
-(:mod:`causal_openlock.files.seal`). Unpickling can run any program, so the seal is checked first. A
-checkpoint that is damaged, or was written by another user, for another cell or with other versions
-of packages, is passed over with a warning, and the cell begins again. Otherwise the record is
-identical to that of a cell that was never interrupted, apart from wall times, which count the time
-played.
+While a worker plays a cell, it keeps the state of session and learner next to the record, in
+``NAME.checkpoint``: a pickle, which is read only under the seal of this user's key
+(:mod:`causal_openlock.files.seal`). A checkpoint that is damaged, or was written by another user,
+for another cell or with other versions of packages, is passed over with a warning, and the cell
+begins again. Otherwise the record is that of a cell that was never interrupted, apart from wall
+times, which count the time played.
 """
 
 from __future__ import annotations
@@ -65,7 +64,9 @@ class Checkpoint:
         """
         try:
             file = io.BytesIO(unsealed(self.path.read_bytes()))
-            self._require_same(pickle.load(file))
+            for name, other in pickle.load(file).items():
+                if other != (here := self.made_with.get(name, other)):
+                    raise CheckpointError(f"it was made with {name} {other}, and here is {here}")
             state, of_learner, randomness = pickle.load(file)
             session.resume(state)
             session.begin(learner, of_learner)
@@ -77,13 +78,6 @@ class Checkpoint:
         except Exception as error:
             raise CheckpointError(f"{self.path} cannot be used ({in_short(error)})") from None
         return True
-
-    def _require_same(self, made_with: dict[str, str]) -> None:
-        if made_with["identity"] != self.made_with["identity"]:
-            raise CheckpointError("it is of another cell")
-        for package, version in self.made_with.items():
-            if (other := made_with.get(package, version)) != version:
-                raise CheckpointError(f"it was made with {package} {other}, and here is {version}")
 
     def keep(self, session: Session, learner: Learner, *, now: bool = False) -> None:
         """Take a checkpoint if one is due, or now; called after every step.
@@ -99,8 +93,8 @@ class Checkpoint:
             self.every = float("inf")
             self.warnings.append(f"{in_short(error)}, so a killed cell begins again")
         except OpenLockError as error:
-            warning = f"a checkpoint cannot be taken ({in_short(error)})"
-            self.warnings += [warning] if warning not in self.warnings else []
+            if (warning := f"no checkpoint can be taken: {in_short(error)}") not in self.warnings:
+                self.warnings.append(warning)
         ended = time.perf_counter()
         least = (ended - begun) / MOST_TIME if self.every else 0.0
         self._due = ended + max(self.every, least)
@@ -109,9 +103,8 @@ class Checkpoint:
         """Take a checkpoint now.
 
         Raises:
-            CheckpointError: If the state of the learner cannot be stored.
-            SealError: If there is no key to seal it with.
-            OpenLockError: If the file cannot be written; the checkpoint before stays.
+            OpenLockError: If the learner's state, the key or the file cannot be stored; the
+                checkpoint before stays.
         """
         if not learner.resumable:
             raise CheckpointError("it says resumable = False")
