@@ -56,7 +56,7 @@ CHANGING = ("_visit", "_actions", "_moved", "_was_unlocked", "_earned", "_luck")
 AT_ONCE = 40
 """Number of recorded subjects replayed in one batch."""
 
-Told = TypeVar("Told", View, Console, Step)
+Told = TypeVar("Told", View, Step)
 
 
 class Session:
@@ -84,7 +84,7 @@ class Session:
             subject or one twice.
 
     Example:
-        >>> from causal_openlock import PROTOCOLS, create, find_schema
+        >>> from causal_openlock import PROTOCOLS, create, find_condition
         >>> condition = find_condition("CC3")
         >>> session = Session(condition, PROTOCOLS["human"], subjects=4)
         >>> session.play(create("oracle")).num_rows  # two attempts in each of five trials
@@ -218,10 +218,11 @@ class Session:
 
     def _perceive(self) -> View:
         console = self._rooms.console.astype(np.int64)
+        console.setflags(write=False)
         return _read_only(
             View(
                 observation=self._rooms.observation,
-                console=_read_only(Console(*(column.copy() for column in console.T))),
+                console=Console(*console.T),
                 trial=self._visit + 1,
                 attempt=self.protocol.attempt_limit + 1 - console[:, ATTEMPTS_LEFT],
                 playing=self._visit < self.brief.trials,
@@ -423,7 +424,7 @@ class Session:
 def _read_only(told: Told) -> Told:
     """The same, with arrays that a learner cannot write to: the session uses them later."""
     for value in vars(told).values():
-        if isinstance(value, np.ndarray):
+        if type(value) is np.ndarray:
             value.setflags(write=False)
     return told
 
