@@ -1,6 +1,7 @@
 """Schemas in other programs' formats, and the Bayesian network of one push per lever."""
 
 import json
+import sys
 from itertools import product
 
 import gymnasium
@@ -145,6 +146,12 @@ def test_edges_that_are_drawn_backwards_are_turned():
       node [shape=box]; bolt:e -> door [URL="http://x/#y"] }"""
     assert {*import_schema(gml, "gml").graph.edges} == expected
     assert {*import_schema(dot, "dot").graph.edges} == expected
+
+
+def test_without_pydot_dot_is_written_and_not_read(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pydot", None)
+    with pytest.raises(OpenLockError, match=r"causal-openlock\[dot\]"):
+        import_schema(export_schema(FULL, "dot"), "dot")
 
 
 def test_defaults_of_a_graph_hold_for_what_follows():
