@@ -83,6 +83,7 @@ def test_files_are_known_by_their_suffix(tmp_path, format):
     schema = without_title(BUNDLED["two_keys"])
     for suffix in FORMATS[format].suffixes:
         path = tmp_path / f"lock{suffix}"
+        path.write_bytes(b"\0what was there")
         write_schema(schema, path)
         assert path.read_text(encoding="utf-8") == export_schema(schema, format)
         if FORMATS[format].read:
