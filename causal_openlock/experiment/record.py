@@ -83,17 +83,16 @@ def compact(record: pa.Table) -> pa.Table:
     """The same values with names coded in fewer bytes, for an analysis of many cells.
 
     The number of bytes depends on the column and not on the values, so that compact records of any
-    cells can be concatenated.
+    cells can be concatenated: four for layouts, of which there can be many, and two for others.
     """
     import pyarrow as pa
 
-    # Two phases, five categories, perhaps many random layouts; fewer than 32,768 of all others.
-    bytes_of = {"phase": pa.int8(), "category": pa.int8(), "layout": pa.int32()}
+    codes = {"layout": pa.int32()}
     fields = [
-        pa.field(one.name, pa.dictionary(bytes_of.get(one.name, pa.int16()), one.type.value_type))
-        if pa.types.is_dictionary(one.type)
-        else one
-        for one in record.schema
+        field.with_type(pa.dictionary(codes.get(field.name, pa.int16()), pa.string()))
+        if pa.types.is_dictionary(field.type)
+        else field
+        for field in record.schema
     ]
     return record.cast(pa.schema(fields))
 
