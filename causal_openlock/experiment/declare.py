@@ -66,7 +66,7 @@ from causal_openlock.contract.registry import (
     name_of,
     parse_parameters,
 )
-from causal_openlock.errors import ExperimentError, LearnerError, OpenLockError
+from causal_openlock.errors import ExperimentError, LearnerError, OpenLockError, renamed
 from causal_openlock.experiment.origin import Origin, answer_of, origin_of
 from causal_openlock.files.digest import digest
 from causal_openlock.files.json_text import present
@@ -553,6 +553,12 @@ class Condition(Part):
                     f"a push can fail in rooms of {trials.schema.name}, so its solutions cannot be "
                     "shown; choose a schema without strengths below 1"
                 )
+
+    @classmethod
+    def named(cls, name: str, find: Any = None) -> Condition:
+        """The condition of a name; :func:`find_condition` takes its place."""
+        renamed("Condition.named", "causal_openlock.find_condition")
+        return find_condition(name)
 
     @property
     def schemas(self) -> tuple[Schema, ...]:
