@@ -76,7 +76,6 @@ from causal_openlock.files.validation import (
     StrictModel,
     Where,
     adapter,
-    each,
     errors_of,
     located,
     part,
@@ -400,6 +399,12 @@ def _own_protocols(protocols: Any, info: ValidationInfo) -> Any:
 # -- conditions ------------------------------------------------------------------------------------
 
 
+ListedLayout = Annotated[
+    InstanceOf[Layout],
+    BeforeValidator(lambda layout, info: layout_for(info.context["of"], layout)),
+]
+
+
 @part()
 class Trials(Part):
     """Trials in rooms of one schema.
@@ -433,7 +438,7 @@ class Trials(Part):
             return layouts
         if not isinstance(layouts, list | tuple):
             raise ExperimentError(f"layouts are 'published', 'random' or a list, not {layouts!r}")
-        return each(layouts, lambda layout: layout_for(schema, layout))
+        return adapter(tuple[ListedLayout, ...]).validate_python(layouts, context={"of": schema})
 
     @field_serializer("layouts")
     def _layouts_data(self, layouts: Any, info: SerializationInfo) -> Any:

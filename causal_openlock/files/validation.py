@@ -121,11 +121,6 @@ _WANTED = {
 }
 
 
-def faults_of(error: ValidationError, kind: Any) -> list[tuple[Where, str]]:
-    """Faults that Pydantic found: the path of each, and a sentence with a remedy."""
-    return [(where, str(fault)) for where, fault in errors_of(error, kind)]
-
-
 def errors_of(error: ValidationError, kind: Any) -> list[tuple[Where, OpenLockError]]:
     """Faults that Pydantic found, or gathered from what raised errors of ours, with their paths."""
     errors: list[tuple[Where, OpenLockError]] = []
@@ -145,24 +140,6 @@ def located(errors: Iterable[tuple[Where, OpenLockError]]) -> ValidationError:
         for where, error in errors
     ]
     return ValidationError.from_exception_data("faults", lines)
-
-
-def each(values: Iterable[Any], make: Callable[[Any], T]) -> tuple[T, ...]:
-    """What is made of each value.
-
-    Raises:
-        ValidationError: With the index of each value that raised an error of ours.
-    """
-    made: list[T] = []
-    errors: list[tuple[Where, OpenLockError]] = []
-    for index, value in enumerate(values):
-        try:
-            made.append(make(value))
-        except OpenLockError as error:
-            errors.append(((index,), error))
-    if errors:
-        raise located(errors)
-    return tuple(made)
 
 
 class Part:

@@ -25,7 +25,7 @@ from typing import Annotated, Any, Literal, cast
 from pydantic import BeforeValidator, Field, ValidationError, WrapValidator
 
 from causal_openlock.errors import SchemaError, together
-from causal_openlock.files.validation import StrictModel, described, faults_of, plain
+from causal_openlock.files.validation import StrictModel, described, errors_of, plain
 from causal_openlock.files.yaml_file import parse_document
 from causal_openlock.schemas.schema import MAX_LEVERS, NAME, Gate, Schema
 
@@ -161,8 +161,8 @@ def schema_from_dict(data: Mapping[str, Any]) -> Schema:
     try:
         return SchemaFile.model_validate(plain(data)).schema_()
     except ValidationError as error:
-        faults = faults_of(error, SchemaFile)
-        raise together([SchemaError(message, where) for where, message in faults]) from None
+        faults = errors_of(error, SchemaFile)
+        raise together([SchemaError(str(fault), where) for where, fault in faults]) from None
 
 
 def json_schema() -> dict[str, Any]:
