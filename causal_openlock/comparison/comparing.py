@@ -31,6 +31,7 @@ from causal_openlock.experiment.making import (
     make_experiment,
 )
 from causal_openlock.files.atomic import folder_at
+from causal_openlock.files.validation import known_arguments
 from causal_openlock.running.runner import run
 from causal_openlock.running.worker import Watching
 from causal_openlock.storage.store import Store
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from causal_openlock.comparison.results import Results
 
 
+@known_arguments
 def compare(
     what: str | Path | Experiment | ConditionForm | Sequence[ConditionForm],
     learners: LearnerForm | Sequence[LearnerForm] | None = None,

@@ -66,7 +66,7 @@ from causal_openlock.contract.registry import (
     name_of,
     parse_parameters,
 )
-from causal_openlock.errors import ExperimentError, LearnerError, OpenLockError, renamed
+from causal_openlock.errors import ExperimentError, LearnerError, OpenLockError, renamed, together
 from causal_openlock.experiment.origin import Origin, answer_of, origin_of
 from causal_openlock.files.digest import digest
 from causal_openlock.files.json_text import present
@@ -77,7 +77,6 @@ from causal_openlock.files.validation import (
     Where,
     adapter,
     errors_of,
-    located,
     part,
     plain,
     read,
@@ -148,8 +147,7 @@ def _any(values: Any, info: ValidationInfo) -> Any:
     return values
 
 
-AtLeastOne = BeforeValidator(_any)
-MIN_ITEMS = Field(json_schema_extra={"minItems": 1})
+AT_LEAST_ONE = (BeforeValidator(_any), Field(json_schema_extra={"minItems": 1}))
 
 
 # -- the short forms of others' things -------------------------------------------------------------
@@ -382,7 +380,7 @@ def _own_protocols(protocols: Any, info: ValidationInfo) -> Any:
     if not isinstance(protocols, Mapping):
         return protocols
     known = (info.context or {}).setdefault("protocols", {})
-    errors: list[tuple[Where, OpenLockError]] = []
+    errors: list[OpenLockError] = []
     for name, settings in protocols.items():
         known[name] = PROTOCOLS[HUMAN_PROTOCOL]  # a faulty one is said to be so once
         if isinstance(settings, Mapping):
@@ -390,9 +388,9 @@ def _own_protocols(protocols: Any, info: ValidationInfo) -> Any:
         try:
             known[name] = adapter(AnyProtocol).validate_python(settings, context=info.context)
         except ValidationError as error:
-            errors += [((name, *where), fault) for where, fault in errors_of(error, AnyProtocol)]
+            errors += errors_of(error, AnyProtocol, (name,))
     if errors:
-        raise located(errors)
+        raise together(errors)
     return {name: known[name] for name in protocols}
 
 
@@ -481,7 +479,7 @@ class Shown(Part):
 
     shown: Annotated[
         tuple[Trials, ...],
-        AtLeastOne,
+        *AT_LEAST_ONE,
         BeforeValidator(_trials, json_schema_input_type=str | ListOfTrials),
     ]
 
@@ -529,7 +527,7 @@ class Condition(Part):
     name: Name
     train: Annotated[
         tuple[Trials, ...],
-        AtLeastOne,
+        *AT_LEAST_ONE,
         BeforeValidator(_training, json_schema_input_type=str | ListOfTrials | Shown),
     ]
     test: Annotated[
@@ -833,23 +831,24 @@ def _family(spec: LearnerSpec, info: ValidationInfo) -> list[LearnerSpec]:
     if not sweep:
         return [spec]
     if (size := prod(map(len, sweep.values()))) > MOST_SWEPT:
-        message = f"this sweep has {size:,} learners; sweep at most {MOST_SWEPT}"
-        raise located([(("sweep",), LearnerError(message))])
+        raise LearnerError(
+            f"this sweep has {size:,} learners; sweep at most {MOST_SWEPT}", ("sweep",)
+        )
     if twice := sweep.keys() & spec.parameters.keys():
-        message = f"{min(twice)} is in parameters and in sweep; leave it out of one"
-        raise located([(("sweep", min(twice)), LearnerError(message))])
+        key = min(twice)
+        raise LearnerError(f"{key} is in parameters and in sweep; leave one out", ("sweep", key))
     errors: dict[Where, OpenLockError] = {}
     for point in points({key: getattr(spec, key) for key in spec.__dataclass_fields__}):
         try:
             learners.append(adapter(LearnerSpec).validate_python(point, context=info.context))
         except ValidationError as error:
-            for where, fault in errors_of(error, LearnerSpec):
-                _, key, *_ = (*where, "", "")
-                if where[:1] == ("parameters",) and key in sweep:
-                    where = ("sweep", key, sweep[key].index(point["parameters"][key]))
-                errors.setdefault(where, fault)
+            for fault in errors_of(error, LearnerSpec):
+                part_of, key = (*fault.at, "", "")[:2]
+                if part_of == "parameters" and key in sweep:
+                    fault.at = ("sweep", key, sweep[str(key)].index(point["parameters"][key]))
+                errors.setdefault(fault.at, fault)
     if errors:
-        raise located(errors.items())
+        raise together([*errors.values()])
     return learners
 
 
@@ -951,15 +950,10 @@ class Experiment(Part):
         default_factory=lambda: PRESETS[PAPER_REWARD]
     )
     subjects: Annotated[Subjects, Field(exclude=True)] = 40
-    conditions: Annotated[
-        tuple[Annotated[AnyCondition, AfterValidator(_once)], ...],
-        AtLeastOne,
-        MIN_ITEMS,
-    ]
+    conditions: Annotated[tuple[Annotated[AnyCondition, AfterValidator(_once)], ...], *AT_LEAST_ONE]
     learners: Annotated[
         tuple[AnyLearner, ...],
-        AtLeastOne,
-        MIN_ITEMS,
+        *AT_LEAST_ONE,
         AfterValidator(lambda families: tuple(chain(*families))),
     ]
 

@@ -30,7 +30,7 @@ from causal_openlock.experiment.declare import (
 )
 from causal_openlock.experiment.plan import plan
 from causal_openlock.files.json_text import present
-from causal_openlock.files.validation import Part, part, plain, read
+from causal_openlock.files.validation import Part, known_arguments, part, plain, read
 from causal_openlock.files.yaml_file import Document
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.rewards import PAPER_REWARD, RewardForm
@@ -142,6 +142,7 @@ def declared(
     return experiment
 
 
+@known_arguments
 def make_experiment(
     conditions: ConditionForm | Sequence[ConditionForm],
     learners: LearnerForm | Sequence[LearnerForm],

@@ -10,16 +10,16 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import field
 from functools import cache, wraps
 from inspect import signature
-from typing import Any, TypeVar, dataclass_transform
+from typing import Any, ParamSpec, TypeVar, dataclass_transform
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
-from pydantic_core import InitErrorDetails
 
 from causal_openlock.errors import OpenLockError, together
 from causal_openlock.wording import nearest
 
+P = ParamSpec("P")
 T = TypeVar("T")
 
 MOST = 2**63 - 1
@@ -110,6 +110,17 @@ def check_arguments(given: Iterable[str], function: Callable[..., Any], name: st
             raise OpenLockError(f"{name} has no argument {one}; {nearest(one, names)}")
 
 
+def known_arguments(function: Callable[P, T]) -> Callable[P, T]:
+    """A function that refuses arguments it does not have in a sentence, with the nearest one."""
+
+    @wraps(function)
+    def called(*args: P.args, **kwargs: P.kwargs) -> T:
+        check_arguments(kwargs, function, function.__name__)
+        return function(*args, **kwargs)
+
+    return called
+
+
 _WANTED = {
     "string_type": "a valid string",
     "int_type": "a valid integer",
@@ -121,25 +132,24 @@ _WANTED = {
 }
 
 
-def errors_of(error: ValidationError, kind: Any) -> list[tuple[Where, OpenLockError]]:
-    """Faults that Pydantic found, or gathered from what raised errors of ours, with their paths."""
-    errors: list[tuple[Where, OpenLockError]] = []
+def errors_of(error: ValidationError, kind: Any, within: Where = ()) -> list[OpenLockError]:
+    """Faults that Pydantic found, or gathered from what raised errors of ours.
+
+    Args:
+        error: What Pydantic raised.
+        kind: What was read.
+        within: The path to it, with which each error's ``at`` begins.
+    """
+    errors: list[OpenLockError] = []
     for fault in error.errors(include_url=False):
         raised = fault.get("ctx", {}).get("error")
-        if isinstance(raised, OpenLockError):
-            errors += [((*fault["loc"], *part.at), part) for part in raised.parts]
-        else:
-            errors.append((fault["loc"], OpenLockError(_sentence(fault, kind))))
+        ours = (
+            raised if isinstance(raised, OpenLockError) else OpenLockError(_sentence(fault, kind))
+        )
+        for part in ours.parts:
+            part.at = (*within, *fault["loc"], *part.at)
+            errors.append(part)
     return errors
-
-
-def located(errors: Iterable[tuple[Where, OpenLockError]]) -> ValidationError:
-    """Errors of parts, each with its path, as one that Pydantic adds to those of other parts."""
-    lines: list[InitErrorDetails] = [
-        {"type": "value_error", "loc": where, "input": None, "ctx": {"error": error}}
-        for where, error in errors
-    ]
-    return ValidationError.from_exception_data("faults", lines)
 
 
 class Part:
@@ -176,7 +186,7 @@ def part(*, kw_only: bool = False) -> Callable[[type[T]], type[T]]:
             try:
                 plain_init(self, *args, **kwargs)
             except ValidationError as error:
-                raise together([fault for _, fault in errors_of(error, kind)]) from None
+                raise together(errors_of(error, kind)) from None
 
         checked.__init__ = init
         return checked
@@ -239,4 +249,4 @@ def read(kind: Any, data: Any, context: dict[str, Any] | None = None) -> Any:
     try:
         return adapter(kind).validate_python(data, context=context or {})
     except ValidationError as error:
-        raise together([fault for _, fault in errors_of(error, kind)]) from None
+        raise together(errors_of(error, kind)) from None

@@ -96,11 +96,11 @@ class Document:
             errors = errors_of(error, kind)
         placed: list[Fault] = []
         others: list[OpenLockError] = []
-        for where, fault in errors:
-            if isinstance(fault, FileError) or {*where[:1]} & {*changed}:
+        for fault in errors:
+            if isinstance(fault, FileError) or {*fault.at[:1]} & {*changed}:
                 others.append(fault)
             else:
-                placed.append(self.fault(where, str(fault)))
+                placed.append(self.fault(fault.at, str(fault)))
         raise together([*others, *([FileError(self.path, placed)] if placed else [])])
 
 

@@ -162,7 +162,7 @@ def schema_from_dict(data: Mapping[str, Any]) -> Schema:
         return SchemaFile.model_validate(plain(data)).schema_()
     except ValidationError as error:
         faults = errors_of(error, SchemaFile)
-        raise together([SchemaError(str(fault), where) for where, fault in faults]) from None
+        raise together([SchemaError(str(fault), fault.at) for fault in faults]) from None
 
 
 def json_schema() -> dict[str, Any]:

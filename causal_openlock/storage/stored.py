@@ -55,10 +55,10 @@ def parse_experiment(data: Mapping[str, Any]) -> StoredExperiment:
             json.dumps(known), context={"recorded": True}
         )
     except ValidationError as error:
-        where, fault = errors_of(error, StoredExperiment)[0]
-        if not where:
+        fault = errors_of(error, StoredExperiment)[0]
+        if not fault.at:
             raise StoreError("it is nested too deeply, or holds text that is not Unicode") from None
-        raise StoreError(f"{'.'.join(map(str, where))}: {fault}") from None
+        raise StoreError(f"{'.'.join(map(str, fault.at))}: {fault}") from None
     except (LookupError, TypeError, AttributeError) as error:
         raise StoreError(f"it holds something else ({in_short(error)})") from None
     return stored
