@@ -843,9 +843,9 @@ def _family(spec: LearnerSpec, info: ValidationInfo) -> list[LearnerSpec]:
             learners.append(adapter(LearnerSpec).validate_python(point, context=info.context))
         except ValidationError as error:
             for fault in errors_of(error, LearnerSpec):
-                part_of, key = (*fault.at, "", "")[:2]
-                if part_of == "parameters" and key in sweep:
-                    fault.at = ("sweep", key, sweep[str(key)].index(point["parameters"][key]))
+                part_of, swept = map(str, (*fault.at, "", "")[:2])
+                if part_of == "parameters" and swept in sweep:
+                    fault.at = ("sweep", swept, sweep[swept].index(point["parameters"][swept]))
                 errors.setdefault(fault.at, fault)
     if errors:
         raise together([*errors.values()])
