@@ -85,7 +85,7 @@ def subject_costs(
     table = cost_of_learning(trials, results.bounds, within, repeats)
     trained = results.trained_before
     before = table["learner"].astype(str).map(lambda name: trained.get(name, 0))
-    added = table[["cost", "asked"]].add(before.fillna(0), axis=0)
+    added = table[["cost", "asked"]].add(before.fillna(0).astype(float), axis=0)
     return table.assign(before=before, **added)
 
 
