@@ -112,12 +112,9 @@ def run(
     here = executor is None and cluster is None
     if workers is not None:
         workers = whole_number(workers, "workers")  # 0: this process
-    if here and workers != 0:
-        if workplaces.may_start_processes():
-            workplaces.require_program()
-        else:
-            warn(workplaces.WORKER_ITSELF)
-            workers = 0
+    if here and workers != 0 and not workplaces.may_start_processes():
+        warn(workplaces.WORKER_ITSELF)
+        workers = 0
     if time_limit is not None and (workers == 0 or not here):
         warn("the time limit is ignored: only worker processes of this machine can be ended")
     names = [name for spec in experiment.learners for name in (spec.learner, spec.reward.name)]

@@ -19,16 +19,9 @@ import time
 import warnings
 from collections import deque
 from collections.abc import Callable, Collection, Generator, Iterator
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    BrokenExecutor,
-    Executor,
-    Future,
-    ProcessPoolExecutor,
-    ThreadPoolExecutor,
-)
-from concurrent.futures import wait as wait_for
+from concurrent import futures
 from contextlib import contextmanager, suppress
+from math import inf
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -79,14 +72,14 @@ def in_this_process(do: Do, jobs: deque[Any]) -> Doing:
 
 
 def in_executor(
-    executor: Executor, do: Do, jobs: deque[Any], most: Callable[[], float] = lambda: float("inf")
+    executor: futures.Executor, do: Do, jobs: deque[Any], most: Callable[[], float] = lambda: inf
 ) -> Doing:
     """Let an executor do jobs, at most as many at a time as ``most`` returns.
 
     Raises:
         OpenLockError: If the executor is broken, since its other jobs are also lost.
     """
-    running: dict[Future[Any], Any] = {}
+    running: dict[futures.Future[Any], Any] = {}
     try:
         while jobs or running:
             while jobs and len(running) < most():
@@ -94,9 +87,9 @@ def in_executor(
                 running[executor.submit(do, job)] = job
             if not running:
                 time.sleep(LOOK_EVERY)
-            for future in wait_for(running, LOOK_EVERY, FIRST_COMPLETED).done:
+            for future in futures.wait(running, LOOK_EVERY, futures.FIRST_COMPLETED).done:
                 job, error = running.pop(future), future.exception()
-                if isinstance(error, BrokenExecutor):
+                if isinstance(error, futures.BrokenExecutor):
                     raise OpenLockError(
                         "a worker of the executor ended without a message (killed, out of memory, "
                         "or a learner that ends its process); run the same command again, perhaps "
@@ -114,7 +107,7 @@ def in_processes(
     jobs: deque[Any],
     workers: int,
     alone: Callable[[Any], bool],
-    time_limit: float = float("inf"),
+    time_limit: float = inf,
 ) -> Doing:
     """Do jobs in processes of this machine.
 
@@ -142,11 +135,12 @@ def in_processes(
             busy = [worker for worker in pool if worker.busy]
             ready = wait([worker.pipe for worker in busy], LOOK_EVERY)
             for worker in busy:
-                done = worker.take() if worker.pipe in ready else worker.late(time_limit)
-                if done is not None:
-                    if done.lost or alone(done.job):
-                        worker.leave(pool)
-                    yield done
+                done = worker.take() if worker.pipe in ready else None
+                if time.monotonic() - worker.began >= time_limit and done is None:
+                    done = Done(worker.job, lost=f"was ended after {time_limit:g} s", late=True)
+                if done and (done.lost or alone(done.job)):
+                    worker.leave(pool)
+                yield done
             yield None
     finally:  # ended even if idle, since a learner's thread could keep them alive
         end([worker.process for worker in pool])
@@ -165,11 +159,11 @@ class _Worker:
         other.close()
         self.job: Any = None
         self.busy = self.has_begun = False
-        self.began = 0.0
+        self.began = inf
 
     def give(self, job: Any) -> None:
         """Give the process a job."""
-        self.job, self.busy, self.began = job, True, float("inf")
+        self.job, self.busy, self.began = job, True, inf
         with suppress(OSError):  # it is dead, which is seen when the answer is read
             self.pipe.send(job)
 
@@ -187,12 +181,6 @@ class _Worker:
             return None
         self.busy = False
         return Done(self.job, *message)
-
-    def late(self, time_limit: float) -> Done | None:
-        """The job, if it is to be ended."""
-        if time.monotonic() - self.began < time_limit:
-            return None
-        return Done(self.job, lost=f"was ended after {time_limit:g} s", late=True)
 
     def leave(self, pool: list[_Worker]) -> None:
         """End the process, and take it out of the pool."""
@@ -301,20 +289,16 @@ def _how_ended(code: int | None) -> str:
 
 
 def may_start_processes() -> bool:
-    """Whether this process may start others: workers of multiprocessing and joblib may not."""
-    method = multiprocessing.get_start_method(allow_none=True)
-    foreign = method not in (None, *multiprocessing.get_all_start_methods())
-    return not (foreign or multiprocessing.current_process().daemon)
-
-
-def require_program() -> None:
-    """Make sure that workers can run this program, which they do before anything else.
+    """Whether this process may start others: workers of multiprocessing and joblib may not.
 
     Raises:
-        OpenLockError: If it cannot be read again.
-        SystemExit: If this is a worker, whose program compares without a guard.
+        OpenLockError: If workers could not run this program, which they do first.
+        SystemExit: If this is a worker that runs the program, which compares without a guard.
     """
-    if getattr(multiprocessing.current_process(), "_inheriting", False):
+    process, method = multiprocessing.current_process(), multiprocessing.get_start_method(True)
+    if process.daemon or method not in (None, *multiprocessing.get_all_start_methods()):
+        return False
+    if getattr(process, "_inheriting", False):
         raise SystemExit(NO_GUARD)
     main = sys.modules["__main__"]
     file = getattr(main, "__file__", None)
@@ -323,10 +307,13 @@ def require_program() -> None:
             f"the processes that play run this program first, and it is in no file ({file}); save "
             f"it in one and {GUARD} Or compare with workers=0"
         )
+    return True
 
 
 @contextmanager
-def worker_pool(workers: int, prepare: Callable[[], None] | None = None) -> Iterator[Executor]:
+def worker_pool(
+    workers: int, prepare: Callable[[], None] | None = None
+) -> Iterator[futures.Executor]:
     """A pool of processes of this machine with one thread each.
 
     Args:
@@ -335,13 +322,12 @@ def worker_pool(workers: int, prepare: Callable[[], None] | None = None) -> Iter
     """
     if not may_start_processes():
         warnings.warn(WORKER_ITSELF, stacklevel=3)
-        with ThreadPoolExecutor(1, initializer=prepare) as thread:
+        with futures.ThreadPoolExecutor(1, initializer=prepare) as thread:
             yield thread
         return
-    require_program()
     context = multiprocessing.get_context("spawn")
     with _one_thread():
-        pool = ProcessPoolExecutor(workers, context, begin_worker, (prepare,))
+        pool = futures.ProcessPoolExecutor(workers, context, begin_worker, (prepare,))
         try:
             yield pool
         finally:

@@ -47,29 +47,29 @@ def own_files(modules: Iterable[str], beside: Iterable[Path] = (), text: str = "
         OpenLockError: If a file that is imported is not valid Python.
     """
     files, own, places = {}, [], users_folders(beside)
-    for module in modules:
-        source = module_source(module, beside)
+    for name in modules:
+        source = module_source(name, beside)
         if source is not None and is_users_own(source):
-            own.append(module)
-            places.append(source.parents[module.count(".") + (source.name == "__init__.py")])
+            own.append(name)
+            places.append(source.parents[name.count(".") + (source.name == "__init__.py")])
         elif source is not None:
             files[source.name] = source
     finder = _Finder([str(place) for place in places])
     try:
-        for module in own:
+        for name in own:
             with suppress(ImportError):
-                finder.import_hook(module)
+                finder.import_hook(name)
         finder.scan_code(compile(text, "text", "exec"), finder.add_module("text"))
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         file = getattr(error, "filename", None) or " and ".join(own)
         raise OpenLockError(
             f"{file} is imported and cannot be read as Python ({in_short(error)}); fix it"
         ) from None
-    modules: dict[str, Any] = finder.modules
-    for name, found in modules.items():
-        if found.__file__:
-            inside = Path(*name.split("."), *["__init__"] * bool(found.__path__))
-            files[f"{inside.as_posix()}.py"] = Path(found.__file__)
+    found: dict[str, Any] = finder.modules
+    for name, module in found.items():
+        if module.__file__ and module.__file__.endswith(".py"):
+            inside = name.replace(".", "/") + ("/__init__" if module.__path__ else "")
+            files[f"{inside}.py"] = Path(module.__file__)
     others = {name.partition(".")[0] for name in finder.badmodules}
     return OwnFiles(files, others - {*finder.modules, *sys.stdlib_module_names, *_PACKAGES})
 
