@@ -73,9 +73,9 @@ def compare(
             schema, a sequence of schemas whose last one is the test, a :class:`Condition`, or a
             mapping as in an experiment file. Or a single one of these; the name or path of an
             experiment file; or an :class:`Experiment`.
-        learners: Learners: each a name, a class, an instance, or what
-            :func:`~causal_openlock.learner` or :func:`~causal_openlock.sweep` returns. Not needed
-            with an experiment; with an experiment file, these play in place of those in the file.
+        learners: Learners: each a name, a class, or what :func:`~causal_openlock.learner` or
+            :func:`~causal_openlock.sweep` returns. Not needed with an experiment; with an
+            experiment file, these play in place of those in the file.
         subjects: Subjects of each learner in each condition; by default 40, or as the file says.
         protocol: The protocol: its name, a :class:`Protocol`, or settings as in an experiment file,
             ``{"based_on": "rl", "train_loops": 2}``; by default ``"human"``, or as the file says.

@@ -97,8 +97,7 @@ def watch(
     """Let a learner play up to the end of a trial, and look at this trial moment by moment.
 
     Args:
-        learner: A learner by name or class, an instance, whose parameters count, or what
-            ``learner(NAME, parameter=value)`` returns.
+        learner: A learner by name or class, or what :func:`~causal_openlock.learner` returns.
         condition: ``CC4``, ``CC3-CC4``, a schema, a :class:`Condition`, or a schema as a line of
             text such as ``A -> B, C -> door``.
         layout: A layout, such as ``trial7``, of the one trial of a condition of one schema.

@@ -100,6 +100,7 @@ def test_a_condition_can_be_any_sequence_of_schemas_and_layouts(tmp_path):
     text = """\
 name: own
 conditions:
+  - [CC3, CE3, CC4]
   - name: sequence
     train:
       - {schema: CC3, layouts: [trial2, {L0: LEFT, L1: UPPER, L2: LOWER}], shuffle: false}
@@ -112,7 +113,8 @@ protocols:
 protocol: long
 """
     experiment = read_experiment(written(tmp_path, text))
-    (condition,) = experiment.conditions
+    listed, condition = experiment.conditions
+    assert (listed.name, len(listed.train), len(listed.test)) == ("CC3-CE3-CC4", 2, 1)
     first, second = condition.train
     assert [layout.places for layout in first.layouts] == [(3, 5, 1), (3, 1, 5)]
     assert (first.shuffle, second.layouts, second.number) == (False, "random", 3)
