@@ -330,7 +330,7 @@ def find_protocol(name: str, own: Mapping[str, Protocol] | None = None) -> Proto
     """
     known = {**PROTOCOLS, **(own or {})}
     if name not in known:
-        raise ExperimentError(f"there is no protocol {name!r}; {nearest(name, known)}")
+        raise ExperimentError(f"there is no protocol {name!r:.80}; {nearest(name, known)}")
     return known[name]
 
 
@@ -343,7 +343,7 @@ def _protocol(value: Any, info: ValidationInfo) -> Any:
         return value
     if not isinstance(value, Mapping):
         raise ExperimentError(
-            f"{value!r} is not a protocol; give its name, a Protocol, or settings such as "
+            f"{value!r:.200} is not a protocol; give its name, a Protocol, or settings such as "
             '{"attempt_limit": 10}'
         )
     settings = {**value}
@@ -435,7 +435,9 @@ class Trials(Part):
         if schema is None or layouts is None or layouts in ("published", "random"):
             return layouts
         if not isinstance(layouts, list | tuple):
-            raise ExperimentError(f"layouts are 'published', 'random' or a list, not {layouts!r}")
+            raise ExperimentError(
+                f"layouts are 'published', 'random' or a list, not {layouts!r:.200}"
+            )
         return adapter(tuple[ListedLayout, ...]).validate_python(layouts, context={"of": schema})
 
     @field_serializer("layouts")
@@ -592,8 +594,8 @@ def _condition(value: Any, info: ValidationInfo) -> Any:
         value = {"train": value[:-1] or value, "test": value[-1:] if value[1:] else []}
     if not isinstance(value, Mapping):
         raise ExperimentError(
-            f"{value!r} is not a condition; give a name such as CC4 or CC3-CC4, a list of schemas "
-            "whose last one is the test, or a mapping with name, train and test"
+            f"{value!r:.200} is not a condition; give a name such as CC4 or CC3-CC4, a list of "
+            "schemas whose last one is the test, or a mapping with name, train and test"
         )
     train, shown = value.get("train"), isinstance(value.get("train"), Mapping)
     trained = train.get(SHOWN) if isinstance(train, Mapping) else train
@@ -799,7 +801,7 @@ def _learner(value: Any, info: ValidationInfo) -> Any:
         learner = name_of(learner)
     elif not isinstance(learner, str | None):
         raise LearnerError(
-            f"{learner!r} is not a learner; give a name, a class of learners, or "
+            f"{learner!r:.200} is not a learner; give a name, a class of learners, or "
             "learner(NAME, parameter=value)"
         )
     shared = ("protocol", "reward", "subjects")
