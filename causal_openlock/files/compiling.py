@@ -6,7 +6,6 @@ one file together with their constants: a change elsewhere would leave old machi
 
 from __future__ import annotations
 
-import multiprocessing
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
@@ -14,12 +13,6 @@ from functools import cache
 from typing import Any, TypeVar, cast
 
 Compiled = TypeVar("Compiled", bound=Callable[..., Any])
-
-SLOW = (
-    "there is no folder for what numba compiles, so every process compiles it again, which takes "
-    "up to a minute; set the environment variable NUMBA_CACHE_DIR to a folder that you can write to"
-)
-_without_cache: list[str] = []
 
 
 def compiled(function: Compiled, **options: Any) -> Compiled:
@@ -38,15 +31,18 @@ def compiled(function: Compiled, **options: Any) -> Compiled:
     try:
         kernel._cache = _cache()(function)
     except RuntimeError:  # numba finds no folder that can be written to
-        if not _without_cache and multiprocessing.parent_process() is None:
-            warnings.warn(SLOW, stacklevel=2)  # a worker's run says it, once for all
-        _without_cache[:] = [SLOW]
+        _say_slow()
     return cast(Compiled, kernel)
 
 
-def without_cache() -> list[str]:
-    """A sentence if this process compiles code that it cannot store."""
-    return [*_without_cache]
+@cache
+def _say_slow() -> None:
+    warnings.warn(
+        "there is no folder for what numba compiles, so every process compiles it again, which "
+        "takes up to a minute; set the environment variable NUMBA_CACHE_DIR to a folder that you "
+        "can write to",
+        stacklevel=3,
+    )
 
 
 @cache

@@ -7,7 +7,6 @@ checkpoint and ends.
 
 from __future__ import annotations
 
-import multiprocessing
 import signal
 import sys
 import threading
@@ -23,7 +22,6 @@ from causal_openlock.contract.registry import create, is_ours, origin
 from causal_openlock.errors import LearnerError, NotAvailableError, OpenLockError, in_short
 from causal_openlock.experiment.declare import Cell, LearnerSpec
 from causal_openlock.experiment.session import Session
-from causal_openlock.files.compiling import without_cache
 from causal_openlock.running.checkpoint import Checkpoint, CheckpointError
 from causal_openlock.storage.running_files import remove_files_of, report_progress
 from causal_openlock.storage.store import Store
@@ -127,8 +125,7 @@ def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = 
     remove_files_of(path)
     store.failures.clear(cell)
     warnings = [*checkpoint.warnings, *account.remarks]
-    slow = without_cache() if multiprocessing.parent_process() else []
-    return [*slow, *(f"{cell.spec.name}: {warning}" for warning in warnings)]
+    return [f"{cell.spec.name}: {warning}" for warning in warnings]
 
 
 def record_failure(store: Store, cell: Cell, error: BaseException) -> str:
