@@ -21,13 +21,20 @@ from importlib.metadata import Distribution, EntryPoint
 from inspect import getsourcefile
 from os import fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
+from typing import Any, NamedTuple, get_type_hints
+
+from pydantic import (
+    ConfigDict,
+    PydanticUndefinedAnnotation,
+    PydanticUserError,
+    ValidationError,
+)
 
 from causal_openlock.contract.learner import Learner, LearnerBase
 from causal_openlock.contract.one_subject import OneSubjectLearner, PerSubjectAdapter
-from causal_openlock.errors import LearnerError, in_short, together
+from causal_openlock.errors import LearnerError, OpenLockError, in_short, together
 from causal_openlock.files.plugins import LEARNERS, registered
-from causal_openlock.files.validation import plain
+from causal_openlock.files.validation import adapter, errors_of, plain
 from causal_openlock.usercode.misspelt import misspelt
 from causal_openlock.usercode.own_files import (
     MODULE_AND_NAME,
@@ -40,8 +47,8 @@ from causal_openlock.usercode.own_files import (
 from causal_openlock.usercode.session_code import is_of_session, session_origin
 from causal_openlock.wording import nearest
 
-if TYPE_CHECKING:
-    from pydantic import TypeAdapter
+STRICT = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
+"""How parameters are read."""
 
 
 def registry() -> Mapping[str, EntryPoint]:
@@ -231,17 +238,14 @@ def parse_parameters(name: str, parameters: Mapping[str, Any]) -> Any:
         LearnerError: With all faults: parameters that are unknown or missing, values that do not
             fit. Each has the parameter in its ``at``.
     """
-    from pydantic import PydanticUndefinedAnnotation, PydanticUserError, ValidationError
-
-    declared = learner_class(name).Parameters
-    given = {key: plain(value) for key, value in parameters.items()}
+    declared: Any = learner_class(name).Parameters
+    declared.__pydantic_config__ = STRICT
+    given = plain(parameters)
     try:
-        made = _reader(declared).validate_json(_as_json(name, given, default=fspath))
+        made = adapter(declared).validate_json(_as_json(name, given, default=fspath))
     except ValidationError as error:
-        # The first fault of each parameter, or that of values at odds.
-        faults = {fault["loc"][:1]: fault for fault in reversed(error.errors(include_url=False))}
         raise together(
-            [LearnerError(_sentence(name, fault, given), at) for at, fault in faults.items()]
+            [_named(name, fault, given) for fault in errors_of(error, declared)]
         ) from None
     except (PydanticUserError, PydanticUndefinedAnnotation) as error:
         raise LearnerError(
@@ -257,36 +261,19 @@ def _as_json(name: str, parameters: Mapping[str, Any], default: Any = None) -> s
             json.dumps(value, default=default)
         except (TypeError, ValueError):
             raise LearnerError(
-                f"the parameter {key} of {name} must be plain data, such as a number or a text, "
-                f"and this is {value!r}",
+                f"{name}: {key} must be plain data, such as a number or a text, and this is "
+                f"{value!r}",
                 (key,),
             ) from None
     return json.dumps(parameters, default=default)
 
 
-@lru_cache(maxsize=1024)
-def _reader(declared: Any) -> TypeAdapter[Any]:
-    """Reads parameters of a class; making one takes a hundred times as long as using it."""
-    from pydantic import ConfigDict, TypeAdapter
-
-    declared.__pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
-    return TypeAdapter(declared)
-
-
-def _sentence(name: str, fault: Mapping[str, Any], given: Mapping[str, Any]) -> str:
-    message = fault["msg"].removeprefix("Value error, ").removeprefix("Input ")
-    if not fault["loc"]:
-        return f"the parameters of {name} do not fit: {message}"
-    key, *place = fault["loc"]
-    if fault["type"] == "unexpected_keyword_argument":
-        known = [row.name for row in parameter_table(name)]
-        return f"the learner {name} has no parameter {key!r}; {nearest(str(key), known)}"
-    if key not in given:
-        return f"the parameter {key} of {name} is missing; it has no default"
-    value, remedy = given[key], ""
-    if isinstance(value, list) and not place:  # the list, not an item of it
+def _named(name: str, fault: OpenLockError, given: Mapping[str, Any]) -> LearnerError:
+    """A fault of the parameters of a learner, with its name."""
+    remedy = ""
+    if len(fault.at) == 1 and isinstance(given.get(str(fault.at[0])), list):
         remedy = "; to compare values, sweep: them in a file, or with ol.sweep"
-    return f"the parameter {key} of {name} {message}, and this is {value!r}{remedy}"
+    return LearnerError(f"{name}: {fault}{remedy}", fault.at)
 
 
 class ParameterInfo(NamedTuple):

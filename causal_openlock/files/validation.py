@@ -218,6 +218,8 @@ def _sentence(fault: Any, kind: Any) -> str:
         form = _keys(kind, where[:-1]).get(where[-1], {}).get("description", "another one")
         return f"{name} must have the form: {form}; this is {described(value)}"
     message = fault["msg"].removeprefix("Value error, ").removeprefix("Input ")
+    if what == "value_error" and not where:  # values at odds
+        return message
     return f"{name} {message}, and this is {described(value)}"
 
 

@@ -372,7 +372,7 @@ class TestDice(LearnerContract):
         (Forgets, RESUMES, "agree for"),
         (WithThawed, PARAMETERS, "frozen=True"),
         (WithSilent, PARAMETERS, "rate"),
-        (WithDemanding, PARAMETERS, "no default"),
+        (WithDemanding, PARAMETERS, "rate: is missing"),
         (WithInconsistent, PARAMETERS, "0.1"),
         (AnswersFloats, PARAMETERS, "docstring"),
     ],

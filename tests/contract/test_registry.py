@@ -129,7 +129,7 @@ def test_parameters_come_from_plain_data():
     [
         ({"rat": 1.0}, ["'rat'", "rate"]),
         ({"rate": "0.5"}, ["rate", "'0.5'"]),
-        ({"rate": True}, ["rate", "True"]),
+        ({"rate": True}, ["rate", "true"]),
         ({"rate": 0.0}, ["rate", "0.0"]),
         ({"rate": float("nan")}, ["rate", "nan"]),
         ({"rate": [0.1, 0.5]}, ["rate", "sweep"]),
@@ -157,7 +157,7 @@ Rule = Enum("Rule", {"WIN": "win"})
 def test_a_default_that_is_no_plain_data_is_refused(monkeypatch, default):
     made = make_dataclass("Odd", [("odd", Any, field(default=default))], frozen=True)
     monkeypatch.setattr(Tuned, "Parameters", made)
-    with pytest.raises(LearnerError, match="the parameter odd"):
+    with pytest.raises(LearnerError, match="odd must be plain data"):
         create(TUNED)
 
 
