@@ -35,7 +35,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from itertools import chain, islice, product
@@ -99,7 +99,7 @@ from causal_openlock.world.rewards import (
     RewardFunction,
     find_reward,
 )
-from causal_openlock.world.room import Layout, position_names, positions_for, published_layouts
+from causal_openlock.world.room import Layout
 
 HUMAN_PROTOCOL = "human"
 """The protocol under which people played in the paper."""
@@ -173,31 +173,6 @@ AnySchema = Annotated[
     PlainSerializer(_schema_data),
     Field(description="Name or path of a schema."),
 ]
-
-
-def layout_for(schema: Schema, layout: Any, positions: int | None = None) -> Layout:
-    """A layout for a schema in any form: a published name, ``{lever: position}``, or positions.
-
-    Args:
-        schema: The schema.
-        layout: Of positions, of the levers in order, their indices, or their names in a text.
-        positions: Size of the room; by default the smallest that holds the levers.
-
-    Raises:
-        ExperimentError: If it does not fit the schema.
-
-    Example:
-        >>> layout_for(find_schema("CC3"), [0, 4, 2]).name
-        'trial1'
-    """
-    names = position_names(positions or positions_for(schema))
-    if isinstance(layout, str) and {*layout.split()} <= {*names}:
-        layout = [names.index(name) for name in layout.split()]
-    if not isinstance(layout, Sequence) or isinstance(layout, str):
-        return Layout.of(schema, layout, positions)
-    placed = Layout.of(schema, Layout(tuple(layout), len(names)))
-    published = (Layout.of(schema, name, positions) for name in published_layouts(schema))
-    return next((known for known in published if known.places == placed.places), placed)
 
 
 _WEIGHTS: dict[str, Any] = {
@@ -399,7 +374,7 @@ def _own_protocols(protocols: Any, info: ValidationInfo) -> Any:
 
 ListedLayout = Annotated[
     InstanceOf[Layout],
-    BeforeValidator(lambda layout, info: layout_for(info.context["of"], layout)),
+    BeforeValidator(lambda layout, info: Layout.of(info.context["of"], layout)),
 ]
 
 
@@ -496,7 +471,7 @@ def _room(layout: Any, info: ValidationInfo) -> Layout:
     """A layout of the trials that come before in a condition, by the number of its levers."""
     trials = (*info.data.get("train", ()), *info.data.get("test", ()))
     fitting = {len(group.schema.levers): group.schema for group in trials}
-    return layout if isinstance(layout, Layout) else layout_for(fitting[len(layout)], layout)
+    return layout if isinstance(layout, Layout) else Layout.of(fitting[len(layout)], layout)
 
 
 RecordedRoom = Annotated[

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from causal_openlock.errors import StoreError
-from causal_openlock.experiment.declare import Condition, Protocol, layout_for
+from causal_openlock.experiment.declare import Condition, Protocol
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.world.kernel import CHANGED, EVENT, ROW, SOLUTIONS_FOUND
 from causal_openlock.world.rewards import RewardFunction
-from causal_openlock.world.room import positions_for
+from causal_openlock.world.room import Layout, positions_for
 from causal_openlock.world.rooms import Rooms, RoomTables
 
 if TYPE_CHECKING:
@@ -120,7 +120,7 @@ def _rooms(
         schema, layout = names[0][code // len(names[1])], names[1][code % len(names[1])]
         if schema not in schemas:
             raise StoreError(f"the record has a room of {schema}, which {condition.name} has not")
-        placed = layout_for(schemas[schema], layout, tables.positions)
+        placed = Layout.of(schemas[schema], layout, tables.positions)
         numbers.append(list(schemas).index(schema))
         levers.append(placed.lever_at())
     return tables, np.array(numbers)[which], np.array(levers)[which]

@@ -16,7 +16,7 @@ import numpy as np
 
 from causal_openlock.contract.learner import Step
 from causal_openlock.errors import ExperimentError
-from causal_openlock.experiment.declare import SHOWN, Condition, layout_for
+from causal_openlock.experiment.declare import SHOWN, Condition
 from causal_openlock.experiment.plan import Visit, plan
 from causal_openlock.experiment.session import Session
 from causal_openlock.importing.imported_actions import ActionEntry, ImportFault
@@ -215,7 +215,7 @@ def _rooms(
             )
         try:
             schema = visit.schema
-            layouts.append(layout_for(schema, one.layout, positions_for(schema)))
+            layouts.append(Layout.of(schema, one.layout, positions_for(schema)))
         except ExperimentError as error:
             why = f"{error}".partition("; compare again")[0]
             raise one.place.fault(f"{why}{_was_shown(visit, condition)}") from None

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from causal_openlock.contract.learner import Learner
 from causal_openlock.errors import StoreError
-from causal_openlock.experiment.declare import SHOWN, Condition, LearnerSpec, Protocol, layout_for
+from causal_openlock.experiment.declare import SHOWN, Condition, LearnerSpec, Protocol
 from causal_openlock.experiment.plan import check_trial
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.fsm import compile_schema
@@ -214,7 +214,7 @@ def _filmed(attempts: Sequence[dict[str, Any]], condition: Condition, **about: A
     return FilmedTrial(
         condition=condition.name,
         schema=schema,
-        layout=layout_for(schema, attempts[0]["layout"], positions),
+        layout=Layout.of(schema, attempts[0]["layout"], positions),
         attempts=tuple(
             FilmedAttempt(
                 tuple(row["actions"]), tuple(row["moved"]), row["solution"], row["new_solution"]

@@ -152,15 +152,16 @@ class Layout:
     def of(
         cls,
         schema: Schema,
-        layout: str | Mapping[str, str] | Layout,
+        layout: str | Mapping[str, str] | Sequence[int] | Layout,
         positions: int | None = None,
     ) -> Layout:
-        """A layout for a schema, from a published name or a mapping ``{lever: position name}``.
+        """A layout for a schema, from a published name, positions, or ``{lever: position name}``.
 
         Args:
             schema: The schema of the levers.
             layout: ``trial1`` .. ``trial11``, or a mapping that names every lever once. A published
-                layout fits any schema with as many levers, in their order.
+                layout fits any schema with as many levers, in their order. Or the positions of the
+                levers in order: their indices, or their names in a text, as records have them.
             positions: Size of the room; by default the smallest that holds the levers.
 
         Raises:
@@ -171,6 +172,14 @@ class Layout:
             >>> Layout.of(find_schema("CC3"), "trial1").as_mapping(find_schema("CC3"))
             {'L0': 'UPPERRIGHT', 'L1': 'LOWERLEFT', 'L2': 'UPPERLEFT'}
         """
+        names = position_names(positions or positions_for(schema))
+        if isinstance(layout, str) and {*layout.split()} <= {*names}:
+            layout = [names.index(name) for name in layout.split()]
+        if isinstance(layout, list | tuple) and all(isinstance(place, int) for place in layout):
+            places = tuple(layout)
+            trials = (cls.of(schema, name, positions) for name in published_layouts(schema))
+            unpublished = cls(places, len(names))
+            layout = next((trial for trial in trials if trial.places == places), unpublished)
         if isinstance(layout, str):
             published = room_facts()["layouts"]
             if layout not in published:
@@ -191,7 +200,6 @@ class Layout:
             raise ExperimentError(
                 f"{layout!r} is not a layout; give a name such as trial1, or {{lever: position}}"
             )
-        names = position_names(positions or positions_for(schema))
         for lever, place in layout.items():
             if lever not in schema.levers:
                 raise ExperimentError(

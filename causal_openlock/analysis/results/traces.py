@@ -17,7 +17,7 @@ import pandas as pd
 from causal_openlock.analysis.measures import CELL, VISIT, ordered
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.errors import NothingToDrawError, OpenLockError
-from causal_openlock.experiment.declare import LearnerSpec, layout_for
+from causal_openlock.experiment.declare import LearnerSpec
 from causal_openlock.experiment.plan import shown_trials
 from causal_openlock.files.validation import whole_number
 from causal_openlock.storage.versions import other_versions
@@ -125,7 +125,7 @@ def replayed(
         label=spec.name,
     )
     schema = next(one for one in rooms[condition].schemas if one.name == row["schema"])
-    room = Room.of(schema, layout_for(schema, row["layout"], len(trace.nodes) - 1))
+    room = Room.of(schema, row["layout"], len(trace.nodes) - 1)
     if _done(trace) != recorded[-1] or not same_structure(by_position(room), trace.truth):
         raise _unknown(learner, "other rooms")
     return trace

@@ -24,7 +24,6 @@ from causal_openlock.analysis.section import Section
 from causal_openlock.analysis.statistics import SEED, mean_interval
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.errors import OpenLockError
-from causal_openlock.experiment.declare import layout_for
 from causal_openlock.experiment.record import played
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.room import Layout, positions_for
@@ -130,7 +129,7 @@ def _observers(
 
 def _placed(schema: Schema, layout: str) -> Layout | None:
     try:
-        return layout_for(schema, layout, positions_for(schema))
+        return Layout.of(schema, layout, positions_for(schema))
     except OpenLockError:  # no layout of these levers
         return None
 

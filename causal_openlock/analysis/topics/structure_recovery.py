@@ -35,13 +35,13 @@ from causal_openlock.contract.learner import Learner, Structure
 from causal_openlock.contract.registry import create, learner_class
 from causal_openlock.errors import LearnerError, NothingToDrawError, OpenLockError
 from causal_openlock.experiment.beside_record import Answer, read_answers
-from causal_openlock.experiment.declare import Condition, LearnerSpec, layout_for
+from causal_openlock.experiment.declare import Condition, LearnerSpec
 from causal_openlock.experiment.plan import shown_trials
 from causal_openlock.experiment.record import PHASES
 from causal_openlock.experiment.session import AT_ONCE, Session
 from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.world.rewards import PAPER_REWARD
-from causal_openlock.world.room import positions_for
+from causal_openlock.world.room import Layout, positions_for
 
 COLUMNS = (
     *("learner", "condition", "protocol", "subject", "visit", "schema"),
@@ -207,7 +207,7 @@ def _answered(results: Material, answer: Answer) -> dict[str, Any] | None:
         return None
     row = own.iloc[visit - 1]
     schema = next(one for one in condition.schemas if one.name == row["schema"])
-    layout = layout_for(schema, row["layout"], max(map(positions_for, condition.schemas)))
+    layout = Layout.of(schema, row["layout"], max(map(positions_for, condition.schemas)))
     believed = Structure(_edges(answer, layout.positions), np.full(layout.positions + 1, np.nan))
     return {
         **{name: getattr(answer, name) for name in ("learner", "condition", "subject", "visit")},
