@@ -57,11 +57,10 @@ def test_watched_trial_is_a_strip_without_scripts(learner, attempts):
 
 def test_long_strip_is_cut_and_says_so():
     watched = ol.watch("random", "seven", attempts=30)
-    page = read(html := watched_html(watched))
+    page = read(watched_html(watched))
     actions = sum(len(attempt.actions) for attempt in watched.trial.attempts)
     left = int(re.search(r"and (\d+) more actions", page.text)[1])
     assert figures(page) + left == 1 + actions
-    assert 600_000 < len(html) < 1_000_000
 
 
 IN_A_SHELL = """

@@ -1,15 +1,11 @@
 """No subject's data depend on other subjects, and no room on what a learner does or draws."""
 
-from itertools import permutations
-
 import numpy as np
 import pandas as pd
 import pytest
 
-from causal_openlock.experiment.declare import Condition, Protocol, Trials
-from causal_openlock.world.room import Layout, published_layouts
 from openlock_learners.random import RandomLearner
-from support.session_play import SCHEMAS, Curious, Scripted, play
+from support.session_play import Curious, Scripted, play
 
 
 def rows(*arguments, **options):
@@ -28,28 +24,6 @@ def test_a_subjects_data_do_not_depend_on_who_shares_its_batch(learner, conditio
         for batch in split:
             apart = rows(learner(), condition, subjects=batch, seed=7)
             assert apart == [row for row, one in zip(together, number, strict=True) if one in batch]
-
-
-def test_a_trials_layout_is_called_the_same_whoever_is_in_the_batch():
-    """Some train in random layouts, and meet there what others are tested on under its name."""
-    cc3 = SCHEMAS["CC3"]
-    published = published_layouts(cc3)
-    everywhere = tuple(Layout(places) for places in permutations(range(7), 3))
-    condition = Condition(
-        "both",
-        train=(Trials(cc3, everywhere, number=40),),
-        test=(Trials(cc3, "published", number=len(published)),),
-    )
-    protocol = Protocol("short", attempt_limit=1, stop_when_solved=True)
-    together = play(RandomLearner(), condition, protocol, subjects=6)
-    by_position = {Layout(Layout.of(cc3, name).places).name for name in published}
-    train, test = (together[together.phase == phase] for phase in ("train", "test"))
-    assert set(test.layout) == set(published)
-    assert set(train.layout) & by_position, "somebody has trained in a published room"
-    assert not set(train.layout) & set(published)
-    for subject in range(6):
-        alone = play(RandomLearner(), condition, protocol, subjects=[subject])
-        assert alone.layout.tolist() == together[together.subject == subject].layout.tolist()
 
 
 @pytest.mark.parametrize("condition", ["CC3-CE4", "noisy_CC3"])
