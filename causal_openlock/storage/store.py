@@ -12,12 +12,8 @@
       errors/               a file for each failed cell: a sentence and the traceback
 
 A cell's file is written completely or not at all, so a comparison killed at any moment continues
-where it was. Damage is found by checksums (:mod:`causal_openlock.files.checksums`) and named, and
-the cell is played again.
-
-A folder keeps every cell that was ever played in it, by identity, and shows those of the last
-experiment. So a learner can be corrected, removed, put back or added, and only missing cells are
-played. One process at a time works in a folder (:mod:`causal_openlock.storage.folder_lock`).
+where it was. A folder keeps every cell that was ever played in it, by identity, and shows those of
+the last experiment: a learner can be corrected, removed, put back or added.
 """
 
 from __future__ import annotations
@@ -90,9 +86,9 @@ class Store:
             StoreError: If the folder holds something else, is in use, or cannot be written to.
         """
         self.close()
+        folder_at(self.folder)
+        self._check_inside([])
         try:
-            folder_at(self.folder)
-            self._check_inside([])
             files = [cell.file_name for cell in experiment.cells()]
             to_declare = self._is_to_declare(experiment, files, changed)
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -152,10 +148,9 @@ class Store:
     @property
     def name(self) -> str | None:
         """The name of the folder's experiment, if it has one."""
-        try:
+        with suppress(OpenLockError):
             return self.experiment().name
-        except OpenLockError:
-            return None
+        return None
 
     def declare(
         self, experiment: Experiment, files: Iterable[str], identity: str | None = None
@@ -177,9 +172,7 @@ class Store:
             "versions": versions(),
             "not_applicable": experiment.not_applicable or None,
         }
-        content = json_bytes(present(data))
-        if not self._declared.exists() or self._declared.read_bytes() != content:
-            write_bytes(self._declared, content)
+        write_bytes(self._declared, json_bytes(present(data)))
 
     def require_versions(self) -> None:
         """Make sure that the folder's cells were made with the versions of packages here.
