@@ -159,7 +159,8 @@ def session_source(name: str) -> str:
     text = "\n\n\n".join(["\n".join(sorted(lines)), *definitions]) + "\n"
     # Its objects are of classes, and its partial functions of functions, that nothing else names.
     kinds = [value.func if isinstance(value, partial) else type(value) for value in used.values()]
-    sources = {kind.__module__: module_source(kind.__module__) for kind in kinds}
+    modules = {getattr(kind, "__module__", None) or SESSION for kind in kinds} - {SESSION}
+    sources = {module: module_source(module) for module in modules}
     own = [module for module, source in sources.items() if source and is_users_own(source)]
     if files := own_files(own, text=text).files:
         text += f"# The hash of {', '.join(sorted(files))}: {digest_of(files)}\n"
@@ -169,14 +170,15 @@ def session_source(name: str) -> str:
 def _constant(name: str, value: Any) -> str:
     """A line that defines a value; if only a program can make it, a comment."""
     with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
-        if isinstance(value, set | frozenset):  # the same text in every process
-            text = f"{{{', '.join(sorted(map(repr, value)))}}}"
+        text = repr(value)
+        if isinstance(value, set | frozenset) and value:  # the same text in every process
+            before, after = text[: text.index("{") + 1], text[text.rindex("}") :]
+            text = f"{before}{', '.join(sorted(map(repr, value)))}{after}"
+        elif " object at 0x" in text:  # it has no form of its own
+            text += f" {getattr(value, '__dict__', '')}"
         elif getattr(value, "__name__", "") == "<lambda>":
-            text = inspect.getsource(value)
-        else:
-            text = repr(value)
-            if " object at 0x" in text:  # it has no form of its own
-                text = repr(getattr(value, "__dict__", text))
+            with suppress(OSError):
+                text = inspect.getsource(value)
     text = re.sub(" at 0x[0-9a-f]+", "", " ".join(text.split()))
     try:
         ast.literal_eval(text)

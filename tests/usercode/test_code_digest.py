@@ -80,18 +80,6 @@ def test_what_is_not_imported_or_not_the_users_does_not_count(folder):
         sys.path.pop()
 
 
-def test_the_hash_does_not_depend_on_where_files_are(folder):
-    files = {"a_mine.py": "import a_other", "a_other.py": "x = 1"}
-    write(folder, files)
-    before = of("a_mine")
-    write(folder.parent / "moved", files)
-    for name in files:
-        (folder / name).unlink()
-    sys.path.append(str(folder.parent / "moved"))
-    importlib.invalidate_caches()
-    assert of("a_mine") == before
-
-
 def test_what_a_process_imported_is_known_until_it_is_imported_anew(folder):
     write(folder, {"a_mine.py": "import a_other", "a_other.py": "x = 1"})
     module = importlib.import_module("a_mine")
