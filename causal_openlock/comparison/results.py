@@ -137,7 +137,8 @@ class Results(Material):
         of_numbers = warnings_of(
             self.counts.trials, self.summary, experiment.versions, self.references, self.given
         )
-        of_numbers = *not_applicable(experiment.reasons), *exclusions(self), *of_numbers
+        of_numbers = *experiment.warned, *exclusions(self), *of_numbers
+        of_numbers = *not_applicable(experiment.reasons), *of_numbers
         if not missing:
             return of_numbers
         return f"{unfinished}: {missing[0].text}{'; ...' if missing[1:] else ''}.", *of_numbers

@@ -111,7 +111,7 @@ def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = 
                         checkpoint.keep(session, learner, now=True)
                         raise NotAwaitedError(f"the run of {cell.in_words} was stopped")
             record, account = session.record(), learner.account()
-            checkpoint.warnings += _used(start, cell.spec)
+            used = _used(start, cell.spec)
         store.write_transcripts(cell, account.transcripts)
     except NotAwaitedError:
         raise
@@ -121,11 +121,11 @@ def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = 
         # The learner has to be corrected, so its checkpoint is of no use.
         remove_files_of(path)
         raise LearnerError(record_failure(store, cell, error)) from None
-    store.write(cell, record)
+    store.write(cell, record, used)
     remove_files_of(path)
     store.failures.clear(cell)
     warnings = [*checkpoint.warnings, *account.remarks]
-    return [f"{cell.spec.name}: {warning}" for warning in warnings]
+    return [*used, *(f"{cell.spec.name}: {warning}" for warning in warnings)]
 
 
 def record_failure(store: Store, cell: Cell, error: BaseException) -> str:
@@ -190,9 +190,9 @@ def _used(start: GlobalRandomness | None, spec: LearnerSpec) -> list[str]:
     if not used:
         return []
     return [
-        f"it uses or seeds the random numbers of {' and '.join(used)}, which all code shares, so "
-        "no subject is independent of the others in its cell; let it draw from brief.generators "
-        f"(or self.generator){IN_TORCH if 'torch' in used else ''}"
+        f"{spec.name}: it uses or seeds the random numbers of {' and '.join(used)}, which all code "
+        "shares, so no subject is independent of the others in its cell; let it draw from "
+        f"brief.generators (or self.generator){IN_TORCH if 'torch' in used else ''}"
     ]
 
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 IDENTITY = b"causal_openlock.cell"
 VERSIONS = b"causal_openlock.versions"
+WARNINGS = b"causal_openlock.warnings"
 
 
 def read_cell_file(
@@ -58,11 +59,25 @@ def read_cell_file(
     return table, made_with
 
 
-def write_cell_file(path: Path, cell: Cell, record: pa.Table) -> None:
-    """Write a cell's record, completely or not at all.
+def warnings_in(path: Path) -> list[str]:
+    """Warnings of how the record in a cell's file came about; none if they cannot be read."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        metadata = pq.read_metadata(path).metadata or {}
+        return [str(one) for one in json.loads(metadata.get(WARNINGS, b"[]"))]
+    except (OSError, pa.ArrowException, ValueError, TypeError):
+        return []
+
+
+def write_cell_file(path: Path, cell: Cell, record: pa.Table, warnings: Sequence[str]) -> None:
+    """Write a cell's record, with warnings of how it came about, completely or not at all.
 
     Raises:
         OpenLockError: If it cannot be written.
     """
     metadata = {IDENTITY: cell.identity.encode(), VERSIONS: json.dumps(versions()).encode()}
+    if warnings:
+        metadata[WARNINGS] = json.dumps(warnings).encode()
     write_bytes(path, table_bytes(record, metadata))

@@ -31,7 +31,7 @@ from causal_openlock.experiment.declare import Cell, Experiment
 from causal_openlock.files.atomic import folder_at, is_empty, unwritable, write_bytes
 from causal_openlock.files.checksums import ChecksumError, json_bytes, read_json
 from causal_openlock.files.json_text import present
-from causal_openlock.storage.cell_file import read_cell_file, write_cell_file
+from causal_openlock.storage.cell_file import read_cell_file, warnings_in, write_cell_file
 from causal_openlock.storage.failures import Failures
 from causal_openlock.storage.folder_lock import FolderLock
 from causal_openlock.storage.running_files import tidy
@@ -262,14 +262,14 @@ class Store:
         except (OSError, ChecksumError) as error:
             raise self._damaged(path, error) from None
 
-    def write(self, cell: Cell, record: pa.Table) -> None:
-        """Save a cell's record.
+    def write(self, cell: Cell, record: pa.Table, warnings: Sequence[str] = ()) -> None:
+        """Save a cell's record, with warnings of how it came about.
 
         Raises:
             StoreError: If it cannot be written; no part of it is left then.
         """
         try:
-            write_cell_file(self.path(cell), cell, record)
+            write_cell_file(self.path(cell), cell, record, warnings)
         except OpenLockError as error:
             raise StoreError(
                 f"{error}, then run the same command again: it continues where it stopped"
@@ -339,6 +339,7 @@ class Store:
             versions=merged_versions(made_with),
             missing=(*reasons,),
             failures=present(reasons),
+            warned=tuple(dict.fromkeys(one for path in done for one in warnings_in(path))),
         )
 
     def files(self, experiment: StoredExperiment | None = None) -> tuple[list[Path], list[Path]]:

@@ -32,6 +32,7 @@ class StoredExperiment(Experiment):
         failures: Why cells failed, a sentence each, by the name of the cell.
         not_applicable: By learner and condition, why the learner could not play it.
         excluded: By the label of people, how many of them an analysis leaves out.
+        warned: What was warned of while its cells were played, a sentence each.
     """
 
     identity: str = ""
@@ -41,6 +42,7 @@ class StoredExperiment(Experiment):
     failures: Mapping[str, str] = field(default_factory=dict)
     not_applicable: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     excluded: Mapping[str, int] = field(default_factory=dict)
+    warned: tuple[str, ...] = ()
 
 
 def parse_experiment(data: Mapping[str, Any]) -> StoredExperiment:

@@ -54,8 +54,10 @@ def warned(learner):
     """What a comparison in this process warns of a learner."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        ol.compare("CC3", learner, subjects=2, workers=0)
-    return [str(one.message) for one in caught if issubclass(one.category, UserWarning)]
+        results = ol.compare("CC3", learner, subjects=2, workers=0)
+    said = [str(one.message) for one in caught if issubclass(one.category, UserWarning)]
+    assert [one for one in results.warnings if "random numbers" in one] == said
+    return said
 
 
 def attempts(learner):

@@ -23,7 +23,7 @@ from causal_openlock.contract.registry import (
     parse_parameters,
     registry,
 )
-from causal_openlock.errors import LearnerError, OpenLockError
+from causal_openlock.errors import LearnerError
 from causal_openlock.files.plugins import LEARNERS
 from openlock_learners.random import RandomLearner
 from support.packages import register
@@ -44,17 +44,6 @@ def test_listing_learners_loads_none(tmp_path, monkeypatch):
     assert origin("breaks") == "broken 1.0"
     with pytest.raises(LearnerError, match=r"breaks.*no_such_module_here:Learner.*ModuleNotFound"):
         create("breaks")
-
-
-def test_a_name_that_two_packages_register_for_two_learners_is_an_error(tmp_path, monkeypatch):
-    register(tmp_path, "one", LEARNERS, twin="one:A", same="one:A")
-    monkeypatch.syspath_prepend(tmp_path)
-    register(tmp_path, "two", LEARNERS, same="one:A")
-    assert registry()["same"].value == "one:A"
-    register(tmp_path / "more", "three", LEARNERS, twin="two:B")
-    monkeypatch.syspath_prepend(tmp_path / "more")  # the same places are looked at once
-    with pytest.raises(OpenLockError, match=r"'twin'(?=.*one:A by one)(?=.*two:B by three)"):
-        registry()
 
 
 class Sweeper(OneSubjectLearner):

@@ -146,6 +146,7 @@ def beside(
         versions=merged_versions([one.versions for one in experiments]),
         not_applicable=not_applicable,
         excluded=excluded,
+        warned=tuple(dict.fromkeys(said for one in experiments for said in one.warned)),
     )
     return pa.concat_tables([record for record, _ in results]), together
 
