@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from causal_openlock.experiment.declare import Cell
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.files.checksums import ChecksumError, read_table, table_bytes
+from causal_openlock.files.validation import adapter
 from causal_openlock.storage.versions import Versions, versions
 
 if TYPE_CHECKING:
@@ -35,7 +36,6 @@ def read_cell_file(
         ChecksumError: If it is damaged, or belongs to another cell.
     """
     import pyarrow as pa
-    from pydantic import TypeAdapter
 
     from causal_openlock.experiment.record import record_schema
 
@@ -48,7 +48,7 @@ def read_cell_file(
     if columns is not None:
         schema = pa.schema([schema.field(name) for name in columns])
     try:
-        made_with = TypeAdapter(Versions).validate_json(metadata.get(VERSIONS, b"{}"))
+        made_with = adapter(Versions).validate_json(metadata.get(VERSIONS, b"{}"))
         # Other programs may encode names differently.
         table = table.replace_schema_metadata(None).cast(schema)
         table.validate(full=True)

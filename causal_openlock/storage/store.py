@@ -183,7 +183,7 @@ class Store:
         made_with = []
         for path in self.cells.glob("*.parquet"):
             with suppress(OSError, ChecksumError):
-                made_with.append(read_cell_file(path, columns=["subject"])[1])
+                made_with.append(read_cell_file(path, columns=[])[1])
         if other := other_versions(merged_versions(made_with), versions()):
             raise StoreError(
                 f"{self.folder} was made with {other}; install these versions, or give "
