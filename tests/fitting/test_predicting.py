@@ -104,7 +104,6 @@ def test_a_fit_that_cannot_be_read_is_refused(folder, changed):
         "part": {"done": []},
         "spoiled": {"subjects": 3},
         "endless": {"folds": float("inf")},
-        "nan": {"done": [{**first, "nll": float("nan")}]},
         "outside": {"done": [{**first, "chosen": outside}]},
     }.items():
         with pytest.raises(StoreError, match=name):
