@@ -111,7 +111,8 @@ class GlobalRandomness(dict[str, Any]):
 
     def _since(self) -> dict[str, Any]:
         """These states; if torch has been imported since, also the one that it began with."""
-        if torch := sys.modules.get("torch"):
-            fresh = torch.Generator().manual_seed(torch.initial_seed()).get_state().numpy()
-            return {"torch": fresh, **self}
-        return self
+        torch = sys.modules.get("torch")
+        if torch is None or "torch" in self:
+            return self
+        fresh = torch.Generator().manual_seed(torch.initial_seed()).get_state().numpy()
+        return {**self, "torch": fresh}
