@@ -3,7 +3,6 @@
 import asyncio
 import hashlib
 import os
-import signal
 import socket
 import sys
 import time
@@ -14,7 +13,7 @@ import pytest
 
 from causal_openlock.analysis.results.summary import summary_table
 from causal_openlock.analysis.table import write_table
-from causal_openlock.errors import CellsFailed, OpenLockError, StoreError
+from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.running import runner, workers
 from causal_openlock.running.worker import Watching
@@ -133,14 +132,8 @@ def summary(folder):
     return hashlib.sha256((folder / "summary.csv").read_bytes()).hexdigest()
 
 
-def play_shard(experiment, out, shard):
-    """Play a shard slowly, in a process that is to be killed."""
-    slowly = lambda _: time.sleep(0.01)  # noqa: E731
-    runner.run(experiment, out, workers=0, shard=shard, watching=Watching(0), progress=slowly)
-
-
 def test_everywhere_the_same_bytes(folder, address):
-    """Also where workers and shards are killed; what a checkpoint holds is not played again."""
+    """Also where workers are killed; what a checkpoint holds is not played again."""
     experiment = declared(folder, "LosesItsWorkerOnce", "random")
     mark, acts = folder / "killed", folder / "acts"
 
@@ -163,38 +156,6 @@ def test_everywhere_the_same_bytes(folder, address):
         assert not list((folder / name).glob("errors/*"))
     assert play("dask", killed=False, cluster=address) == expected
     assert not acts.read_text(), "nothing was left to play"
-
-    mark.unlink()
-    shards = {
-        number: prepared().Process(  # the one that has the learner's first cell is killed
-            target=play_shard, args=(experiment, folder / "shards", Shard(number, 3))
-        )
-        for number in (1, 2, 3)
-    }
-    for shard in shards.values():
-        shard.start()
-    for shard in shards.values():
-        shard.join(600)
-    (died,) = [number for number, shard in shards.items() if shard.exitcode == -signal.SIGKILL]
-    assert sum(shard.exitcode == 0 for shard in shards.values()) == 2
-    missing = Store(folder / "shards").files()[1]
-    assert any(path.with_suffix(".checkpoint").exists() for path in missing)
-    runner.run(experiment, folder / "shards", workers=0, shard=Shard(died, 3))
-    assert summary(folder / "shards") == expected
-
-
-def test_a_cell_that_loses_three_workers_is_left_out(folder, address):
-    experiment, told = declared(folder, "Dies", "random", subjects=2), []
-    with pytest.raises(CellsFailed) as caught:
-        runner.run(experiment, folder / "out", cluster=address, warn=told.append)
-    (reason,) = caught.value.reasons
-    assert "the learner Dies in CC3, subjects 0-1, ended its process (the worker tcp://" in reason
-    assert sum(one.endswith("; it is tried again") for one in told) == 2
-    store = Store(folder / "out")
-    assert store.failures.of(experiment.cells()[0].file_name)[0] == 3
-    assert len(store.files()[0]) == 1
-    with pytest.raises(CellsFailed, match="--retry-failed"):
-        runner.run(experiment, folder / "out", workers=1)
 
 
 def test_workers_play_the_code_of_the_comparison(folder, address):

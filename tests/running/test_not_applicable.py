@@ -1,7 +1,6 @@
 """What a learner cannot play is left out, and is no failure: a dash, and the reason once."""
 
 import json
-import warnings
 
 import pytest
 
@@ -126,11 +125,3 @@ def test_a_learner_that_fails_to_say_it_is_named(answer, fault, tmp_path, monkey
         read = read_with(tmp_path, monkeypatch, LIMITED.replace("return ", f"return {answer}  # "))
         with pytest.raises(LearnerError, match=f"cannot_play of .*Limited {fault}"):
             read.cells()
-
-
-def test_python_warns_at_once():
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        results = ol.compare([TREE], ["random", "ideal"], subjects=1, workers=0)
-    assert [str(one.message) for one in caught] == [WHY]
-    assert len(results.experiment.files) == 1

@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from causal_openlock.comparison.progress_bar import LINE_EVERY, Lines, duration
+from causal_openlock.comparison.progress_bar import LINE_EVERY, Lines
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.running.progress import Playing, RunProgress
 
@@ -49,10 +49,3 @@ def test_lines_are_regular_and_name_what_hangs(cells):
         lines(RunProgress(4, 3, 1, (), 1.0, 0.0))
     assert [line for _, line in said][-1] == "e: 3 of 4 cells done, 1 failed, in 7 min"
     assert sum("in 7 min" in line for _, line in said) == 1
-
-
-@pytest.mark.parametrize(
-    ("seconds", "words"), [(0.2, "0 s"), (89, "89 s"), (100, "2 min"), (7799, "2 h 10 min")]
-)
-def test_durations_are_told_in_words(seconds, words):
-    assert duration(seconds) == words
