@@ -12,7 +12,7 @@ from causal_openlock.cli.options import ProtocolName, ReferenceFolders, Seed, Wo
 from causal_openlock.cli.report import report_store
 from causal_openlock.cli.stopping import resumable
 from causal_openlock.comparison.progress_bar import shown
-from causal_openlock.errors import OpenLockError
+from causal_openlock.errors import CellsFailed, OpenLockError
 
 if TYPE_CHECKING:
     from causal_openlock.running.progress import RunProgress
@@ -130,14 +130,19 @@ def compare(
             cells = part.of(chosen.cells()) if part else chosen.cells()
             console.print(f"{before[0]} of {len(cells)} cells were there already")
         if failed and failed.every:
-            pass
-        elif part is None:
+            raise _without_reasons(failed)
+        if part is None:
             report_store(folder, console, references=references, reasons=False)
         else:
             console.print_line(
                 f"shard {part} is done; when all shards are: causal-openlock report {folder}"
             )
     if failed:
-        error = OpenLockError(failed.summary)  # which cells they are was printed above
-        error.status = failed.status
-        raise error
+        raise _without_reasons(failed)
+
+
+def _without_reasons(failed: CellsFailed) -> OpenLockError:
+    """How many cells failed; which they are was printed when they did."""
+    error = OpenLockError(failed.summary)
+    error.status = failed.status
+    return error

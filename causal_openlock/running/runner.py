@@ -143,7 +143,7 @@ def run(
         if not jobs or (here and workers == 0):
             doing = workplaces.in_this_process(do, jobs)
         elif cluster:
-            doing = in_cluster(cluster, do, jobs, experiment, store.folder, warn)
+            doing = in_cluster(cluster, do, jobs, experiment, store.folder, playing.remark)
         elif executor:
             doing = workplaces.in_executor(executor, do, jobs)
         else:
@@ -253,10 +253,8 @@ class _Run:
         elif done.lost:
             self.has_lost(cell, done)
         elif error is None:
-            for remark in done.result:
-                if remark not in self.remarks:
-                    self.warn(remark)
-                self.remarks.add(remark)
+            for sentence in done.result:
+                self.remark(sentence)
             self.is_done(cell)
         elif isinstance(error, LearnerError):
             self.has_failed(cell, str(error))
@@ -264,6 +262,12 @@ class _Run:
             raise error
         else:
             self.has_failed(cell, record_failure(self.store, cell, error))
+
+    def remark(self, sentence: str) -> None:
+        """Warn of something once."""
+        if sentence not in self.remarks:
+            self.warn(sentence)
+        self.remarks.add(sentence)
 
     def is_done(self, cell: Cell) -> None:
         """Take note of a finished cell."""

@@ -179,6 +179,24 @@ def test_a_cluster_plays_where_an_event_loop_runs(folder, address):
     assert not asyncio.run(cell()).files()[1]
 
 
+def test_cells_wait_for_a_worker(folder):
+    experiment, told = declared(folder, "random", subjects=2), []
+    with cluster_of(0) as other:
+
+        def start(_):
+            if len(other.workers) < len(told):
+                other.scale(1)
+
+        runner.run(
+            experiment,
+            folder / "out",
+            cluster=other.scheduler_address,
+            warn=told.append,
+            progress=start,
+        )
+    assert told == ["there is no worker at the moment; the cells wait for one"]
+
+
 def test_a_lost_scheduler_is_named_and_the_same_command_continues(folder, address):
     experiment = declared(folder, "Slow", "random")
     with cluster_of(1) as other:
