@@ -437,9 +437,17 @@ class Trials(Part):
 ONLY_TRAIN = "only the whole of train can be shown, as in train: {shown: CC3}"
 
 
+def _names_schema(value: Any) -> bool:
+    return isinstance(value, str | Path | Schema)
+
+
+def _listed(value: Any) -> Any:
+    return value if isinstance(value, list | tuple) else [value]
+
+
 def _trials(value: Any) -> list[Any]:
     """Trials in a list; a schema alone stands for trials in its rooms."""
-    trials = [value] if isinstance(value, str | Path | Schema | Trials) else value
+    trials = _listed(value) if _names_schema(value) or isinstance(value, Trials) else value
     if not isinstance(trials, list | tuple):
         raise ExperimentError(f"write a schema by name or path, or a list of trials; {ONLY_TRAIN}")
     if any(isinstance(group, Mapping) and SHOWN in group for group in trials):
@@ -553,36 +561,32 @@ class UnnamedCondition(Condition):
     name: Name = ""
 
 
-def _names_schema(value: Any) -> bool:
-    return isinstance(value, str | Path | Schema)
-
-
 def _condition(value: Any, info: ValidationInfo) -> Any:
     """``CC4``, ``CC3-CC4``, ``shown-CC3-CC4``, a path, a schema, a list of these, or a mapping."""
-    if isinstance(value, Condition):
-        return value
     if isinstance(value, str | Path):
         value = _halves(str(value))
-    elif isinstance(value, Schema):
-        value = {"train": value}
-    elif isinstance(value, list | tuple) and {*map(_names_schema, value)} == {True}:
-        value = {"train": value[:-1] or value, "test": value[-1:] if value[1:] else []}
+    schemas = [value] if isinstance(value, Schema) else value
+    if isinstance(schemas, list | tuple) and schemas and all(map(_names_schema, schemas)):
+        first, *others = schemas
+        value = {"train": [first, *others[:-1]], "test": others[-1:]}
+    if isinstance(value, Condition):
+        return value
     if not isinstance(value, Mapping):
         raise ExperimentError(
             f"{value!r:.200} is not a condition; give a name such as CC4 or CC3-CC4, a list of "
             "schemas whose last one is the test, or a mapping with name, train and test"
         )
-    train, shown = value.get("train"), isinstance(value.get("train"), Mapping)
-    trained = train.get(SHOWN) if isinstance(train, Mapping) else train
-    groups = [trained, value.get("test") or []]
-    schemas = [*chain(*(group if isinstance(group, list | tuple) else [group] for group in groups))]
-    if "name" not in value and all(map(_names_schema, schemas)):
-        try:
-            names = [_schema(schema, info).name for schema in schemas]
-        except ValueError:
-            names = ["unnamed"]  # what is wrong is said of train or test
-        value = {**value, "name": "-".join([*([SHOWN] if shown else []), *names])}
-    return {**value, "shown": True} if shown else value
+    train, test = value.get("train"), value.get("test") or []
+    if shown := isinstance(train, Mapping):
+        value, train = {**value, "shown": True}, train.get(SHOWN)
+    schemas = [schema for group in (train, test) for schema in _listed(group)]
+    if "name" in value or not all(map(_names_schema, schemas)):
+        return value
+    try:
+        names = [_schema(schema, info).name for schema in schemas]
+    except ValueError:
+        names = ["unnamed"]  # what is wrong is said of train or test
+    return {**value, "name": "-".join([*([SHOWN] if shown else []), *names])}
 
 
 def _halves(text: str) -> dict[str, Any]:
