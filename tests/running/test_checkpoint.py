@@ -409,7 +409,7 @@ def test_curves_continue_from_a_checkpoint(tmp_path):
 def test_without_tensorboard_it_says_what_to_install(tmp_path, monkeypatch):
     cell_of(tmp_path)
     experiment = read_experiment(tmp_path / "experiment.yaml")
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    monkeypatch.setattr(runner, "find_spec", lambda name: None)
     with pytest.raises(OpenLockError, match=r"pip install 'causal-openlock\[tensorboard\]'"):
         runner.run(experiment, tmp_path / "out", watching=Watching(tensorboard="logs"))
     assert not (tmp_path / "out").exists()
