@@ -144,7 +144,8 @@ def source_of(name: str, hash_of: Callable[[list[str]], str] = code_digest) -> s
     if is_of_session(name):
         return session_origin(name)
     module = name.partition(":")[0]
-    source = inspect.getsourcefile(sys.modules[module])
+    loaded = sys.modules[module]
+    source = inspect.getsourcefile(loaded) if hasattr(loaded, "__file__") else None
     if source is None:
         raise ExperimentError(f"{name!r} has no source that can be recorded; write it in a file")
     return f"{Path(source).name} {hash_of([module])}"
