@@ -128,8 +128,8 @@ def _known(name: str) -> str:
     for format, (suffixes, *_) in FORMATS.items():
         if name == format or name.lower() in suffixes or f".{name}" in suffixes:
             return format
-    suffixes = [suffix for format in FORMATS.values() for suffix in format.suffixes]
-    known = nearest(name[:64], suffixes if name.startswith(".") else FORMATS)
+    every = [suffix for format in FORMATS.values() for suffix in format.suffixes]
+    known = nearest(name[:64], every if name.startswith(".") else FORMATS)
     raise OpenLockError(f"there is no schema format {name!r:.64}; {known}")
 
 
