@@ -322,6 +322,10 @@ def _protocol(value: Any, info: ValidationInfo) -> Any:
             '{"attempt_limit": 10}'
         )
     settings = {**value}
+    if settings.get("test_layout"):
+        raise ExperimentError(
+            "test_layout belongs to conditions now, as in test: [{schema: CC4, layouts: [trial7]}]"
+        )
     fields = [key for key in ProtocolChanges.__dataclass_fields__ if key in settings]
     settings = {key: settings[key] for key in [*fields, *settings]}  # in an order that names it
     base = settings.pop("based_on", HUMAN_PROTOCOL)

@@ -53,18 +53,19 @@ def plan(
         ExperimentError: If a schema does not fit the protocol, has fewer layouts than trials, or
             more solutions to show than a trial has attempts.
     """
-    if protocol.test_layout is not None:
-        raise ExperimentError(
-            f"the protocol {protocol.name} has a test_layout, as in 0.2; a condition says it now: "
-            "test: [{schema: CC4, layouts: [trial7]}]"
-        )
     train = (protocol.training_trials, protocol.train_loops)
     if not condition.test:
         train = (protocol.baseline_trials, protocol.baseline_loops)
+    tested = condition.test
+    if protocol.test_layout is not None:  # in results of 0.2
+        name = protocol.test_layout
+        tested = tuple(
+            replace(trials, layouts=(Layout.of(trials.schema, name),)) for trials in tested
+        )
     visits: list[Visit] = []
     for phase, groups, number, loops in (
         (SHOWN if condition.shown else "train", condition.train, *train),
-        ("test", condition.test, protocol.test_trials, protocol.test_loops),
+        ("test", tested, protocol.test_trials, protocol.test_loops),
     ):
         for loop in range(1, loops + 1):
             drawn = (

@@ -117,6 +117,11 @@ def test_a_number_of_trials_that_is_declared_is_kept():
     assert len(visits_of(eight, replace(HUMAN, layouts="random"))) == 6 + 8
 
 
+def test_results_of_0_2_may_have_fixed_the_layout_of_the_test():
+    visits = visits_of("CC3-CE4", replace(RL, train_loops=1, test_layout="trial7"))
+    assert names(visits[6:]) == ["trial7"] * 10
+
+
 # -- conditions of one's own -----------------------------------------------------------------------
 
 
