@@ -26,9 +26,9 @@ from causal_openlock.running.checkpoint import Checkpoint, CheckpointError
 from causal_openlock.storage.running_files import remove_files_of, report_progress
 from causal_openlock.storage.store import Store
 from causal_openlock.storage.versions import versions
-from causal_openlock.usercode.own_files import imported_digest, is_users_own
-from causal_openlock.usercode.session_code import unpack
-from causal_openlock.world.reward_code import OwnReward, source_of
+from causal_openlock.usercode.own_files import is_users_own
+from causal_openlock.usercode.session_code import is_of_session, session_origin, unpack
+from causal_openlock.world.reward_code import OwnReward
 
 REPORT_EVERY = 1.0
 """Seconds between a worker's reports of its progress."""
@@ -215,8 +215,9 @@ def _require_declared(spec: LearnerSpec) -> None:
     codes = {}
     if not is_ours(spec.learner):
         codes[spec.learner] = spec.origin.package, origin(spec.learner, imported=True)
-    if isinstance(spec.reward, OwnReward):
-        codes[spec.reward.name] = spec.reward.source, source_of(spec.reward.name, imported_digest)
+    if isinstance(spec.reward, OwnReward) and is_of_session(spec.reward.name):
+        # One in a file is asked when it first pays.
+        codes[spec.reward.name] = spec.reward.source, session_origin(spec.reward.name)
     for name, (declared, present) in codes.items():
         if present != declared:
             raise NotAvailableError(

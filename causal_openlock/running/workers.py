@@ -331,7 +331,7 @@ def worker_pool(
         try:
             yield pool
         finally:
-            processes = [*pool._processes.values()]
+            processes = [*(pool._processes or {}).values()]  # none if it is broken
             pool.shutdown(wait=False, cancel_futures=True)
             end(processes)
 

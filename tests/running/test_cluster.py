@@ -54,6 +54,9 @@ class Fine(OneSubjectLearner):
                 file.write("1")
         return FIRST if self.acts == 1 else int(self.generator.integers(15))
 
+def pay(events):
+    return 1.0 * events.opens
+
 class LosesItsWorkerOnce(Fine):
     def act(self, observation):
         mark = Path(self.parameters.marks) / "killed"
@@ -88,7 +91,7 @@ def folder(tmp_path, monkeypatch):
 
 def declared(folder, *learners, subjects=4):
     path = folder / "experiment.yaml"
-    own = "{{learner: 'mine:{}', parameters: {{marks: {}}}}}"
+    own = "{{learner: 'mine:{}', reward: 'mine:pay', parameters: {{marks: {}}}}}"
     entries = [own.format(name, folder) if name[0].isupper() else name for name in learners]
     path.write_text(
         f"name: e\nsubjects: {subjects}\ncell_size: 2\nconditions: [CC3]\n"
