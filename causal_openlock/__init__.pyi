@@ -5,7 +5,7 @@
 
 # Schemas and rooms
 from .envs.playable import room as room
-from .schemas.declared import schema as schema
+from .schemas.finding import schema as schema
 from .schemas.graphs import export_schema as export_schema
 from .schemas.finding import find_schema as find_schema
 from .schemas.fsm import compile_schema as compile_schema

@@ -16,7 +16,7 @@ from itertools import combinations, combinations_with_replacement, permutations
 
 from causal_openlock.belief.worth import SchemaWorth, schema_worth
 from causal_openlock.errors import OpenLockError
-from causal_openlock.schemas.declared import schema
+from causal_openlock.schemas.finding import schema
 from causal_openlock.schemas.schema import Schema
 
 LEAST_LEVERS, MOST_LEVERS = 4, 7

@@ -22,7 +22,7 @@ from causal_openlock.belief.structure_schemas import schema_of, structure_of
 from causal_openlock.belief.structures import Structures, merge
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.declare import default_action_limit
-from causal_openlock.schemas.declared import schema as declared
+from causal_openlock.schemas.finding import schema as declared
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.wording import counted

@@ -25,7 +25,7 @@ from causal_openlock.belief.possible_schemas import Among, Possible, possible_sc
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.declare import MAX_ACTION_LIMIT, default_action_limit
 from causal_openlock.files.validation import whole_number
-from causal_openlock.schemas.declared import schema as declared
+from causal_openlock.schemas.finding import schema as declared
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.wording import counted
 

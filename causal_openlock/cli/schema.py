@@ -188,7 +188,7 @@ def new(
     out: Output = None,
 ) -> None:
     """Begin a schema of one's own: a commented file to change."""
-    from causal_openlock.schemas.schema_file import schema_from_dict
+    from causal_openlock.schemas.schema import schema_from_dict
 
     path = out or Path(f"{name}.yaml")
     if path.exists():

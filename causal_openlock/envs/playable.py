@@ -20,7 +20,7 @@ from causal_openlock.errors import OpenLockError
 from causal_openlock.files.validation import whole_number
 from causal_openlock.render.panel import Panel, ShownAction
 from causal_openlock.render.room import room_text
-from causal_openlock.schemas.declared import schema as declared
+from causal_openlock.schemas.finding import schema as declared
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.wording import counted
 from causal_openlock.world.rewards import PAPER_REWARD
@@ -219,7 +219,7 @@ def room(
     """A room to try out by hand; it shows itself, and so does what each action leads to.
 
     Args:
-        schema: Anything that :func:`~causal_openlock.schemas.declared.schema` takes, such as
+        schema: Anything that :func:`~causal_openlock.schemas.finding.schema` takes, such as
             ``CC4`` or ``A -> B, C -> door``.
         layout: A published layout such as ``trial7``, ``{lever: position}``, or ``random`` for
             another one in every trial; by default the first published one that fits.

@@ -52,9 +52,8 @@ class Settings:
         positions: int | None,
     ) -> None:
         from causal_openlock.schemas.finding import find_schema
-        from causal_openlock.schemas.schema_file import schema_from_dict
 
-        schema = schema_from_dict(schema) if isinstance(schema, Mapping) else find_schema(schema)
+        schema = find_schema(schema)
         if not isinstance(layout, str | Mapping | Layout):
             raise ExperimentError(
                 f"layout is a name, such as trial1 or {RANDOM_LAYOUT}, or the position of each "

@@ -81,10 +81,8 @@ from causal_openlock.files.validation import (
     plain,
     read,
 )
-from causal_openlock.schemas.declared import schema as schema_of
 from causal_openlock.schemas.finding import SUFFIXES, find_schema
-from causal_openlock.schemas.schema import NAME, Schema
-from causal_openlock.schemas.schema_file import JSON_SCHEMA_ID, schema_from_dict
+from causal_openlock.schemas.schema import JSON_SCHEMA_ID, NAME, Schema
 from causal_openlock.usercode.own_files import look_beside
 from causal_openlock.version import RESULTS_VERSION
 from causal_openlock.wording import counted, joined, nearest
@@ -155,10 +153,6 @@ AT_LEAST_ONE = (BeforeValidator(_any), Field(json_schema_extra={"minItems": 1}))
 
 def _schema(value: Any, info: ValidationInfo) -> Schema:
     """A schema, by its name or path, as a line of text, or as data."""
-    if isinstance(value, Mapping):
-        return schema_from_dict(value)
-    if isinstance(value, str) and "->" in value:
-        return schema_of(value)
     return find_schema(value, beside=(info.context or {}).get("folders", ()))
 
 

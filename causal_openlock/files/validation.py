@@ -214,6 +214,8 @@ def _sentence(fault: Any, kind: Any) -> str:
         return f"{name} must be {_WANTED[what]}, and this is {described(value)}{remedy}"
     if what == "too_short":
         return f"{name} needs at least {fault['ctx']['min_length']}; add one"
+    if what == "too_long":
+        return f"{name} has {len(value)}, and at most {fault['ctx']['max_length']} are allowed"
     if what == "string_pattern_mismatch":
         form = _keys(kind, where[:-1]).get(where[-1], {}).get("description", "another one")
         return f"{name} must have the form: {form}; this is {described(value)}"

@@ -59,11 +59,6 @@ class Document:
             place = place[:-1]
         return Fault(*self.places.get(place, (1, 1)), message)
 
-    def error(self, error: OpenLockError, where: Where = ()) -> FileError:
-        """An error with the place of each of its parts, as seen from ``where``."""
-        parts = [self.fault((*where, *part.at), str(part)) for part in error.parts]
-        return FileError(self.path, parts)
-
     def validate(
         self,
         kind: type[Model],

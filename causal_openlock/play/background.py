@@ -13,7 +13,7 @@ from causal_openlock.experiment.declare import Condition, Trials, find_protocol
 from causal_openlock.files.validation import whole_number
 from causal_openlock.play.people import People
 from causal_openlock.play.server import PlayServer
-from causal_openlock.schemas.declared import schema as declared
+from causal_openlock.schemas.finding import schema as declared
 
 
 class OpenedRoom:
@@ -68,7 +68,7 @@ def play_room(
     """Open rooms of a schema in the browser, to play oneself; other machines cannot connect.
 
     Args:
-        schema: Anything that :func:`~causal_openlock.schemas.declared.schema` takes.
+        schema: Anything that :func:`~causal_openlock.schemas.finding.schema` takes.
         out: Folder for what is done, which is results as ``compare`` has them; by default a
             temporary one.
         protocol: The budgets.

@@ -1,13 +1,11 @@
 """Schemas: the graph, the machine that it compiles into, and schemas as text.
 
 =============== ===================================================================================
-``schema``      The directed graph of levers and a door, and the solutions that follow from it.
+``schema``      The directed graph of levers and a door, its form, and its solutions.
 ``fsm``         The finite state machine that a schema compiles into.
-``schema_file`` Schema files: YAML, with the line of every fault.
 ``one_line``    A schema as one line: ``A -> B, C; B | C -> door``.
 ``bayes_net``   The Bayesian network of one push per lever, for pgmpy.
-``graphs``      All formats (``FORMATS``): JSON, GML, GraphML, DOT, DAGitty, BIF.
-``declared``    A schema from any of these, a graph or edges, in Python.
-``finding``     Schemas by name or by a path of any of these formats; those of the package.
+``graphs``      All formats (``FORMATS``): YAML, JSON, GML, GraphML, DOT, DAGitty, BIF.
+``finding``     Schemas by name, in a file, as text, graph or edges; those of the package.
 =============== ===================================================================================
 """

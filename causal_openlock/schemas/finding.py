@@ -1,20 +1,27 @@
-"""Finding schemas: by name in folders and in the package, or in a file of any format."""
+"""Schemas wherever one is needed: by name, in a file of any format, as text, graph or edges."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
+from typing import Any
 
-from causal_openlock.errors import OpenLockError
-from causal_openlock.schemas.graphs import FORMATS, read_schema
-from causal_openlock.schemas.schema import Schema
+import networkx as nx
+
+from causal_openlock.errors import OpenLockError, SchemaError
+from causal_openlock.files.validation import several
+from causal_openlock.schemas.graphs import FORMATS, read_schema, schema_of_graph
+from causal_openlock.schemas.one_line import parse_line
+from causal_openlock.schemas.schema import Gate, Schema, schema_from_dict
 from causal_openlock.wording import nearest
 
 PACKAGE = Path(__file__).parents[1]
 SUFFIXES = tuple(suffix for format in FORMATS.values() for suffix in format.suffixes)
 """Suffixes of files that a schema can be read from or written to."""
+
+Edges = Mapping[str, Iterable[str] | Mapping[str, float]] | Iterable[tuple[str, str]]
 
 
 def bundled(kind: str) -> Path:
@@ -26,36 +33,40 @@ def bundled(kind: str) -> Path:
     return inside if inside.exists() else PACKAGE.parent / kind
 
 
-def find_schema(name: str | os.PathLike[str] | Schema, beside: Iterable[Path] = ()) -> Schema:
-    """A schema by name or path.
+def find_schema(
+    source: str | os.PathLike[str] | Schema | Mapping[str, Any], beside: Iterable[Path] = ()
+) -> Schema:
+    """A schema by name or path, or from a line of text or what a schema file holds.
 
     Args:
-        name: The path of a file of any format (``.yaml``, ``.dot``, ``.gml``), the name of a file
-            ``NAME.yaml`` in one of the folders searched, or a schema, which is returned as it is.
+        source: The path of a file of any format (``.yaml``, ``.dot``, ``.gml``), the name of a file
+            ``NAME.yaml`` in one of the folders searched, or what a schema is declared with.
         beside: Folders to search first, such as that of the experiment, then the working
             directory; then a folder ``schemas`` in each of them, and last the bundled schemas.
 
     Raises:
-        FileError, SchemaError: If the file has faults.
-        OpenLockError: If there is no such schema; the message names the nearest.
+        OpenLockError: If the declaration has faults, or there is no such schema; the message names
+            the nearest.
 
     Example:
         >>> find_schema("CC4").title
         'Common cause, four levers'
     """
-    if isinstance(name, Schema):
-        return name
-    if not isinstance(name, str | os.PathLike):
+    if isinstance(source, Schema):
+        return source
+    if isinstance(source, Mapping):
+        return schema_from_dict(source)
+    if not isinstance(source, str | os.PathLike):
         raise OpenLockError(
-            f"a schema is given by its name, the path of a file or a Schema, not by {name!r:.64}"
+            f"a schema is given by its name, the path of a file or a Schema, not by {source!r:.64}"
         )
-    text = os.fspath(name)
+    text = os.fspath(source)
+    if "->" in text:
+        return parse_line(text)
     folders = [*map(Path, beside), Path()]
     if text.lower().endswith(SUFFIXES):
-        for folder in folders:
-            if _is_file(folder / text):
-                return read_schema(folder / text)
-        return read_schema(text)
+        paths = [folder / text for folder in folders]
+        return read_schema(next(filter(_is_file, paths), text))
     collections = [*(folder / "schemas" for folder in folders), bundled("schemas")]
     for folder in [*folders, *collections]:
         if _is_file(folder / f"{text}.yaml"):
@@ -82,3 +93,77 @@ def bundled_schemas() -> dict[str, Schema]:
     paths = {path.stem: path for path in sorted(bundled("schemas").glob("*.yaml"))}
     names = dict.fromkeys(["CC3", "CE3", "CC4", "CE4", *paths])
     return {name: _bundled_schema(paths[name]) for name in names}
+
+
+def schema(
+    source: str | os.PathLike[str] | Schema | nx.DiGraph | Edges | Mapping[str, Any],
+    *,
+    name: str | None = None,
+    gates: Mapping[str, str | Gate] | None = None,
+    inert: Iterable[str] = (),
+) -> Schema:
+    """A schema from a line of text, a graph, edges, or its name.
+
+    Args:
+        source: One of these:
+
+            * a text with an arrow, such as ``A -> B, C; B | C -> door``
+              (:mod:`causal_openlock.schemas.one_line`);
+            * any other text: the name of a schema, or the path of a file;
+            * a directed graph of networkx; a node can have the attribute ``gate`` and an edge
+              ``strength``;
+            * what a schema file holds, ``{"name": ..., "levers": [...], "edges": {...}}``;
+            * edges, as ``{cause: [effects]}`` or ``{cause: {effect: strength}}``, or in a list, as
+              ``(cause, effect)`` or ``(cause, effect, strength)``.
+
+            Levers have the order in which they first appear; the node ``door`` is the door.
+        name: Another name; by default that of the source, or ``schema``.
+        gates: For a graph or edges, ``{node: gate}``: ``any``, ``all``, ``at_least 2`` or a Gate.
+        inert: For a graph or edges, levers that are on no path to the door on purpose.
+
+    Raises:
+        OpenLockError: If it declares no schema, there is none of this name, or arguments do not go
+            together; for a text, the message quotes the statement.
+
+    Example:
+        >>> edges = {"A": ["B", "C"], "B": ["door"], "C": ["door"]}
+        >>> schema("A -> B, C; B | C -> door") == schema(edges)
+        True
+        >>> schema([("A", "door"), ("B", "door")], gates={"door": "all"}).solutions
+        (('A', 'B'),)
+    """
+    given = {"name": name, "gates": gates, "inert": inert}
+    changes = {key: value for key, value in given.items() if value}
+    if not isinstance(source, str | os.PathLike | Schema) and not (
+        isinstance(source, Mapping) and {"levers", "edges"} <= source.keys()
+    ):
+        form = "networkx" if isinstance(source, nx.Graph) else "declared"
+        graph = source if isinstance(source, nx.Graph) else _graph(source)
+        return schema_of_graph(graph, form, "schema", changes)
+    if gates or inert:
+        raise OpenLockError("gates and inert go with edges or a graph; write them into the source")
+    declared = find_schema(source)
+    return schema_from_dict(declared.as_dict() | changes) if changes else declared
+
+
+def _graph(source: Any) -> nx.MultiDiGraph:
+    """Edges as a graph."""
+    if isinstance(source, Mapping):
+        source = [
+            (cause, effect, *([effects[effect]] if isinstance(effects, Mapping) else []))
+            for cause, effects in source.items()
+            for effect in (effects if several(effects) else [effects])
+        ]
+    graph = nx.MultiDiGraph()
+    for edge in source if several(source) else [source]:
+        match edge:
+            case (str(cause), str(effect)):
+                graph.add_edge(cause, effect)
+            case (str(cause), str(effect), strength):
+                graph.add_edge(cause, effect, strength=strength)
+            case _:
+                raise SchemaError(
+                    f"{edge!r:.64} is not an edge; write (cause, effect), or declare the schema "
+                    'with a text such as "A -> B, C; B | C -> door"'
+                )
+    return graph

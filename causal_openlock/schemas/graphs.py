@@ -34,11 +34,10 @@ import networkx as nx
 from causal_openlock.errors import OpenLockError, SchemaError, together
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.json_text import each_once
-from causal_openlock.files.yaml_file import MAX_BYTES, read_text
+from causal_openlock.files.yaml_file import parse_document, read_text
 from causal_openlock.schemas.bayes_net import bif_text
 from causal_openlock.schemas.one_line import one_line, parse_line
-from causal_openlock.schemas.schema import DOOR, NAME, Schema
-from causal_openlock.schemas.schema_file import parse_schema, schema_from_dict
+from causal_openlock.schemas.schema import DOOR, NAME, Schema, SchemaData, schema_from_dict
 from causal_openlock.wording import nearest
 
 
@@ -86,11 +85,6 @@ def import_schema(text: str, format: str, name: str = "imported") -> Schema:
     if (read := FORMATS[format].read) is None:
         readable = ", ".join(other for other in FORMATS if FORMATS[other].read)
         raise OpenLockError(f"{format} can only be written; formats that are read: {readable}")
-    if len(text) > MAX_BYTES:
-        what = (
-            f"this {format} text has {len(text):,} characters, more than the {MAX_BYTES:,} allowed"
-        )
-        raise SchemaError(f"{what}; is this the right file?")
     return read(text, name)
 
 
@@ -114,12 +108,12 @@ def read_schema(path: Path | str, format: str | None = None) -> Schema:
     """
     path = Path(path)
     format, text = _known(format or path.suffix), read_text(path)
-    if format == "yaml":
-        return parse_schema(text, path)
+    if format == "yaml":  # with the line of every fault
+        return _parse_schema(text, path)
     stem = path.stem.replace("-", "_").replace(" ", "_")
     try:
         return import_schema(text, format, stem if NAME.fullmatch(stem) else "imported")
-    except SchemaError as error:
+    except OpenLockError as error:
         raise _prefixed(f"{path}", error) from None
 
 
@@ -163,8 +157,10 @@ _EDGE_SAYS: dict[str, tuple[str, ...] | None] = {
 """
 
 
-def schema_of_graph(graph: nx.Graph, format: str, name: str) -> Schema:
-    """The schema that a graph holds, from a file or from networkx.
+def schema_of_graph(
+    graph: nx.Graph, format: str, name: str, changes: Mapping[str, Any] | None = None
+) -> Schema:
+    """The schema that a graph holds, from a file or from networkx, perhaps with changes.
 
     Raises:
         SchemaError: If it holds none; the message names the format.
@@ -177,22 +173,21 @@ def schema_of_graph(graph: nx.Graph, format: str, name: str) -> Schema:
             f"this {format} graph has no node named {DOOR}; rename the node that stands for the "
             f"door; {nearest(DOOR, map(str, graph))[:500]}"
         )
-    edges: dict[Any, dict[Any, Any]] = {}
-    gates: dict[Any, Any] = {}
+    data: dict[str, Any] = {"title": "", "inert": [], **graph.graph, "gates": {}, "edges": {}}
+    data = {key: data[key] for key in ("title", "inert", "gates", "edges")}
+    data |= {"name": graph.graph.get("name") or name, "levers": [n for n in graph if n != DOOR]}
+    if isinstance(data["inert"], str):
+        data["inert"] = data["inert"].split()
     try:
         for node, says in graph.nodes(data=True):
             kind = ("door",) if node == DOOR else ("lever",)
             _check(f"the node {node!s:.64}", says, {**_NODE_SAYS, "kind": kind})
-            gate = says.get("gate")
-            at_least = re.fullmatch(r"at[_ ]least (\d{1,9})", str(gate))
-            if gate is not None and str(gate) != "any":
-                gates[node] = {"at_least": int(at_least[1])} if at_least else str(gate)
+            data["gates"][node] = says.get("gate", "any")
         for cause, effect, says in graph.edges(data=True):
             edge = f"the edge {cause!s:.64} -> {effect!s:.64}"
             if isinstance(says.get("graphics"), dict):  # of GML
-                says = dict(says)
-                drawing = says.pop("graphics")
-                says |= {key: drawing[key] for key in drawing if key != "type"}  # of line
+                drawing = {key: says["graphics"][key] for key in says["graphics"] if key != "type"}
+                says = {key: says[key] for key in says if key != "graphics"} | drawing
             strength = says.get("strength", 1.0)
             with suppress(ValueError):
                 strength = float(strength) if isinstance(strength, str) else strength
@@ -200,16 +195,11 @@ def schema_of_graph(graph: nx.Graph, format: str, name: str) -> Schema:
             _check(edge, says, {**_EDGE_SAYS, "label": label})
             if str(says.get("dir", says.get("arrow"))).lower() in ("back", "first"):
                 cause, effect = effect, cause
-            if effect in edges.setdefault(cause, {}):
+            if effect in data["edges"].setdefault(cause, {}):
                 raise SchemaError(f"{edge} is there twice; remove one of them")
-            edges[cause][effect] = {"strength": strength}
-        names = {key: graph.graph[key] for key in ("title", "inert") if key in graph.graph}
-        if isinstance(names.get("inert"), str):
-            names["inert"] = names["inert"].split()
-        levers = [node for node in graph if node != DOOR]
-        names |= {"name": graph.graph.get("name") or name, "levers": levers}
-        return schema_from_dict({**names, "edges": edges, "gates": gates})
-    except SchemaError as error:
+            data["edges"][cause][effect] = {"strength": strength}
+        return schema_from_dict(data | dict(changes or {}))
+    except OpenLockError as error:
         raise _prefixed(f"this {format} graph is not a schema", error) from None
 
 
@@ -242,7 +232,7 @@ def _by_label(graph: nx.Graph) -> nx.Graph:
     return graph
 
 
-def _prefixed(what: str, error: SchemaError) -> OpenLockError:
+def _prefixed(what: str, error: OpenLockError) -> OpenLockError:
     """The same faults, each with what has them."""
     return together([SchemaError(f"{what}: {part}", part.at) for part in error.parts])
 
@@ -278,6 +268,11 @@ def _reading(format: str, graph_of: Callable[[str], nx.Graph]) -> Callable[[str,
         return schema_of_graph(graph, format, name)
 
     return read
+
+
+def _parse_schema(text: str, path: Path | str = "<text>") -> Schema:
+    schema: Schema = parse_document(text, path).validate(SchemaData)
+    return schema
 
 
 def _node_link_text(schema: Schema) -> str:
@@ -474,7 +469,7 @@ def _graphml_text(schema: Schema) -> str:
 
 
 FORMATS: dict[str, Format] = {
-    "yaml": Format((".yaml", ".yml"), Schema.to_yaml, lambda text, _: parse_schema(text)),
+    "yaml": Format((".yaml", ".yml"), Schema.to_yaml, lambda text, _: _parse_schema(text)),
     "line": Format((".txt",), lambda schema: one_line(schema) + "\n", parse_line),
     "node-link": Format((".json",), _node_link_text, _reading("node-link", _node_link_graph)),
     "gml": Format((".gml",), _gml_text, _reading("gml", _gml_graph)),

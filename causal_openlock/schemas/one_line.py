@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import re
 from itertools import pairwise
-from typing import NamedTuple
 
 from causal_openlock.errors import SchemaError
 from causal_openlock.schemas.schema import DOOR, Gate, Schema
@@ -34,13 +33,6 @@ _GROUP = re.compile(r"(\d{1,3}|any|all)\s+of\s*\((.*)\)", re.DOTALL)
 _SIGNS = {"any": " | ", "all": " & "}
 
 
-class _Side(NamedTuple):
-    """One side of an arrow: its names with the strengths that are given, and what joins them."""
-
-    strengths: dict[str, float | None]
-    gate: Gate | None
-
-
 def parse_line(text: str, name: str = "schema") -> Schema:
     """The schema of a line of text.
 
@@ -49,7 +41,7 @@ def parse_line(text: str, name: str = "schema") -> Schema:
         name: Its name if the text begins with none.
 
     Raises:
-        SchemaError: With the statement that cannot be understood, or what is not a schema.
+        OpenLockError: With the statement that cannot be understood, or what is not a schema.
 
     Example:
         >>> parse_line("A -> B, C; B | C -> door").solutions
@@ -62,36 +54,32 @@ def parse_line(text: str, name: str = "schema") -> Schema:
     inert: list[str] = []
     levers: dict[str, None] = {}
     edges: dict[str, dict[str, float]] = {}
-    gates: dict[str, Gate] = {}
+    gates: dict[str, str] = {}
     for statement in filter(None, map(str.strip, re.split(r"[;\n]", text))):
         prefix = _INERT.match(statement)
-        names = statement[prefix.end() :] if prefix else statement
-        sides = [_side(part, statement) for part in names.split("->")]
-        levers |= {name: None for side in sides for name in side.strengths}
-        if prefix or len(sides) == 1:
-            (side,) = sides[:1]
-            if len(sides) > 1 or side.gate or {*side.strengths.values()} != {None}:
-                raise _fault(statement, "levers are listed by names and ',' alone")
-            (inert if prefix else listed).extend(side.strengths)
-        elif sides[-1].gate:
+        sides = [_side(side, statement) for side in _INERT.sub("", statement).split("->")]
+        levers |= dict.fromkeys(name for strengths, _ in sides for name in strengths)
+        strengths, gate = sides[-1]
+        if gate and len(sides) > 1:
             raise _fault(statement, "effects are separated by ',', as a gate joins causes,")
-        elif any(p is not None for side in sides[1:-1] for p in side.strengths.values()):
+        if any(p for strengths, _ in sides[1:-1] for p in strengths.values()):
             raise _fault(statement, "a strength stands between two arrows")
-        for causes, effects in pairwise(sides):
-            for effect, at_effect in effects.strengths.items():
-                gate = causes.gate or Gate()
-                if effect in gates and not gate == gates[effect] == Gate():
+        if prefix or len(sides) == 1:
+            if len(sides) > 1 or gate or any(strengths.values()):
+                raise _fault(statement, "levers are listed by names and ',' alone")
+            (inert if prefix else listed).extend(strengths)
+        for (causes, gate), (effects, _) in pairwise(sides):
+            for effect, at_effect in effects.items():
+                if effect in gates and {gate, gates[effect]} - {"", "any"}:
                     raise _fault(statement, f"not all causes of {effect} stand")
-                gates[effect] = gate
-                for cause, at_cause in causes.strengths.items():
-                    if effect in edges.setdefault(cause, {}) or None not in (at_cause, at_effect):
-                        raise _fault(
-                            statement, f"{cause} -> {effect} or its strength is given twice"
-                        )
-                    strength = at_effect if at_cause is None else at_cause
-                    edges[cause][effect] = 1.0 if strength is None else strength
+                gates[effect] = gate or "any"
+                for cause, at_cause in causes.items():
+                    if effect in edges.setdefault(cause, {}) or (at_cause and at_effect):
+                        text = f"{cause} -> {effect} or its strength is given twice"
+                        raise _fault(statement, text)
+                    edges[cause][effect] = float(at_cause or at_effect or 1)
     levers.pop(DOOR, None)
-    return Schema(name, listed or levers, edges, gates=gates, inert=inert)
+    return Schema(name, listed or [*levers], edges, gates=gates, inert=inert)
 
 
 def _fault(statement: str, problem: str) -> SchemaError:
@@ -99,25 +87,24 @@ def _fault(statement: str, problem: str) -> SchemaError:
     return SchemaError(text)
 
 
-def _side(text: str, statement: str) -> _Side:
-    """The names before or after an arrow, and the gate that joins them."""
-    gate, sign, text = None, ",", text.strip()
+def _side(text: str, statement: str) -> tuple[dict[str, str], str]:
+    """The names on one side of an arrow with their strengths, and the gate that joins them."""
+    gate, sign, text = "", ",", text.strip()
     if group := _GROUP.fullmatch(text):
-        gate = Gate("at_least", int(group[1])) if group[1].isdecimal() else Gate(group[1])
+        gate = f"at_least {group[1]}" if group[1].isdecimal() else group[1]
         text = group[2]
     elif "&" in text:
-        gate, sign = Gate("all"), "&"
+        gate, sign = "all", "&"
     elif "|" in text:
-        gate, sign = Gate(), "|"
-    strengths: dict[str, float | None] = {}
+        gate, sign = "any", "|"
+    strengths: dict[str, str] = {}
     for part in map(str.strip, text.split(sign)):
         term = _TERM.fullmatch(part)
-        if not term:
-            raise _fault(statement, f"{part!r:.64} is not a name")
-        if term[1] in strengths:
-            raise _fault(statement, f"{term[1]:.64} is named twice")
-        strengths[term[1]] = float(term[2]) if term[2] else None
-    return _Side(strengths, gate)
+        if not term or term[1] in strengths:
+            problem = "is not a name" if not term else "is named twice"
+            raise _fault(statement, f"{part!r:.64} {problem}")
+        strengths[term[1]] = term[2] or ""
+    return strengths, gate
 
 
 def one_line(schema: Schema) -> str:

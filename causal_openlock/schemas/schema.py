@@ -15,35 +15,44 @@ never depends on chance.
 
 The *solutions* are computed from the graph: the minimal sets of levers that unlock the door when
 they are pushed. So is the number of actions that an attempt needs for each of them to fit.
+
+A schema is declared in one form (:class:`SchemaForm`), in Python as in a file; ``title``, ``gates``
+and ``inert`` may be left out::
+
+    name: CC3
+    title: Common cause, three levers
+    levers: [L0, L1, L2]
+    edges:                      # cause: [effects]
+      L0: [L1, L2]
+      L1: [door]
+      L2: {door: 0.8}           # its strength
+    gates: {door: any}          # any, all, or {at_least: 2}
 """
 
 from __future__ import annotations
 
 import re
-import zlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from functools import cached_property
-from numbers import Real
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import AfterValidator, BeforeValidator, Field, WrapValidator
 
 from causal_openlock.errors import SchemaError, together
+from causal_openlock.files.validation import StrictModel, described, plain, read
 from causal_openlock.wording import counted, nearest
 
 DOOR = "door"
 MAX_LEVERS = 12
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
-GATES = ("any", "all", "at_least")
+NAME_FORM = "a letter, then letters, digits and underscores, at most 64 in all"
+JSON_SCHEMA_ID = "https://json-schema.org/draft/2020-12/schema"
 NO_TEXT = re.compile("[\\x00-\\x08\\x0b-\\x1f\\x7f\\ud800-\\udfff]")
 """Not allowed in titles: control characters and lone surrogates, which files cannot hold."""
-
-
-Edges = Mapping[str, Iterable[str] | Mapping[str, float]]
 
 
 @dataclass(frozen=True)
@@ -70,6 +79,115 @@ class Gate:
         return f"at least {self.k}" if self.kind == "at_least" else self.kind
 
 
+# -- the form of a schema --------------------------------------------------------------------------
+
+
+Strength = Annotated[
+    float, Field(gt=0, le=1, description="Probability that an enabled push takes effect.")
+]
+
+
+class Edge(StrictModel):
+    """Attributes of one edge."""
+
+    strength: Strength = 1.0
+
+
+class AtLeast(StrictModel):
+    """A gate that holds while at least this number of causes are pushed."""
+
+    at_least: Annotated[int, Field(ge=1, le=MAX_LEVERS)]
+
+
+def _title(title: str) -> str:
+    if illegal := NO_TEXT.search(title):
+        raise SchemaError(f"the title holds the character U+{ord(illegal[0]):04X}; take it out")
+    return title
+
+
+def _names(names: Any) -> Any:
+    """Refuse a list in which something is no name, or stands twice."""
+    faults = []
+    for index, name in enumerate(names if isinstance(names, list) else ()):
+        if not isinstance(name, str) or not NAME.fullmatch(name):
+            text = f"{described(name)} is not a name: {NAME_FORM}; write it like L0"
+            faults.append(SchemaError(text, (index,)))
+        elif name in names[:index]:
+            faults.append(SchemaError(f"{name} is listed twice; remove one of them", (index,)))
+    if faults:
+        raise together(faults)
+    return names
+
+
+def _edge(edge: Any) -> Any:
+    """A number in place of an edge is its strength."""
+    is_number = isinstance(edge, int | float) and not isinstance(edge, bool)
+    return {"strength": edge} if is_number else edge
+
+
+def _effects(effects: Any) -> Any:
+    """A list of effects is a mapping of certain ones."""
+    if isinstance(effects, list):
+        return dict.fromkeys(_names(effects), Edge())
+    if isinstance(effects, Mapping):
+        return effects
+    raise SchemaError(
+        "effects are a list like [L1, door] or a mapping like {L1: 0.8}, and this is "
+        f"{described(effects)}"
+    )
+
+
+def _gate(gate: Any, at_least: Callable[[Any], AtLeast]) -> Gate:
+    """A gate from its name, from the least number of causes, or in words as those of a Gate."""
+    kind, _, k = str(gate).lower().replace("at least", "at_least").partition(" ")
+    if kind in ("any", "all"):
+        return Gate(kind)
+    if kind == "at_least" and k.isdecimal():
+        gate = {"at_least": int(k[:9])}
+    if not isinstance(gate, Mapping):
+        raise SchemaError(f"a gate is any, all or {{at_least: k}}, and this is {described(gate)}")
+    return Gate("at_least", at_least(gate).at_least)
+
+
+EdgeForm = Annotated[Edge, BeforeValidator(_edge, json_schema_input_type=Strength | Edge)]
+Effects = Annotated[
+    dict[str, EdgeForm],
+    BeforeValidator(_effects, json_schema_input_type=list[str] | dict[str, EdgeForm]),
+]
+GateForm = Annotated[
+    AtLeast, WrapValidator(_gate, json_schema_input_type=Literal["any", "all"] | AtLeast)
+]
+Names = Annotated[list[str], BeforeValidator(_names, json_schema_input_type=list[str])]
+
+
+class SchemaForm(StrictModel):
+    """A causal schema of levers and a door."""
+
+    name: Annotated[str, Field(pattern=f"^{NAME.pattern}$", description=NAME_FORM)]
+    title: Annotated[
+        str, AfterValidator(_title), Field(description="A line for tables and figures.")
+    ] = ""
+    levers: Annotated[
+        Names,
+        Field(
+            min_length=1,
+            max_length=MAX_LEVERS,
+            description="The active levers, in the order layouts place them.",
+        ),
+    ]
+    edges: Annotated[
+        dict[str, Effects],
+        Field(description="cause: [effects]; the effect `door` is the door."),
+    ]
+    gates: Annotated[
+        dict[str, GateForm],
+        Field(description="How a node combines its causes; `any` where not given."),
+    ] = Field(default_factory=dict)
+    inert: Annotated[
+        Names, Field(description="Levers that are meant to lie on no path to the door.")
+    ] = Field(default_factory=list)
+
+
 class Schema:
     """A causal schema over levers and a door.
 
@@ -77,14 +195,14 @@ class Schema:
         name: A short name: letters, digits and underscores, beginning with a letter.
         levers: The active levers, in the order in which layouts place them.
         edges: ``{cause: {effect: strength}}``, or ``{cause: [effects]}`` where all are certain.
-        gates: ``{node: Gate}``; the gate of other nodes is ``any``.
+        gates: ``{node: gate}``, ``any`` where not given: a Gate, ``all`` or ``at_least 2``.
         inert: Levers that are intentionally on no path to the door.
         title: A line for tables and figures.
 
     Raises:
-        SchemaError: If the graph has a cycle, names an unknown lever, never unlocks the door, or
-            breaks another rule. It has all faults, each as one of ``error.parts``, whose ``at``
-            says where.
+        OpenLockError: If something is given in another form, or the graph has a cycle, names an
+            unknown lever, never unlocks the door, or breaks another rule. Its ``parts`` are all
+            faults, and ``at`` of each says where.
 
     Example:
         >>> edges = {"L0": ["L1", "L2"], "L1": ["door"], "L2": ["door"]}
@@ -98,103 +216,73 @@ class Schema:
     def __init__(
         self,
         name: str,
-        levers: Iterable[str],
-        edges: Edges,
+        levers: Sequence[str],
+        edges: Mapping[str, Sequence[str] | Mapping[str, Any]],
         *,
-        gates: Mapping[str, Gate] | None = None,
-        inert: Iterable[str] = (),
+        gates: Mapping[str, Gate | str] | None = None,
+        inert: Sequence[str] = (),
         title: str = "",
     ) -> None:
-        self.name, self.title = name, title or name
-        gates = gates or {}
-        for what, form, value, kind in _expected(name, title, levers, inert, edges, gates):
-            if not isinstance(value, kind):
-                raise SchemaError(f"{what} must be {form}, not {value!r:.64}", (what.split()[0],))
-        self.levers, self.inert = tuple(levers), tuple(inert)
-        self._check_names()  # every other part names the levers
+        data = {"name": name, "title": title, "levers": levers, "inert": inert, "edges": edges}
+        form: SchemaForm = read(SchemaForm, plain({**data, "gates": gates or {}}))
+        self.name, self.title = form.name, form.title or form.name
+        self.levers, self.inert = tuple(form.levers), tuple(form.inert)
         self.graph = nx.DiGraph(name=name)
         self.graph.add_nodes_from(self.levers, kind="lever")
         self.graph.add_node(DOOR, kind="door")
-        self._add_edges(edges, gates)
+        for cause, effects in form.edges.items():
+            for effect, edge in effects.items():
+                self.graph.add_edge(cause, effect, strength=float(edge.strength))
         for node in self.graph:
-            self.graph.nodes[node]["gate"] = gates.get(node, Gate())
+            self.graph.nodes[node]["gate"] = form.gates.get(node, Gate())
+        if faults := [*self._faults(form)]:
+            raise together(faults)
         nx.freeze(self.graph)
 
-    def _check_names(self) -> None:
-        faults = _Faults()
-        if illegal := NO_TEXT.search(self.title):
-            text = f"the title holds the character U+{ord(illegal[0]):04X}; take it out"
-            faults.add(text, "title")
-        if not NAME.fullmatch(self.name):
-            text = f"the name {self.name!r:.64} is not a letter and up to 63 letters, digits and _"
-            faults.add(text, "name")
-        if not 1 <= len(self.levers) <= MAX_LEVERS:
-            text = f"{len(self.levers)} levers; a schema needs a lever and has at most {MAX_LEVERS}"
-            faults.add(text, "levers")
-        for index, lever in enumerate(self.levers):
-            if lever == DOOR:
-                faults.add("the door is not a lever; take it out of this list", "levers", index)
-            elif not isinstance(lever, str) or not NAME.fullmatch(lever):
-                text = f"{lever!r:.64} is not a valid name of a lever; write it like L0"
-                faults.add(text, "levers", index)
-        faults.of_twice(self.levers, "levers")
-        faults.check()
-
-    def _add_edges(self, edges: Edges, gates: Mapping[str, Gate]) -> None:
-        """Add the edges to the graph, and check them, the gates, inert levers and paths."""
-        faults, graph, nodes = _Faults(), self.graph, [*self.levers, DOOR]
-        for index, lever in enumerate(self.inert):
-            faults.unless_known(lever, self.levers, "inert", index)
-        faults.of_twice(self.inert, "inert")
-        for cause, effects in edges.items():
-            if cause == DOOR:
-                faults.add("the door is an effect and enables nothing", "edges", DOOR)
-                continue
-            faults.unless_known(cause, self.levers, "edges", cause)
-            if not isinstance(effects, Mapping):
-                effects = dict.fromkeys(map(str, effects), 1.0)
-            for effect, strength in effects.items():
-                at = ("edges", cause, effect)
-                faults.unless_known(effect, nodes, *at)
-                if not isinstance(strength, Real) or not 0.0 < float(strength) <= 1.0:
-                    edge = f"{cause!s:.64} -> {effect!s:.64}"
-                    text = f"the strength {strength!r:.64} of {edge} must be above 0 and at most 1"
-                    faults.add(text, *at, "strength")
-                elif cause in graph and effect in graph:
-                    graph.add_edge(cause, effect, strength=float(strength))
-        complete = not faults  # what else is wrong follows from the edges
-        for node, gate in gates.items():
-            faults.unless_known(node, nodes, "gates", node)
-            causes = graph.in_degree(node) if node in graph else 0
-            if gate.kind not in GATES:
-                known = nearest(str(gate.kind)[:64], GATES)
-                faults.add(f"the gate of {node} is {gate.kind!r:.64}; {known}", "gates", node)
-            elif complete and node in self.levers and not causes:
+    def _faults(self, form: SchemaForm) -> Iterator[SchemaError]:
+        """Whatever takes the meaning from the graph."""
+        levers = [lever for lever in self.levers if lever != DOOR]
+        nodes = [*levers, DOOR]
+        named: list[tuple[tuple[str | int, ...], str, list[str]]] = []
+        for key, names in (("levers", self.levers), ("inert", self.inert)):
+            named += [((key, index), name, levers) for index, name in enumerate(names)]
+        for cause, effects in form.edges.items():
+            named.append((("edges", cause), cause, levers))
+            named += [(("edges", cause, effect), effect, nodes) for effect in effects]
+        named += [(("gates", node), node, nodes) for node in form.gates]
+        unknown = [(at, name, known) for at, name, known in named if name not in known]
+        for at, name, known in unknown:
+            text = f"{name!r:.64} is unknown here; {nearest(name[:64], known)}"
+            yield SchemaError("the door is not a lever" if name == DOOR else text, at)
+        if any(at[0] in ("levers", "edges") for at, *_ in unknown):
+            return  # what else is wrong follows from these
+        for node in nodes:
+            gate, causes = self.gate(node), self.graph.in_degree(node)
+            if node != DOOR and gate.kind != "any" and not causes:
                 text = f"{node} has a gate and no cause; give it a cause or drop the gate"
-                faults.add(text, "gates", node)
-            elif complete and causes and gate.threshold(causes) not in range(1, causes + 1):
+                yield SchemaError(text, ("gates", node))
+            elif causes and gate.threshold(causes) > causes:
                 text = (
                     f"the gate of {node} needs {gate.k} of {causes} causes; require 1 to {causes}"
                 )
-                faults.add(text, "gates", node)
+                yield SchemaError(text, ("gates", node))
         cycle: list[str] = []
-        if not nx.is_directed_acyclic_graph(graph):
-            cycle = [cause for cause, _ in nx.find_cycle(graph)]
-            around = [*cycle, cycle[0]]
-            text = f"{' -> '.join(around)} is a cycle; no lever could move first; remove an edge"
-            faults.add(text, "edges", *around[:2])
-        useful = nx.ancestors(graph, DOOR)
-        if complete and not useful:
-            hint = "".join(f"; is {near} the door?" for near in get_close_matches(DOOR, nodes[:-1]))
-            faults.add(f"nothing unlocks the door; add an edge from a lever to it{hint}", "edges")
-        for index, lever in enumerate(self.levers if complete and useful else ()):
+        if not nx.is_directed_acyclic_graph(self.graph):
+            cycle = [cause for cause, _ in nx.find_cycle(self.graph)]
+            around = " -> ".join([*cycle, cycle[0]])
+            text = f"{around} is a cycle; no lever could move first; remove an edge"
+            yield SchemaError(text, ("edges", *[*cycle, *cycle][:2]))
+        useful = nx.ancestors(self.graph, DOOR)
+        if not useful:
+            text = f"nothing unlocks the door; add an edge to it from {' or '.join(levers)}"
+            yield SchemaError(text, ("edges",))
+        for index, lever in enumerate(levers if useful else ()):
             if lever not in (*useful, *self.inert, *cycle):
                 text = f"lever {lever} is on no path to the door; connect it or list it as inert"
-                faults.add(text, "levers", index)
+                yield SchemaError(text, ("levers", index))
             if lever in useful and lever in self.inert:
                 text = f"lever {lever} leads to the door; take it out of inert"
-                faults.add(text, "inert", self.inert.index(lever))
-        faults.check()
+                yield SchemaError(text, ("inert", self.inert.index(lever)))
 
     # -- the graph ------------------------------------------------------------------------------
 
@@ -267,18 +355,17 @@ class Schema:
         data: dict[str, Any] = {"name": self.name}
         if self.title != self.name:
             data["title"] = self.title
-        data["levers"] = list(self.levers)
-        data["edges"] = {}
+        data |= {"levers": list(self.levers), "edges": {}}
         for cause in self.levers:
             effects = sorted(self.graph.successors(cause), key=[*self.levers, DOOR].index)
             strengths = {effect: self.graph.edges[cause, effect]["strength"] for effect in effects}
-            if effects:
+            if {*strengths.values()} <= {1.0}:
+                data["edges"] |= {cause: effects} if effects else {}
+            else:
                 data["edges"][cause] = {
                     effect: {} if strength == 1.0 else {"strength": strength}
                     for effect, strength in strengths.items()
                 }
-                if {*strengths.values()} == {1.0}:
-                    data["edges"][cause] = effects
         gates = {
             node: {"at_least": gate.k} if gate.kind == "at_least" else gate.kind
             for node in [*self.levers, DOOR]
@@ -326,50 +413,33 @@ class Schema:
         return isinstance(other, Schema) and self.as_dict() == other.as_dict()
 
     def __hash__(self) -> int:
-        return self._hash
-
-    @cached_property
-    def _hash(self) -> int:
-        # Not hash(): that differs between processes, and this value travels with a pickled schema.
-        return zlib.crc32(repr((self.name, self.levers, sorted(self.graph.edges))).encode())
+        return hash((self.name, self.levers, frozenset(self.graph.edges)))
 
     def __repr__(self) -> str:
         levers, solutions = counted(len(self.levers), "lever"), len(self.solutions)
         return f"<Schema {self.name}: {levers}, {counted(solutions, 'solution')}>"
 
 
-class _Faults(list[SchemaError]):
-    """Faults that are raised together."""
-
-    def add(self, text: str, *at: str | int) -> None:
-        self.append(SchemaError(text, at))
-
-    def unless_known(self, node: Any, known: Sequence[str], *at: str | int) -> None:
-        if node not in known:
-            self.add(f"{node!r:.64} is unknown here; {nearest(str(node)[:64], known)}", *at)
-
-    def of_twice(self, levers: Sequence[str], key: str) -> None:
-        for index, lever in enumerate(levers):
-            if lever in levers[:index]:
-                self.add(f"lever {lever!s:.64} is listed twice; remove one of them", key, index)
-
-    def check(self) -> None:
-        if self:
-            raise together(self)
+def _schema(form: SchemaForm) -> Schema:
+    return Schema(**dict(form))
 
 
-def _expected(
-    name: Any, title: Any, levers: Any, inert: Any, edges: Any, gates: Any
-) -> Iterator[tuple[str, str, Any, type]]:
-    """What a schema is made of: its name, its form in words, its value, its type."""
-    yield "name", "a text", name, str
-    yield "title", "a text", title, str
-    yield "levers", "a list of names", levers, Iterable
-    yield "inert", "a list of names", inert, Iterable
-    yield "edges", "{cause: [effects]} or {cause: {effect: strength}}", edges, Mapping
-    for effects in edges.values():
-        yield "edges of a lever", "[effects] or {effect: strength}", effects, Iterable
-    yield "gates", "{node: Gate}", gates, Mapping
-    for gate in gates.values():
-        yield "gates of nodes", "a Gate", gate, Gate
-        yield "gates' k", "a whole number", gate.k, int
+SchemaData: Any = Annotated[SchemaForm, AfterValidator(_schema)]
+"""What pydantic reads plain data, such as a schema file, with: a :class:`Schema`."""
+
+
+def schema_from_dict(data: Mapping[str, Any]) -> Schema:
+    """A schema from plain data in the form of a schema file.
+
+    Raises:
+        OpenLockError: If the data are not a schema; its ``parts`` are all faults, each with its
+            path of keys in ``at``.
+    """
+    schema: Schema = read(SchemaData, plain(data))
+    return schema
+
+
+def json_schema() -> dict[str, Any]:
+    """The JSON Schema of schema files, for editors."""
+    made = SchemaForm.model_json_schema()
+    return {"$schema": JSON_SCHEMA_ID, **made, "title": "causal_openlock schema"}

@@ -12,7 +12,7 @@ from causal_openlock.experiment.declare import PAPER_CONDITIONS
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.paper_conditions import is_of_paper
 from causal_openlock.paper.references import people
-from causal_openlock.schemas.schema_file import schema_from_dict
+from causal_openlock.schemas.schema import schema_from_dict
 from support.fabricated_records import table, trial_rows
 from support.html_page import Page
 from support.made_up_experiments import declared

@@ -55,16 +55,16 @@ def test_schemas_are_equal_if_they_mean_the_same_in_the_same_words():
     spelled = {"B": Gate("any"), DOOR: Gate("any", 2)}  # k says nothing to any
     for same in (
         Schema("S", ["A", "B"], {"B": [DOOR], "A": [DOOR, "B"]}),
-        Schema("S", "AB", {"A": ["B", DOOR], "B": [DOOR]}, gates=spelled),
+        Schema("S", ["A", "B"], {"A": ["B", DOOR], "B": [DOOR]}, gates=spelled),
     ):
         assert one == same
         assert hash(one) == hash(same)
     for other in (
-        Schema("S", "AB", {"A": ["B", DOOR], "B": [DOOR]}, gates={DOOR: Gate("all")}),
-        Schema("S", "AB", {"A": {"B": 0.5, DOOR: 1.0}, "B": [DOOR]}),
-        Schema("S", "BA", {"A": ["B", DOOR], "B": [DOOR]}),
-        Schema("T", "AB", {"A": ["B", DOOR], "B": [DOOR]}),
-        Schema("S", "AB", {"A": ["B", DOOR], "B": [DOOR]}, title="another"),
+        Schema("S", ["A", "B"], {"A": ["B", DOOR], "B": [DOOR]}, gates={DOOR: Gate("all")}),
+        Schema("S", ["A", "B"], {"A": {"B": 0.5, DOOR: 1.0}, "B": [DOOR]}),
+        Schema("S", ["B", "A"], {"A": ["B", DOOR], "B": [DOOR]}),
+        Schema("T", ["A", "B"], {"A": ["B", DOOR], "B": [DOOR]}),
+        Schema("S", ["A", "B"], {"A": ["B", DOOR], "B": [DOOR]}, title="another"),
         "S",
     ):
         assert one != other

@@ -13,9 +13,10 @@ from ruamel.yaml import YAML
 
 from causal_openlock.errors import FileError, OpenLockError
 from causal_openlock.experiment import declare
-from causal_openlock.schemas import schema_file
+from causal_openlock.files.yaml_file import parse_document
+from causal_openlock.schemas import schema
 from causal_openlock.schemas.finding import bundled
-from causal_openlock.schemas.schema_file import parse_schema
+from causal_openlock.schemas.schema import SchemaData
 from refusals import given
 from support.counted_work import calls
 from support.places import ROOT
@@ -25,7 +26,7 @@ GOOD = "name: X\nlevers: [L0, L1]\nedges: {L0: [L1], L1: [door]}\n"
 
 def faults_of(text):
     with pytest.raises(FileError) as caught:
-        parse_schema(text, "x.yaml")
+        parse_document(text, "x.yaml").validate(SchemaData)
     return caught.value
 
 
@@ -54,7 +55,7 @@ def test_all_faults_of_a_file_are_told_at_once_each_with_its_place():
 @pytest.mark.parametrize(
     ("changes", "places"),
     [
-        ({"levers": "[L0, L-1, door, L0]", "title": '"a\\0"'}, [(2, 14), (2, 19), (2, 25), (4, 1)]),
+        ({"levers": "[L0, L-1, door, L0]", "title": '"a\\0"'}, [(2, 14), (2, 25), (4, 1)]),
         # What only follows from faults of edges is not told: that gate would hold with them.
         (
             {"edges": "{L0: [L9], L7: [L1, dor]}", "gates": "{L1: {at_least: 2}}", "inert": "[L8]"},
@@ -70,7 +71,7 @@ def test_what_follows_from_other_faults_is_not_told(changes, places, tmp_path, m
 
 
 def test_of_many_faults_the_first_twenty_are_told():
-    error = faults_of(f"name: X\nlevers: [{', '.join(['1'] * 1500)}]\n")
+    error = faults_of(f"name: X\nlevers: [{', '.join(map(str, range(1500)))}]\n")
     assert len(error.faults) == 1501
     lines = str(error).splitlines()
     assert len(lines) == 21
@@ -87,7 +88,7 @@ def test_no_file_is_more_work_than_its_length_allows():
 
 # -- JSON Schema -----------------------------------------------------------------------------------
 
-TABLES = {"schemas": schema_file.json_schema(), "experiments": declare.json_schema()}
+TABLES = {"schemas": schema.json_schema(), "experiments": declare.json_schema()}
 ROWS = {"schemas": "schemas.txt", "experiments": "experiment.txt"}
 
 

@@ -14,8 +14,7 @@ from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.declare import find_condition
 from causal_openlock.experiment.making import make_experiment
 from causal_openlock.schemas.bayes_net import to_bayesian_network
-from causal_openlock.schemas.declared import schema
-from causal_openlock.schemas.finding import bundled_schemas, find_schema
+from causal_openlock.schemas.finding import bundled_schemas, find_schema, schema
 from causal_openlock.schemas.graphs import (
     FORMATS,
     export_schema,
@@ -23,8 +22,7 @@ from causal_openlock.schemas.graphs import (
     read_schema,
     write_schema,
 )
-from causal_openlock.schemas.schema import DOOR, Gate, Schema
-from causal_openlock.schemas.schema_file import schema_from_dict
+from causal_openlock.schemas.schema import DOOR, Gate, Schema, schema_from_dict
 from causal_openlock.testing import schemas
 from oracle import Rules
 

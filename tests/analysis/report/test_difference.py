@@ -18,7 +18,7 @@ from causal_openlock.analysis.report.difference_page import (
 )
 from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.making import Changes
-from causal_openlock.schemas.schema_file import schema_from_dict
+from causal_openlock.schemas.schema import schema_from_dict
 from support.command import at_once
 from support.fabricated_records import table, trial_rows
 from support.html_page import Page

@@ -21,7 +21,7 @@ from causal_openlock.analysis.table import Table, printed
 from causal_openlock.analysis.topic import Topic, all_topics, columns_of, sections_of
 from causal_openlock.analysis.topics.belief_traces import TOPIC as BELIEFS
 from causal_openlock.errors import OpenLockError
-from causal_openlock.schemas.schema_file import schema_from_dict
+from causal_openlock.schemas.schema import schema_from_dict
 from causal_openlock.version import RESULTS_VERSION
 from support.command import at_once
 from support.fabricated_records import random_cells, table, trial_rows
