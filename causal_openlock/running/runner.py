@@ -39,7 +39,12 @@ from causal_openlock.running.workers import Doing, Done
 from causal_openlock.storage.running_files import AWAITED, checkpointed, remove_files_of
 from causal_openlock.storage.shard import Shard
 from causal_openlock.storage.store import Store
-from causal_openlock.usercode.session_code import packed, session_sources
+from causal_openlock.usercode.session_code import (
+    is_of_session,
+    packed,
+    session_origin,
+    session_source,
+)
 
 MOST_FAILURES = 3
 """Failures after which a cell is left out."""
@@ -119,7 +124,7 @@ def run(
         warn("the time limit is ignored: only worker processes of this machine can be ended")
     names = [name for spec in experiment.learners for name in (spec.learner, spec.reward.name)]
     definitions = b"" if workers == 0 else packed(names)
-    sources = session_sources(names)
+    sources = {session_origin(n): session_source(n) for n in names if is_of_session(n)}
     if not experiment.cells():
         why = "; ".join(experiment.reasons)
         raise LearnerError(f"there is nothing to play ({why}); add a learner or a condition")
@@ -138,12 +143,12 @@ def run(
         if jobs and not here:  # cells there end when this file is gone
             awaited.touch()
             watching = replace(watching, awaited=str(awaited))
-        place = str(store.folder.resolve())
-        do = partial(play_cell, folder=place, watching=watching, definitions=definitions)
+        place = store.folder.resolve()  # a worker may be in another directory
+        do = partial(play_cell, folder=str(place), watching=watching, definitions=definitions)
         if not jobs or (here and workers == 0):
             doing = workplaces.in_this_process(do, jobs)
         elif cluster:
-            doing = in_cluster(cluster, do, jobs, experiment, store.folder, playing.remark)
+            doing = in_cluster(cluster, do, jobs, experiment, place, playing.remark)
         elif executor:
             doing = workplaces.in_executor(executor, do, jobs)
         else:

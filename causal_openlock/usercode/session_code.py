@@ -120,17 +120,7 @@ def session_origin(name: str) -> str:
         LearnerError: If the source cannot be found.
     """
     known = getattr(sys.modules[SESSION], _ORIGINS, {})
-    return known.get(name) or _origin(name, session_source(name))
-
-
-def session_sources(names: Iterable[str]) -> dict[str, str]:
-    """The source of each class of the session among these names, by its recorded origin."""
-    sources = {name: session_source(name) for name in names if is_of_session(name)}
-    return {_origin(name, source): source for name, source in sources.items()}
-
-
-def _origin(name: str, source: str) -> str:
-    return f"{name.partition(':')[2]}.py {digest(source)}"
+    return known.get(name) or f"{name.partition(':')[2]}.py {digest(session_source(name))}"
 
 
 def session_source(name: str) -> str:

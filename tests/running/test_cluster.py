@@ -1,6 +1,7 @@
 """Cells played by a cluster's workers or in shards: the same bytes, and nothing lost on the way."""
 
 import asyncio
+import contextlib
 import hashlib
 import os
 import socket
@@ -120,10 +121,10 @@ def cluster_of(workers, threads=1, processes=True):
 
 
 @pytest.fixture(scope="module")
-def address():
-    """A cluster of two workers."""
+def address(tmp_path_factory):
+    """A cluster of two workers, in another directory."""
     prepared()
-    with cluster_of(2) as cluster:
+    with contextlib.chdir(tmp_path_factory.mktemp("workers")), cluster_of(2) as cluster:
         yield cluster.scheduler_address
 
 
@@ -167,7 +168,7 @@ def test_workers_play_the_code_of_the_comparison(folder, address):
         (folder / "my_helper.py").write_text(f"FIRST = {first}\n", encoding="utf-8")
         with modules_of(folder):
             experiment = declared(folder, "Fine")
-            store = runner.run(experiment, folder / f"out{first}", cluster=address)
+            store = runner.run(experiment, f"out{first}", cluster=address)
         actions = store.record(["subject", "actions"])[0].to_pandas().groupby("subject").first()
         assert [int(each[0]) for each in actions["actions"]] == [first] * 4
 
