@@ -15,6 +15,7 @@ import pickle
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 from causal_openlock.contract.checks import GlobalRandomness
 from causal_openlock.contract.learner import Learner, state_of
@@ -22,7 +23,7 @@ from causal_openlock.contract.one_subject import PerSubjectAdapter
 from causal_openlock.errors import OpenLockError, in_short
 from causal_openlock.experiment.session import Session
 from causal_openlock.files.atomic import write_bytes
-from causal_openlock.files.seal import SealError, sealed, unsealed
+from causal_openlock.files.seal import sealed, unsealed
 from causal_openlock.storage.running_files import CHECKPOINT
 
 MOST_TIME = 0.02
@@ -89,9 +90,8 @@ class Checkpoint:
             return
         try:
             self.save(session, learner)
-        except (CheckpointError, SealError) as error:
+        except CheckpointError:  # the worker says so when the cell is over
             self.every = float("inf")
-            self.warnings.append(f"{in_short(error)}, so a killed cell begins again")
         except OpenLockError as error:
             if (warning := f"no checkpoint can be taken: {in_short(error)}") not in self.warnings:
                 self.warnings.append(warning)
@@ -111,21 +111,28 @@ class Checkpoint:
         try:
             state = session.state, state_of(learner), GlobalRandomness.now()
             content = pickle.dumps(self.made_with) + pickle.dumps(state)
-        except Exception as error:  # a learner can hold anything
-            reason = f"{type(error).__name__}: {in_short(error)}"
-            raise CheckpointError(
-                f"{_culprit(learner)} cannot be pickled ({reason}) nor left out by __getstate__"
-            ) from None
+        except Exception:  # a learner can hold anything
+            raise CheckpointError("its state cannot be pickled") from None
         write_bytes(self.path, sealed(content))
 
 
-def _culprit(learner: Learner) -> str:
-    """The first attribute of a learner that cannot be pickled."""
-    players = learner._players if isinstance(learner, PerSubjectAdapter) else [learner]
-    for player in players[:1]:
-        for name, value in vars(player).items():
-            try:
-                pickle.dumps(value)
-            except Exception:
-                return f"its attribute {name}"
-    return "its state"
+def unresumable(learner: Learner) -> str:
+    """Why the cell of a learner begins again after a kill; empty if it continues."""
+    if not learner.resumable:
+        return "it says resumable = False"
+    try:
+        pickle.dumps(state_of(learner))
+        return ""
+    except Exception:  # a learner can hold anything
+        players = learner._players if isinstance(learner, PerSubjectAdapter) else [learner]
+    parts = [name for name, value in vars(players[0]).items() if not _can_be_pickled(value)]
+    what = f"its attribute {parts[0]}" if parts else "its state"
+    return f"{what} cannot be pickled; let __getstate__ leave it out and __setstate__ make it anew"
+
+
+def _can_be_pickled(value: Any) -> bool:
+    try:
+        pickle.dumps(value)
+    except Exception:
+        return False
+    return True

@@ -22,7 +22,7 @@ from causal_openlock.contract.registry import create, is_ours, origin
 from causal_openlock.errors import LearnerError, NotAvailableError, OpenLockError, in_short
 from causal_openlock.experiment.declare import Cell, LearnerSpec
 from causal_openlock.experiment.session import Session
-from causal_openlock.running.checkpoint import Checkpoint, CheckpointError
+from causal_openlock.running.checkpoint import Checkpoint, CheckpointError, unresumable
 from causal_openlock.storage.running_files import remove_files_of, report_progress
 from causal_openlock.storage.store import Store
 from causal_openlock.storage.versions import versions
@@ -111,7 +111,7 @@ def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = 
                         checkpoint.keep(session, learner, now=True)
                         raise NotAwaitedError(f"the run of {cell.in_words} was stopped")
             record, account = session.record(), learner.account()
-            used = _used(start, cell.spec)
+            cautions = _cautions(start, learner, cell.spec)
         store.write_transcripts(cell, account.transcripts)
     except NotAwaitedError:
         raise
@@ -121,11 +121,11 @@ def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = 
         # The learner has to be corrected, so its checkpoint is of no use.
         remove_files_of(path)
         raise LearnerError(record_failure(store, cell, error)) from None
-    store.write(cell, record, used)
+    store.write(cell, record, cautions)
     remove_files_of(path)
     store.failures.clear(cell)
     warnings = [*checkpoint.warnings, *account.remarks]
-    return [*used, *(f"{cell.spec.name}: {warning}" for warning in warnings)]
+    return [*cautions, *(f"{cell.spec.name}: {warning}" for warning in warnings)]
 
 
 def record_failure(store: Store, cell: Cell, error: BaseException) -> str:
@@ -184,16 +184,20 @@ def _own_randomness(cell: Cell) -> AbstractContextManager[GlobalRandomness | Non
     return nullcontext()
 
 
-def _used(start: GlobalRandomness | None, spec: LearnerSpec) -> list[str]:
-    """A sentence if a learner of a user has drawn from those generators, or seeded them."""
-    used = start.differs_from(GlobalRandomness.now()) if start and not is_ours(spec.learner) else []
-    if not used:
+def _cautions(start: GlobalRandomness | None, learner: Learner, spec: LearnerSpec) -> list[str]:
+    """What results warn of: a user's learner draws from those generators, or cannot be stored."""
+    if is_ours(spec.learner):
         return []
-    return [
-        f"{spec.name}: it uses or seeds the random numbers of {' and '.join(used)}, which all code "
-        "shares, so no subject is independent of the others in its cell; let it draw from "
-        f"brief.generators (or self.generator){IN_TORCH if 'torch' in used else ''}"
-    ]
+    cautions = []
+    if used := start.differs_from(GlobalRandomness.now()) if start else []:
+        cautions.append(
+            f"it uses or seeds the random numbers of {' and '.join(used)}, which all code shares, "
+            "so no subject is independent of the others in its cell; let it draw from "
+            f"brief.generators (or self.generator){IN_TORCH if 'torch' in used else ''}"
+        )
+    if reason := unresumable(learner):
+        cautions.append(f"a killed cell begins again, as {reason}")
+    return [f"{spec.name}: {caution}" for caution in cautions]
 
 
 def made(cell: Cell) -> tuple[Session, Learner]:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from causal_openlock import compare, open_results
 from causal_openlock.contract.one_subject import OneSubjectLearner
 from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.experiment.file import read_experiment
@@ -310,14 +311,18 @@ class Unwilling(Noting):
     ("learner", "named"),
     [("Odd", "drawn"), ("OddAtOnce", "drawn"), ("Unwilling", "resumable = False")],
 )
-def test_a_learner_that_cannot_be_stored_is_played(learner, named, tmp_path):
+def test_a_learner_that_cannot_be_stored_is_played_and_named(learner, named, tmp_path):
     cell = cell_of(tmp_path, f"test_checkpoint:{learner}")
     taken, (said,) = syncs(cell, tmp_path / "out")
     assert taken == 1  # the record's
-    assert named in said
-    assert "a killed cell begins again" in said
     assert suffixes(tmp_path / "out") == [".parquet"]
     assert contents(cell, tmp_path / "out").equals(undisturbed(cell, tmp_path))
+    compared = tmp_path / "compared"
+    with pytest.warns(UserWarning, match="begins again") as caught:
+        compare(["CC3", "CE3"], f"test_checkpoint:{learner}", subjects=1, workers=0, out=compared)
+    assert [str(warning.message) for warning in caught] == [said]
+    warned = [warning for warning in open_results(compared).warnings if warning == said]
+    assert (len(warned), named in said, "begins again" in said) == (1, True, True)
 
 
 class Former(OddAtOnce):
