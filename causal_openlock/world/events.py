@@ -81,9 +81,9 @@ class RewardFunction(ABC):
     def pay(self, events: Events) -> FloatArray:
         """``[N]`` the reward of each action."""
 
-    @abstractmethod
     def as_dict(self) -> dict[str, Any]:
-        """The reward as plain data."""
+        """The reward as plain data: its fields."""
+        return {**vars(self)}
 
     def written(self) -> Any:
         """The reward in the form of an experiment file; see ``rewards.find_reward``."""

@@ -68,9 +68,15 @@ WEIGHTS: dict[str, str] = {
 """Explanation of each weight, by name."""
 
 
-def term_of(weight: str) -> str:
-    """The term that a weight belongs to."""
-    return "basic" if weight in ("unlock", "open") else weight
+TERMS = (
+    "basic",
+    "unique_solutions",
+    "state_change",
+    "negative_immovable",
+    "negative_repeat",
+    "partial_sequence",
+    "solution_multiplier",
+)
 
 
 @dataclass(frozen=True)
@@ -94,16 +100,27 @@ class Reward(RewardFunction):
 
     def pay(self, events: Events) -> FloatArray:
         """``[N]`` the reward of each action."""
-        total = np.zeros(len(events.first))
-        for term in self.terms:
-            total += TERMS[term](events, self)
-        return total
+        weights = self.weights
+        basic = weights.unlock * events.unlocks + weights.open * events.opens
+        begins = events.first & events.on_path
+        moves = events.changed & ~begins if "partial_sequence" in self.terms else events.changed
+        factor = weights.solution_multiplier**events.found
+        paid = {
+            "basic": basic,
+            "unique_solutions": -basic * ~events.new,
+            "state_change": weights.state_change * moves,
+            "negative_immovable": weights.negative_immovable * ~events.changed,
+            "negative_repeat": weights.negative_repeat * events.repeated,
+            "partial_sequence": weights.partial_sequence * begins,
+            "solution_multiplier": (factor - 1.0) * basic * events.new,
+        }
+        return sum((paid[term] for term in self.terms), np.zeros(len(basic)))
 
     def as_dict(self) -> dict[str, Any]:
         """The reward as plain data, with the weights that differ from the paper's."""
-        papers, data = asdict(Weights()), {"name": self.name, "terms": self.terms}
+        papers = asdict(Weights())
         changed = {name: w for name, w in asdict(self.weights).items() if w != papers[name]}
-        return {**data, "weights": changed} if changed else data
+        return {"name": self.name, "terms": self.terms, **({"weights": changed} if changed else {})}
 
     def written(self) -> Any:
         """A preset's name, a list of terms, or either with the weights that the name lists."""
@@ -115,47 +132,6 @@ class Reward(RewardFunction):
             return form
         weights = {name: getattr(self.weights, name) for name in re.findall(r"(\w+)=", listed)}
         return {"preset" if is_preset else "terms": form, **weights}
-
-
-def _basic(events: Events, reward: Reward) -> FloatArray:
-    return reward.weights.unlock * events.unlocks + reward.weights.open * events.opens
-
-
-def _unique_solutions(events: Events, reward: Reward) -> FloatArray:
-    return np.where(events.new, 0.0, -_basic(events, reward))
-
-
-def _state_change(events: Events, reward: Reward) -> FloatArray:
-    instead = events.first & events.on_path if "partial_sequence" in reward.terms else False
-    return np.where(events.changed & ~np.asarray(instead), reward.weights.state_change, 0.0)
-
-
-def _negative_immovable(events: Events, reward: Reward) -> FloatArray:
-    return np.where(events.changed, 0.0, reward.weights.negative_immovable)
-
-
-def _negative_repeat(events: Events, reward: Reward) -> FloatArray:
-    return np.where(events.repeated, reward.weights.negative_repeat, 0.0)
-
-
-def _partial_sequence(events: Events, reward: Reward) -> FloatArray:
-    return np.where(events.first & events.on_path, reward.weights.partial_sequence, 0.0)
-
-
-def _solution_multiplier(events: Events, reward: Reward) -> FloatArray:
-    factor = reward.weights.solution_multiplier**events.found
-    return (factor - 1.0) * _basic(events, reward) * events.new
-
-
-TERMS: dict[str, Callable[[Events, Reward], FloatArray]] = {
-    "basic": _basic,
-    "unique_solutions": _unique_solutions,
-    "state_change": _state_change,
-    "negative_immovable": _negative_immovable,
-    "negative_repeat": _negative_repeat,
-    "partial_sequence": _partial_sequence,
-    "solution_multiplier": _solution_multiplier,
-}
 
 
 @dataclass(frozen=True)
@@ -201,10 +177,6 @@ class AuthorsReward(RewardFunction):
             [OPEN * bonus, UNLOCK * bonus, 1.0, 0.5, -0.25, -0.5],
             default=0.0,
         )
-
-    def as_dict(self) -> dict[str, Any]:
-        """The reward as plain data."""
-        return asdict(self)
 
 
 BASIC_REWARD = "basic"
@@ -287,13 +259,13 @@ def find_reward(reward: RewardForm) -> RewardFunction:
             f"{reward!r} is not a reward; give a preset's name, terms, weights or a function"
         )
     terms = tuple(reward)
-    for index, term in enumerate(terms):
+    for term in terms:
         if term not in TERMS:
             raise ExperimentError(f"there is no reward term {term!r}; {nearest(str(term), TERMS)}")
-        if term in terms[:index]:
-            raise ExperimentError(f"the reward term {term} is listed twice; remove one of them")
-    if not terms:
-        raise ExperimentError(f"a reward needs at least one term; known: {', '.join(TERMS)}")
+    if not terms or len({*terms}) < len(terms):
+        raise ExperimentError(
+            f"a reward has one term or more, each once, not {[*terms]}; known: {', '.join(TERMS)}"
+        )
     return Reward("+".join(terms), terms)
 
 
@@ -305,22 +277,18 @@ def _weighted(description: Mapping[str, Any]) -> Reward:
         raise ExperimentError("a reward is based on a preset or on terms; leave one of them out")
     base = find_reward(terms if terms is not None else preset or PAPER_REWARD)
     if not isinstance(base, Reward):
-        raise ExperimentError(
-            f"the reward {base.name} has no weights that could be changed; base it on another "
-            "preset"
-        )
+        raise ExperimentError(f"the reward {base.name} has no weights; base it on another preset")
     for name, value in given.items():
-        if name == "unique_solutions":
-            raise ExperimentError("unique_solutions has no weight; list it among the terms")
         if name not in WEIGHTS:
             raise ExperimentError(f"there is no weight {name!r}; {nearest(str(name), WEIGHTS)}")
         if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
             raise ExperimentError(f"the weight {name} is a number, not {value!r}")
-    terms = dict.fromkeys([*base.terms, *(term_of(name) for name in WEIGHTS if name in given)])
     weights = Weights(**{name: float(value) for name, value in given.items()})
+    term_of = {name: name if name in TERMS else "basic" for name in WEIGHTS}
+    all_terms = dict.fromkeys([*base.terms, *(term_of[name] for name in WEIGHTS if name in given)])
     listed = [
         f"{name}={value:g}"
         for name, value in asdict(weights).items()
-        if value != getattr(Weights(), name) or term_of(name) in terms.keys() - {*base.terms}
+        if value != getattr(Weights(), name) or term_of[name] in all_terms.keys() - {*base.terms}
     ]
-    return Reward(f"{base.name}({', '.join(listed)})", (*terms,), weights) if listed else base
+    return Reward(f"{base.name}({', '.join(listed)})", (*all_terms,), weights) if listed else base
