@@ -74,7 +74,8 @@ def read_experiment(
     if isinstance(data, Mapping):
         if {"levers", "edges"} <= data.keys():
             raise OpenLockError(f"{path} is a schema; play it with: compare --condition {path}")
-        data = changes.applied({"title": data.get("name"), **data})
+        name = data.get("name")
+        data = changes.applied({"title": name if isinstance(name, str) else "", **data})
         folder = document.path.resolve().parent
         typed = {form for form in changes.learners or () if isinstance(form, str)}
         named = [(name, role) for name, role in _code_named(data) if name not in typed]

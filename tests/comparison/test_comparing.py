@@ -81,19 +81,15 @@ def test_conditions_in_every_form(tmp_path):
 
 
 def test_learners_in_every_form():
-    instance = ol.create("bayes", {"policy": "thompson"})
     slow = ol.learner("ddqn", learning_rate=0.0005, label="slow")
-    made = ol.make_experiment(
-        ["CC3"], [instance, slow, Persistent], title="Mine", subjects=np.int64(1)
-    )
+    learners = ["bayes", slow, Persistent]
+    made = ol.make_experiment(["CC3"], learners, title="Mine", subjects=np.int64(1))
     assert [spec.name for spec in made.learners] == ["bayes", "slow", "Persistent"]
-    assert made.learners[0].parameters["policy"] == "thompson"
     assert made.learners[1].parameters["learning_rate"] == 0.0005
     assert made.learners[2].learner == f"{__name__}:Persistent"
     assert (made.title, made.learners[0].subjects) == ("Mine", 1)
-    (own,) = ol.make_experiment(["CC3"], {Persistent}).learners
-    (single,) = ol.make_experiment(["CC3"], [ol.create(own.learner)]).learners
-    assert own.learner == single.learner
+    (spec,) = ol.make_experiment(["CC3"], {Persistent}).learners
+    assert spec.learner == made.learners[2].learner
 
 
 def test_declared_experiment_is_that_of_a_file(tmp_path):
