@@ -177,16 +177,21 @@ def test_a_learner_that_gives_no_probabilities_is_named(played, monkeypatch, cha
         score_actions(*of(played, "thompson"), spec("odd", ODD))
 
 
-def test_damaged_parts_of_scores_are_refused(played, tmp_path):
+def test_no_damaged_part_of_scores_passes_for_other_scores(played, tmp_path):
     scored = spec("random", "random")
     made = score_actions(*played, scored, keep=tmp_path)
     (path, *_) = sorted(tmp_path.glob("*.parquet"))
     whole = path.read_bytes()
     pd.testing.assert_frame_equal(score_actions(*played, scored, keep=tmp_path), made)
-    for place in np.linspace(0, len(whole) - 1, 12).astype(int).tolist():
+    refused = 0
+    for place in np.linspace(0, len(whole) - 1, 60).astype(int).tolist():
         path.write_bytes(whole[:place] + bytes([whole[place] ^ 4]) + whole[place + 1 :])
-        with pytest.raises(StoreError, match=path.name):
-            score_actions(*played, scored, keep=tmp_path)
+        try:  # a bit that reading does not need may differ
+            again = score_actions(*played, scored, keep=tmp_path)
+            pd.testing.assert_frame_equal(again, made)
+        except StoreError as error:
+            refused += path.name in str(error)
+    assert refused > 30
 
 
 def test_a_record_that_is_not_of_these_rooms_is_refused(played):
