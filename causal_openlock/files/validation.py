@@ -129,6 +129,7 @@ _WANTED = {
     "list_type": "a list, written [one, another]",
     "dict_type": "keys and values, written {key: value}",
     "model_type": "keys and values, written {key: value}",
+    "dataclass_type": "keys and values, written {key: value}",
 }
 
 

@@ -6,7 +6,7 @@ each of them stands, and a pydantic model checks it: faults of syntax, form or m
 nesting deeper than 16 levels, and the parts of YAML that are ambiguous or make a small file large
 (anchors, aliases, merge keys, tags, keys that are not names, several documents in one file).
 
->>> parse_document("name: CC3").data["name"]
+>>> Document("name: CC3").data["name"]
 'CC3'
 """
 
@@ -15,8 +15,7 @@ from __future__ import annotations
 import io
 import re
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -31,33 +30,99 @@ Model = TypeVar("Model")
 
 MAX_BYTES = 128 * 1024
 MAX_DEPTH = 16
-TOO_LARGE = Fault(1, 1, f"the file has more than {MAX_BYTES:,} bytes; is this the right file?")
-MAX_DIGITS = 400
+_TOO_LARGE = Fault(1, 1, f"the file has more than {MAX_BYTES:,} bytes; is this the right file?")
 _TOO_DEEP = f"nested deeper than {MAX_DEPTH} levels; is this the right file?"
 _KINDS = ("str", "int", "float", "bool", "null", "timestamp", "seq", "map")
 
 
-@dataclass(frozen=True)
 class Document:
-    """A parsed file that remembers the place of everything.
+    """A parsed YAML file that remembers the place of everything.
+
+    Args:
+        text: Its text.
+        path: What faults are reported against.
 
     Attributes:
         path: The file.
         data: Its content as dicts, lists and scalars.
         places: Line and column, from 1, by the path of keys and indices as texts; names in a list
             are known by their text as well.
+
+    Raises:
+        FileError: If it is not YAML 1.2, or uses what is refused here.
     """
 
-    path: Path
-    data: Any
-    places: Mapping[tuple[str, ...], tuple[int, int]]
+    def __init__(self, text: str, path: Path | str = "<text>") -> None:
+        from ruamel.yaml import YAML
+        from ruamel.yaml.error import MarkedYAMLError
+        from ruamel.yaml.reader import ReaderError
 
-    def fault(self, where: Where, message: str) -> Fault:
-        """A fault at the deepest part of ``where`` that the file has."""
-        place = tuple(map(str, where))
-        while place and place not in self.places:
-            place = place[:-1]
-        return Fault(*self.places.get(place, (1, 1)), message)
+        self.path, self.places = Path(path), dict[tuple[str, ...], tuple[int, int]]()
+        self._yaml = YAML(typ="safe", pure=True)
+        if len(text) > MAX_BYTES:
+            raise FileError(path, [_TOO_LARGE])
+        try:
+            root = self._yaml.compose(text)
+        except MarkedYAMLError as error:
+            problem = ", ".join(filter(None, (error.context, error.problem)))
+            message = f"this is not valid YAML: {problem}; correct this line or the one before it"
+            fault = Fault(*_place(error.problem_mark or error.context_mark), message)
+        except ReaderError as error:
+            message = f"the character U+{ord(text[error.position]):04X} is not allowed; take it out"
+            fault = _fault_after(text[: error.position], message)
+        except RecursionError:
+            fault = Fault(1, 1, _TOO_DEEP)
+        except (AssertionError, ValueError, OverflowError):  # of ruamel.yaml
+            message = "this is not YAML 1.2: correct %YAML, or a \\U that is beyond all characters"
+            fault = Fault(1, 1, message)
+        else:
+            self.data: Any = root and self._content(root, ())
+            return
+        raise FileError(path, [fault])
+
+    def _content(self, node: Any, where: tuple[str, ...]) -> Any:
+        """What a node of ruamel.yaml holds; the place of each part is noted."""
+        kind = str(node.tag).removeprefix("tag:yaml.org,2002:")
+        if node.anchor:
+            raise self._refused(node, f"the anchor &{node.anchor:.40} is not allowed; take it out")
+        if kind not in _KINDS:
+            said = "<<" if kind == "merge" else f"!!{kind:.60}"
+            raise self._refused(node, f"{said} is not allowed here; write the value out")
+        if isinstance(node.value, str):
+            try:
+                node.value.encode()
+                return self._yaml.constructor.construct_object(node)
+            except (ValueError, LookupError):  # half a character; a 31st of June; 5,000 digits
+                what = f"{described(node.value)} is no text, number or date; correct it"
+                raise self._refused(node, what) from None
+        if len(where) == MAX_DEPTH:
+            raise self._refused(node, _TOO_DEEP)
+        if kind == "map":
+            return self._entries(node, where)
+        items: list[Any] = []
+        for item in node.value:
+            below = (*where, str(len(items)))
+            self.places[below] = _place(item.start_mark)
+            items.append(self._content(item, below))
+            if isinstance(item.value, str):
+                self.places.setdefault((*where, item.value), self.places[below])
+        return items
+
+    def _entries(self, node: Any, where: tuple[str, ...]) -> dict[Any, Any]:
+        entries: dict[Any, Any] = {}
+        for key, value in node.value:
+            name = self._content(key, where)
+            if not isinstance(key.value, str):
+                raise self._refused(key, "a key must be a name, and this is several; write one")
+            below = (*where, str(name))
+            if below in self.places:
+                raise self._refused(key, f"the key {key.value!r:.64} is written twice; remove one")
+            self.places[below] = _place(key.start_mark)
+            entries[name] = self._content(value, below)
+        return entries
+
+    def _refused(self, node: Any, message: str) -> FileError:
+        return FileError(self.path, [Fault(*_place(node.start_mark), message)])
 
     def validate(
         self,
@@ -80,10 +145,6 @@ class Document:
         """
         from pydantic import ValidationError
 
-        if not isinstance(self.data, Mapping):
-            content = "is empty" if self.data is None else f"holds {described(self.data)}"
-            message = f"the file {content}; it must hold keys such as name: and values"
-            raise FileError(self.path, [self.fault((), message)])
         reader: TypeAdapter[Model] = adapter(kind)  # type: ignore[arg-type]
         try:
             return reader.validate_python(self.data if data is None else data, context=context)
@@ -95,8 +156,22 @@ class Document:
             if isinstance(fault, FileError) or {*fault.at[:1]} & {*changed}:
                 others.append(fault)
             else:
-                placed.append(self.fault(fault.at, str(fault)))
+                place = tuple(map(str, fault.at))
+                while place and place not in self.places:  # the deepest part that the file has
+                    place = place[:-1]
+                placed.append(Fault(*self.places.get(place, (1, 1)), str(fault)))
         raise together([*others, *([FileError(self.path, placed)] if placed else [])])
+
+
+def _place(mark: Any) -> tuple[int, int]:
+    """Line and column, from 1, of a mark of ruamel.yaml."""
+    return mark.line + 1, mark.column + 1
+
+
+def _fault_after(before: str, message: str) -> Fault:
+    """A fault at the character that follows the text ``before``."""
+    lines = before.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    return Fault(len(lines), len(lines[-1]) + 1, message)
 
 
 def read_document(path: Path | str) -> Document:
@@ -106,7 +181,7 @@ def read_document(path: Path | str) -> Document:
         FileError: If it is not YAML 1.2, or uses what is refused here.
         OpenLockError: If it cannot be read.
     """
-    return parse_document(read_text(path), path)
+    return Document(read_text(path), path)
 
 
 def read_text(path: Path | str) -> str:
@@ -125,7 +200,7 @@ def read_text(path: Path | str) -> str:
     except ValueError:
         raise OpenLockError(f"{str(path)!r:.200} is not a name that a file can have") from None
     if len(content) > MAX_BYTES:
-        raise FileError(path, [TOO_LARGE])
+        raise FileError(path, [_TOO_LARGE])
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -134,126 +209,21 @@ def read_text(path: Path | str) -> str:
         raise FileError(path, [_fault_after(before, message)]) from None
 
 
-def parse_document(text: str, path: Path | str = "<text>") -> Document:
-    """Parse YAML text; ``path`` is what faults are reported against.
-
-    Raises:
-        FileError: If it is not YAML 1.2, or uses what is refused here.
-    """
-    from ruamel.yaml import YAML
-    from ruamel.yaml.error import MarkedYAMLError
-    from ruamel.yaml.reader import ReaderError
-
-    if len(text) > MAX_BYTES:
-        raise FileError(path, [TOO_LARGE])
-    yaml = YAML(typ="safe", pure=True)
-    try:
-        root = yaml.compose(text)
-    except MarkedYAMLError as error:
-        problem = ", ".join(filter(None, (error.context, error.problem)))
-        message = f"this is not valid YAML: {problem}; correct this line or the one before it"
-        fault = Fault(*_place(error.problem_mark or error.context_mark), message)
-    except ReaderError as error:
-        message = f"the character U+{ord(text[error.position]):04X} is not allowed; take it out"
-        fault = _fault_after(text[: error.position], message)
-    except RecursionError:
-        fault = Fault(1, 1, _TOO_DEEP)
-    except (AssertionError, ValueError, OverflowError):  # of ruamel.yaml
-        message = "this is not YAML 1.2: correct %YAML, or a \\U that is beyond all characters"
-        fault = Fault(1, 1, message)
-    else:
-        reader = _Reader(path, yaml.constructor.construct_object)
-        return Document(Path(path), root and reader.content(root, ()), reader.places)
-    raise FileError(path, [fault])
-
-
-def _fault_after(before: str, message: str) -> Fault:
-    """A fault at the character that follows the text ``before``."""
-    lines = before.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    return Fault(len(lines), len(lines[-1]) + 1, message)
-
-
-def _place(mark: Any) -> tuple[int, int]:
-    """Line and column, from 1, of a mark of ruamel.yaml."""
-    return mark.line + 1, mark.column + 1
-
-
-class _Reader:
-    """Turns the nodes of a file into what they hold, and notes the place of each."""
-
-    def __init__(self, path: Path | str, construct: Callable[[Any], Any]) -> None:
-        self.path, self.construct = path, construct
-        self.places: dict[tuple[str, ...], tuple[int, int]] = {}
-
-    def content(self, node: Any, where: tuple[str, ...]) -> Any:
-        kind = str(node.tag).removeprefix("tag:yaml.org,2002:")
-        if node.anchor:
-            raise self.refused(node, f"the anchor &{node.anchor:.40} is not allowed; take it out")
-        if kind not in _KINDS:
-            said = "<<" if kind == "merge" else f"!!{kind:.60}"
-            raise self.refused(node, f"{said} is not allowed here; write the value out")
-        if isinstance(node.value, str):
-            return self.scalar(node, kind)
-        if len(where) == MAX_DEPTH:
-            raise self.refused(node, _TOO_DEEP)
-        return self.items(node, where) if kind == "seq" else self.entries(node, where)
-
-    def items(self, node: Any, where: tuple[str, ...]) -> list[Any]:
-        items: list[Any] = []
-        for item in node.value:
-            self.places[*where, str(len(items))] = place = _place(item.start_mark)
-            items.append(self.content(item, (*where, str(len(items)))))
-            if isinstance(item.value, str):
-                self.places.setdefault((*where, item.value), place)
-        return items
-
-    def entries(self, node: Any, where: tuple[str, ...]) -> dict[Any, Any]:
-        entries: dict[Any, Any] = {}
-        for key, value in node.value:
-            name = self.content(key, where)
-            if not isinstance(key.value, str):
-                raise self.refused(key, "a key must be a name, and this is several; write one")
-            below = (*where, str(name + 0 if isinstance(name, bool) else name))  # as in a loc
-            if below in self.places:
-                raise self.refused(key, f"the key {key.value[:64]!r} is written twice; remove one")
-            self.places[below] = _place(key.start_mark)
-            entries[name] = self.content(value, below)
-        return entries
-
-    def scalar(self, node: Any, kind: str) -> Any:
-        if kind == "int" and len(node.value) > MAX_DIGITS:
-            raise self.refused(node, f"a number has {len(node.value):,} digits; correct it")
-        try:
-            node.value.encode()
-            return self.construct(node)
-        except (ValueError, LookupError):  # half a character; a 31st of June
-            what = f"{described(node.value)} is no text, number or date; correct it"
-            raise self.refused(node, what) from None
-
-    def refused(self, node: Any, message: str) -> FileError:
-        return FileError(self.path, [Fault(*_place(node.start_mark), message)])
-
-
 def dump_yaml(data: Any) -> str:
-    """Data as YAML text; long lists and mappings are broken into lines, texts are not."""
+    """Data as YAML text; no line is broken."""
     from ruamel.yaml import YAML
     from ruamel.yaml.emitter import Emitter
 
     class Lossless(Emitter):
-        """Without folds, where one of two spaces is lost, and with quotes where it forgets them."""
+        """With quotes where ruamel.yaml forgets them."""
 
         def choose_scalar_style(self) -> Any:
             quotes = re.search("^\\?|[\x85\u2028\u2029]", self.event.value)
             return '"' if quotes else super().choose_scalar_style()
 
-        def process_scalar(self) -> None:
-            width, self.best_width = self.best_width, sys.maxsize
-            super().process_scalar()
-            self.best_width = width
-
     yaml = YAML(typ="rt", pure=True)
     yaml.Emitter = Lossless
-    yaml.width = 100
+    yaml.width = sys.maxsize
     yaml.indent(mapping=2, sequence=4, offset=2)
     stream = io.StringIO()
     yaml.dump(data, stream)

@@ -45,7 +45,7 @@ from causal_openlock.contract.registry import (
 from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.experiment.origin import origin_of
 from causal_openlock.files.validation import StrictModel
-from causal_openlock.files.yaml_file import parse_document, read_document
+from causal_openlock.files.yaml_file import Document, read_document
 from causal_openlock.scoring import LAPSE
 from causal_openlock.wording import joined, nearest, significant
 
@@ -414,7 +414,7 @@ def parse_setting(text: str) -> tuple[str, Any]:
     name, equals, value = text.partition("=")
     if not equals or not value.strip():
         raise OpenLockError(f"{text!r} is not a setting; write name=value")
-    return name.strip(), parse_document(f"value: {value}", "--fix").data["value"]
+    return name.strip(), Document(f"value: {value}", "--fix").data["value"]
 
 
 def changed(

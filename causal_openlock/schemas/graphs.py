@@ -6,7 +6,7 @@ of the graph; ``kind`` (lever or door) and ``gate`` (``any``, ``all``, ``at_leas
 its default: gates are ``any``, strengths 1, no lever is inert. The node ``door`` is the door; where
 there is none, nodes are known by their ``label`` or ``name``, and in DAGitty the ``outcome`` is it.
 
-How a graph is drawn (:data:`LOOKS`) is ignored. Whatever else a node or an edge says is refused by
+How a graph is drawn is ignored. Whatever else a node or an edge says is refused by
 name, such as ``style=invis``, ``arrowhead=tee``, or a weight that may be meant as a strength.
 
 DAGitty has no attributes of a graph, so they are on the door, and ``beta`` is the strength. BIF can
@@ -22,7 +22,7 @@ import json
 import re
 import warnings
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from contextlib import redirect_stdout, suppress
 from itertools import pairwise
 from pathlib import Path
@@ -34,7 +34,7 @@ import networkx as nx
 from causal_openlock.errors import OpenLockError, SchemaError, together
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.json_text import each_once
-from causal_openlock.files.yaml_file import parse_document, read_text
+from causal_openlock.files.yaml_file import Document, read_text
 from causal_openlock.schemas.bayes_net import bif_text
 from causal_openlock.schemas.one_line import one_line, parse_line
 from causal_openlock.schemas.schema import DOOR, NAME, Schema, SchemaData, schema_from_dict
@@ -129,32 +129,23 @@ def _known(name: str) -> str:
 
 # -- a graph as a schema ---------------------------------------------------------------------------
 
-LOOKS = re.compile(
-    r"""(fill)?color | fill | style | penwidth | arrowsize | outline | smooth\w* | bend | edgeAnchor
-      | label(font\w+|angle|distance|loc) | LabelGraphics | font(name|size|color) | image | size
-      | shape(_type)? | sides | peripheries | regular | orientation | fixedsize | len | minlen
-      | width | height | margin | pos | lp | [fv]?[xyz] | [whdrgb] | point | Line | (head|tail)port
-      | same(head|tail) | group | ordering | rank | id | index | key | comment | description
-      | tooltip | url | URL | href | constraint""",
-    re.VERBOSE,
+_LOOKS = re.compile(
+    r"""(arrow(head|tail)|targetArrow)=(normal|vee|open|empty|onormal|standard|delta|plain)
+      | arrow=(last|first) | dir=(forward|back) | sourceArrow=none | (value|weight)=1(\.0)?
+      | (style|color|penwidth)=(?!.*(invis|transparent|none)|0+\.?0*$|.*\#\w{6}00$).*
+      | (fillcolor | fill | arrowsize | outline | smooth\w* | bend | edgeAnchor
+        | label(font\w+|angle|distance|loc) | LabelGraphics | font(name|size|color) | image | size
+        | shape(_type)? | sides | peripheries | regular | orientation | fixedsize | len | minlen
+        | width | height | margin | pos | lp | [fv]?[xyz] | [whdrgb] | point | Line
+        | (head|tail)port | same(head|tail) | group | ordering | rank | id | index | key | comment
+        | description | tooltip | url | href | constraint)=.*""",
+    re.VERBOSE | re.IGNORECASE | re.DOTALL,
 )
-"""Attributes that only say how a node or an edge is drawn."""
-_HIDDEN = re.compile(r"invis|transparent|none|^0+\.?0*$|^#\w{6}00$", re.IGNORECASE)
-_HEADS = ("normal", "vee", "open", "empty", "onormal", "standard", "delta", "plain")
-_NODE_SAYS: dict[str, tuple[str, ...] | None] = dict.fromkeys(("gate", "label", "name", "graphics"))
-_EDGE_SAYS: dict[str, tuple[str, ...] | None] = {
-    "strength": None,
-    "arrow": ("last", "first"),
-    "arrowhead": _HEADS,
-    "arrowtail": _HEADS,
-    "dir": ("forward", "back"),
-    "sourceArrow": ("none",),
-    "targetArrow": _HEADS,
-    "value": ("1", "1.0"),
-    "weight": ("1", "1.0"),
-}
-"""What else may be said, with the values that are understood; ``first`` and ``back`` turn an edge.
+"""How a node or an edge is drawn, if it is seen and leads from its cause to its effect.
+
+``arrow=first`` and ``dir=back`` turn an edge.
 """
+_OF_NODES = ("gate", "label", "name", "graphics", "exposure")
 
 
 def schema_of_graph(
@@ -173,15 +164,20 @@ def schema_of_graph(
             f"this {format} graph has no node named {DOOR}; rename the node that stands for the "
             f"door; {nearest(DOOR, map(str, graph))[:500]}"
         )
-    data: dict[str, Any] = {"title": "", "inert": [], **graph.graph, "gates": {}, "edges": {}}
-    data = {key: data[key] for key in ("title", "inert", "gates", "edges")}
-    data |= {"name": graph.graph.get("name") or name, "levers": [n for n in graph if n != DOOR]}
+    data: dict[str, Any] = {
+        "name": graph.graph.get("name") or name,
+        "title": graph.graph.get("title", ""),
+        "levers": [node for node in graph if node != DOOR],
+        "edges": {},
+        "gates": {},
+        "inert": graph.graph.get("inert", []),
+    }
     if isinstance(data["inert"], str):
         data["inert"] = data["inert"].split()
     try:
         for node, says in graph.nodes(data=True):
-            kind = ("door",) if node == DOOR else ("lever",)
-            _check(f"the node {node!s:.64}", says, {**_NODE_SAYS, "kind": kind})
+            kind = "kind=door" if node == DOOR else "kind=lever"
+            _check(f"the node {node!s:.64}", says, (*_OF_NODES, kind))
             data["gates"][node] = says.get("gate", "any")
         for cause, effect, says in graph.edges(data=True):
             edge = f"the edge {cause!s:.64} -> {effect!s:.64}"
@@ -191,8 +187,8 @@ def schema_of_graph(
             strength = says.get("strength", 1.0)
             with suppress(ValueError):
                 strength = float(strength) if isinstance(strength, str) else strength
-            label = ("", "none", f"{strength:g}" if isinstance(strength, float) else "")
-            _check(edge, says, {**_EDGE_SAYS, "label": label})
+            label = f"label={strength:g}" if isinstance(strength, float) else "label="
+            _check(edge, says, ("strength", "label=", "label=none", label))
             if str(says.get("dir", says.get("arrow"))).lower() in ("back", "first"):
                 cause, effect = effect, cause
             if effect in data["edges"].setdefault(cause, {}):
@@ -203,22 +199,12 @@ def schema_of_graph(
         raise _prefixed(f"this {format} graph is not a schema", error) from None
 
 
-def _check(
-    what: str, says: Mapping[str, Any], allowed: Mapping[str, tuple[str, ...] | None]
-) -> None:
-    """Refuse what a node or an edge says that is not understood, or that hides it."""
+def _check(what: str, says: Mapping[str, Any], read: Collection[str]) -> None:
+    """Refuse what a node or an edge says, if it is neither read nor a look."""
     for key, value in says.items():
-        if key in allowed:
-            values = allowed[key]
-            good = values is None or str(value).lower() in values
-        elif key in ("style", "color", "penwidth"):
-            good = not _HIDDEN.search(str(value))
-        else:
-            good = LOOKS.fullmatch(str(key)) is not None
-        if not good:
-            raise SchemaError(
-                f"{what} says {key!s:.64}={value!s:.64}, which is not understood; take it out"
-            )
+        said = f"{key}={value}"
+        if key not in read and said not in read and not _LOOKS.fullmatch(said):
+            raise SchemaError(f"{what} says {said:.99}, which is not understood; take it out")
 
 
 def _by_label(graph: nx.Graph) -> nx.Graph:
@@ -271,7 +257,7 @@ def _reading(format: str, graph_of: Callable[[str], nx.Graph]) -> Callable[[str,
 
 
 def _parse_schema(text: str, path: Path | str = "<text>") -> Schema:
-    schema: Schema = parse_document(text, path).validate(SchemaData)
+    schema: Schema = Document(text, path).validate(SchemaData)
     return schema
 
 
@@ -299,16 +285,15 @@ def _gml_graph(text: str) -> nx.Graph:
 
 
 def _graphml_graph(text: str) -> nx.Graph:
-    """The graph; networkx would pass over doubled, nested and second parts, and arrows of yEd."""
-    count = Counter({"node": 0, "edge": 0})
+    """The graph; networkx would pass over doubled and nested parts, and arrows of yEd."""
+    count: Counter[str] = Counter()
     for element in ElementTree.fromstring(text).iter():
         tag = element.tag.rpartition("}")[2]
         count[tag] += 1
-        keys = Counter(part.get("key") for part in element if part.tag.endswith("}data"))
-        if [*keys.values()].count(1) < len(keys):
-            raise SchemaError(f"a {tag} of this graphml graph says something twice; remove one")
         ends = element.get("source"), element.get("target")
-        if tag == "Arrows" and (ends[0] != "none" or ends[1] not in _HEADS):
+        if tag == "Arrows" and (
+            ends[0] != "none" or not _LOOKS.fullmatch(f"targetArrow={ends[1]}")
+        ):
             raise SchemaError(f"an edge of this graphml graph has the arrows {ends}, not an effect")
     graph = nx.parse_graphml(text, force_multigraph=True)
     if (len(graph), graph.number_of_edges()) != (count["node"], count["edge"]):
@@ -329,10 +314,7 @@ def _dot_graph(text: str) -> nx.Graph:
     try:
         import pydot
     except ImportError:
-        raise OpenLockError(
-            "DOT is read by pydot, which is not installed; pip install 'causal-openlock[dot]', or "
-            "give the schema in another format"
-        ) from None
+        raise OpenLockError("DOT is read by pydot; pip install 'causal-openlock[dot]'") from None
     body = _TEXT_OR_COMMENT.sub('""', text).partition("{")[2]
     for sign, what in (("--", "an edge without direction"), ("{", "a group or subgraph")):
         if sign in body:
@@ -394,19 +376,12 @@ def _dagitty_graph(text: str) -> nx.Graph:
             if arrow not in ("->", "<-"):
                 raise SchemaError(f"in this dagitty graph, {arrow} is not -> from cause to effect")
             graph.add_edges_from([(*(ends if arrow == "->" else ends[::-1]), says)])
-    outcomes = [node for node, says in graph.nodes(data=True) if says.pop("outcome", None)]
-    if len([node for node in outcomes if node != DOOR]) > (DOOR not in graph):
-        raise SchemaError(
-            f"this dagitty graph has the outcomes {', '.join(outcomes)[:200]}, and a room has one "
-            "door; keep one of them, or name it door"
-        )
-    if DOOR not in graph:
-        graph = nx.relabel_nodes(graph, dict.fromkeys(outcomes, DOOR))
-    for says in graph.nodes.values():
-        says.pop("exposure", None)
+    outcomes = [node for node, says in graph.nodes(data=True) if "outcome" in says]
+    if DOOR not in graph and len(outcomes) == 1:
+        graph = nx.relabel_nodes(graph, {outcomes[0]: DOOR})
     door = graph.nodes.get(DOOR, {})
-    for key in {"title", "inert", "levers"} & door.keys():  # in texts of 0.2 too
-        graph.graph[key] = door.pop(key)
+    door.pop("outcome", None)
+    graph.graph |= {key: door.pop(key) for key in ("title", "inert") if key in door}
     for says in graph.edges.values():
         says |= {"strength": says.pop("beta", 1.0)}
     return graph

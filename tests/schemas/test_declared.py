@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import causal_openlock as ol
 from causal_openlock.errors import OpenLockError
-from causal_openlock.files.yaml_file import dump_yaml, parse_document, styled
+from causal_openlock.files.yaml_file import Document, dump_yaml, styled
 from causal_openlock.schemas.finding import bundled_schemas, find_schema, schema
 from causal_openlock.schemas.graphs import import_schema, write_schema
 from causal_openlock.schemas.one_line import parse_line
@@ -116,7 +116,7 @@ HARD = st.text(
 def test_any_text_comes_back_whatever_its_length_and_spaces(title):
     inside = {"conditions": [{"name": title, "train": [title] * 3}]}
     for text in (dump_yaml(inside), dump_yaml(styled(inside))):
-        assert parse_document(text).data == inside
+        assert Document(text).data == inside
 
 
 @pytest.mark.parametrize("name", ["null", "true", "False", "on", "no", "y", "Inf", "e1", "NaN"])

@@ -13,7 +13,7 @@ from ruamel.yaml import YAML
 
 from causal_openlock.errors import FileError, OpenLockError
 from causal_openlock.experiment import declare
-from causal_openlock.files.yaml_file import parse_document
+from causal_openlock.files.yaml_file import Document
 from causal_openlock.schemas import schema
 from causal_openlock.schemas.finding import bundled
 from causal_openlock.schemas.schema import SchemaData
@@ -26,7 +26,7 @@ GOOD = "name: X\nlevers: [L0, L1]\nedges: {L0: [L1], L1: [door]}\n"
 
 def faults_of(text):
     with pytest.raises(FileError) as caught:
-        parse_document(text, "x.yaml").validate(SchemaData)
+        Document(text, "x.yaml").validate(SchemaData)
     return caught.value
 
 
