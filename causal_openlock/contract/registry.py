@@ -16,23 +16,18 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import MISSING, asdict, fields
-from functools import cache, lru_cache
+from functools import lru_cache
 from importlib.metadata import Distribution, EntryPoint
 from inspect import getsourcefile
 from os import fspath
 from pathlib import Path
-from typing import Any, NamedTuple, get_type_hints
+from typing import Any, NamedTuple, TypeGuard, get_type_hints
 
-from pydantic import (
-    ConfigDict,
-    PydanticUndefinedAnnotation,
-    PydanticUserError,
-    ValidationError,
-)
+from pydantic import ConfigDict, PydanticUserError, ValidationError
 
 from causal_openlock.contract.learner import Learner, LearnerBase
 from causal_openlock.contract.one_subject import OneSubjectLearner, PerSubjectAdapter
-from causal_openlock.errors import LearnerError, OpenLockError, in_short, together
+from causal_openlock.errors import LearnerError, in_short, together
 from causal_openlock.files.plugins import LEARNERS, registered
 from causal_openlock.files.validation import adapter, errors_of, plain
 from causal_openlock.usercode.misspelt import misspelt
@@ -46,9 +41,6 @@ from causal_openlock.usercode.own_files import (
 )
 from causal_openlock.usercode.session_code import is_of_session, session_origin
 from causal_openlock.wording import nearest
-
-STRICT = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
-"""How parameters are read."""
 
 
 def registry() -> Mapping[str, EntryPoint]:
@@ -104,12 +96,9 @@ def is_ours(name: str) -> bool:
 
 
 def file_that_runs(name: str, beside: Path, role: str = "learner") -> str | None:
-    """A sentence about the file that loading a learner would run; this imports nothing.
+    """A sentence about the user's file that loading ``module:Class`` would run; imports nothing.
 
-    Args:
-        name: As for :func:`learner_class`; the result is ``None`` for an installed learner.
-        beside: The folder of the experiment file that names it.
-        role: Its role in the sentence.
+    The module is searched for in the working directory and ``beside`` an experiment file.
     """
     module, colon, kind = name.partition(":")
     installed = {entry.module.partition(".")[0] for entry in registry().values()}
@@ -127,57 +116,50 @@ def learner_class(name: str) -> type[LearnerBase]:
     Raises:
         LearnerError: If there is none, it cannot be imported, or it is not a learner.
     """
-    # A notebook may define a class again.
-    return _load.__wrapped__(name) if is_of_session(name) else _load(name)
-
-
-@cache
-def _load(name: str) -> type[LearnerBase]:
     entry = _entry(name)
     called = f"the learner {name!r} ({entry.value})"
     try:
         kind = entry.load()
     except Exception as error:  # a module can fail in any way while it is imported
-        meant = misspelt(entry, error, "class", _is_whole) if name == entry.value else None
         what = f"{called} cannot be imported: {type(error).__name__}: {error}"
-        raise LearnerError(meant or what) from error
-    if not (isinstance(kind, type) and issubclass(kind, LearnerBase)):
+        if name == entry.value:
+            what = misspelt(entry, error, "class", _is_whole) or what
+        raise LearnerError(what) from error
+    if not _is_learner(kind):
         raise LearnerError(f"{called} is not a subclass of Learner or OneSubjectLearner")
-    _require_methods(kind)
+    if missing := _missing(kind):
+        raise LearnerError(f"{called} has no {missing}; define it")
     return kind
 
 
 def _entry(name: str) -> EntryPoint:
-    if ":" not in name:
-        known = registry()
-        if name not in known:
-            raise LearnerError(
-                f"there is no learner {name!r}; {nearest(name, known)}; one that is not installed "
-                "is written module:Class"
-            )
-        return known[name]
-    if not MODULE_AND_NAME.fullmatch(name):
-        raise LearnerError(f"{name!r} names no learner; write it like my_module:MyLearner")
-    look_beside()
-    return EntryPoint(name, name, LEARNERS)
+    if ":" in name:
+        if not MODULE_AND_NAME.fullmatch(name):
+            raise LearnerError(f"{name!r} names no learner; write it like my_module:MyLearner")
+        look_beside()
+        return EntryPoint(name, name, LEARNERS)
+    if entry := registry().get(name):
+        return entry
+    raise LearnerError(
+        f"there is no learner {name!r}; {nearest(name, registry())}; one that is not installed is "
+        "written module:Class"
+    )
 
 
-def _missing(kind: type[LearnerBase]) -> list[str]:
-    """Methods that a class of learners has to define and does not."""
-    missing = sorted(getattr(kind, "__abstractmethods__", ()))
-    says_nothing = Learner.act, Learner.probabilities
-    if issubclass(kind, Learner) and (kind.act, kind.probabilities) == says_nothing:
-        missing = [*missing, "act or probabilities"]
-    return missing
+def _is_learner(kind: Any) -> TypeGuard[type[LearnerBase]]:
+    return isinstance(kind, type) and issubclass(kind, LearnerBase)
+
+
+def _missing(kind: type[LearnerBase]) -> str:
+    """The methods that a class of learners has to define and does not."""
+    undefined = Learner.act, Learner.probabilities
+    if issubclass(kind, Learner) and (kind.act, kind.probabilities) == undefined:
+        return "act or probabilities"
+    return " and no ".join(sorted(getattr(kind, "__abstractmethods__", ())))
 
 
 def _is_whole(kind: Any) -> bool:
-    return isinstance(kind, type) and issubclass(kind, LearnerBase) and not _missing(kind)
-
-
-def _require_methods(kind: type[LearnerBase]) -> None:
-    if missing := " and no ".join(_missing(kind)):
-        raise LearnerError(f"{kind.__module__}:{kind.__qualname__} has no {missing}; define it")
+    return _is_learner(kind) and not _missing(kind)
 
 
 def name_of(kind: type[LearnerBase]) -> str:
@@ -190,20 +172,13 @@ def name_of(kind: type[LearnerBase]) -> str:
         LearnerError: If it cannot be found by a name, such as a class defined in a function.
     """
     written = f"{kind.__module__}:{kind.__qualname__}"
-    _require_methods(kind)
     name = next((name for name, entry in registry().items() if entry.value == written), written)
-    forget()  # its module may have been loaded again
     if not MODULE_AND_NAME.fullmatch(written) or learner_class(name) is not kind:
         raise LearnerError(
             f"{written} cannot be found by its name, as workers have to; define the class at the "
             "top level of a notebook or of a module"
         )
     return name
-
-
-def forget() -> None:
-    """Load every learner again when it is next asked for: its file may have changed."""
-    _load.cache_clear()
 
 
 def create(name: str, parameters: Mapping[str, Any] | None = None) -> Learner:
@@ -220,11 +195,11 @@ def create(name: str, parameters: Mapping[str, Any] | None = None) -> Learner:
         >>> create("ddqn", {"gamma": 0.9}).parameters.gamma
         0.9
     """
-    kind = learner_class(name)
+    kind: Any = learner_class(name)
     checked = parse_parameters(name, parameters or {})
     if issubclass(kind, OneSubjectLearner):
         return PerSubjectAdapter(kind, checked)
-    learner: Learner = kind(checked)  # type: ignore[assignment]
+    learner: Learner = kind(checked)
     return learner
 
 
@@ -239,15 +214,18 @@ def parse_parameters(name: str, parameters: Mapping[str, Any]) -> Any:
             fit. Each has the parameter in its ``at``.
     """
     declared: Any = learner_class(name).Parameters
-    declared.__pydantic_config__ = STRICT
+    declared.__pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
     given = plain(parameters)
     try:
         made = adapter(declared).validate_json(_as_json(name, given, default=fspath))
     except ValidationError as error:
+        faults = errors_of(error, declared)
+        lists = {(key,) for key, value in given.items() if isinstance(value, list)}
+        remedy = "; to compare values, sweep: them in a file, or with ol.sweep"
         raise together(
-            [_named(name, fault, given) for fault in errors_of(error, declared)]
+            [LearnerError(f"{name}: {e}{remedy * (e.at in lists)}", e.at) for e in faults]
         ) from None
-    except (PydanticUserError, PydanticUndefinedAnnotation) as error:
+    except PydanticUserError as error:
         raise LearnerError(
             f"{declared.__name__} of {name} has a type that no file can have: {in_short(error)}"
         ) from None
@@ -256,24 +234,13 @@ def parse_parameters(name: str, parameters: Mapping[str, Any]) -> Any:
 
 
 def _as_json(name: str, parameters: Mapping[str, Any], default: Any = None) -> str:
-    for key, value in parameters.items():
-        try:
-            json.dumps(value, default=default)
-        except (TypeError, ValueError):
-            raise LearnerError(
-                f"{name}: {key} must be plain data, such as a number or a text, and this is "
-                f"{value!r}",
-                (key,),
-            ) from None
-    return json.dumps(parameters, default=default)
-
-
-def _named(name: str, fault: OpenLockError, given: Mapping[str, Any]) -> LearnerError:
-    """A fault of the parameters of a learner, with its name."""
-    remedy = ""
-    if len(fault.at) == 1 and isinstance(given.get(str(fault.at[0])), list):
-        remedy = "; to compare values, sweep: them in a file, or with ol.sweep"
-    return LearnerError(f"{name}: {fault}{remedy}", fault.at)
+    try:
+        return json.dumps(parameters, default=default)
+    except (TypeError, ValueError):
+        raise LearnerError(
+            f"{name}: parameters must be plain data, such as numbers and texts; these are "
+            f"{parameters}"
+        ) from None
 
 
 class ParameterInfo(NamedTuple):
@@ -297,12 +264,13 @@ def parameter_table(learner: str | type) -> list[ParameterInfo]:
     hints = get_type_hints(declared, include_extras=True)
     table = []
     for field in fields(declared):
-        notes = getattr(hints[field.name], "__metadata__", ())
-        texts = [getattr(note, "description", note) for note in notes]
-        default = None if field.default is MISSING else field.default
-        if field.default_factory is not MISSING:
-            default = field.default_factory()
+        made = field.default_factory is not MISSING
+        texts = [
+            getattr(note, "description", note)
+            for note in getattr(hints[field.name], "__metadata__", ())
+        ]
         meaning = " ".join(text for text in texts if isinstance(text, str))
+        default = field.default_factory() if made else field.default
         table.append(ParameterInfo(field.name, default, meaning))
     return table
 

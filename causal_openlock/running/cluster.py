@@ -21,7 +21,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from causal_openlock.contract import registry
 from causal_openlock.errors import OpenLockError, in_short
 from causal_openlock.experiment.declare import Cell, Experiment
 from causal_openlock.files.atomic import write_bytes
@@ -114,7 +113,6 @@ def _play_there(do: Do, code: str, folder: str, expected: dict[str, str], cell: 
             own = {path.stem for path in Path(code).iterdir()}
             for name in [name for name in sys.modules if name.partition(".")[0] in own]:
                 del sys.modules[name]  # of another comparison
-            registry.forget()
             reward_code.forget()
             sys.path.insert(0, code)
         return do(cell)

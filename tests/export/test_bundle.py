@@ -13,7 +13,6 @@ from pathlib import Path
 
 import pytest
 
-from causal_openlock.contract.registry import _load
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.making import Changes
@@ -86,7 +85,6 @@ def forget_the_learner():
     ours = re.compile("a_bundled_learner|helping|parts_of_it")
     for name in [*filter(ours.match, [*sys.modules])]:
         del sys.modules[name]
-    _load.cache_clear()
 
 
 def done(*words, **options):

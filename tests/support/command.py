@@ -21,7 +21,6 @@ from causal_openlock.analysis.decisions import Decisions
 from causal_openlock.analysis.report import writing
 from causal_openlock.cli import main
 from causal_openlock.comparison import progress_bar
-from causal_openlock.contract.registry import _load
 from causal_openlock.running import workers
 
 
@@ -68,7 +67,6 @@ def report_shortly(patches: pytest.MonkeyPatch, reports: Reports = "short") -> N
 def modules_of(folder: Path) -> Iterator[None]:
     """Forget the modules that were imported from a folder when its test is over."""
     before = {*sys.modules}
-    _load.cache_clear()  # another test may have a learner of the same name
     try:
         yield
     finally:
@@ -76,7 +74,6 @@ def modules_of(folder: Path) -> Iterator[None]:
             where = getattr(sys.modules[name], "__file__", None)
             if where and Path(where).is_relative_to(folder):
                 del sys.modules[name]
-        _load.cache_clear()
 
 
 @dataclass(frozen=True)
