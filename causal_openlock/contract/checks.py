@@ -5,14 +5,16 @@ from __future__ import annotations
 import pickle
 import random
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from causal_openlock.errors import LearnerError, OpenLockError, in_short
+
+_NUMPY: Any = np.random
 
 
 @contextmanager
@@ -48,39 +50,16 @@ def are_probabilities(found: Any, actions: int) -> bool:
     )
 
 
-class _Generator(NamedTuple):
-    """A random generator that all code of a process shares."""
-
-    state: Callable[[], Any]
-    put: Callable[[Any], None]
-    seed: Callable[[int], Any]
-
-
-def _generators() -> dict[str, _Generator]:
-    """The generators of Python, NumPy and, if it is imported, torch, by their modules."""
-    legacy: Any = np.random
-    shared = {
-        "random": _Generator(random.getstate, random.setstate, random.seed),
-        "numpy.random": _Generator(
-            legacy.get_state, legacy.set_state, lambda seed: legacy.seed(seed % 2**32)
-        ),
-    }
-    if torch := sys.modules.get("torch"):
-        shared["torch"] = _Generator(
-            lambda: torch.random.get_rng_state().numpy(),
-            lambda state: torch.random.set_rng_state(torch.from_numpy(state)),
-            torch.manual_seed,
-        )
-    return shared
-
-
 class GlobalRandomness(dict[str, Any]):
     """States of the random generators that all code of a process shares, by their modules."""
 
     @classmethod
     def now(cls) -> GlobalRandomness:
         """The states now; torch's included if torch is imported."""
-        return cls({name: one.state() for name, one in _generators().items()})
+        states = cls({"random": random.getstate(), "numpy.random": _NUMPY.get_state()})
+        if torch := sys.modules.get("torch"):
+            states["torch"] = torch.get_rng_state().numpy()
+        return states
 
     @classmethod
     @contextmanager
@@ -91,8 +70,10 @@ class GlobalRandomness(dict[str, Any]):
             The states at the beginning of the block.
         """
         before = cls.now()
-        for generator in _generators().values():
-            generator.seed(seed)
+        random.seed(seed)
+        _NUMPY.seed(seed % 2**32)
+        if torch := sys.modules.get("torch"):
+            torch.manual_seed(seed)
         try:
             yield cls.now()
         finally:
@@ -100,19 +81,16 @@ class GlobalRandomness(dict[str, Any]):
 
     def restore(self) -> None:
         """Put these states in place."""
-        for name, state in self._since().items():
-            import_module(name)  # torch, in a process that continues from a checkpoint
-            _generators()[name].put(state)
+        random.setstate(self["random"])
+        _NUMPY.set_state(self["numpy.random"])
+        if "torch" in self or "torch" in sys.modules:
+            torch = import_module("torch")  # in a process that continues from a checkpoint
+            torch.set_rng_state(torch.from_numpy(self["torch"]))
 
-    def differs_from(self, other: GlobalRandomness) -> list[str]:
-        """Names of the modules whose generator has another state."""
-        states = self._since()
-        return [name for name in states if pickle.dumps(states[name]) != pickle.dumps(other[name])]
+    def differs_from(self, later: GlobalRandomness) -> list[str]:
+        """Names of the modules whose generator has another state later."""
+        return [name for name in later if pickle.dumps(self[name]) != pickle.dumps(later[name])]
 
-    def _since(self) -> dict[str, Any]:
-        """These states; if torch has been imported since, also the one that it began with."""
-        torch = sys.modules.get("torch")
-        if torch is None or "torch" in self:
-            return self
-        fresh = torch.Generator().manual_seed(torch.initial_seed()).get_state().numpy()
-        return {**self, "torch": fresh}
+    def __missing__(self, name: str) -> Any:
+        torch = sys.modules[name]  # imported since; its generator began so
+        return torch.Generator().manual_seed(torch.initial_seed()).get_state().numpy()

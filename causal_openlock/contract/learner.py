@@ -2,15 +2,14 @@
 
 A :class:`Learner` plays B subjects at once: every array is ``[B, ...]`` and no subject sees
 another's data. It gets a :class:`Brief`, perceives a :class:`View`, returns actions, and learns
-from a :class:`Step` what they led to. None of these types can hold a role, a schema or a solution,
-and the generators in a brief carry no seed from which rooms can be drawn again. What is latent is
-in :class:`Truth`, which only an :class:`InformedLearner` gets; results show it as a bound next to
-the others. A class in the same process can still read it from the call stack: nothing is promised
-against malice.
+from a :class:`Step` what they led to. None of these can hold a role, a schema or a solution, and
+rooms cannot be drawn again from the generators in a brief. What is latent is in :class:`Truth`,
+which only an :class:`InformedLearner` gets; results show it as a bound next to the others. Nothing
+is promised against malice: a class in the same process can read the call stack.
 
-Learners are found by name through :mod:`causal_openlock.contract.registry`. A first learner is
-easier to write as a :class:`~causal_openlock.contract.one_subject.OneSubjectLearner`, which needs
-a single method, ``act(observation)``.
+A first learner is easier to write as a
+:class:`~causal_openlock.contract.one_subject.OneSubjectLearner`, which needs a single method,
+``act(observation)``.
 """
 
 from __future__ import annotations
@@ -199,9 +198,9 @@ class LearnerBase:
     resumable: ClassVar[bool] = True
     """Whether a killed cell continues from a checkpoint; otherwise it begins again.
 
-    A checkpoint is a pickle of ``__getstate__()``, which has all attributes unless it is defined.
-    What cannot be pickled, such as an open file, is left out there and made anew in
-    ``__setstate__``, which takes the place of :meth:`begin` when the cell continues.
+    A checkpoint is a pickle of ``__getstate__()``, by default of all attributes. What cannot be
+    pickled, such as an open file, is left out there and made anew in ``__setstate__``, which takes
+    the place of :meth:`begin` when the cell continues.
     """
 
     def __init__(self, parameters: Any = None) -> None:
@@ -209,32 +208,17 @@ class LearnerBase:
 
     @classmethod
     def artifact_hash(cls, parameters: Any) -> str:
-        """Hash of the files that the learner uses besides code and parameters; empty if none.
-
-        A learner that reads a file, such as weights or a table, returns a hash of the file's
-        content, so that results of different files can be distinguished.
-        """
+        """Hash of the content of files that it reads, such as weights or a table; empty if none."""
         return ""
 
     @classmethod
     def prior_attempts(cls, parameters: Any) -> int | None:
-        """Attempts of training before the experiment, such as meta-training; None if unknown.
-
-        The cost of learning counts them.
-        """
+        """Attempts of training before the experiment, which costs count; None if unknown."""
         return 0
 
     @classmethod
     def cannot_play(cls, parameters: Any, schema: Schema, action_limit: int) -> str:
-        """Reason why it cannot play in rooms of a schema, such as their size; empty if it can.
-
-        A comparison leaves its cells out and states the reason once.
-
-        Args:
-            parameters: An instance of the class's ``Parameters``.
-            schema: The schema of the rooms.
-            action_limit: The most actions of an attempt.
-        """
+        """Reason to leave out a schema, such as the size of its rooms; empty if there is none."""
         return ""
 
 
@@ -257,10 +241,7 @@ class Learner(LearnerBase, ABC):
         self.brief = brief
 
     def act(self, view: View) -> IntArray:
-        """``[B]`` the action of each subject; by default drawn from :meth:`probabilities`.
-
-        For that, each subject's generator of the brief gives one number.
-        """
+        """``[B]`` actions; by default each drawn from :meth:`probabilities` with one number."""
         odds = self.probabilities(view)
         if odds is None:
             raise LearnerError(f"{type(self).__name__} defines neither act nor probabilities")
@@ -283,16 +264,14 @@ class Learner(LearnerBase, ABC):
     def sample_size(self) -> FloatArray | None:
         """``[B]`` number of Monte Carlo draws behind the last probabilities; None if exact.
 
-        Most learners compute exact sums. Where probabilities are integrals without a closed form, a
-        learner may estimate them, by draws that do not affect what it does.
+        They estimate integrals without a closed form, and do not affect what the learner does.
         """
         return None
 
     def structure(self, subject: int) -> Structure | None:
         """A subject's belief about the structure of its room; None if the learner cannot say.
 
-        After the last action of a trial it is about the room just left. Must not change the
-        learner.
+        After the last action of a trial it is about the room just left. Asking changes nothing.
         """
         return None
 
@@ -304,11 +283,7 @@ class Learner(LearnerBase, ABC):
         return Account()
 
     def metrics(self) -> dict[str, float]:
-        """Values to watch while it learns, by name; means over the subjects.
-
-        Called now and then with ``compare --tensorboard``, and otherwise never: it must not change
-        what the learner does.
-        """
+        """Means over the subjects, by name, for ``compare --tensorboard``; changes nothing."""
         return {}
 
 
@@ -322,12 +297,12 @@ class InformedLearner(Learner):
 
 def state_of(learner: Any) -> Any:
     """The state of a learner that has begun, which :func:`put_back` gives to a new one."""
-    return learner.state_dict() if _says_itself(learner) else learner.__getstate__()
+    return learner.state_dict() if _is_former(learner) else learner.__getstate__()
 
 
 def put_back(learner: Any, state: Any, brief: Brief) -> None:
     """Let a new learner continue from the state of another one."""
-    if _says_itself(learner):
+    if _is_former(learner):
         learner.begin(brief)
         learner.load_state_dict(state)
     elif hasattr(learner, "__setstate__"):
@@ -336,7 +311,7 @@ def put_back(learner: Any, state: Any, brief: Brief) -> None:
         vars(learner).update(state)
 
 
-def _says_itself(learner: Any) -> bool:
-    """Whether a learner has the methods by which learners of 0.2 gave their state."""
-    kinds = [kind for kind in type(learner).__mro__ if issubclass(kind, Learner)]
-    return any("state_dict" in vars(kind) for kind in kinds)
+def _is_former(learner: Any) -> bool:
+    """Whether a learner gives its state in the way of 0.2; that of a torch.nn.Module is another."""
+    kinds = type(learner).__mro__
+    return any("state_dict" in vars(kind) for kind in kinds if issubclass(kind, Learner))

@@ -359,17 +359,16 @@ class TestDice(LearnerContract):
     [
         (KnowsOnlyTheSmallRoom, ANSWERS, "7 positions.* 0 to 14"),
         (AnswersFloats, ANSWERS, "float64"),
-        (DrawsItsOwnSeed, "the_same_seed_gives_the_same_record", "row 0: actions"),
-        (RemembersInItsClass, "a_subject_does_not_depend_on_its_batch", "row 0: actions"),
+        (DrawsItsOwnSeed, "the_same_seed_gives_the_same_record", "row 0: .*actions"),
+        (RemembersInItsClass, "a_subject_does_not_depend_on_its_batch", "row 0: .*actions"),
         (LearnsFromTheFinished, FINISHED, "step.view.playing"),
         (DrawsGlobally, GLOBAL, "numpy.random"),
         (SeedsGlobally, GLOBAL, "random"),
-        (DrawsItsOwnSeed, GLOBAL, "depends on random"),
         (ClaimsToPushTheDoor, PROBABILITIES, "impossible"),
         (ClaimsHalf, PROBABILITIES, "add up to 1"),
         (DrawsWhenAsked, PROBABILITIES, "once its probabilities are asked for"),
         (NeedsToAct, OTHERS, "AttributeError"),
-        (Forgets, RESUMES, "agree for"),
+        (Forgets, RESUMES, "every 6 steps"),
         (WithThawed, PARAMETERS, "frozen=True"),
         (WithSilent, PARAMETERS, "rate"),
         (WithDemanding, PARAMETERS, "rate: is missing"),
@@ -408,7 +407,7 @@ def test_the_generators_of_a_learner_do_not_lead_to_its_rooms():
 
 def test_a_contract_without_a_learner_says_so():
     with pytest.raises(AssertionError, match="learner = "):
-        LearnerContract().test_it_plays_a_session_to_its_end()
+        LearnerContract().test_the_same_seed_gives_the_same_record()
 
 
 def test_the_contract_runs_under_unittest():
