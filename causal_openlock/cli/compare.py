@@ -90,7 +90,7 @@ def compare(
     from causal_openlock.experiment.making import Changes
     from causal_openlock.files.atomic import folder_at
     from causal_openlock.running.worker import Watching
-    from causal_openlock.storage.shard import Shard
+    from causal_openlock.storage.folder_lock import Shard
     from causal_openlock.storage.store import Store
 
     part = Shard.parse(shard) if shard else None

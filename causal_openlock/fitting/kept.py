@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from causal_openlock.errors import OpenLockError, StoreError
-from causal_openlock.files.atomic import sweep, write_bytes
+from causal_openlock.files.atomic import sweep, unwritable, write_bytes
 from causal_openlock.files.checksums import ChecksumError, json_bytes, read_json
-from causal_openlock.storage.folder_lock import FolderLock
+from causal_openlock.storage.folder_lock import locked
 
 T = TypeVar("T")
 
@@ -26,19 +26,13 @@ def fitting_in(folder: Path) -> Iterator[None]:
     Raises:
         StoreError: If another fit works there, or the folder cannot be written to.
     """
-    lock = FolderLock(folder, "fit")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        lock.take()
     except OSError as error:
-        raise StoreError(
-            f"{folder}: cannot be written to ({error.strerror}); choose another place"
-        ) from None
-    try:
+        raise unwritable(folder, error) from None
+    with locked(folder, "fit"):
         sweep(folder)
         yield
-    finally:
-        lock.release()
 
 
 def keep_fit(path: Path, plan: Mapping[str, Any], **done: Any) -> None:

@@ -8,7 +8,7 @@ import shutil
 import tempfile
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -40,7 +40,7 @@ from causal_openlock.play.people import MOST_PEOPLE
 from causal_openlock.play.person import LABEL, LEARNER
 from causal_openlock.schemas.finding import bundled_schemas
 from causal_openlock.schemas.schema import Schema
-from causal_openlock.storage.folder_lock import FolderLock
+from causal_openlock.storage.folder_lock import locked
 from causal_openlock.storage.store import Store
 from causal_openlock.wording import counted, nearest
 from causal_openlock.world.rewards import PAPER_REWARD, find_reward
@@ -297,17 +297,10 @@ def _beside(folder: Path) -> Iterator[Path]:
     """A folder for a while; those that killed imports have left are removed."""
     folder.parent.mkdir(parents=True, exist_ok=True)
     for left in folder.parent.glob(f"{BESIDE}*"):
-        lock = FolderLock(left)
-        try:
-            lock.take()
-        except (StoreError, OSError):  # another import is at work
-            continue
-        lock.release()
-        shutil.rmtree(left, ignore_errors=True)
-    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=BESIDE) as name:
-        lock = FolderLock(Path(name))
-        lock.take()
-        try:
-            yield Path(name)
-        finally:
-            lock.release()
+        with suppress(StoreError), locked(left):  # another import may be at work
+            shutil.rmtree(left, ignore_errors=True)
+    with (
+        tempfile.TemporaryDirectory(dir=folder.parent, prefix=BESIDE) as name,
+        locked(Path(name)),
+    ):
+        yield Path(name)

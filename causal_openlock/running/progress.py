@@ -22,7 +22,7 @@ import numpy as np
 
 from causal_openlock.experiment.declare import Cell, Condition, Protocol
 from causal_openlock.experiment.plan import plan
-from causal_openlock.storage.running_files import MOST_SECONDS, reported_progress
+from causal_openlock.storage.beside_cell import MOST_SECONDS, failures_of, reported_progress
 from causal_openlock.storage.store import Store
 
 QUIET = 120.0
@@ -183,7 +183,7 @@ def status_of(store: Store) -> Status:
     for name, cell in [*course.left.items()]:
         if name in begun and begun[name].still < QUIET:
             continue
-        if why := store.failures.of(name)[1]:
+        if why := failures_of(store.path(cell))[1]:
             failures.append(why)
             course.ended(cell, failed=True)
         elif name in begun:

@@ -36,8 +36,15 @@ from causal_openlock.running.cluster import in_cluster
 from causal_openlock.running.progress import Course, RunProgress, playing_in, work
 from causal_openlock.running.worker import Watching, play_cell, record_failure
 from causal_openlock.running.workers import Doing, Done
-from causal_openlock.storage.running_files import AWAITED, checkpointed, remove_files_of
-from causal_openlock.storage.shard import Shard
+from causal_openlock.storage.beside_cell import (
+    AWAITED,
+    checkpointed,
+    failure_file,
+    failures_of,
+    keep_failure,
+    remove_files_of,
+)
+from causal_openlock.storage.folder_lock import Shard
 from causal_openlock.storage.store import Store
 from causal_openlock.usercode.session_code import (
     is_of_session,
@@ -216,8 +223,8 @@ class _Run:
                 self.is_done(cell)
                 continue
             if retry_failed:
-                self.store.failures.clear(cell)
-            failures, why = self.store.failures.of(cell.file_name)
+                failure_file(self.store.path(cell)).unlink(missing_ok=True)
+            failures, why = failures_of(self.store.path(cell))
             if failures >= MOST_FAILURES:
                 often = f"it has failed {failures} times and is left out"
                 self.has_failed(cell, f"{why}; {often}, --retry-failed tries it again")
@@ -276,13 +283,14 @@ class _Run:
 
     def is_done(self, cell: Cell) -> None:
         """Take note of a finished cell."""
-        remove_files_of(self.store.path(cell))
-        self.store.failures.clear(cell)
+        path = self.store.path(cell)
+        remove_files_of(path)
+        failure_file(path).unlink(missing_ok=True)
         self.course.ended(cell, self.seconds.get(cell.file_name, 0.0))
 
     def has_failed(self, cell: Cell, why: str) -> None:
         """Take note of a failed cell."""
-        self.reasons[cell.file_name] = f"{why}; see {self.store.failures.path(cell.file_name)}"
+        self.reasons[cell.file_name] = f"{why}; see {failure_file(self.store.path(cell))}"
         self.warn(self.reasons[cell.file_name])
         self.course.ended(cell, failed=True)
 
@@ -291,7 +299,8 @@ class _Run:
 
         With a checkpoint between two losses there was progress, and the count starts again.
         """
-        taken = checkpointed(self.store.path(cell))
+        path = self.store.path(cell)
+        taken = checkpointed(path)
         losses, before = self.losses.get(cell.file_name, (0, taken))
         losses = losses + 1 if taken == before else 1
         self.losses[cell.file_name] = losses, taken
@@ -301,4 +310,4 @@ class _Run:
             return
         trace = "A process that ends so leaves no traceback.\n"
         failures = 0 if done.late else MOST_FAILURES  # one that is late may have made progress
-        self.has_failed(cell, self.store.failures.record(cell, done.lost, trace, failures))
+        self.has_failed(cell, keep_failure(path, cell, done.lost, trace, failures))

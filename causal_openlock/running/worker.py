@@ -23,7 +23,12 @@ from causal_openlock.errors import LearnerError, NotAvailableError, OpenLockErro
 from causal_openlock.experiment.declare import Cell, LearnerSpec
 from causal_openlock.experiment.session import Session
 from causal_openlock.running.checkpoint import Checkpoint, CheckpointError, unresumable
-from causal_openlock.storage.running_files import remove_files_of, report_progress
+from causal_openlock.storage.beside_cell import (
+    failure_file,
+    keep_failure,
+    remove_files_of,
+    report_progress,
+)
 from causal_openlock.storage.store import Store
 from causal_openlock.storage.versions import versions
 from causal_openlock.usercode.own_files import is_users_own
@@ -123,7 +128,7 @@ def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = 
         raise LearnerError(record_failure(store, cell, error)) from None
     store.write(cell, record, cautions)
     remove_files_of(path)
-    store.failures.clear(cell)
+    failure_file(path).unlink(missing_ok=True)
     warnings = [*checkpoint.warnings, *account.remarks]
     return [*cautions, *(f"{cell.spec.name}: {warning}" for warning in warnings)]
 
@@ -146,7 +151,7 @@ def record_failure(store: Store, cell: Cell, error: BaseException) -> str:
     if len(trace) > MOST_WRITTEN:  # an exception's text may be of any length
         trace = f"{trace[: MOST_WRITTEN // 2]}\n...\n{trace[-MOST_WRITTEN // 2 :]}"
     failures = 0 if isinstance(error, NotAvailableError) else 1
-    return store.failures.record(cell, f"failed: {what}", trace, failures)
+    return keep_failure(store.path(cell), cell, f"failed: {what}", trace, failures)
 
 
 def _users_line(error: BaseException) -> str:

@@ -1,4 +1,4 @@
-"""The lock on a results folder: one comparison at a time works in it, or several shards of one.
+"""Locks on a results folder: one comparison at a time works in it, or several shards of one.
 
 The operating system releases a lock when its process ends, however that happens. A file system
 without locks does no harm to results: a cell's file is the same whichever process writes it.
@@ -6,59 +6,80 @@ without locks does no harm to results: a cell's file is the same whichever proce
 
 from __future__ import annotations
 
-import errno
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
-from filelock import BaseFileLock, FileLock, Timeout
+from filelock import FileLock, Timeout
 
-from causal_openlock.errors import StoreError
-from causal_openlock.storage.shard import Shard
+from causal_openlock.errors import OpenLockError, StoreError
+
+T = TypeVar("T")
 
 LOCK = ".lock"
-PATIENCE = 10.0
-"""Seconds that a shard waits for the folder's lock, which each shard takes for a moment."""
 
 
-class FolderLock:
-    """The locks that this process holds on a folder.
+@dataclass(frozen=True)
+class Shard:
+    """A fixed share of an experiment's cells, for a job of a batch system; counted from 1.
 
-    Args:
-        folder: The folder, which has to exist when a lock is taken.
-        what: What works there, in a word.
+    Which cells it has depends on the experiment alone. So it does not matter when the jobs of an
+    array start, and one that was killed is simply started again.
+
+    >>> Shard.parse("2/3").of("abcdefg")
+    ('b', 'e')
     """
 
-    def __init__(self, folder: Path, what: str = "comparison") -> None:
-        self.folder, self._what = folder, what
-        self._locks: list[BaseFileLock] = []
+    number: int
+    shards: int
 
-    def take(self, shard: Shard | None = None) -> None:
-        """Lock the folder and all shards in it, or one shard while nobody has locked the folder.
+    @classmethod
+    def parse(cls, text: str) -> Shard:
+        """A shard as users write it.
 
         Raises:
-            StoreError: If another process works there.
+            OpenLockError: If it is none.
         """
-        if shard is None:
-            names = [LOCK, *(path.name for path in self.folder.glob(f"{LOCK}-*"))]
-        else:
-            names = [f"{LOCK}-{shard.number}-of-{shard.shards}", LOCK]
-        for name in names:
-            patience = PATIENCE if shard and name == LOCK else 0.0
-            self._locks.append(FileLock(self.folder / name, patience, thread_local=False))
-            try:
-                self._locks[-1].acquire()
-            except Timeout:
-                self.release()
-                raise StoreError(
-                    f"{self.folder} is in use by another {self._what}; wait for it, or choose "
-                    "another folder"
-                ) from None
-            except OSError as error:
-                if error.errno not in (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK):
-                    raise
-        if shard is not None:
-            self._locks.pop().release()
+        parts = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text.strip(), re.ASCII)
+        if not parts or not 1 <= int(parts[1]) <= int(parts[2]):
+            raise OpenLockError(f"{text!r} is not a shard; write 3/16 for the third of sixteen")
+        return cls(int(parts[1]), int(parts[2]))
 
-    def release(self) -> None:
-        """Release all locks."""
-        while self._locks:
-            self._locks.pop().release()
+    def of(self, cells: Sequence[T]) -> tuple[T, ...]:
+        """The shard's cells: some of each learner, since a learner's cells are listed together."""
+        return tuple(cells[self.number - 1 :: self.shards])
+
+    def __str__(self) -> str:
+        """The shard as users write it."""
+        return f"{self.number}/{self.shards}"
+
+
+@contextmanager
+def locked(folder: Path, what: str = "comparison", shard: Shard | None = None) -> Iterator[None]:
+    """A block in which no other process works in a folder, or plays the same shard there.
+
+    Args:
+        folder: The folder, which has to exist.
+        what: What works there, in a word.
+        shard: What is played, if it is not the whole experiment.
+
+    Raises:
+        StoreError: If another process works there.
+    """
+    names = [LOCK, *(path.name for path in folder.glob(f"{LOCK}-*"))]
+    if shard:
+        names = [f"{LOCK}-{shard.number}-of-{shard.shards}"]
+    with ExitStack() as locks:
+        for name in names:
+            try:
+                locks.enter_context(FileLock(folder / name, timeout=0, thread_local=False))
+            except Timeout:
+                raise StoreError(
+                    f"{folder} is in use by another {what}; wait for it, or choose another folder"
+                ) from None
+            except (OSError, NotImplementedError):  # such as a file system without locks
+                continue
+        yield

@@ -21,28 +21,38 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.declare import Cell, Experiment
 from causal_openlock.files.atomic import folder_at, is_empty, unwritable, write_bytes
-from causal_openlock.files.checksums import ChecksumError, json_bytes, read_json
+from causal_openlock.files.checksums import (
+    ChecksumError,
+    json_bytes,
+    read_json,
+    read_table,
+    table_bytes,
+)
 from causal_openlock.files.json_text import present
-from causal_openlock.storage.cell_file import read_cell_file, warnings_in, write_cell_file
-from causal_openlock.storage.failures import Failures
-from causal_openlock.storage.folder_lock import FolderLock
-from causal_openlock.storage.running_files import tidy
+from causal_openlock.files.validation import adapter
+from causal_openlock.storage.beside_cell import failures_of, tidy
+from causal_openlock.storage.folder_lock import Shard, locked
 from causal_openlock.storage.versions import Versions, merged_versions, other_versions, versions
 from causal_openlock.version import RESULTS_VERSION
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from causal_openlock.storage.shard import Shard
     from causal_openlock.storage.stored import StoredExperiment
+
+IDENTITY = b"causal_openlock.cell"
+VERSIONS = b"causal_openlock.versions"
+WARNINGS = b"causal_openlock.warnings"
+"""Metadata in the file of a cell."""
 
 TRANSCRIPTS = "transcripts"
 LOG = "log.jsonl"
@@ -65,15 +75,14 @@ class Store:
         self.folder = Path(folder)
         self.cells = self.folder / "cells"
         self._declared = self.folder / "experiment.json"
-        self.failures = Failures(self.folder / "errors")
-        self._lock = FolderLock(self.folder)
+        self._lock = ExitStack()
 
     # -- the folder -----------------------------------------------------------------------------
 
     def open(
         self, experiment: Experiment, *, changed: bool = True, shard: Shard | None = None
     ) -> None:
-        """Prepare the folder for an experiment that is new or partly done.
+        """Lock the folder and prepare it for an experiment that is new or partly done.
 
         Args:
             experiment: The experiment.
@@ -88,21 +97,24 @@ class Store:
         self.close()
         folder_at(self.folder)
         self._check_inside([])
-        try:
-            files = [cell.file_name for cell in experiment.cells()]
-            to_declare = self._is_to_declare(experiment, files, changed)
-            self.folder.mkdir(parents=True, exist_ok=True)
-            self._lock.take(shard)
-            if to_declare:
-                self.declare(experiment, files)
-            self.cells.mkdir(exist_ok=True)
-            if shard is None:  # others may be at work beside a shard
-                tidy(self.folder, {Path(name).stem for name in files})
-        except BaseException as error:
-            self.close()
-            if isinstance(error, OSError):
+        files = [cell.file_name for cell in experiment.cells()]
+        with ExitStack() as lock:
+            try:
+                to_declare = self._is_to_declare(experiment, files, changed)
+                self.folder.mkdir(parents=True, exist_ok=True)
+                lock.enter_context(locked(self.folder, shard=shard))
+                if to_declare:
+                    self.declare(experiment, files)
+                self.cells.mkdir(exist_ok=True)
+                if shard is None:  # others may be at work beside a shard
+                    tidy(self.folder, {Path(name).stem for name in files})
+            except OSError as error:
                 raise unwritable(self.folder, error) from None
-            raise
+            self._lock = lock.pop_all()
+
+    def close(self) -> None:
+        """Release the lock on the folder."""
+        self._lock.close()
 
     def _is_to_declare(self, experiment: Experiment, files: list[str], changed: bool) -> bool:
         """Whether ``experiment.json`` has to be written; refuses a folder of another experiment."""
@@ -114,9 +126,8 @@ class Store:
         except StoreError:
             if not changed and (self.folder / LOG).exists():
                 return False  # the log has the experiment
-            begun = {f"{path.stem}.parquet" for path in self.cells.glob("*")}  # and not done
             # The names of cells end with their identities.
-            if not begun.isdisjoint(files) or (not done and self._declared.exists()):
+            if done.intersection(files) or (not done and self._declared.exists()):
                 return True
             raise
         if stored.identity == experiment.identity:
@@ -130,37 +141,26 @@ class Store:
             f"version {stored.version}); choose another folder"
         )
 
-    def _check_inside(self, cells: Sequence[str]) -> None:
-        """Refuse links and paths that lead out of the folder, which others may have made."""
+    def _check_inside(self, cells: Iterable[str]) -> None:
+        """Refuse links and names of cells that lead out of a folder that others may have made."""
         links = [path for path in self.folder.rglob("*") if path.is_symlink()]
         paths = [self.cells / name for name in cells if Path(name).name != name]
         for path in [*links, *paths]:
-            try:
+            inside = False
+            with suppress(OSError, RuntimeError, ValueError):  # links in a circle, a zero in a name
                 inside = path.resolve().is_relative_to(self.folder.resolve())
-            except (OSError, RuntimeError, ValueError):  # links in a circle, a zero in a name
-                inside = False
             if not inside:
                 raise StoreError(
                     f"{str(path)[:200]!r} leads out of {self.folder}; do not use this folder, or "
                     "put what a link points to in its place, if you know where it comes from"
                 )
 
-    @property
-    def name(self) -> str | None:
-        """The name of the folder's experiment, if it has one."""
-        with suppress(OpenLockError):
-            return self.experiment().name
-        return None
-
     def declare(
         self, experiment: Experiment, files: Iterable[str], identity: str | None = None
     ) -> None:
-        """Write the experiment and the names of its cells' files to ``experiment.json``.
+        """Write an experiment and the names of its cells' files to ``experiment.json``.
 
-        Args:
-            experiment: The experiment.
-            files: The names.
-            identity: By default the experiment's own.
+        The identity is the experiment's own by default.
 
         Raises:
             OpenLockError: If it cannot be written.
@@ -174,25 +174,12 @@ class Store:
         }
         write_bytes(self._declared, json_bytes(present(data)))
 
-    def require_versions(self) -> None:
-        """Make sure that the folder's cells were made with the versions of packages here.
-
-        Raises:
-            StoreError: If all of them were made with others.
-        """
-        made_with = []
-        for path in self.cells.glob("*.parquet"):
-            with suppress(OSError, ChecksumError):
-                made_with.append(read_cell_file(path, columns=[])[1])
-        if other := other_versions(merged_versions(made_with), versions()):
-            raise StoreError(
-                f"{self.folder} was made with {other}; install these versions, or give "
-                "--allow-version to play missing cells with those here: numbers may differ"
-            )
-
-    def close(self) -> None:
-        """Release the locks on the folder."""
-        self._lock.release()
+    @property
+    def name(self) -> str | None:
+        """The name of the folder's experiment, if it has one."""
+        with suppress(OpenLockError):
+            return self.experiment().name
+        return None
 
     def experiment(self) -> StoredExperiment:
         """The folder's experiment, from ``experiment.json``.
@@ -216,11 +203,31 @@ class Store:
         self._check_inside(experiment.files)
         return experiment
 
+    def require_versions(self) -> None:
+        """Make sure that the folder's cells were made with the versions of packages here.
+
+        Raises:
+            StoreError: If all of them were made with others.
+        """
+        made_with = []
+        for path in self.cells.glob("*.parquet"):
+            with suppress(StoreError):
+                made_with.append(self.made_with(path)[0])
+        if other := other_versions(merged_versions(made_with), versions()):
+            raise StoreError(
+                f"{self.folder} was made with {other}; install these versions, or give "
+                "--allow-version to play missing cells with those here: numbers may differ"
+            )
+
     # -- its cells ------------------------------------------------------------------------------
 
     def path(self, cell: Cell) -> Path:
         """The path of a cell's record."""
         return self.cells / cell.file_name
+
+    def transcript(self, record: Path) -> Path:
+        """The path of what was said in a cell, by that of its record."""
+        return self.folder / TRANSCRIPTS / f"{record.stem}.jsonl"
 
     def source(self, package: str) -> Path:
         """Path of the source of a learner that has no file, stored for people: nothing runs it.
@@ -237,43 +244,70 @@ class Store:
         if not path.exists():
             return "missing"
         try:
-            self.read(path, cell.identity)
+            self.read(path)
         except StoreError as error:
             return str(error).rpartition("; ")[0]  # the remedy: its cell is run again anyway
         return None
 
-    def read(
-        self, path: Path, identity: str | None = None, columns: Sequence[str] | None = None
-    ) -> pa.Table:
-        """The record in a cell's file, whole and of that cell.
+    def read(self, path: Path, columns: Sequence[str] | None = None) -> pa.Table:
+        """The record in a cell's file, whole and of the cell that the file is named after.
 
-        The arguments are those of :func:`~causal_openlock.storage.cell_file.read_cell_file`.
+        Args:
+            path: The file.
+            columns: The columns to read and to check; by default all.
 
         Raises:
             StoreError: If the file is missing, damaged, or belongs to another cell.
         """
-        return self._read(path, identity, columns)[0]
+        import pyarrow as pa
 
-    def _read(self, path: Path, *which: Any) -> tuple[pa.Table, Versions]:
+        from causal_openlock.experiment.record import record_schema
+
         try:
-            return read_cell_file(path, *which)
+            table = read_table(path.read_bytes(), columns)
+            identity = (table.schema.metadata or {}).get(IDENTITY, b"").decode(errors="replace")
+            if not identity or not identity.startswith(path.stem.rpartition("_")[2]):
+                raise ChecksumError("it holds another cell")
+            fields = [field for field in record_schema() if not columns or field.name in columns]
+            # Other programs may encode names differently.
+            table = table.replace_schema_metadata(None).cast(pa.schema(fields))
+            table.validate(full=True)
+            if any(column.null_count for column in table.columns):
+                raise ChecksumError("values are missing")
         except FileNotFoundError:
             raise StoreError(f"{path} is missing; run compare again to make it") from None
         except (OSError, ChecksumError) as error:
             raise self._damaged(path, error) from None
+        except (pa.ArrowException, ValueError):
+            raise self._damaged(path, "its columns are not those of a record") from None
+        return table
 
-    def write(self, cell: Cell, record: pa.Table, warnings: Sequence[str] = ()) -> None:
-        """Save a cell's record, with warnings of how it came about.
+    def made_with(self, path: Path) -> tuple[Versions, list[str]]:
+        """The versions that a cell was made with, and warnings of how its record came about.
 
         Raises:
-            StoreError: If it cannot be written; no part of it is left then.
+            StoreError: If its file does not say it.
         """
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
         try:
-            write_cell_file(self.path(cell), cell, record, warnings)
-        except OpenLockError as error:
-            raise StoreError(
-                f"{error}, then run the same command again: it continues where it stopped"
-            ) from None
+            metadata = pq.read_metadata(path).metadata or {}
+            made_with = adapter(Versions).validate_json(metadata.get(VERSIONS, b"{}"))
+            return made_with, adapter(list[str]).validate_json(metadata.get(WARNINGS, b"[]"))
+        except (OSError, pa.ArrowException, ValueError):
+            raise self._damaged(path, "it does not say what it was made with") from None
+
+    def write(self, cell: Cell, record: pa.Table, warnings: Sequence[str] = ()) -> None:
+        """Save a cell's record, with warnings of how it came about, whole or not at all.
+
+        Raises:
+            StoreError: If it cannot be written.
+        """
+        metadata = {IDENTITY: cell.identity.encode(), VERSIONS: json.dumps(versions()).encode()}
+        if warnings:
+            metadata[WARNINGS] = json.dumps(warnings).encode()
+        write_bytes(self.path(cell), table_bytes(record, metadata))
 
     def write_transcripts(
         self, cell: Cell, transcripts: Sequence[Sequence[Mapping[str, Any]]]
@@ -281,7 +315,7 @@ class Store:
         """Save what was said in a cell, by subject, each line with its number; nothing for none.
 
         Raises:
-            OpenLockError: If it cannot be written.
+            StoreError: If it cannot be written.
         """
         lines = [
             json.dumps({"subject": subject, **line}) + "\n"
@@ -290,10 +324,6 @@ class Store:
         ]
         if lines:
             write_bytes(self.transcript(self.path(cell)), "".join(lines).encode())
-
-    def transcript(self, record: Path) -> Path:
-        """Path of the transcripts of a cell, by the path of its record."""
-        return self.folder / TRANSCRIPTS / f"{record.stem}.jsonl"
 
     def record(
         self, columns: Sequence[str] | None = None, *, small: bool = False
@@ -321,9 +351,9 @@ class Store:
             "condition": {condition.name for condition in experiment.conditions},
             "protocol": {spec.protocol.name for spec in experiment.learners},
         }
-        tables, made_with = [], []
+        tables = []
         for path in done:
-            table, versions = self._read(path, None, columns)
+            table = self.read(path, columns)
             for column in listed.keys() & set(table.column_names):
                 names = {*table[column].unique().to_pylist()}
                 if strange := sorted(names - listed[column]):
@@ -331,15 +361,15 @@ class Store:
                         f"{self.folder} holds cells of the {column} {strange[0]!r}, which its "
                         "experiment.json does not list; give compare another --out"
                     )
-            made_with.append(versions)
             tables.append(compact(table) if small else table)
-        reasons = {path.stem: self.failures.of(path.name)[1] or None for path in missing}
+        made_with, warnings = zip(*map(self.made_with, done), strict=True)
+        reasons = {path.stem: failures_of(path)[1] or None for path in missing}
         return pa.concat_tables(tables), replace(
             experiment,
             versions=merged_versions(made_with),
             missing=(*reasons,),
             failures=present(reasons),
-            warned=tuple(dict.fromkeys(one for path in done for one in warnings_in(path))),
+            warned=tuple(dict.fromkeys(chain.from_iterable(warnings))),
         )
 
     def files(self, experiment: StoredExperiment | None = None) -> tuple[list[Path], list[Path]]:
@@ -358,9 +388,9 @@ class Store:
             raise StoreError(f"{self.folder} holds no cell yet; run compare to the end first")
         return done, [path for path in paths if not exists[path]]
 
-    def _damaged(self, path: Path, error: Exception) -> StoreError:
+    def _damaged(self, path: Path, why: object) -> StoreError:
         if (self.folder / LOG).exists():
             remedy = "start play with this folder and stop it: it is made again from the log"
         else:
             remedy = "run compare again, with the same command, to make it again"
-        return StoreError(f"{path} is damaged ({error}); {remedy}")
+        return StoreError(f"{path} is damaged ({why}); {remedy}")

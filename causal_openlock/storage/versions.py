@@ -9,7 +9,7 @@ from __future__ import annotations
 import platform
 from collections.abc import Mapping, Sequence
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from typing import Any
 
 from causal_openlock.version import RESULTS_VERSION
@@ -23,12 +23,7 @@ PACKAGES = ("numpy", "torch", "numba", "networkx")
 def versions() -> dict[str, str]:
     """The versions of packages that results depend on, by name."""
     here = {"Python": platform.python_version(), "causal-openlock": RESULTS_VERSION}
-    for package in PACKAGES:
-        try:
-            here[package] = version(package)
-        except PackageNotFoundError:
-            here[package] = "not installed"
-    return here
+    return {**here, **{package: version(package) for package in PACKAGES}}
 
 
 def merged_versions(several: Sequence[Versions]) -> dict[str, Any]:

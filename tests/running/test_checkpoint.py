@@ -20,7 +20,7 @@ from causal_openlock.files.seal import STATE
 from causal_openlock.running import runner, worker
 from causal_openlock.running.checkpoint import Checkpoint
 from causal_openlock.running.worker import Watching, play_cell
-from causal_openlock.storage.running_files import reported_progress
+from causal_openlock.storage.beside_cell import reported_progress
 from causal_openlock.storage.store import Store
 from causal_openlock.storage.versions import versions
 from openlock_learners.random import RandomLearner
@@ -60,7 +60,7 @@ def cell_of(folder, learner="random", condition="noisy_CC3-CE4"):
 
 def contents(cell, folder):
     store = Store(folder)
-    return store.read(store.path(cell), cell.identity).drop_columns(["wall_time"])
+    return store.read(store.path(cell)).drop_columns(["wall_time"])
 
 
 def undisturbed(cell, folder):

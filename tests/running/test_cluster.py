@@ -18,8 +18,8 @@ from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.running import runner, workers
 from causal_openlock.running.worker import Watching
-from causal_openlock.storage import folder_lock
-from causal_openlock.storage.shard import Shard
+from causal_openlock.storage.beside_cell import keep_failure
+from causal_openlock.storage.folder_lock import Shard
 from causal_openlock.storage.store import Store
 from support.command import at_once, modules_of
 from support.processes import prepared, start_prepared
@@ -245,19 +245,18 @@ def test_a_worker_that_nobody_waits_for_takes_a_checkpoint_and_ends(folder):
     assert not list((folder / "out").glob("errors/*"))
 
 
-def test_shards_share_a_folder_and_nobody_else_gets_in(folder, monkeypatch):
-    monkeypatch.setattr(folder_lock, "PATIENCE", 0.2)
+def test_shards_share_a_folder_and_nobody_else_gets_in(folder):
     experiment, out = declared(folder, "random", "oracle", subjects=6), folder / "out"
     first, second, other = Store(out), Store(out), Store(out)
     first.open(experiment, shard=Shard(1, 2))
     second.open(experiment, shard=Shard(2, 2))
     with pytest.raises(StoreError, match="in use by another comparison"):
         other.open(experiment)
+    with pytest.raises(StoreError, match="in use by another comparison"):
+        other.open(experiment, shard=Shard(1, 2))
     first.close()
     second.close()
     other.open(experiment)
-    with pytest.raises(StoreError, match="in use by another comparison"):
-        first.open(experiment, shard=Shard(1, 2))
     other.close()
     cells = experiment.cells()
     shares = [Shard(number, 4).of(cells) for number in range(1, 5)]
@@ -273,7 +272,7 @@ def test_status_says_what_is_done_running_silent_and_failed(folder):
         path = store.path(cell).with_suffix(".progress")
         path.write_text("0.2500 10.0", encoding="utf-8")
         os.utime(path, (time.time() - age,) * 2)
-    store.failures.record(cells[2], "failed: of itself", "")
+    keep_failure(store.path(cells[2]), cells[2], "failed: of itself", "")
     said = at_once("status", "out").stdout.splitlines()
     assert said[0].startswith("e: 4 of 8 cells done, 1 running, 1 failed, 2 waiting; ")
     assert said[1:3] == ["running:", f"  {cells[0].in_words}: 25%, for 10 s"]

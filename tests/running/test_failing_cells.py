@@ -12,6 +12,7 @@ import pytest
 from causal_openlock.errors import CellsFailed, OpenLockError
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.running import runner, workers
+from causal_openlock.storage.beside_cell import failures_of
 from causal_openlock.storage.store import Store
 from support.command import at_once, modules_of
 from support.processes import prepared, start_prepared
@@ -222,9 +223,9 @@ def test_a_cell_that_failed_three_times_is_left_out_until_it_is_asked_for(folder
     for number in range(3):
         reasons = fails(experiment, out, workers=0).reasons
         assert all("action 99 is outside" in reason for reason in reasons)
-        assert Store(out).failures.of(experiment.cells()[0].file_name)[0] == number + 1
+        assert failures_of(Store(out).path(experiment.cells()[0]))[0] == number + 1
     played = []
     assert "--retry-failed" in fails(experiment, out, workers=0, progress=played.append).reasons[0]
     assert (played[-1].failed, played[-1].over) == (2, True)
     assert "left out" not in fails(experiment, out, workers=0, retry_failed=True).reasons[0]
-    assert Store(out).failures.of(experiment.cells()[0].file_name)[0] == 1
+    assert failures_of(Store(out).path(experiment.cells()[0]))[0] == 1

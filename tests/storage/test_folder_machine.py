@@ -33,15 +33,14 @@ from hypothesis.stateful import (
 )
 
 from causal_openlock.contract.one_subject import OneSubjectLearner
-from causal_openlock.errors import OpenLockError
+from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.file import read_experiment
-from causal_openlock.files.checksums import ChecksumError, table_bytes
+from causal_openlock.files.checksums import table_bytes
 from causal_openlock.files.seal import STATE
 from causal_openlock.running.runner import run
 from causal_openlock.running.worker import Watching
-from causal_openlock.storage.cell_file import VERSIONS, read_cell_file
-from causal_openlock.storage.shard import Shard
-from causal_openlock.storage.store import Store
+from causal_openlock.storage.folder_lock import Shard
+from causal_openlock.storage.store import VERSIONS, Store
 from causal_openlock.version import RESULTS_VERSION
 from support.made_up_experiments import edit_stored
 
@@ -194,9 +193,11 @@ class Folder(RuleBasedStateMachine):
 
     def whole_cells(self):
         """The cells that can be read, each with the versions that it was made with."""
+        store = Store(self.folder)
         for path in files_of(self.folder, ".parquet"):
-            with suppress(ChecksumError):
-                yield path, read_cell_file(path)[1]
+            with suppress(StoreError):
+                store.read(path)
+                yield path, store.made_with(path)[0]
 
     def check_said(self, said, excuses):
         """Everything said names a file; returns whether the form was refused."""
