@@ -1,9 +1,7 @@
-"""Learners written for a single subject.
+"""Learners written for a single subject, with plain numbers.
 
-A :class:`~causal_openlock.contract.learner.Learner` plays many subjects at once, which is fast and
-needs arrays. A :class:`OneSubjectLearner` plays one subject with plain numbers; each subject gets
-an instance of its own, and a :class:`PerSubjectAdapter` makes them one learner. The registry takes
-either kind.
+A :class:`PerSubjectAdapter` gives each subject an instance of its own and plays them as one
+:class:`~causal_openlock.contract.learner.Learner`. The registry takes either kind.
 """
 
 from __future__ import annotations
@@ -15,14 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from causal_openlock.contract.learner import (
-    Brief,
-    Learner,
-    LearnerBase,
-    Observations,
-    Step,
-    View,
-)
+from causal_openlock.contract.learner import Brief, Learner, LearnerBase, Observations, Step, View
 from causal_openlock.errors import LearnerError
 from causal_openlock.schemas.fsm import IntArray
 
@@ -106,30 +97,30 @@ class PerSubjectAdapter(Learner):
         actions = np.zeros(len(self._players), dtype=np.int64)
         for subject in np.flatnonzero(view.playing):
             # Players may change the observation that they get, but learn from the original one.
-            player = self._players[subject]
-            answer = player.act(view.observation[subject].copy())
+            answer = self._players[subject].act(view.observation[subject].copy())
             try:
                 actions[subject] = operator.index(answer)
             except (TypeError, OverflowError):  # NumPy would silently round 2.7
                 raise LearnerError(
-                    f"{self.single.__name__} has to answer with the index of an action, an integer "
-                    f"from 0 to {player.brief.actions - 1}, and answered {answer!r}"
+                    f"{self.single.__name__} has to answer with an integer, the index of an "
+                    f"action, and answered {answer!r}"
                 ) from None
         return actions
 
     def learn(self, step: Step) -> None:
         """Let each player learn from its own step."""
-        left = step.view.console.solutions_left - step.new_solution
-        for subject in np.flatnonzero(step.view.playing):
-            self._players[subject].learn(
-                Moment(
-                    observation=step.view.observation[subject],
-                    action=int(step.action[subject]),
-                    outcome=step.outcome[subject],
-                    reward=float(step.reward[subject]),
-                    attempt_over=bool(step.attempt_over[subject]),
-                    trial_over=bool(step.trial_over[subject]),
-                    new_solution=bool(step.new_solution[subject]),
-                    solutions_left=int(left[subject]),
-                )
-            )
+        columns = (
+            step.view.observation,
+            step.action.tolist(),
+            step.outcome,
+            step.reward.tolist(),
+            step.attempt_over.tolist(),
+            step.trial_over.tolist(),
+            step.new_solution.tolist(),
+            (step.view.console.solutions_left - step.new_solution).tolist(),
+        )
+        for player, playing, *moment in zip(
+            self._players, step.view.playing, *columns, strict=True
+        ):
+            if playing:
+                player.learn(Moment(*moment))

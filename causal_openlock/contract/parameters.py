@@ -1,11 +1,4 @@
-"""Types of hyper-parameters with ranges, which are checked in experiment files.
-
->>> from typing import Annotated
->>> from dataclasses import dataclass
->>> @dataclass(frozen=True)
-... class Parameters:
-...     lapse: Annotated[Share, "share of actions that are random"] = 0.0
-"""
+"""Types of hyper-parameters with ranges, as in ``lapse: Annotated[Share, "of random actions"]``."""
 
 from __future__ import annotations
 
@@ -15,6 +8,5 @@ from pydantic import Field
 
 Share = Annotated[float, Field(ge=0, le=1)]
 OpenShare = Annotated[float, Field(gt=0, lt=1)]
-"""A share other than 0 and 1."""
 Positive = Annotated[float, Field(gt=0)]
 Count = Annotated[int, Field(ge=1)]

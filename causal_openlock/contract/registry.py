@@ -1,14 +1,9 @@
 """Finding learners by name, and checking their hyper-parameters.
 
-Any package can add learners, in the way in which those of the toolkit are declared::
-
-    [project.entry-points."causal_openlock.learners"]
-    mine = "my_package:MyLearner"
-
-``module:Class`` names a learner that is not registered, such as one in a file of the working
-directory or next to the experiment file. Hyper-parameters are the fields of its frozen dataclass
-``Parameters``: values are checked against their types, and a text in an ``Annotated`` type explains
-a parameter to users.
+Any package can register learners (:mod:`causal_openlock.files.plugins`). ``module:Class`` names one
+that is not registered, such as one in a file of the working directory or next to the experiment
+file. Hyper-parameters are the fields of its frozen dataclass ``Parameters``: values are checked
+against their types, and a text in an ``Annotated`` type explains a parameter to users.
 """
 
 from __future__ import annotations
@@ -21,12 +16,12 @@ from importlib.metadata import Distribution, EntryPoint
 from inspect import getsourcefile
 from os import fspath
 from pathlib import Path
-from typing import Any, NamedTuple, TypeGuard, get_type_hints
+from typing import Any, NamedTuple, get_type_hints
 
 from pydantic import ConfigDict, PydanticUserError, ValidationError
 
 from causal_openlock.contract.learner import Learner, LearnerBase
-from causal_openlock.contract.one_subject import OneSubjectLearner, PerSubjectAdapter
+from causal_openlock.contract.one_subject import PerSubjectAdapter
 from causal_openlock.errors import LearnerError, in_short, together
 from causal_openlock.files.plugins import LEARNERS, registered
 from causal_openlock.files.validation import adapter, errors_of, plain
@@ -44,11 +39,7 @@ from causal_openlock.wording import nearest
 
 
 def registry() -> Mapping[str, EntryPoint]:
-    """Every installed learner by name; loads none.
-
-    Raises:
-        OpenLockError: If two packages register the same name.
-    """
+    """Every installed learner by name; loads none."""
     return registered(LEARNERS)
 
 
@@ -63,15 +54,9 @@ def _package(package: Distribution) -> tuple[str, bool]:
 def origin(name: str, *, imported: bool = False) -> str:
     """Name and version of a learner's package; for ``module:Class``, its file and a hash.
 
-    The hash is that of the file and of all modules of the user that it imports. A package that is
-    installed to be edited (``pip install -e``) has it after its version.
-
-    Args:
-        name: As for :func:`learner_class`.
-        imported: Whether the hash is that of the files as this process imported them.
-
-    Raises:
-        OpenLockError: If there is no such learner, or a file that it imports is not valid Python.
+    The hash is that of the file, as this process ``imported`` it or as it is now, and of all the
+    user's modules that it imports. A package that is installed to be edited (``pip install -e``)
+    has it after its version.
     """
     entry = registry().get(name)
     package, edited = _package(entry.dist) if entry and entry.dist else ("", True)
@@ -123,12 +108,10 @@ def learner_class(name: str) -> type[LearnerBase]:
     except Exception as error:  # a module can fail in any way while it is imported
         what = f"{called} cannot be imported: {type(error).__name__}: {error}"
         if name == entry.value:
-            what = misspelt(entry, error, "class", _is_whole) or what
+            what = misspelt(entry, error, "class", lambda kind: not _fault(kind)) or what
         raise LearnerError(what) from error
-    if not _is_learner(kind):
-        raise LearnerError(f"{called} is not a subclass of Learner or OneSubjectLearner")
-    if missing := _missing(kind):
-        raise LearnerError(f"{called} has no {missing}; define it")
+    if fault := _fault(kind):
+        raise LearnerError(f"{called} {fault}")
     return kind
 
 
@@ -146,20 +129,15 @@ def _entry(name: str) -> EntryPoint:
     )
 
 
-def _is_learner(kind: Any) -> TypeGuard[type[LearnerBase]]:
-    return isinstance(kind, type) and issubclass(kind, LearnerBase)
-
-
-def _missing(kind: type[LearnerBase]) -> str:
-    """The methods that a class of learners has to define and does not."""
+def _fault(kind: Any) -> str:
+    """What keeps something from being a class of learners; empty if it is one."""
+    if not (isinstance(kind, type) and issubclass(kind, LearnerBase)):
+        return "is not a subclass of Learner or OneSubjectLearner"
+    missing = sorted(getattr(kind, "__abstractmethods__", ()))
     undefined = Learner.act, Learner.probabilities
     if issubclass(kind, Learner) and (kind.act, kind.probabilities) == undefined:
-        return "act or probabilities"
-    return " and no ".join(sorted(getattr(kind, "__abstractmethods__", ())))
-
-
-def _is_whole(kind: Any) -> bool:
-    return _is_learner(kind) and not _missing(kind)
+        missing.append("act or probabilities")
+    return f"has no {' and no '.join(missing)}; define it" if missing else ""
 
 
 def name_of(kind: type[LearnerBase]) -> str:
@@ -184,22 +162,17 @@ def name_of(kind: type[LearnerBase]) -> str:
 def create(name: str, parameters: Mapping[str, Any] | None = None) -> Learner:
     """A learner, ready for :meth:`Learner.begin`.
 
-    Args:
-        name: As for :func:`learner_class`.
-        parameters: Hyper-parameters that differ from their defaults.
+    >>> create("ddqn", {"gamma": 0.9}).parameters.gamma
+    0.9
 
     Raises:
         LearnerError: If there is no such learner, or a parameter is unknown or has a wrong value.
-
-    Example:
-        >>> create("ddqn", {"gamma": 0.9}).parameters.gamma
-        0.9
     """
     kind: Any = learner_class(name)
-    checked = parse_parameters(name, parameters or {})
-    if issubclass(kind, OneSubjectLearner):
-        return PerSubjectAdapter(kind, checked)
-    learner: Learner = kind(checked)
+    values = parse_parameters(name, parameters or {})
+    learner: Learner = (
+        kind(values) if issubclass(kind, Learner) else PerSubjectAdapter(kind, values)
+    )
     return learner
 
 
@@ -252,25 +225,19 @@ class ParameterInfo(NamedTuple):
 
 
 def parameter_table(learner: str | type) -> list[ParameterInfo]:
-    """The hyper-parameters of a learner, with defaults and meanings.
+    """The hyper-parameters of a learner, or of a class of parameters.
 
     >>> parameter_table("ddqn")[0]
     ParameterInfo(name='gamma', default=0.8, meaning='discount factor (paper: .8)')
-
-    Args:
-        learner: Its name, or its class of parameters.
     """
     declared: Any = learner_class(learner).Parameters if isinstance(learner, str) else learner
     hints = get_type_hints(declared, include_extras=True)
     table = []
     for field in fields(declared):
-        made = field.default_factory is not MISSING
-        texts = [
-            getattr(note, "description", note)
-            for note in getattr(hints[field.name], "__metadata__", ())
-        ]
+        default = field.default if field.default_factory is MISSING else field.default_factory()
+        notes = getattr(hints[field.name], "__metadata__", ())
+        texts = [getattr(note, "description", note) for note in notes]
         meaning = " ".join(text for text in texts if isinstance(text, str))
-        default = field.default_factory() if made else field.default
         table.append(ParameterInfo(field.name, default, meaning))
     return table
 
