@@ -15,7 +15,7 @@ from __future__ import annotations
 import io
 import re
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -209,7 +209,7 @@ def read_text(path: Path | str) -> str:
         raise FileError(path, [_fault_after(before, message)]) from None
 
 
-def dump_yaml(data: Any) -> str:
+def dump_yaml(data: Any, innermost_in_a_line: bool = False) -> str:
     """Data as YAML text; no line is broken."""
     from ruamel.yaml import YAML
     from ruamel.yaml.emitter import Emitter
@@ -224,22 +224,8 @@ def dump_yaml(data: Any) -> str:
     yaml = YAML(typ="rt", pure=True)
     yaml.Emitter = Lossless
     yaml.width = sys.maxsize
+    yaml.default_flow_style = None if innermost_in_a_line else False
     yaml.indent(mapping=2, sequence=4, offset=2)
     stream = io.StringIO()
     yaml.dump(data, stream)
     return stream.getvalue()
-
-
-def styled(data: Any, depth: int = 0) -> Any:
-    """Data to be dumped with two levels of keys on their own lines, and what is below in one."""
-    from ruamel.yaml.comments import CommentedMap, CommentedSeq
-
-    if isinstance(data, Mapping):
-        node: Any = CommentedMap((key, styled(value, depth + 1)) for key, value in data.items())
-    elif isinstance(data, Sequence) and not isinstance(data, str):
-        node = CommentedSeq(styled(value, depth + 1) for value in data)
-    else:
-        return data
-    if depth >= 2 or isinstance(data, Sequence):
-        node.fa.set_flow_style()
-    return node

@@ -137,9 +137,8 @@ def schema(
     if not isinstance(source, str | os.PathLike | Schema) and not (
         isinstance(source, Mapping) and {"levers", "edges"} <= source.keys()
     ):
-        form = "networkx" if isinstance(source, nx.Graph) else "declared"
         graph = source if isinstance(source, nx.Graph) else _graph(source)
-        return schema_of_graph(graph, form, "schema", changes)
+        return schema_of_graph(graph, "schema", changes)
     if gates or inert:
         raise OpenLockError("gates and inert go with edges or a graph; write them into the source")
     declared = find_schema(source)

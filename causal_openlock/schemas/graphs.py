@@ -31,7 +31,7 @@ from xml.etree import ElementTree
 
 import networkx as nx
 
-from causal_openlock.errors import OpenLockError, SchemaError, together
+from causal_openlock.errors import FileError, OpenLockError, SchemaError, together
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.json_text import each_once
 from causal_openlock.files.yaml_file import Document, read_text
@@ -85,7 +85,16 @@ def import_schema(text: str, format: str, name: str = "imported") -> Schema:
     if (read := FORMATS[format].read) is None:
         readable = ", ".join(other for other in FORMATS if FORMATS[other].read)
         raise OpenLockError(f"{format} can only be written; formats that are read: {readable}")
-    return read(text, name)
+    try:
+        with warnings.catch_warnings(action="ignore"):
+            return read(text, name)
+    except FileError:
+        raise
+    except OpenLockError as error:
+        raise _prefixed(f"this {format} text cannot be read", error) from None
+    except Exception as error:  # libraries raise what they like at a text that is no graph
+        why = " ".join(f"{type(error).__name__} {error}".split())[:160]
+        raise SchemaError(f"this is not a {format} text ({why}); correct it") from None
 
 
 def write_schema(schema: Schema, path: Path | str, format: str | None = None) -> None:
@@ -148,21 +157,19 @@ _LOOKS = re.compile(
 _OF_NODES = ("gate", "label", "name", "graphics", "exposure")
 
 
-def schema_of_graph(
-    graph: nx.Graph, format: str, name: str, changes: Mapping[str, Any] | None = None
-) -> Schema:
-    """The schema that a graph holds, from a file or from networkx, perhaps with changes.
+def schema_of_graph(graph: nx.Graph, name: str, changes: Mapping[str, Any]) -> Schema:
+    """The schema that a graph holds, from a file or from networkx, with changes.
 
     Raises:
-        SchemaError: If it holds none; the message names the format.
+        OpenLockError: If it holds none.
     """
     if not graph.is_directed():
-        raise SchemaError(f"this {format} graph is not directed; write edges as cause -> effect")
+        raise SchemaError("the graph is not directed; write edges as cause -> effect")
     graph = _by_label(graph)
     if DOOR not in graph:
         raise SchemaError(
-            f"this {format} graph has no node named {DOOR}; rename the node that stands for the "
-            f"door; {nearest(DOOR, map(str, graph))[:500]}"
+            f"no node is named {DOOR}; rename the one that stands for the door; "
+            f"{nearest(DOOR, map(str, graph))[:500]}"
         )
     data: dict[str, Any] = {
         "name": graph.graph.get("name") or name,
@@ -174,29 +181,26 @@ def schema_of_graph(
     }
     if isinstance(data["inert"], str):
         data["inert"] = data["inert"].split()
-    try:
-        for node, says in graph.nodes(data=True):
-            kind = "kind=door" if node == DOOR else "kind=lever"
-            _check(f"the node {node!s:.64}", says, (*_OF_NODES, kind))
-            data["gates"][node] = says.get("gate", "any")
-        for cause, effect, says in graph.edges(data=True):
-            edge = f"the edge {cause!s:.64} -> {effect!s:.64}"
-            if isinstance(says.get("graphics"), dict):  # of GML
-                drawing = {key: says["graphics"][key] for key in says["graphics"] if key != "type"}
-                says = {key: says[key] for key in says if key != "graphics"} | drawing
-            strength = says.get("strength", 1.0)
-            with suppress(ValueError):
-                strength = float(strength) if isinstance(strength, str) else strength
-            label = f"label={strength:g}" if isinstance(strength, float) else "label="
-            _check(edge, says, ("strength", "label=", "label=none", label))
-            if str(says.get("dir", says.get("arrow"))).lower() in ("back", "first"):
-                cause, effect = effect, cause
-            if effect in data["edges"].setdefault(cause, {}):
-                raise SchemaError(f"{edge} is there twice; remove one of them")
-            data["edges"][cause][effect] = {"strength": strength}
-        return schema_from_dict(data | dict(changes or {}))
-    except OpenLockError as error:
-        raise _prefixed(f"this {format} graph is not a schema", error) from None
+    for node, says in graph.nodes(data=True):
+        kind = "kind=door" if node == DOOR else "kind=lever"
+        _check(f"the node {node!s:.64}", says, (*_OF_NODES, kind))
+        data["gates"][node] = says.get("gate", "any")
+    for cause, effect, says in graph.edges(data=True):
+        edge = f"the edge {cause!s:.64} -> {effect!s:.64}"
+        if isinstance(says.get("graphics"), dict):  # of GML
+            drawing = {key: says["graphics"][key] for key in says["graphics"] if key != "type"}
+            says = {key: says[key] for key in says if key != "graphics"} | drawing
+        strength = says.get("strength", 1.0)
+        with suppress(ValueError):
+            strength = float(strength) if isinstance(strength, str) else strength
+        label = f"label={strength:g}" if isinstance(strength, float) else "label="
+        _check(edge, says, ("strength", "label=", "label=none", label))
+        if str(says.get("dir", says.get("arrow"))).lower() in ("back", "first"):
+            cause, effect = effect, cause
+        if effect in data["edges"].setdefault(cause, {}):
+            raise SchemaError(f"{edge} is there twice; remove one of them")
+        data["edges"][cause][effect] = {"strength": strength}
+    return schema_from_dict(data | dict(changes))
 
 
 def _check(what: str, says: Mapping[str, Any], read: Collection[str]) -> None:
@@ -239,21 +243,9 @@ def _graph_of(schema: Schema) -> nx.DiGraph:
     return graph
 
 
-def _reading(format: str, graph_of: Callable[[str], nx.Graph]) -> Callable[[str, str], Schema]:
+def _read(graph_of: Callable[[str], nx.Graph]) -> Callable[[str, str], Schema]:
     """The reader of a format from what makes a graph of its text."""
-
-    def read(text: str, name: str) -> Schema:
-        try:
-            with warnings.catch_warnings(action="ignore"):
-                graph = graph_of(text)
-        except OpenLockError:
-            raise
-        except Exception as error:  # libraries raise what they like at a text that is no graph
-            why = " ".join(f"{type(error).__name__} {error}".split())[:160]
-            raise SchemaError(f"this is not a {format} graph ({why}); correct it") from None
-        return schema_of_graph(graph, format, name)
-
-    return read
+    return lambda text, name: schema_of_graph(graph_of(text), name, {})
 
 
 def _parse_schema(text: str, path: Path | str = "<text>") -> Schema:
@@ -273,7 +265,7 @@ def _node_link_graph(text: str) -> nx.Graph:
     # Every edge is kept, whatever its key, so that a doubled one is seen.
     graph = nx.node_link_graph({**data, "multigraph": True}, directed=True, edges=edges, key="")
     if len(graph) != len(data["nodes"]):
-        raise SchemaError("a node of this node-link graph is there twice, or only in an edge")
+        raise SchemaError("a node is there twice, or only in an edge")
     return graph
 
 
@@ -294,10 +286,10 @@ def _graphml_graph(text: str) -> nx.Graph:
         if tag == "Arrows" and (
             ends[0] != "none" or not _LOOKS.fullmatch(f"targetArrow={ends[1]}")
         ):
-            raise SchemaError(f"an edge of this graphml graph has the arrows {ends}, not an effect")
+            raise SchemaError(f"an edge has the arrows {ends}, not an effect")
     graph = nx.parse_graphml(text, force_multigraph=True)
     if (len(graph), graph.number_of_edges()) != (count["node"], count["edge"]):
-        raise SchemaError("this graphml graph has a node or an edge twice, or outside of the graph")
+        raise SchemaError("a node or an edge is there twice, or outside of the graph")
     for kind, parts in (("node", graph.nodes), ("edge", graph.edges)):
         for says in parts.values():
             says |= {**graph.graph[f"{kind}_default"], **says}
@@ -318,7 +310,7 @@ def _dot_graph(text: str) -> nx.Graph:
     body = _TEXT_OR_COMMENT.sub('""', text).partition("{")[2]
     for sign, what in (("--", "an edge without direction"), ("{", "a group or subgraph")):
         if sign in body:
-            raise SchemaError(f"this dot graph has {what} ({sign}); write each edge as A -> B")
+            raise SchemaError(f"it has {what} ({sign}); write each edge as A -> B")
     with redirect_stdout(io.StringIO()) as complaint:
         drawings = pydot.graph_from_dot_data(text)
     if not drawings or body.rpartition("}")[2].strip():
@@ -357,13 +349,13 @@ _STATEMENT = re.compile(
 def _dagitty_graph(text: str) -> nx.Graph:
     parts = _DAGITTY.fullmatch(text)
     if not parts:
-        raise SchemaError("a dagitty graph is written `dag { A -> B }`; is this the right file?")
+        raise SchemaError("it is written `dag { A -> B }`; is this the right file?")
     body = _TEXT_OR_COMMENT.sub(lambda part: part[0] if part[0][0] == '"' else " ", parts[2])
     graph, at = nx.MultiDiGraph(name=_unquoted(parts[1])), 0
     for statement in [*_STATEMENT.finditer(body), None]:
         between = body[at : statement.start() if statement else None]
         if between.strip("; \t\r\n"):
-            raise SchemaError(f"this dagitty graph is not understood at {between.strip()!r:.64}")
+            raise SchemaError(f"it is not understood at {between.strip()!r:.64}")
         at = statement.end() if statement else at
         if not statement or not statement[1]:  # the end, or a setting of the drawing
             continue
@@ -374,7 +366,7 @@ def _dagitty_graph(text: str) -> nx.Graph:
         graph.add_nodes_from(nodes, **({} if links else says))
         for (arrow, _), ends in zip(links, pairwise(nodes), strict=True):
             if arrow not in ("->", "<-"):
-                raise SchemaError(f"in this dagitty graph, {arrow} is not -> from cause to effect")
+                raise SchemaError(f"{arrow} is not -> from cause to effect")
             graph.add_edges_from([(*(ends if arrow == "->" else ends[::-1]), says)])
     outcomes = [node for node, says in graph.nodes(data=True) if "outcome" in says]
     if DOOR not in graph and len(outcomes) == 1:
@@ -446,11 +438,11 @@ def _graphml_text(schema: Schema) -> str:
 FORMATS: dict[str, Format] = {
     "yaml": Format((".yaml", ".yml"), Schema.to_yaml, lambda text, _: _parse_schema(text)),
     "line": Format((".txt",), lambda schema: one_line(schema) + "\n", parse_line),
-    "node-link": Format((".json",), _node_link_text, _reading("node-link", _node_link_graph)),
-    "gml": Format((".gml",), _gml_text, _reading("gml", _gml_graph)),
-    "graphml": Format((".graphml",), _graphml_text, _reading("graphml", _graphml_graph)),
-    "dot": Format((".dot", ".gv"), _dot_text, _reading("dot", _dot_graph)),
-    "dagitty": Format((".dagitty",), _dagitty_text, _reading("dagitty", _dagitty_graph)),
+    "node-link": Format((".json",), _node_link_text, _read(_node_link_graph)),
+    "gml": Format((".gml",), _gml_text, _read(_gml_graph)),
+    "graphml": Format((".graphml",), _graphml_text, _read(_graphml_graph)),
+    "dot": Format((".dot", ".gv"), _dot_text, _read(_dot_graph)),
+    "dagitty": Format((".dagitty",), _dagitty_text, _read(_dagitty_graph)),
     "bif": Format((".bif",), bif_text),
 }
 """All formats by name."""

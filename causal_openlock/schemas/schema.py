@@ -359,9 +359,9 @@ class Schema:
         for cause in self.levers:
             effects = sorted(self.graph.successors(cause), key=[*self.levers, DOOR].index)
             strengths = {effect: self.graph.edges[cause, effect]["strength"] for effect in effects}
-            if {*strengths.values()} <= {1.0}:
-                data["edges"] |= {cause: effects} if effects else {}
-            else:
+            if {*strengths.values()} == {1.0}:
+                data["edges"][cause] = effects
+            elif effects:
                 data["edges"][cause] = {
                     effect: {} if strength == 1.0 else {"strength": strength}
                     for effect, strength in strengths.items()
@@ -386,9 +386,9 @@ class Schema:
         edges:
           A: [door]
         """
-        from causal_openlock.files.yaml_file import dump_yaml, styled
+        from causal_openlock.files.yaml_file import dump_yaml
 
-        return dump_yaml(styled(self.as_dict()))
+        return dump_yaml(self.as_dict(), innermost_in_a_line=True)
 
     def to_text(self) -> str:
         """The schema as a line of text; see :func:`~causal_openlock.schemas.one_line.one_line`.

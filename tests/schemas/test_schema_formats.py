@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.declare import find_condition
-from causal_openlock.experiment.making import make_experiment
 from causal_openlock.schemas.bayes_net import to_bayesian_network
 from causal_openlock.schemas.finding import bundled_schemas, find_schema, schema
 from causal_openlock.schemas.graphs import (
@@ -90,21 +89,13 @@ def test_files_are_known_by_their_suffix(tmp_path, format):
             assert read_schema(other, format) == schema
 
 
-@pytest.mark.parametrize("suffix", [".dot", ".GV", ".yml"])
-def test_every_format_is_read_wherever_a_schema_is_named(tmp_path, suffix):
-    own, path = schema("A -> B; B -> door; C -> door", name="mine"), tmp_path / f"mine{suffix}"
+def test_every_format_is_read_wherever_a_schema_is_named(tmp_path):
+    own, path = schema("A -> B; B -> door; C -> door", name="mine"), tmp_path / "mine.GV"
     write_schema(own, path)
     room = gymnasium.make("causal_openlock/OpenLock-v0", schema=str(path)).unwrapped
-    for found in (
-        read_schema(path),
-        find_schema(path.name, [tmp_path]),
-        schema(path),
-        room.settings.schema,
-        find_condition(f"{path}").schemas[-1],
-        find_condition(["CC3", path]).schemas[-1],
-        make_experiment([str(path)], ["oracle"], subjects=2).conditions[0].schemas[0],
-    ):
-        assert found == own
+    for condition in (f"{path}", ["CC3", path]):
+        assert find_condition(condition).schemas[-1] == own
+    assert find_schema(path.name, [tmp_path]) == schema(path) == room.settings.schema == own
 
 
 # -- files from elsewhere --------------------------------------------------------------------------
@@ -251,9 +242,3 @@ def test_interventions_on_any_schema(data, push):
     do = data.draw(st.dictionaries(st.sampled_from(schema.levers), st.integers(0, 1)))
     expected = chance_of_the_door(Rules.of(schema), do, push)
     assert chance_by_network(schema, do, push) == pytest.approx(expected, abs=1e-9)
-
-
-def test_a_network_of_the_lock_leaves_the_strengths_of_the_door_out():
-    network = to_bayesian_network(BUNDLED["noisy_CC3"], lock=True)
-    assert network.get_cpds(DOOR).values[1].ravel().tolist() == [0, 1, 1, 1]
-    assert network.get_cpds("L1").values[1].ravel().tolist() == pytest.approx([0, 0.8])
