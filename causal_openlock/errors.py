@@ -17,10 +17,10 @@ MOST_SAID = 2000
 """Characters of a sentence."""
 
 
-def _first(lines: Sequence[str], before: str = "", after: str = "") -> list[str]:
+def _first(lines: Sequence[str], before: str = "") -> str:
     """The first of many lines, and how many more there are."""
     left = len(lines) - MOST_LISTED
-    return [*lines[:MOST_LISTED], *([f"{before}and {left:,} more{after}"] if left > 0 else [])]
+    return "\n".join([*lines[:MOST_LISTED], *([f"{before}and {left:,} more"] if left > 0 else [])])
 
 
 class OpenLockError(ValueError):
@@ -102,7 +102,7 @@ class CellsFailed(LearnerError):  # noqa: N818 - the others did not
     def __init__(self, reasons: Iterable[str], cells: int) -> None:
         self.reasons = tuple(reasons)
         self.cells = cells
-        super().__init__("\n".join([*_first(self.reasons), self.summary]))
+        super().__init__(f"{_first(self.reasons)}\n{self.summary}")
 
     @property
     def every(self) -> bool:
@@ -112,17 +112,11 @@ class CellsFailed(LearnerError):  # noqa: N818 - the others did not
     @property
     def summary(self) -> str:
         """Number of failed cells, and what to do."""
-        failed = len(self.reasons)
-        what = f"{failed:,} of {self.cells:,} cells failed, and all others are done"
-        if self.every:
-            what = "every cell failed"
+        some = f"{len(self.reasons):,} of {self.cells:,} cells failed, and all others are done"
         return (
-            f"{what}; fix or remove the failing learners and run the same command again; only "
-            "missing cells are played"
+            f"{'every cell failed' if self.every else some}; fix or remove the failing learners "
+            "and run the same command again; only missing cells are played"
         )
-
-    def __reduce__(self) -> tuple[type[CellsFailed], tuple[tuple[str, ...], int]]:
-        return CellsFailed, (self.reasons, self.cells)
 
 
 class ExperimentError(OpenLockError):
@@ -161,7 +155,7 @@ class FileError(OpenLockError):
             f"{self.path}:{fault.line}:{fault.column}: {' '.join(fault.message.splitlines())}"
             for fault in self.faults
         ]
-        super().__init__("\n".join(_first(lines, f"{self.path}: ", " faults")))
+        super().__init__(_first(lines, f"{self.path}: "))
 
     def __reduce__(self) -> tuple[type[FileError], tuple[str, tuple[Fault, ...]]]:
         return FileError, (self.path, self.faults)
@@ -180,7 +174,7 @@ def together(errors: Sequence[OpenLockError]) -> OpenLockError:
         return first
     alike = all(type(error) is type(first) for error in others)
     kind = type(first) if alike and not isinstance(first, FileError) else OpenLockError
-    made = kind("\n".join(_first([*by_text])), first.at)
+    made = kind(_first([*by_text]), first.at)
     made._parts = tuple(part for error in errors for part in error.parts)
     return made
 
@@ -195,21 +189,11 @@ def in_short(error: BaseException) -> str:
     """
     try:
         text = " ".join(str(error).split())
-        if isinstance(error, OpenLockError):
-            return text[:MOST_SAID]
-        if len(text) <= 200:
-            return text
-        at_a_word = text[:200].rpartition(" ")[0]
-        return f"{at_a_word if len(at_a_word) > 150 else text[:199]} …"
-    except Exception:
+    except Exception:  # a user's class can fail in any way
         return ""
-
-
-def __getattr__(name: str) -> type[OpenLockError]:
-    if name not in ("LayoutError", "ProtocolError", "RewardError"):
-        raise AttributeError(f"module {__name__} has no attribute {name!r}")
-    renamed(name, "ExperimentError")
-    return ExperimentError
+    if isinstance(error, OpenLockError):
+        return text[:MOST_SAID]
+    return text if len(text) <= 200 else f"{text[:200].rpartition(' ')[0] or text[:199]} …"
 
 
 def renamed(former: str, present: str) -> None:

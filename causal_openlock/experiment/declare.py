@@ -1,29 +1,20 @@
 """What an experiment is: protocols, conditions and learners, declared once.
 
-Files, programs and results folders are read by the same classes. Each is frozen, checks its parts,
-and takes *short forms* of them: ``CC3-CC4`` is a condition, ``rl`` a protocol, ``ddqn`` a learner,
-``paper`` a reward. What is faulty is gathered by pydantic, with the path to each fault; a file has
-a line for each (:mod:`~causal_openlock.experiment.file`). ``as_dict`` is what a results folder
-stores and identities are made of; ``as_file`` is what a user would write.
+Files, programs and results folders are read by the same classes, which take *short forms* of their
+parts: ``CC3-CC4`` is a condition, ``rl`` a protocol, ``ddqn`` a learner, ``paper`` a reward.
+Pydantic gathers the faults, each with the path to it. ``as_dict`` is what a results folder stores
+and identities are made of; ``as_file`` is what a user would write.
 
 A *condition* is a sequence of trials: first those to train on, then perhaps those to test on.
 ``CC4`` is a baseline (rooms of the schema CC4), ``CC3-CC4`` a transfer (six rooms of CC3, then
 CC4). In ``shown-CC3-CC4`` the training is *shown*: in each of its rooms the subject watches every
 solution once and does nothing itself; then it plays the test.
 
-A *protocol* defines how a condition is played: how many attempts a trial has, whether it ends when
-all solutions are found, how many trials there are and how often they are repeated.
-
-* ``human``: 30 attempts; a trial ends as soon as everything is found; baseline 5 trials, transfer
-  6 + 1 (paper, "Materials and Procedure").
-* ``rl``: 300 attempts in every trial, also after everything is found; a baseline loops 10 times
-  over its 5 trials; transfer loops 100 times over 6 training trials and 10 times over the 5 test
-  trials (paper, "Model Results"). Figure 6 shows 150,000 attempts for each schema and Figure 7
-  18,000 for each case, where these loops give 15,000 each. These protocols follow the text; the
-  numbers of loops are parameters.
-* ``rl_2020``: the one of *Theory-based Causal Transfer* (Edmonds et al., AAAI 2020) for learners by
-  reinforcement: 700 attempts; a trial ends when everything is found; 200 loops over 5 trials, or
-  over 6 training trials and then 5 test trials. It belongs with the reward ``unique_solutions``.
+A *protocol* defines how a condition is played: how many attempts and trials there are, and when a
+trial ends. ``human`` and ``rl`` are the paper's ("Materials and Procedure", "Model Results"; where
+its figures show other numbers, these follow its text), ``rl_2020`` that of *Theory-based Causal
+Transfer* (Edmonds et al., AAAI 2020) for learners by reinforcement, with the reward
+``unique_solutions``.
 
 A *cell* is the unit of work: one learner in one condition with at most ``cell_size`` subjects. Its
 identity is a hash of everything that determines its record, so a finished cell is never played
@@ -66,7 +57,7 @@ from causal_openlock.contract.registry import (
     name_of,
     parse_parameters,
 )
-from causal_openlock.errors import ExperimentError, LearnerError, OpenLockError, renamed, together
+from causal_openlock.errors import ExperimentError, LearnerError, OpenLockError, together
 from causal_openlock.experiment.origin import Origin, answer_of, origin_of
 from causal_openlock.files.digest import digest
 from causal_openlock.files.json_text import present
@@ -139,8 +130,7 @@ Seed = Annotated[int, Field(strict=True, ge=0, lt=2**63), BeforeValidator(plain)
 
 
 def _any(values: Any, info: ValidationInfo) -> Any:
-    """Refuse an empty list where something is declared."""
-    if _declares(info) and isinstance(values, list | tuple) and not values:
+    if _declares(info) and values in ([], ()):
         raise ExperimentError(f"{info.field_name} needs at least 1; add one")
     return values
 
@@ -224,17 +214,12 @@ class Protocol(Part):
     """Protocol: the budgets and rules under which a condition is played.
 
     Attributes:
-        name: For the record.
         attempt_limit: Attempts in a trial.
         stop_when_solved: Whether a trial ends as soon as all its solutions are found.
-        baseline_trials: Trials of a condition without a test. This number and the next two are
-            defaults for conditions, lowered to the number of published layouts if those are used
-            (there are five with four levers).
-        training_trials: Trials to train on, in a condition with a test.
-        test_trials: Trials to test on.
-        baseline_loops: How often the trials of a baseline are repeated.
-        train_loops: The same for trials to train on.
-        test_loops: The same for trials to test on.
+        baseline_trials, training_trials, test_trials: Trials of a condition without a test, to
+            train on and to test on, where the condition does not say; lowered to the number of
+            published layouts if those are used (there are five with four levers).
+        baseline_loops, train_loops, test_loops: How often these trials are repeated.
         layouts: The default source of layouts: those the paper's authors published, or random.
         test_layout: In results of 0.2 alone: the published layout of all tests.
         action_limit: Actions in an attempt; by default 3, or as many as the schema's longest
@@ -312,8 +297,7 @@ def _protocol(value: Any, info: ValidationInfo) -> Any:
         return value
     if not isinstance(value, Mapping):
         raise ExperimentError(
-            f"{value!r:.200} is not a protocol; give its name, a Protocol, or settings such as "
-            '{"attempt_limit": 10}'
+            f"{value!r:.200} is not a protocol; give its name, or settings: {{attempt_limit: 10}}"
         )
     settings = {**value}
     if settings.get("test_layout"):
@@ -369,7 +353,6 @@ def _own_protocols(protocols: Any, info: ValidationInfo) -> Any:
 
 # -- conditions ------------------------------------------------------------------------------------
 
-
 ListedLayout = Annotated[
     InstanceOf[Layout],
     BeforeValidator(lambda layout, info: Layout.of(info.context["of"], layout)),
@@ -381,11 +364,9 @@ class Trials(Part):
     """Trials in rooms of one schema.
 
     Attributes:
-        schema: The schema of the rooms.
-        layouts: Layouts to draw from without repeats, or their source; ``None`` uses the
-            protocol's.
-        number: Exactly how many trials, ``trials`` in a file; ``None`` uses the protocol's number,
-            or all given layouts.
+        layouts: Layouts to draw from without repeats, or their source; by default the protocol's.
+        number: Exactly how many trials, ``trials`` in a file; by default the protocol's number, or
+            all given layouts.
         shuffle: Whether the layouts come in random order.
     """
 
@@ -432,9 +413,6 @@ class Trials(Part):
         return present(handler(self)) if info.context else handler(self)
 
 
-ONLY_TRAIN = "only the whole of train can be shown, as in train: {shown: CC3}"
-
-
 def _names_schema(value: Any) -> bool:
     return isinstance(value, str | Path | Schema)
 
@@ -445,11 +423,13 @@ def _listed(value: Any) -> Any:
 
 def _trials(value: Any) -> list[Any]:
     """Trials in a list; a schema alone stands for trials in its rooms."""
-    trials = _listed(value) if _names_schema(value) or isinstance(value, Trials) else value
-    if not isinstance(trials, list | tuple):
-        raise ExperimentError(f"write a schema by name or path, or a list of trials; {ONLY_TRAIN}")
-    if any(isinstance(group, Mapping) and SHOWN in group for group in trials):
-        raise ExperimentError(ONLY_TRAIN)
+    trials = _listed(value)
+    shown = [group for group in trials if isinstance(group, Mapping) and SHOWN in group]
+    if isinstance(value, Mapping) or shown:
+        raise ExperimentError(
+            "write a schema by name or path, or a list of trials; what is shown is the whole of "
+            "train, as in train: {shown: CC3}"
+        )
     return [group if isinstance(group, Mapping | Trials) else {"schema": group} for group in trials]
 
 
@@ -490,17 +470,13 @@ class Condition(Part):
     """A sequence of trials.
 
     Attributes:
-        name: For the record; by default that of the schemas, where they alone are declared.
+        name: By default that of the schemas, where they alone are declared.
         train: Trials in the order in which they come; all of a baseline's trials are here.
         test: Trials to test on afterwards; empty for a baseline.
         rooms: By number of the subject, the layouts of its trials in order, where it is on record
             that they were others than the drawn ones, as in data from elsewhere.
         shown: Whether the trials to train on are shown: each solution of the room in an attempt of
             its own, in an order drawn for the subject, and then the trial is over.
-
-    Raises:
-        OpenLockError: If training is shown without a test, in rooms where a push can fail, or under
-            the name of a condition of the paper.
 
     Example:
         >>> [schema.name for schema in find_condition("CC3-CC4").schemas]
@@ -539,12 +515,6 @@ class Condition(Part):
                     f"a push can fail in rooms of {trials.schema.name}, so its solutions cannot be "
                     "shown; choose a schema without strengths below 1"
                 )
-
-    @classmethod
-    def named(cls, name: str, find: Any = None) -> Condition:
-        """The condition of a name; :func:`find_condition` takes its place."""
-        renamed("Condition.named", "causal_openlock.find_condition")
-        return find_condition(name)
 
     @property
     def schemas(self) -> tuple[Schema, ...]:
@@ -593,10 +563,9 @@ def _halves(text: str) -> dict[str, Any]:
         return {"train": text}
     first, *others = text.removeprefix(f"{SHOWN}-").split("-")
     if len(others) > 1 or not all(map(NAME.fullmatch, (first, *others))):
-        much = f"... ({len(text):,} characters)" if len(text) > 200 else ""
         raise ExperimentError(
-            f"{text[:200]!r}{much} is not a condition; write one schema for a baseline (CC4), two "
-            "for a transfer (CC3-CC4), or a list where one is a file: [CC3, my/vault.yaml]"
+            f"{text!r:.200} is not a condition; write one schema for a baseline (CC4), two for a "
+            "transfer (CC3-CC4), or a list where one is a file: [CC3, my/vault.yaml]"
         )
     train: Any = {SHOWN: first} if text.startswith(f"{SHOWN}-") else first
     return {"train": train, "test": others}
@@ -631,7 +600,7 @@ def find_condition(form: Any, folder: Path | None = None) -> Condition:
     """A condition in any form: ``CC4``, ``CC3-CC4``, a path, a schema, or a list of these.
 
     Args:
-        form: As in an experiment file, where a mapping spells it out; or a :class:`Condition`.
+        form: As in an experiment file; or a :class:`Condition`.
         folder: Where schemas are looked for first.
 
     Raises:
@@ -684,6 +653,10 @@ def points(entry: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 _NOTES = ("prior_attempts", "informed", "about")  # of a learner's origin: they follow from its code
+_ORIGIN = {
+    **{"class": "class_name", "package": "package", "material": "artifact_hash"},
+    **{name: name for name in _NOTES},
+}
 
 
 @part(kw_only=True)
@@ -693,12 +666,8 @@ class LearnerSpec(Part):
     Attributes:
         recorded: Its origin, if it is read from a results folder; its code is then not loaded and
             need not be installed.
-        learner: Its registered name, or ``module:Class``.
         name: Its label; by default its name.
-        sweep: Values of parameters; each combination is a learner of an experiment.
         parameters: All its hyper-parameters, defaults included.
-        protocol: The protocol it plays under.
-        reward: The reward of its actions.
         subjects: How many subjects it plays in each condition.
         cell_size: Most of them in a cell; by default as the experiment says.
     """
@@ -707,7 +676,7 @@ class LearnerSpec(Part):
         InstanceOf[Origin] | None, SkipJsonSchema(), Field(exclude=True, repr=False)
     ] = None
     learner: Annotated[str, Field(description="Registered name, or module:Class.")]
-    name: Annotated[Name, Field(description="Label in tables; the learner's name.")] = ""
+    name: Name = ""
     sweep: Annotated[
         dict[str, Annotated[list[Any], Field(min_length=1)]],
         Field(description="Values of parameters; each combination is a learner.", exclude=True),
@@ -744,23 +713,15 @@ class LearnerSpec(Part):
 
     def as_dict(self) -> dict[str, Any]:
         """The learner as plain data, with its origin, which no file says."""
-        origin = self.origin
-        known = {key: getattr(origin, key) or None for key in _NOTES}
-        if origin.prior_attempts is None:
-            known["prior_attempts"] = "unknown"
-        about = {
-            "class": origin.class_name,
-            "package": origin.package,
-            "material": origin.artifact_hash or None,
-        }
-        return {**super().as_dict(), **present({**about, **known})}
+        origin = {key: getattr(self.origin, name) or None for key, name in _ORIGIN.items()}
+        if self.origin.prior_attempts is None:
+            origin["prior_attempts"] = "unknown"
+        return {**super().as_dict(), **present(origin)}
 
     @cached_property
     def origin(self) -> Origin:
         """The learner's recorded origin, or that of the installed code."""
-        if self.recorded is not None:
-            return self.recorded
-        return origin_of(self.learner, self.parameters)
+        return self.recorded or origin_of(self.learner, self.parameters)
 
     @property
     def is_random(self) -> bool:
@@ -772,36 +733,29 @@ def _learner(value: Any, info: ValidationInfo) -> Any:
     """A learner by its name or class, with what the experiment says for all."""
     if isinstance(value, LearnerSpec):
         return value
-    entry = value if isinstance(value, Mapping) else {"learner": value}
-    learner, for_all = entry.get("learner"), info.data or {}
+    entry = {**value} if isinstance(value, Mapping) else {"learner": value}
+    learner = entry.get("learner")
     if isinstance(learner, type):
-        learner = name_of(learner)
+        entry["learner"] = name_of(learner)
     elif not isinstance(learner, str | None):
         raise LearnerError(
             f"{learner!r:.200} is not a learner; give a name, a class of learners, or "
             "learner(NAME, parameter=value)"
         )
-    shared = ("protocol", "reward", "subjects")
-    entry = {**{key: for_all[key] for key in shared if key in for_all}, **entry}
-    if learner is not None:
-        entry["learner"] = learner
+    for_all = ("protocol", "reward", "subjects")
+    entry = {**{key: info.data[key] for key in for_all if key in (info.data or {})}, **entry}
     return _from_record(entry) if (info.context or {}).get("recorded") else entry
 
 
 def _from_record(entry: dict[str, Any]) -> dict[str, Any]:
     """An entry of a results folder, its origin apart."""
-    name, package, prior = (entry.pop(key, 0) for key in ("class", "package", "prior_attempts"))
-    if package.startswith("causal-openlock 0.2.") and name.startswith("learners."):
-        name = f"openlock_{name}"  # what the package of the bundled learners is called now
-    recorded = Origin(
-        name,
-        package,
-        entry.pop("material", ""),
-        None if prior == "unknown" else prior,
-        entry.pop("informed", False),
-        entry.pop("about", ""),
-    )
-    return {**entry, "recorded": recorded}
+    known = {name: entry.pop(key) for key, name in _ORIGIN.items() if key in entry}
+    if known.get("prior_attempts") == "unknown":
+        known["prior_attempts"] = None
+    if known["package"].startswith("causal-openlock 0.2."):
+        # The package of the bundled learners has another name now.
+        known["class_name"] = re.sub(r"^learners\.", "openlock_learners.", known["class_name"])
+    return {**entry, "recorded": Origin(**known)}
 
 
 def _family(spec: LearnerSpec, info: ValidationInfo) -> list[LearnerSpec]:
@@ -871,17 +825,20 @@ class Cell:
         )
 
     @property
+    def _numbers(self) -> str:
+        return f"{self.first_subject}-{self.first_subject + self.subjects - 1}"
+
+    @property
     def in_words(self) -> str:
         """The cell in words, such as ``ddqn in CC4, subjects 0-19``."""
-        first, last = self.first_subject, self.first_subject + self.subjects - 1
-        numbers = f"subject {first}" if first == last else f"subjects {first}-{last}"
+        alone = self.subjects == 1
+        numbers = f"subject {self.first_subject}" if alone else f"subjects {self._numbers}"
         return f"{self.spec.name} in {self.condition.name}, {numbers}"
 
     @property
     def name(self) -> str:
         """The cell as a part of a file name."""
-        first, last = self.first_subject, self.first_subject + self.subjects - 1
-        return f"{self.spec.name}_{self.condition.name}_{first}-{last}"
+        return f"{self.spec.name}_{self.condition.name}_{self._numbers}"
 
     @property
     def file_name(self) -> str:
@@ -897,16 +854,10 @@ class Experiment(Part):
     :func:`~causal_openlock.experiment.making.make_experiment` makes one in Python.
 
     Attributes:
-        name: A short name.
         title: A line for the report.
         seed: All randomness comes from it.
-        cell_size: Most subjects in a cell of a learner that has none of its own.
         own_protocols: Protocols of its own by name, ``protocols`` in a file.
-        protocol: The protocol of learners that have none of their own, as the next two.
-        reward: The reward of their actions.
-        subjects: How many subjects they play in each condition.
-        conditions: The conditions.
-        learners: The learners.
+        cell_size, protocol, reward, subjects: Those of learners that have none of their own.
         command: The command that runs it again.
         version: Version of this package's results.
     """
@@ -962,10 +913,7 @@ class Experiment(Part):
 
     @cached_property
     def not_applicable(self) -> Mapping[str, Mapping[str, str]]:
-        """Reasons why learners cannot play conditions, by learner and condition, in a sentence.
-
-        Learners say so themselves, in ``cannot_play``.
-        """
+        """Reasons, in a sentence, why learners cannot play conditions, by learner and condition."""
         reasons: dict[str, dict[str, str]] = {}
         for spec, condition in product(self.learners, self.conditions):
             for schema in condition.schemas:

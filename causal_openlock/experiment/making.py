@@ -1,15 +1,10 @@
-"""Declaring an experiment in Python, and changing what a file declares.
-
-:func:`make_experiment` takes names and objects in the forms of an experiment file
-(:mod:`~causal_openlock.experiment.declare`). In Python a condition may also be a schema, and a
-learner may be a class, or what :func:`learner` and :func:`sweep` return.
-"""
+"""Declaring an experiment in Python, and changing what a file declares."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from itertools import product
+from itertools import chain, product
 from pathlib import Path
 from typing import Any
 
@@ -84,12 +79,9 @@ class Changes(Part):
         """The data of an experiment file, changed; the file's entries are chosen by name."""
         changed = {**data, **self.given}
         for key in {"conditions", "learners"} & self.given.keys():
-            named = _by_name(data.get(key))
-            changed[key] = []
-            for form in self.given[key]:
-                changed[key] += (isinstance(form, str) and named.get(form)) or [form]
+            changed[key] = list(chain(*(_chosen(form, data.get(key)) for form in self.given[key])))
+        overruled = {"protocol", "subjects"} & self.given.keys()
         if isinstance(changed.get("learners"), list):
-            overruled = {"protocol", "subjects"} & self.given.keys()
             changed["learners"] = [
                 {key: entry[key] for key in entry if key not in overruled}
                 if isinstance(entry, Mapping)
@@ -99,15 +91,13 @@ class Changes(Part):
         return changed
 
 
-def _by_name(entries: Any) -> dict[str, list[Any]]:
-    """Entries of a file by the names that choose them: their own, and the labels of a sweep."""
-    named: dict[str, list[Any]] = {}
-    for entry in entries if isinstance(entries, list) else ():
-        if isinstance(entry, Mapping):
-            named.setdefault(str(entry.get("name") or entry.get("learner")), []).append(entry)
-            for point in points(entry):
-                named.setdefault(point["name"], []).append(point)
-    return named
+def _chosen(form: Any, entries: Any) -> list[Any]:
+    """What a form stands for: entries of its name or label in a file, or else itself."""
+    in_file = entries if isinstance(entries, list) else []
+    spelled = [entry for entry in in_file if isinstance(entry, Mapping)]
+    named = chain(*([entry, *points(entry)] for entry in spelled))
+    chosen = [entry for entry in named if form == (entry.get("name") or entry.get("learner"))]
+    return chosen or [form]
 
 
 def declared(
@@ -272,11 +262,10 @@ def sweep(
         >>> [point["name"] for point in sweep("bayes", lapse=[0.1, 0.5])]
         ['bayes-lapse-0.1', 'bayes-lapse-0.5']
     """
-    values = {key: plain(value) for key, value in parameters.items()}
-    swept = {key: value for key, value in values.items() if isinstance(value, list)}
+    fixed = plain(parameters)
+    swept = {key: fixed.pop(key) for key, value in [*fixed.items()] if isinstance(value, list)}
     if not swept or not all(swept.values()):
         raise LearnerError("a sweep needs a list of values, such as gamma=[0.5, 0.9]")
-    fixed = {key: value for key, value in values.items() if key not in swept}
     given = {"name": label, "subjects": subjects, "protocol": protocol, "reward": reward}
     return points(_entry(learner_, {**present(given), "sweep": swept}, fixed))
 

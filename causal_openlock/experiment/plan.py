@@ -24,11 +24,7 @@ from causal_openlock.world.room import Layout, positions_for, published_layouts
 
 @dataclass(frozen=True)
 class Visit:
-    """One trial of one subject: its number in the condition, and its room.
-
-    ``order`` has the indices of the room's solutions in the order in which they are shown; it is
-    empty where the subject plays.
-    """
+    """One trial of one subject; ``order`` has the indices of the solutions that are shown."""
 
     phase: str
     loop: int
@@ -57,11 +53,8 @@ def plan(
     if not condition.test:
         train = (protocol.baseline_trials, protocol.baseline_loops)
     tested = condition.test
-    if protocol.test_layout is not None:  # in results of 0.2
-        name = protocol.test_layout
-        tested = tuple(
-            replace(trials, layouts=(Layout.of(trials.schema, name),)) for trials in tested
-        )
+    if name := protocol.test_layout:  # in results of 0.2
+        tested = tuple(replace(one, layouts=(Layout.of(one.schema, name),)) for one in tested)
     visits: list[Visit] = []
     for phase, groups, number, loops in (
         (SHOWN if condition.shown else "train", condition.train, *train),

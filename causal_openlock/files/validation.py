@@ -1,13 +1,10 @@
-"""Pydantic's validation errors as sentences for people who write YAML.
-
-Each error becomes one sentence that names the key, describes its value, and says what to write
-instead.
-"""
+"""Pydantic's errors as sentences: each names the key, describes its value, and has a remedy."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import field
+from datetime import date
 from functools import cache, wraps
 from inspect import signature
 from typing import Any, ParamSpec, TypeVar, dataclass_transform
@@ -103,11 +100,14 @@ def check_arguments(given: Iterable[str], function: Callable[..., Any], name: st
     Raises:
         OpenLockError: If it has no argument of a name.
     """
-    known = [*signature(function).parameters.values()][1:]
-    names = [one.name for one in known]
-    for one in given if all(one.kind is not one.VAR_KEYWORD for one in known) else ():
-        if one not in names:
-            raise OpenLockError(f"{name} has no argument {one}; {nearest(one, names)}")
+    _, *known = signature(function).parameters.values()
+    names = [parameter.name for parameter in known]
+    if not any(parameter.kind is parameter.VAR_KEYWORD for parameter in known):
+        for argument in given:
+            if argument not in names:
+                raise OpenLockError(
+                    f"{name} has no argument {argument}; {nearest(argument, names)}"
+                )
 
 
 def known_arguments(function: Callable[P, T]) -> Callable[P, T]:
@@ -143,10 +143,9 @@ def errors_of(error: ValidationError, kind: Any, within: Where = ()) -> list[Ope
     """
     errors: list[OpenLockError] = []
     for fault in error.errors(include_url=False):
-        raised = fault.get("ctx", {}).get("error")
-        ours = (
-            raised if isinstance(raised, OpenLockError) else OpenLockError(_sentence(fault, kind))
-        )
+        ours = fault.get("ctx", {}).get("error")
+        if not isinstance(ours, OpenLockError):
+            ours = OpenLockError(_sentence(fault, kind))
         for part in ours.parts:
             part.at = (*within, *fault["loc"], *part.at)
             errors.append(part)
@@ -199,17 +198,14 @@ def _sentence(fault: Any, kind: Any) -> str:
     """A fault that Pydantic found, in a sentence with a remedy."""
     what, value, where = fault["type"], fault.get("input"), fault["loc"]
     name = ".".join(str(key)[:64] for key in where) or "the file"
-    in_quotes = value is not None and not isinstance(value, str | Mapping | Sequence)
-    quotes = "; write it in quotes" if in_quotes else ""
+    quotes = "; write it in quotes" if isinstance(value, int | float | date) else ""
     if what == "missing":
         return f"{where[-1]}: is missing; add it"
     if what in ("extra_forbidden", "unexpected_keyword_argument"):
         known = nearest(str(where[-1])[:64], _keys(kind, where[:-1]))
         return f"{where[-1]!r:.64} is not a key here; {known}"
-    if what.startswith("custom."):
-        return f"{fault['msg']}"
     if where and where[-1] == "[key]":
-        return f"a key must be a text, and this is {described(value)}{quotes or '; write a name'}"
+        return f"a key must be a text, and this is {described(value)}{quotes}"
     if what in _WANTED:
         remedy = quotes if what == "string_type" else ""
         return f"{name} must be {_WANTED[what]}, and this is {described(value)}{remedy}"
