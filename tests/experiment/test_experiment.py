@@ -178,6 +178,14 @@ protocols: {short: {based_on: rll}, shorter: {based_on: short}}
         assert word in fault.message
 
 
+@pytest.mark.parametrize("line", ["", "name: 3\n"])
+def test_a_file_with_no_name_has_no_other_fault(line, tmp_path):
+    with pytest.raises(FileError) as caught:
+        read_experiment(written(tmp_path, f"{line}conditions: [CC3]\nlearners: [random]\n"))
+    (fault,) = caught.value.faults
+    assert "name" in fault.message
+
+
 def test_trials_with_more_solutions_than_attempts_are_warned_about(tmp_path):
     text = "name: e\nconditions: [two_of_four, CC3]\nlearners: [random]\nprotocol: tight\n"
     text += "protocols: {tight: {attempt_limit: 5}}\n"
