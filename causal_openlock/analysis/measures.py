@@ -59,7 +59,7 @@ _NEVER = np.iinfo(np.int32).max
 def attempts_to_solve(record: pa.Table) -> pd.DataFrame:
     """Number of attempts that every trial took, and their outcomes.
 
-    >>> from causal_openlock import PROTOCOLS, Condition, Session, create, find_schema
+    >>> from causal_openlock import PROTOCOLS, Session, create, find_condition
     >>> session = Session(find_condition("CC4"), PROTOCOLS["human"], 2)
     >>> trials = attempts_to_solve(session.play(create("oracle")))
     >>> trials[["subject", "trial", "attempts", "solved"]].head(2).values.tolist()

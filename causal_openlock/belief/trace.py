@@ -267,11 +267,11 @@ def trace_trial(
         ExperimentError: If there is no such trial, or a schema does not fit the protocol.
 
     Example:
-        >>> from causal_openlock import PROTOCOLS, create, find_schema
+        >>> from causal_openlock import PROTOCOLS, create, find_condition
         >>> condition = find_condition("CC3")
         >>> trace = trace_trial(create("bayes"), condition, PROTOCOLS["human"], seed=2018)
         >>> trace.found, trace.actions[0].name, round(trace.actions[0].predicted, 2)
-        (2, 'push_UPPER', 1.5)
+        (2, 'push_UPPERLEFT', 1.5)
     """
     if not isinstance(learner, BeliefLearner):
         raise LearnerError(

@@ -43,7 +43,7 @@ SUMMARY_COLUMNS = (
 def summary_table(record: pa.Table, experiment: Experiment | None = None) -> pd.DataFrame:
     """Number of attempts in every trial of every condition, compared with references.
 
-    >>> from causal_openlock import PROTOCOLS, Condition, Session, create, find_schema
+    >>> from causal_openlock import PROTOCOLS, Session, create, find_condition
     >>> session = Session(find_condition("CC4"), PROTOCOLS["human"], 2)
     >>> table = summary_table(session.play(create("oracle")))
     >>> table[["condition", "trial", "attempts", "human_attempts"]].head(1).values.tolist()
