@@ -12,7 +12,7 @@ Give a slow learner settings and schemas with which each test takes seconds::
         attempts = 40  # enough for a few hundred training steps
 
 Each test checks one rule of :class:`~causal_openlock.contract.learner.Learner`, and its message
-explains the rule, what happened and where to look. Whether a learner learns well is not tested.
+says what to look at. Whether a learner learns well is not tested.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class LearnerContract:
         """``act`` gives B integers within the action space, in rooms of every size and kind."""
         names = bundled_schemas() if self.schemas is None else self.schemas
         for schema in [*map(find_schema, names), NINE]:
-            self._answers(condition=Condition(schema.name, (Trials(schema),)))
+            self._play(condition=Condition(schema.name, (Trials(schema),)))
 
     def test_the_same_seed_gives_the_same_record(self) -> None:
         """All its randomness comes from ``brief.generators``."""
@@ -90,12 +90,12 @@ class LearnerContract:
         together, everyone = self._play(attempts=self.attempts), [*range(self.subjects)]
         batches = [everyone[:1], everyone[-1:], everyone[1:]]
         if not self.independent_of_batch:
-            self._play([subject + self.subjects for subject in everyone], self.attempts)
+            self._play([subject + self.subjects for subject in everyone], attempts=self.attempts)
             batches = [everyone]  # after another cell in the same process
         for batch in batches:
             before = [row for row in together if row["subject"] in batch]
             message = f"of the subjects {batch} differs from theirs as some of {self.subjects}"
-            self._require_same(before, self._play(batch, self.attempts), message)
+            self._require_same(before, self._play(batch, attempts=self.attempts), message)
 
     def test_it_ignores_subjects_that_have_finished(self) -> None:
         """The learner ignores rows of views and steps where ``view.playing`` is false."""
@@ -127,15 +127,15 @@ class LearnerContract:
 
     def test_it_draws_its_actions_from_its_probabilities(self) -> None:
         """Its probabilities add up to 1 and allow what it does, and asking changes nothing."""
-        session, learner = self._session(), self._made()
-        act = learner.act
+        learner = self._made()
+        act, everyone = learner.act, np.arange(self.subjects)
 
         def ask_and_act(view: View) -> Any:
-            rows, everyone = learner.probabilities(view), np.arange(self.subjects)
+            rows = learner.probabilities(view)
             if rows is None:
                 raise unittest.SkipTest(f"{self.learner} gives no probabilities")
             self._require(
-                are_probabilities(rows[view.playing], session.brief.actions),
+                are_probabilities(rows[view.playing], _actions(view)),
                 "its probabilities are not numbers of 0 or more for each action that add up to 1",
             )
             answer = act(view)
@@ -146,22 +146,22 @@ class LearnerContract:
             return answer
 
         learner.act = ask_and_act  # type: ignore[method-assign]
-        asked = self._rows(session, learner)
+        asked = self._play(learner=learner)
         self._require_same(self._play(), asked, "is another once its probabilities are asked for")
 
     def test_it_learns_from_what_others_do(self) -> None:
         """``learn`` takes another's actions, where nothing was asked before but probabilities."""
-        session, learner, other = self._session(), self._made(), np.random.default_rng(1)
+        learner, other = self._made(), np.random.default_rng(1)
         if not learner.learns_from_others:
             raise unittest.SkipTest(f"{self.learner} learns from its own actions alone")
 
         def act_for_another(view: View) -> Any:
             learner.probabilities(view)
-            return other.integers(session.brief.actions, size=self.subjects)
+            return other.integers(_actions(view), size=self.subjects)
 
         learner.act = act_for_another  # type: ignore[method-assign]
         try:
-            session.play(learner)
+            self._play(learner=learner)
         except Exception as error:  # whatever it is, it tells what the learner needs
             raise AssertionError(
                 f"{self.learner}: given another's action, it fails with "
@@ -216,45 +216,40 @@ class LearnerContract:
         return create(self.learner, self.parameters)
 
     def _session(
-        self,
-        condition: Condition | None = None,
-        subjects: Sequence[int] | None = None,
-        attempts: int = SHORT.attempt_limit,
+        self, subjects: Sequence[int], attempts: int, condition: Condition | None = None
     ) -> Session:
         names = self.schemas or ("CC3", "CE4")
-        return Session(
-            condition or find_condition(f"{names[0]}-{names[-1]}"),
-            replace(SHORT, attempt_limit=attempts),
-            range(self.subjects) if subjects is None else subjects,
-            seed=7,
-            learner="contract",
-        )
+        transfer = find_condition(f"{names[0]}-{names[-1]}")
+        protocol = replace(SHORT, attempt_limit=attempts)
+        return Session(condition or transfer, protocol, subjects, seed=7, learner="contract")
 
     def _play(
-        self, subjects: Sequence[int] | None = None, attempts: int = SHORT.attempt_limit
+        self,
+        subjects: Sequence[int] = (),
+        *,
+        condition: Condition | None = None,
+        attempts: int = SHORT.attempt_limit,
+        learner: Learner | None = None,
     ) -> list[dict[str, Any]]:
-        return self._rows(self._session(None, subjects, attempts), self._made())
-
-    def _rows(self, session: Session, learner: Learner) -> list[dict[str, Any]]:
-        return session.play(learner).drop_columns(["wall_time"]).to_pylist()
+        """The rows of the record of a session."""
+        session = self._session(subjects or range(self.subjects), attempts, condition)
+        return session.play(learner or self._made()).drop_columns(["wall_time"]).to_pylist()
 
     def _answers(
         self,
         change: Callable[[Any, int], Any] = lambda given, steps: given,
-        condition: Condition | None = None,
         attempts: int = SHORT.attempt_limit,
         interrupted: bool = False,
     ) -> list[list[int]]:
-        """Play to the end; returns the learner's answers.
+        """The learner's answers in a session.
 
         Args:
             change: Changes the views and steps that the learner gets, by the steps taken before.
-            condition: The condition; by default a transfer.
             attempts: Attempts of a trial.
             interrupted: Whether another learner continues from time to time.
         """
-        session, learner = self._session(condition, attempts=attempts), self._made()
-        actions, answers = session.brief.actions, []
+        session, learner = self._session(range(self.subjects), attempts), self._made()
+        answers: list[list[int]] = []
         session.begin(learner)
         while not session.over:
             if interrupted and answers and len(answers) % EARLY == 0:
@@ -262,21 +257,17 @@ class LearnerContract:
                 learner = self._made()
                 session.begin(learner, state)
             view = change(session.view, len(answers))
-            answer = np.array(learner.act(view))
-            self._require(
-                answer.shape == (self.subjects,)
-                and answer.dtype.kind in "iu"
-                and bool((((answer >= 0) & (answer < actions)) | ~view.playing).all()),
-                f"in a room of {session.brief.positions} positions, act answered {answer.dtype} "
-                f"of shape {answer.shape}, {answer.tolist()}, where {self.subjects} integers from "
-                f"0 to {actions - 1} are wanted",
-            )
+            answer = learner.act(view)
             step = session.step(np.where(view.playing, answer, 0))
             learner.learn(change(step, len(answers)))
             if isinstance(learner, InformedLearner) and step.trial_over.any():
                 learner.inform(session.truth)
             answers.append(answer.tolist())
         return answers
+
+
+def _actions(view: View) -> int:
+    return view.observation.shape[1] - 1
 
 
 def _with_finished(given: Any, gone: NDArray[np.bool_], garble: bool) -> Any:

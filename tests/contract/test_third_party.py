@@ -5,7 +5,6 @@ import os
 import subprocess
 import sys
 
-import pyarrow.parquet as pq
 import pytest
 
 from causal_openlock.files.plugins import LEARNERS
@@ -19,29 +18,23 @@ MODULE = '''\
 from dataclasses import dataclass
 from typing import Annotated
 
-from pydantic import Field
-
 from causal_openlock import OneSubjectLearner
 
 
 @dataclass(frozen=True)
 class Stride:
-    stride: Annotated[int, Field(ge=1), "positions from one action to the next"] = 1
+    stride: Annotated[int, "positions from one action to the next"] = 1
 
 
 class Sweeper(OneSubjectLearner):
-    """Tries the actions one after another, from one drawn at random."""
+    """Tries the actions one after another."""
 
     Parameters = Stride
-
-    def begin(self):
-        self.last = int(self.generator.integers(self.brief.actions))
+    last = 0
 
     def act(self, observation):
-        return (self.last + self.parameters.stride) % self.brief.actions
-
-    def learn(self, moment):
-        self.last = moment.action
+        self.last = (self.last + self.parameters.stride) % self.brief.actions
+        return self.last
 '''
 
 CONTRACT = """\
@@ -78,13 +71,9 @@ def test_it_is_listed_compared_with_ours_and_keeps_the_contract(tmp_path, tmp_pa
     assert "gentle-learners" in row
     command = "compare -c CC3 -l sweeper -l random --subjects 3 --workers 1 --out out"
     python("causal_openlock", *command.split())
-    folder = tmp_path / "out"
-    assert (folder / "report.html").is_file()
-    described = json.loads((folder / "experiment.json").read_text())
+    described = json.loads((tmp_path / "out" / "experiment.json").read_text())
     entry = next(entry for entry in described["learners"] if entry["name"] == "sweeper")
     assert entry["package"] == "gentle-learners 1.0"
     assert entry["parameters"] == {"stride": 1}
-    (cell,) = (folder / "cells").glob("sweeper_*.parquet")
-    assert set(pq.read_table(cell)["subject"].to_pylist()) == {0, 1, 2}
     (tmp_path / "test_sweeper.py").write_text(CONTRACT)
     assert " passed" in python("pytest", "-q", "-p", "no:cacheprovider")
