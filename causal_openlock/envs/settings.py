@@ -85,7 +85,7 @@ class Settings:
         self.schema = schema
         self.layout: Layout | None = None
         if layout != RANDOM_LAYOUT:
-            self.layout = Layout.of(schema, layout, positions).in_room(positions)
+            self.layout = Layout.of(schema, layout, positions)
         self.positions = positions
         self.reward = find_reward(reward)
         self.whole_trial = episode == "trial"

@@ -9,9 +9,8 @@ reaction times also hold the attempts of a trial that is not over yet, which a r
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.record import schema_of
@@ -53,10 +52,9 @@ def write_reactions(path: Path, condition: str, subject: int, actions: Iterable[
 def rows_kept(path: Path) -> int:
     """Number of actions in a person's file; 0 if it is missing or damaged."""
     try:
-        rows: int = read_table(path.read_bytes()).num_rows
+        return int(read_table(path.read_bytes()).num_rows)
     except (OSError, ChecksumError):
-        rows = 0
-    return rows
+        return 0
 
 
 def read_reactions(folder: Path | str) -> pa.Table:
@@ -74,27 +72,20 @@ def read_reactions(folder: Path | str) -> pa.Table:
     return pa.concat_tables(tables).sort_by(order)
 
 
-@dataclass(frozen=True)
-class Answer:
-    """A subject's answer about the structure of a room.
+class Answer(NamedTuple):
+    """A subject's answer about the structure of a room, in words of :func:`answers_schema`.
 
-    Attributes:
-        learner: Label of who answers.
-        condition: Name of the condition.
-        subject: Number of the subject.
-        visit: Number of the trial in the whole condition, from 1.
-        levers: Positions of the levers that they were asked about.
-        edges: Pairs of a lever and what it enables, by position; the door is after the last one.
-        time: Seconds since the person joined.
+    ``levers`` are the positions that they were asked about, ``edges`` pairs of a lever and what it
+    enables.
     """
 
     learner: str
     condition: str
     subject: int
     visit: int
+    time: float
     levers: tuple[int, ...]
     edges: frozenset[tuple[int, int]]
-    time: float
 
 
 def answers_schema() -> pa.Schema:
@@ -115,7 +106,12 @@ def answers_schema() -> pa.Schema:
 def write_answers(path: Path, answers: Sequence[Answer], door: int) -> None:
     """Store one person's answers; ``door`` is the number of positions."""
     rows = [
-        {**vars(said), "cause": cause, "effect": effect, "enables": (cause, effect) in said.edges}
+        {
+            **said._asdict(),
+            "cause": cause,
+            "effect": effect,
+            "enables": (cause, effect) in said.edges,
+        }
         for said in answers
         for cause in said.levers
         for effect in (*said.levers, door)
@@ -131,21 +127,15 @@ def read_answers(folder: Path | str) -> list[Answer]:
         StoreError: If a file cannot be read.
     """
     answers = []
+    of_answer = [*Answer._fields[:5]]
     for table in _read(folder, STRUCTURES, answers_schema()):
-        rooms = table.to_pandas().groupby(["learner", "condition", "subject", "visit"], sort=False)
-        for (learner, condition, subject, visit), pairs in rooms:
-            edges = pairs.loc[pairs["enables"], ["cause", "effect"]]
-            answers.append(
-                Answer(
-                    learner,
-                    condition,
-                    int(subject),
-                    int(visit),
-                    levers=tuple(sorted(pairs["cause"].unique().tolist())),
-                    edges=frozenset(map(tuple, edges.to_numpy().tolist())),
-                    time=float(pairs["time"].iloc[0]),
-                )
-            )
+        for (learner, condition, subject, visit, time), pairs in table.to_pandas().groupby(
+            of_answer, sort=False
+        ):
+            levers = tuple(sorted(pairs["cause"].unique().tolist()))
+            edges = pairs.loc[pairs["enables"], ["cause", "effect"]].to_numpy().tolist()
+            said = (learner, condition, int(subject), int(visit), float(time))
+            answers.append(Answer(*said, levers, frozenset(map(tuple, edges))))
     return answers
 
 

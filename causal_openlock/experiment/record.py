@@ -128,49 +128,40 @@ class AttemptLog:
         action_limit: The most actions that an attempt of this session can have.
 
     Attributes:
+        dtype: The columns of an attempt, as far as a session knows them.
         rows: How many attempts there are.
     """
 
     def __init__(self, action_limit: int) -> None:
+        self.dtype = np.dtype(
+            [
+                ("subject", np.int32),
+                ("visit", np.int32),
+                ("attempt", np.int32),
+                ("used", np.int8),
+                ("actions", np.uint8, (action_limit,)),
+                ("moved", bool, (action_limit,)),
+                ("unlocked", bool),
+                ("opened", bool),
+                ("solution", np.int16),
+                ("new_solution", bool),
+                ("solutions_found", np.int16),
+                ("reward", np.float64),
+                ("wall_time", np.float32),
+            ]
+        )
         self.rows = 0
-        self._blocks = [
-            np.empty(
-                0,
-                [
-                    ("subject", np.int32),
-                    ("visit", np.int32),
-                    ("attempt", np.int32),
-                    ("used", np.int8),
-                    ("actions", np.uint8, (action_limit,)),
-                    ("moved", bool, (action_limit,)),
-                    ("unlocked", bool),
-                    ("opened", bool),
-                    ("solution", np.int16),
-                    ("new_solution", bool),
-                    ("solutions_found", np.int16),
-                    ("reward", np.float64),
-                    ("wall_time", np.float32),
-                ],
-            )
-        ]
-
-    def append(self, **columns: NDArray[Any] | float) -> None:
-        """Add the attempts that have just ended; every column must be given."""
-        block = np.empty(np.shape(columns["subject"]), self._blocks[0].dtype)
-        for name in self._blocks[0].dtype.names or ():
-            block[name] = columns[name]
-        self.extend(block)
+        self._blocks: list[NDArray[np.void]] = []
 
     def extend(self, attempts: NDArray[np.void]) -> None:
-        """Add attempts that :meth:`since` of another log has returned."""
+        """Add attempts that have just ended, or that another log has returned."""
         self._blocks.append(attempts)
         self.rows += len(attempts)
 
     def since(self, row: int) -> NDArray[np.void]:
         """The attempts from a row on, as a structured array."""
-        self._blocks = [
-            np.frombuffer(b"".join(block.data for block in self._blocks), self._blocks[0].dtype)
-        ]
+        joined = b"".join(block.data for block in self._blocks)
+        self._blocks = [np.frombuffer(joined, self.dtype)]
         return self._blocks[0][row:]
 
 
@@ -194,18 +185,12 @@ def assemble(
     subject, visit, used = attempts["subject"], attempts["visit"], attempts["used"]
     offsets = pa.array(np.concatenate([[0], np.cumsum(used)]), pa.int32())
     taken = np.arange(attempts["actions"].shape[1]) < used[:, None]
-    category = categorise(
-        *(attempts[name] for name in ("unlocked", "opened", "new_solution", "solutions_found"))
-    )
-    columns: dict[str, Any] = {
-        **{name: attempts[name] for name in attempts.dtype.names or ()},
-        "subject": numbers[subject],
-        "category": _dictionary(category, CATEGORIES),
-        **{
-            name: pa.ListArray.from_arrays(offsets, pa.array(attempts[name][taken]))
-            for name in ("actions", "moved")
-        },
-    }
+    columns: dict[str, Any] = {name: attempts[name] for name in log.dtype.names or ()}
+    outcome = (columns[name] for name in ("unlocked", "opened", "new_solution", "solutions_found"))
+    columns["category"] = _dictionary(categorise(*outcome), CATEGORIES)
+    columns["subject"], columns["seed"] = numbers[subject], np.full(log.rows, constants["seed"])
+    for name in ("actions", "moved"):
+        columns[name] = pa.ListArray.from_arrays(offsets, pa.array(attempts[name][taken]))
     for name, values in visits.items():
         column = values[subject, visit]
         if column.dtype.kind in "OU":
@@ -214,7 +199,6 @@ def assemble(
         columns[name] = column
     for name in ("experiment", "learner", "condition", "protocol"):
         columns[name] = _dictionary(np.zeros(log.rows, np.int32), [constants[name]])
-    columns["seed"] = np.full(log.rows, constants["seed"])
     schema = record_schema()
     return pa.table([columns[field.name] for field in schema], schema=schema)
 

@@ -44,13 +44,13 @@ from causal_openlock.world.kernel import (
 )
 from causal_openlock.world.randomness import Streams, generators, unrelated_generators
 from causal_openlock.world.rewards import PAPER_REWARD, RewardForm, find_reward
-from causal_openlock.world.room import Room, action_names, positions_for
+from causal_openlock.world.room import Layout, Room, action_names, positions_for
 from causal_openlock.world.rooms import Outcome, Rooms, RoomTables
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-CHANGING = ("_visit", "_actions", "_moved", "_was_unlocked", "_earned", "_luck")
+CHANGING = ("_visit", "_attempts", "_luck")
 """The attributes of a session that change, apart from the rooms, the log and the clock."""
 
 AT_ONCE = 40
@@ -117,7 +117,6 @@ class Session:
             "seed": seed,
             "subjects": np.array(numbers, dtype=np.int32),
         }
-        place = f"{condition.name}/{protocol.name}"
         environment = generators(seed, f"environment/{condition.name}", numbers)
         visits = [
             plan(condition, protocol, generator, subject)
@@ -130,7 +129,7 @@ class Session:
         machines = {schema: compile_schema(schema) for schema in condition.schemas}
         met = {(id(visit.schema), visit.layout): visit for visit in chain(*visits)}
         self._met = tuple(
-            Room(machines[visit.schema], visit.layout.in_room(tables.positions))
+            Room(machines[visit.schema], Layout.of(visit.schema, visit.layout, tables.positions))
             for visit in met.values()
         )
         number = {place: i for i, place in enumerate(met)}
@@ -139,15 +138,12 @@ class Session:
         self._lever = np.array([room.layout.lever_at() for room in self._met])
         self.solutions = tables.solutions[self._schema].astype(np.int16)[self._room]
         names = [(room.schema.name, room.layout.name) for room in self._met]
-        schemas, layouts = np.array(names, dtype=object).T
+        schemas, layouts = np.array(names, dtype=object).T[:, self._room]
         self._visits = {
-            "phase": np.array([[visit.phase for visit in row] for row in visits], dtype=object),
-            "loop": np.array([[visit.loop for visit in row] for row in visits], dtype=np.int32),
-            "trial": np.array([[visit.trial for visit in row] for row in visits], dtype=np.int32),
-            "schema": schemas[self._room],
-            "layout": layouts[self._room],
-            "solutions": self.solutions,
+            name: np.array([[getattr(visit, name) for visit in row] for row in visits], kind)
+            for name, kind in (("phase", object), ("loop", np.int32), ("trial", np.int32))
         }
+        self._visits |= {"schema": schemas, "layout": layouts, "solutions": self.solutions}
         self._orders = [[visit.order for visit in row if visit.order] for row in visits]
         self.shown_trials = len(self._orders[0])
         self._luck = Streams(environment) if tables.stochastic else None
@@ -165,18 +161,17 @@ class Session:
             action_limit=int(tables.actions_left.max()),
             attempt_limit=protocol.attempt_limit,
             trials=self._room.shape[1],
-            generators=unrelated_generators(seed, f"learner/{learner}/{place}", numbers),
+            generators=unrelated_generators(
+                seed, f"learner/{learner}/{condition.name}/{protocol.name}", numbers
+            ),
         )
         self.log = AttemptLog(self.brief.action_limit)
         self._clock = time.perf_counter()
         self._visit = np.zeros(self.subjects, dtype=np.int64)
         self._everyone = np.arange(self.subjects)
         self._begin_trials(self._everyone)
-        # What has happened in the attempt in progress.
-        self._actions = np.zeros((self.subjects, self.brief.action_limit), dtype=np.uint8)
-        self._moved = self._actions.astype(bool)
-        self._was_unlocked = np.zeros(self.subjects, dtype=bool)
-        self._earned = np.zeros(self.subjects)
+        self._attempts = np.zeros(self.subjects, self.log.dtype)  # those in progress
+        self._attempts["subject"] = self._everyone
         self.view = self._perceive()
 
     def _room_now(self) -> IntArray:
@@ -314,21 +309,21 @@ class Session:
         Raises:
             LearnerError: If there are not B integers, or one is outside the action space.
         """
-        tables, view = self._tables, self.view
+        tables, view, attempts = self._tables, self.view, self._attempts
         action = self._checked(action)
         done = np.where(view.playing, action, tables.waits)
         moment = tables.used[self._rooms.now(ROW)]
         outcome = self._rooms.step(done, self._luck.uniform() if self._luck else None, seen=True)
         event = self._rooms.now(EVENT)
-        self._actions[self._everyone, moment] = action
-        self._moved[self._everyone, moment] = event & CHANGED != 0
-        self._was_unlocked |= event & UNLOCKED != 0
+        attempts["actions"][self._everyone, moment] = action
+        attempts["moved"][self._everyone, moment] = event & CHANGED != 0
+        attempts["unlocked"] |= event & UNLOCKED != 0
+        attempts["reward"] += outcome.reward
         if self.shown_trials and outcome.new_solution.any():
             # Whatever the protocol says, a shown trial ends with its last solution.
             seen_all = self._rooms.console[:, SOLUTIONS_LEFT] == 0
             over = outcome.trial_over | (seen_all & (self._visit < self.shown_trials))
             outcome = outcome._replace(trial_over=over)
-        self._earned += outcome.reward
         if outcome.attempt_over.any():
             self._end_attempts(outcome)
         self.view = self._perceive()
@@ -370,23 +365,15 @@ class Session:
         ended = np.flatnonzero(outcome.attempt_over)
         row = rooms.now(AFTER)[ended]
         opened = tables.opened[row]
-        self.log.append(
-            subject=ended,
-            visit=self._visit[ended],
-            attempt=self.view.attempt[ended],
-            used=tables.used[row],
-            actions=self._actions[ended],
-            moved=self._moved[ended],
-            unlocked=self._was_unlocked[ended],
-            opened=opened,
-            solution=np.where(opened, tables.solution[row], -1),
-            new_solution=outcome.new_solution[ended],
-            solutions_found=rooms.console[ended, SOLUTIONS_FOUND],
-            reward=self._earned[ended],
-            wall_time=self.seconds,
-        )
-        self._was_unlocked[ended] = False
-        self._earned[ended] = 0.0
+        attempts = self._attempts[ended]
+        attempts["visit"], attempts["attempt"] = self._visit[ended], self.view.attempt[ended]
+        attempts["used"], attempts["opened"] = tables.used[row], opened
+        attempts["solution"] = np.where(opened, tables.solution[row], -1)
+        attempts["new_solution"] = outcome.new_solution[ended]
+        attempts["solutions_found"] = rooms.console[ended, SOLUTIONS_FOUND]
+        attempts["wall_time"] = self.seconds
+        self.log.extend(attempts)
+        self._attempts["unlocked"][ended], self._attempts["reward"][ended] = False, 0.0
         if len(finished := np.flatnonzero(outcome.trial_over)):
             self._visit[finished] += 1
             self._begin_trials(finished)

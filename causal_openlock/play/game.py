@@ -166,9 +166,9 @@ class Game:
                 self.session.condition.name,
                 self._subject,
                 self.trials_over,
+                time,
                 self._question or (),
                 frozenset((cause, effect) for cause, effect in edges),
-                time,
             )
         )
         self._question = None

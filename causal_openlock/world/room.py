@@ -72,8 +72,7 @@ def action_names(positions: int) -> tuple[str, ...]:
         ('push_UPPERRIGHT', 'push_door')
     """
     names = position_names(positions)
-    moves = [f"{verb}_{name}" for verb in ("push", "pull") for name in names]
-    return (*moves, "push_door")
+    return (*(f"{verb}_{name}" for verb in ("push", "pull") for name in names), "push_door")
 
 
 def action_index(action: str | int, positions: int) -> int:
@@ -138,15 +137,14 @@ class Layout:
 
     def __post_init__(self) -> None:
         names = position_names(self.positions)
-        for index, place in enumerate(self.places):
-            if not 0 <= place < self.positions:
-                raise ExperimentError(f"there is no position {place} in a room of {self.positions}")
-            if place in self.places[:index]:
-                raise ExperimentError(
-                    f"two levers are at {names[place]}; give each lever a position of its own"
-                )
+        at = [names[i] if 0 <= i < self.positions else str(i) for i in self.places]
+        if len({*at} & {*names}) < len(at):
+            raise ExperimentError(
+                f"each lever has its own position of the {self.positions} in the room, and here "
+                f"they are at {', '.join(at)}"
+            )
         if not self.name:
-            object.__setattr__(self, "name", " ".join(names[place] for place in self.places))
+            object.__setattr__(self, "name", " ".join(at))
 
     @classmethod
     def of(
@@ -172,48 +170,48 @@ class Layout:
             >>> Layout.of(find_schema("CC3"), "trial1").as_mapping(find_schema("CC3"))
             {'L0': 'UPPERRIGHT', 'L1': 'LOWERLEFT', 'L2': 'UPPERLEFT'}
         """
-        names = position_names(positions or positions_for(schema))
+        own_size = layout.positions if isinstance(layout, Layout) else positions_for(schema)
+        positions, name = positions or own_size, ""
+        names = position_names(positions)
         if isinstance(layout, str) and {*layout.split()} <= {*names}:
-            layout = [names.index(name) for name in layout.split()]
-        if isinstance(layout, list | tuple) and all(isinstance(place, int) for place in layout):
-            places = tuple(layout)
-            trials = (cls.of(schema, name, positions) for name in published_layouts(schema))
-            unpublished = cls(places, len(names))
-            layout = next((trial for trial in trials if trial.places == places), unpublished)
-        if isinstance(layout, str):
+            layout = [names.index(place) for place in layout.split()]
+        if isinstance(layout, Layout):
+            is_named_by_places = layout.name == cls(layout.places, layout.positions).name
+            places, name = layout.places, "" if is_named_by_places else layout.name
+        elif isinstance(layout, str):
             published = room_facts()["layouts"]
             if layout not in published:
                 raise ExperimentError(
                     f"there is no layout {layout!r}; {nearest(layout, published)}"
                 )
-            places = tuple(map(PAPER_POSITIONS.index, published[layout].values()))
-            layout = cls(places, positions or positions_for(schema), layout)
-        if isinstance(layout, Layout):
-            if len(layout.places) != len(schema.levers):
-                fitting = ", ".join(published_layouts(schema)) or RANDOM_LAYOUT
+            places, name = tuple(map(PAPER_POSITIONS.index, published[layout].values())), layout
+        elif isinstance(layout, Mapping):
+            if {*layout} != {*schema.levers}:
                 raise ExperimentError(
-                    f"the layout {layout.name} places {len(layout.places)} levers and "
-                    f"{schema.name} has {len(schema.levers)}; layouts that fit: {fitting}"
+                    f"a layout of {schema.name} gives a position to each of "
+                    f"{', '.join(schema.levers)}, and this one to {', '.join(map(str, layout))}"
                 )
-            return layout.in_room(positions or layout.positions)
-        if not isinstance(layout, Mapping):
+            for lever, place in layout.items():
+                if place not in names:
+                    raise ExperimentError(
+                        f"{lever} cannot be at {place!r}; {nearest(str(place), names)}"
+                    )
+            places = tuple(names.index(layout[lever]) for lever in schema.levers)
+        elif isinstance(layout, list | tuple) and all(isinstance(place, int) for place in layout):
+            places = tuple(layout)
+            trials = (cls.of(schema, trial, positions) for trial in published_layouts(schema))
+            name = next((trial.name for trial in trials if trial.places == places), "")
+        else:
             raise ExperimentError(
                 f"{layout!r} is not a layout; give a name such as trial1, or {{lever: position}}"
             )
-        for lever, place in layout.items():
-            if lever not in schema.levers:
-                raise ExperimentError(
-                    f"the layout places {lever!r}, which {schema.name} does not have; "
-                    f"{nearest(str(lever), schema.levers)}"
-                )
-            if place not in names:
-                raise ExperimentError(
-                    f"{lever} cannot be at {place!r}; {nearest(str(place), names)}"
-                )
-        if missing := [lever for lever in schema.levers if lever not in layout]:
-            raise ExperimentError(f"the layout gives no position to {missing[0]}; add one")
-        places = tuple(names.index(layout[lever]) for lever in schema.levers)
-        return cls(places, len(names))
+        if len(places) != len(schema.levers):
+            fitting = ", ".join(published_layouts(schema)) or RANDOM_LAYOUT
+            raise ExperimentError(
+                f"the layout {name or layout} places {len(places)} levers and {schema.name} has "
+                f"{len(schema.levers)}; layouts that fit: {fitting}"
+            )
+        return cls(places, positions, name)
 
     @classmethod
     def random(
@@ -228,13 +226,6 @@ class Layout:
         """The layout as ``{lever: position name}``."""
         names = position_names(self.positions)
         return dict(zip(schema.levers, (names[place] for place in self.places), strict=True))
-
-    def in_room(self, positions: int) -> Layout:
-        """The same positions in a room of another size."""
-        if positions == self.positions:
-            return self
-        unpublished = self.name == Layout(self.places, self.positions).name
-        return Layout(self.places, positions, "" if unpublished else self.name)
 
     def role_actions(self) -> IntArray:
         """``[2P + 1]`` the machine's action for each of the room's actions.

@@ -170,8 +170,8 @@ def test_what_people_say_is_kept_and_compared(tmp_path):
     edges = frozenset(map(tuple, np.argwhere(edges_of("CC3", layout.places)).tolist()))
     levers = tuple(sorted(layout.places))
     said = [
-        Answer("oracle", "CC3", 1, 3, levers, edges, 12.5),
-        Answer("oracle", "CC3", 1, 4, levers, frozenset(), 20.0),
+        Answer("oracle", "CC3", 1, 3, 12.5, levers, edges),
+        Answer("oracle", "CC3", 1, 4, 20.0, levers, frozenset()),
     ]
     path = tmp_path / "structures" / "one.parquet"
     write_answers(path, said, 7)

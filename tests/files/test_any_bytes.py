@@ -125,7 +125,7 @@ def readers(work):
     space = search_space("associative", {"temperature": Range(0.02, 2.0, log=True)})
     plan = ActionPlan(space, candidates=2, restarts=1, moves=0)
     fit_all(jobs_of(recorded_subjects(*Store(work / "out").record()), plan, False), work / "fit")
-    answers = [Answer("person", "CC3", 0, 1, (0, 3, 5), frozenset({(0, 7)}), 2.5)]
+    answers = [Answer("person", "CC3", 0, 1, 2.5, (0, 3, 5), frozenset({(0, 7)}))]
     write_answers(work / "asked" / "structures" / "one.parquet", answers, 7)
     for name, kind in kinds.items():
         text = export_schema(find_schema("CC4"), name)

@@ -154,7 +154,7 @@ def test_a_layout_fits_any_schema_with_as_many_levers_and_any_larger_room():
     assert (large.places, large.positions, large.name) == (layout.places, 9, "trial7")
     assert Layout.of(ce4, layout, 9) == Layout.of(ce4, large) == large
     assert Layout((3, 1)).name == "LEFT UPPER"
-    assert Layout((3, 1)).in_room(8).name == "P3 P1"
+    assert Layout.of(BUNDLED["CC3"], Layout((3, 1, 0)), 8).name == "P3 P1 P0"
     assert first_layout(BUNDLED["seven"]).places == (0, 1, 2, 3, 4, 5, 6)
     assert position_names(8)[7] == "P7"
 
