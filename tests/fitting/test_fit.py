@@ -261,7 +261,6 @@ RIGHT = {"lapse": 0.5, "whole": 2}
         {"chosen": {"lapse": 0.5}, "rmse": 1.0},
         {"chosen": {"lapse": "high", "whole": 2}, "rmse": 1.0},
         {"chosen": {**RIGHT, "lapse": 9.0}, "rmse": 1.0},
-        {"chosen": RIGHT, "rmse": float("nan")},
         {"chosen": RIGHT, "rmse": 1.0, "number": 1},
     ],
 )

@@ -123,7 +123,6 @@ def test_a_stored_fit_that_cannot_be_is_refused(folder, tmp_path):
         done[1:],
         done[::-1],
         [*done, done[0]],
-        [{**done[0], "nll": float("nan")}],
         [{**done[0], "chosen": {"temperature": 2.5}}],
     ):
         keep_fit(path, kept["plan"], done=wrong)
