@@ -49,12 +49,10 @@ def status(folder: ResultsFolder) -> None:
     if progress.over:
         again = "; compare with --retry-failed tries the others again" if progress.failed else ""
         console.print_line(f"over{again}")
+    elif not progress.playing:
+        console.print_line("nothing is running")
     elif progress.left is None:
         console.print_line("the time left is not known yet")
-    elif progress.playing:
+    else:
         then = time.strftime("%Y-%m-%d %H:%M", time.localtime(time.time() + progress.left))
         console.print_line(f"over in about {duration(progress.left)}, at {then}")
-    else:
-        console.print_line(
-            f"nothing is running; about {duration(progress.left)} of one worker are left"
-        )

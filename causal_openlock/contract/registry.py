@@ -25,13 +25,13 @@ from causal_openlock.contract.one_subject import PerSubjectAdapter
 from causal_openlock.errors import LearnerError, in_short, together
 from causal_openlock.files.plugins import LEARNERS, registered
 from causal_openlock.files.validation import adapter, errors_of, plain
-from causal_openlock.usercode.misspelt import misspelt
 from causal_openlock.usercode.own_files import (
     MODULE_AND_NAME,
     code_digest,
     imported_digest,
     is_installed,
     look_beside,
+    misspelt,
     module_source,
 )
 from causal_openlock.usercode.session_code import is_of_session, session_origin

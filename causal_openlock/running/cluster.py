@@ -56,19 +56,11 @@ def in_cluster(
             "a cluster needs the package distributed; install it with: "
             "pip install 'causal-openlock[cluster]'"
         ) from None
-    lost = OpenLockError(
-        f"the scheduler {address} was lost; start it, and give the same command again: it "
-        "continues where it stopped"
-    )
 
     def workers() -> int:
-        try:
-            number = len(client.nthreads()) if client.status == "running" else None
-        except OSError:
-            number = None
-        if number is None:
-            raise lost
-        if not number:
+        if client.status != "running":
+            raise CancelledError
+        if not (number := len(client.nthreads())):
             warn("there is no worker at the moment; the cells wait for one")
         return number
 
@@ -79,19 +71,20 @@ def in_cluster(
         # It would say that the scheduler is lost, which is said anyway.
         logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
         executor = client.get_executor(pure=False, retries=0)
-        for done in in_executor(executor, there, jobs, most=workers):
-            error = done and done.error
-            if isinstance(error, CancelledError):
-                raise lost
-            if isinstance(error, ModuleNotFoundError) and error.name == "causal_openlock":
-                raise OpenLockError(
-                    f"a worker of {address} does not have causal_openlock; install the same "
-                    "version for the workers"
-                )
-            if done and isinstance(error, KilledWorker):
-                how = f"the worker {error.last_worker.address} was lost, perhaps for lack of memory"
-                done = Done(done.job, lost=f"ended its process ({how})")
-            yield done
+        try:
+            for done in in_executor(executor, there, jobs, most=workers):
+                if done and isinstance(done.error, CancelledError):
+                    raise done.error
+                if done and isinstance(done.error, KilledWorker):
+                    worker = done.error.last_worker.address
+                    how = f"the worker {worker} was lost, perhaps for lack of memory"
+                    done = Done(done.job, lost=f"ended its process ({how})")
+                yield done
+        except (CancelledError, OSError):
+            raise OpenLockError(
+                f"the scheduler {address} was lost; start it, and give the same command again: it "
+                "continues where it stopped"
+            ) from None
 
 
 def _play_there(do: Do, code: str, folder: str, expected: dict[str, str], cell: Cell) -> Any:
@@ -139,11 +132,6 @@ def _scheduler(address: str, stack: ExitStack) -> Any:
         quiet = {"dashboard_address": ":0", "silence_logs": logging.CRITICAL}
         options = {"threads_per_worker": 1, "memory_limit": 0, "preload": [__name__], **quiet}
         return stack.enter_context(distributed.LocalCluster(n_workers=int(here[1]), **options))
-    if re.match(r"local(:|$)", address):
-        raise OpenLockError(
-            f"--cluster {address} has no number of workers from 1 to 9999; write it like local:8, "
-            "for eight workers here"
-        )
 
     async def asked() -> str:
         secure = distributed.Security().get_connection_args("client")
@@ -157,12 +145,11 @@ def _scheduler(address: str, stack: ExitStack) -> Any:
         answer = thread.submit(asyncio.run, asyncio.wait_for(asked(), PATIENCE))
     error = answer.exception()  # an address of another form fails in any way
     if error or answer.result() != "Scheduler":
-        why = in_short(error or TypeError("it is something else"))
-        why = why or f"nothing answered as one within {PATIENCE:g} seconds"
+        why = in_short(error) if error else "it is something else"
         raise OpenLockError(
-            f"there is no Dask scheduler at {address!r} ({why}); give --cluster its address, such "
-            "as tcp://host:8786 (not that of its dashboard, http://host:8787), or local:8 for "
-            "eight workers here"
+            f"there is no Dask scheduler at {address!r} ({why or 'nothing answers'}); give "
+            "--cluster its address, such as tcp://host:8786 (not that of its dashboard, "
+            "http://host:8787), or local:8 for eight workers here, from 1 to 9999"
         )
     return address
 

@@ -82,30 +82,27 @@ def run(
         workers: The number of these processes; by default one for each core. With 0 this process
             plays, one cell after another: small comparisons need not wait for another to start.
         cluster: The address of a Dask scheduler, ``"tcp://host:8786"``, whose workers play the
-            cells, or ``"local:8"``, which starts such a cluster of eight workers here.
+            cells, or ``"local:8"``, which starts eight workers here.
         shard: A share of the cells, which alone is played; other shards may be played in the same
             folder at the same time.
         retry_failed: Whether cells that have failed three times are tried again.
         allow_version: Whether a folder that was made with other versions of packages is completed
             with those here.
-        warn: Called with a sentence for each cell that failed, for each damaged file, whose cell is
-            run again, and for each problem in a cell that did not stop it.
+        warn: Called with a sentence for each cell that failed, each damaged file, whose cell is run
+            again, and each problem in a cell that did not stop it.
         progress: Called with the progress every second, before the first cell and after the last.
         watching: How often checkpoints are taken inside a cell, and what is logged.
-        time_limit: Seconds after which a cell is ended, counted from its start or continuation; by
-            default there is no limit. The cell then counts as failed, and keeps its checkpoint.
-            It is ignored with a ``cluster`` or an ``executor``, and without workers: cells cannot
-            be ended there.
+        time_limit: Seconds after which a cell is ended, counted from its start or continuation. It
+            then counts as failed, and keeps its checkpoint. It is ignored with a ``cluster`` or an
+            ``executor``, and without workers: cells cannot be ended there.
         elsewhere: File names of cells that are not played, as their results are kept elsewhere.
 
     Raises:
         CellsFailed: If cells failed, after all others were played; the folder's ``errors`` has the
             reasons.
         LearnerError: If no learner can play any of the conditions.
-        OpenLockError: If TensorBoard's logs are wanted and it is not installed, or no process can
-            be started.
-        StoreError: If the folder holds something else, was made with other versions of packages, or
-            cannot be written to.
+        OpenLockError: If no process can be started, or the folder holds something else, was made
+            with other versions of packages, or cannot be written to.
 
     Example:
         >>> from concurrent.futures import ThreadPoolExecutor
@@ -119,7 +116,7 @@ def run(
         >>> record.num_rows
         20
     """
-    warn = warn or _ignore
+    warn = warn or (lambda sentence: None)
     watching = _checked(watching or Watching(), time_limit)
     here = executor is None and cluster is None
     if workers is not None:
@@ -142,9 +139,8 @@ def run(
     try:
         for origin, source in sources.items():
             write_text(store.source(origin), source)
-        playing = _Run(store, Course(cells), warn, progress or _ignore)
-        playing.find(cells, elsewhere, retry_failed)
-        jobs = playing.jobs
+        playing = _Run(store, Course(cells), warn, progress or (lambda standing: None))
+        jobs = playing.missing(cells, elsewhere, retry_failed)
         if jobs and not allow_version:
             store.require_versions()
         if jobs and not here:  # cells there end when this file is gone
@@ -161,7 +157,10 @@ def run(
         else:
             limit = inf if time_limit is None else float(time_limit)
             many = workers or workplaces.available_cores()
-            doing = workplaces.in_processes(do, jobs, many, _is_strangers, limit)
+            # Other people's code may change its process for the cells after it.
+            doing = workplaces.in_processes(
+                do, jobs, many, lambda cell: not is_ours(cell.spec.learner), limit
+            )
         playing.follow(doing)
     finally:
         awaited.unlink(missing_ok=True)
@@ -192,15 +191,6 @@ def _checked(watching: Watching, time_limit: float | None) -> Watching:
     return watching
 
 
-def _ignore(_: object) -> None:
-    """Say it to nobody."""
-
-
-def _is_strangers(cell: Cell) -> bool:
-    """Whether other people's code plays a cell: it may change its process for those after it."""
-    return not is_ours(cell.spec.learner)
-
-
 @dataclass
 class _Run:
     """The cells of a run: those that are missing, and why some failed."""
@@ -213,67 +203,67 @@ class _Run:
     reasons: dict[str, str] = field(default_factory=dict)
     losses: dict[str, tuple[int, int]] = field(default_factory=dict)
     remarks: set[str] = field(default_factory=set)
-    seconds: dict[str, float] = field(default_factory=dict)
 
-    def find(self, cells: Iterable[Cell], elsewhere: Collection[str], retry_failed: bool) -> None:
-        """Find the cells that are missing."""
+    def missing(
+        self, cells: Iterable[Cell], elsewhere: Collection[str], retry_failed: bool
+    ) -> deque[Cell]:
+        """The cells that have to be played."""
+        missing = []
         for cell in cells:
             fault = None if cell.file_name in elsewhere else self.store.check(cell)
+            path = self.store.path(cell)
+            if retry_failed and fault:
+                failure_file(path).unlink(missing_ok=True)
+            failures, why = failures_of(path)
             if fault is None:
                 self.is_done(cell)
-                continue
-            if retry_failed:
-                failure_file(self.store.path(cell)).unlink(missing_ok=True)
-            failures, why = failures_of(self.store.path(cell))
-            if failures >= MOST_FAILURES:
+            elif failures >= MOST_FAILURES:
                 often = f"it has failed {failures} times and is left out"
                 self.has_failed(cell, f"{why}; {often}, --retry-failed tries it again")
-                continue
-            if fault != "missing":
-                self.warn(f"{fault}; its cell is run again")
-            self.jobs.append(cell)
+            else:
+                missing.append(cell)
+                if fault != "missing":
+                    self.warn(f"{fault}; its cell is run again")
         # What is stopped has some subjects of all, rather than all of some; and long cells come
         # first, so that no worker is left alone with one at the end.
-        ordered = sorted(self.jobs, key=lambda cell: (cell.first_subject, -work(cell)))
-        self.jobs = deque(ordered)
+        missing.sort(key=lambda cell: (cell.first_subject, -work(cell)))
+        self.jobs.extend(missing)
+        return self.jobs
 
     def follow(self, doing: Doing) -> None:
         """Take note of the cells that are done, and report the progress every second."""
-        looked = self.look()
+        self.look()
+        looked = time.monotonic()
         with closing(doing):  # a traceback would keep it, and its processes, alive
             for done in doing:
                 if done is not None:
                     self.take(done)
                 if time.monotonic() >= looked + workplaces.LOOK_EVERY:
-                    looked = self.look()
+                    self.look()
+                    looked = time.monotonic()
         self.look()
 
-    def look(self) -> float:
-        """Report the progress; returns the time."""
+    def look(self) -> None:
+        """Report the progress."""
         waiting = {cell.file_name for cell in self.jobs}
         given = [cell for name, cell in self.course.left.items() if name not in waiting]
-        playing = playing_in(self.store, given)
-        self.seconds |= {one.cell.file_name: one.seconds for one in playing}
-        self.progress(self.course.standing(playing))
-        return time.monotonic()
+        self.progress(self.course.standing(playing_in(self.store, given)))
 
     def take(self, done: Done) -> None:
         """Take note of a cell that is done, has failed, or has lost its worker."""
         cell, error = done.job, done.error
-        if done.lost and self.store.check(cell) is None:  # its record had been written
-            self.is_done(cell)
-        elif done.lost:
+        if done.lost and self.store.check(cell):
             self.has_lost(cell, done)
-        elif error is None:
-            for sentence in done.result:
-                self.remark(sentence)
-            self.is_done(cell)
         elif isinstance(error, LearnerError):
             self.has_failed(cell, str(error))
         elif isinstance(error, OpenLockError):  # such as a full disk, which stops all of them
             raise error
-        else:
+        elif error:
             self.has_failed(cell, record_failure(self.store, cell, error))
+        else:
+            for sentence in done.result or ():
+                self.remark(sentence)
+            self.is_done(cell)
 
     def remark(self, sentence: str) -> None:
         """Warn of something once."""
@@ -286,7 +276,7 @@ class _Run:
         path = self.store.path(cell)
         remove_files_of(path)
         failure_file(path).unlink(missing_ok=True)
-        self.course.ended(cell, self.seconds.get(cell.file_name, 0.0))
+        self.course.ended(cell)
 
     def has_failed(self, cell: Cell, why: str) -> None:
         """Take note of a failed cell."""

@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 import traceback
-from contextlib import AbstractContextManager, ExitStack, nullcontext
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,6 +23,7 @@ from causal_openlock.errors import LearnerError, NotAvailableError, OpenLockErro
 from causal_openlock.experiment.declare import Cell, LearnerSpec
 from causal_openlock.experiment.session import Session
 from causal_openlock.running.checkpoint import Checkpoint, CheckpointError, unresumable
+from causal_openlock.running.tensorboard import curves
 from causal_openlock.storage.beside_cell import (
     failure_file,
     keep_failure,
@@ -40,15 +41,10 @@ REPORT_EVERY = 1.0
 MOST_WRITTEN = 20_000
 """Characters of a traceback."""
 
-IN_TORCH = (
-    "; in torch, pass a torch.Generator that is seeded from these, and put what takes none under "
-    "torch.random.fork_rng()"
-)
-
 
 @dataclass(frozen=True)
 class Watching:
-    """Duties of a worker besides playing.
+    """What a worker does besides playing.
 
     Attributes:
         checkpoint_every: Seconds between checkpoints inside a cell; 0 takes one after every step,
@@ -88,20 +84,22 @@ def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = 
     path = store.path(cell)
     made_with = {"identity": cell.identity, **versions()}
     checkpoint = Checkpoint(path, made_with, watching.checkpoint_every)
+    in_main_thread = threading.current_thread() is threading.main_thread()
     report_progress(path, 0.0, 0.0)
     try:
         unpack(definitions)
         _require_declared(cell.spec)  # which imports its code, and that may draw random numbers
         with ExitStack() as stack:
-            start = stack.enter_context(_own_randomness(cell))
+            start = None
+            if in_main_thread:  # beside a thread, others may draw from these generators
+                seeded = GlobalRandomness.seeded(int(cell.identity, 16) % 2**63)
+                start = stack.enter_context(seeded)
             session, learner = _begun(cell, checkpoint)
             if is_ours(cell.spec.learner) and (torch := sys.modules.get("torch")):
                 stack.callback(torch.set_num_threads, torch.get_num_threads())
                 torch.set_num_threads(getattr(learner.parameters, "threads", 1))
             draw = None
             if watching.tensorboard is not None:
-                from causal_openlock.running.tensorboard import curves
-
                 logs = Path(watching.tensorboard) / cell.name
                 draw = stack.enter_context(curves(session, learner, logs))
             due = time.perf_counter() + REPORT_EVERY
@@ -121,7 +119,8 @@ def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = 
     except NotAwaitedError:
         raise
     except (Exception, SystemExit, KeyboardInterrupt) as error:
-        if isinstance(error, KeyboardInterrupt) and _is_users_process():
+        is_users = in_main_thread and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+        if isinstance(error, KeyboardInterrupt) and is_users:  # else only the learner can raise it
             raise
         # The learner has to be corrected, so its checkpoint is of no use.
         remove_files_of(path)
@@ -156,13 +155,12 @@ def record_failure(store: Store, cell: Cell, error: BaseException) -> str:
 
 def _users_line(error: BaseException) -> str:
     """The last line of the user's code that an error passed, such as `` (learners.py:39)``."""
-    # A notebook's cells are in no file; there the traceback names the line.
-    own = [
-        f" ({path.name}:{line})"
-        for frame, line in traceback.walk_tb(error.__traceback__)
-        if (path := Path(frame.f_code.co_filename)).is_file() and is_users_own(path.resolve())
-    ]
-    return own[-1] if own else ""
+    line = ""
+    for frame, number in traceback.walk_tb(error.__traceback__):
+        path = Path(frame.f_code.co_filename)
+        if path.is_file() and is_users_own(path.resolve()):  # a notebook's cells are in no file
+            line = f" ({path.name}:{number})"
+    return line
 
 
 def _begun(cell: Cell, checkpoint: Checkpoint) -> tuple[Session, Learner]:
@@ -178,27 +176,16 @@ def _begun(cell: Cell, checkpoint: Checkpoint) -> tuple[Session, Learner]:
     return session, learner
 
 
-def _own_randomness(cell: Cell) -> AbstractContextManager[GlobalRandomness | None]:
-    """A block in which the random generators that all code shares are seeded from the cell.
-
-    Yields:
-        Their states at its beginning; None in a thread, whose neighbours may draw meanwhile.
-    """
-    if threading.current_thread() is threading.main_thread():
-        return GlobalRandomness.seeded(int(cell.identity, 16) % 2**63)
-    return nullcontext()
-
-
 def _cautions(start: GlobalRandomness | None, learner: Learner, spec: LearnerSpec) -> list[str]:
-    """What results warn of: a user's learner draws from those generators, or cannot be stored."""
+    """What results warn of: a user's learner uses shared generators, or cannot be stored."""
+    cautions: list[str] = []
     if is_ours(spec.learner):
-        return []
-    cautions = []
+        return cautions
     if used := start.differs_from(GlobalRandomness.now()) if start else []:
         cautions.append(
             f"it uses or seeds the random numbers of {' and '.join(used)}, which all code shares, "
             "so no subject is independent of the others in its cell; let it draw from "
-            f"brief.generators (or self.generator){IN_TORCH if 'torch' in used else ''}"
+            "brief.generators (or self.generator), and seed a torch.Generator from these"
         )
     if reason := unresumable(learner):
         cautions.append(f"a killed cell begins again, as {reason}")
@@ -236,18 +223,10 @@ def _require_declared(spec: LearnerSpec) -> None:
             )
 
 
-def _is_users_process() -> bool:
-    """Whether Ctrl-C reaches this thread: elsewhere only the learner can have interrupted."""
-    in_main_thread = threading.current_thread() is threading.main_thread()
-    return in_main_thread and signal.getsignal(signal.SIGINT) is signal.default_int_handler
-
-
 def _is_gone(awaited: str) -> bool:
     """Whether a file is missing; other errors may pass."""
     try:
         Path(awaited).stat()
-    except FileNotFoundError:
-        return True
-    except OSError:
-        pass
+    except OSError as error:
+        return isinstance(error, FileNotFoundError)
     return False

@@ -18,7 +18,7 @@ import threading
 import time
 import warnings
 from collections import deque
-from collections.abc import Callable, Collection, Generator, Iterator
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator
 from concurrent import futures
 from contextlib import contextmanager, suppress
 from math import inf
@@ -35,8 +35,6 @@ LOOK_EVERY = 1.0
 """Seconds after which an iterator yields None, if no job is done."""
 GRACE = 1.0
 """Seconds that processes have to end by themselves."""
-NO_GUARD = 79
-"""Exit status of a worker whose program compares again while the worker imports it."""
 GUARD = 'call compare under: if __name__ == "__main__":'
 WORKER_ITSELF = (
     "this process is itself a worker and may not start others, so it plays one cell after another"
@@ -74,11 +72,7 @@ def in_this_process(do: Do, jobs: deque[Any]) -> Doing:
 def in_executor(
     executor: futures.Executor, do: Do, jobs: deque[Any], most: Callable[[], float] = lambda: inf
 ) -> Doing:
-    """Let an executor do jobs, at most as many at a time as ``most`` returns.
-
-    Raises:
-        OpenLockError: If the executor is broken, since its other jobs are also lost.
-    """
+    """Let an executor do jobs, at most as many at a time as ``most`` returns."""
     running: dict[futures.Future[Any], Any] = {}
     try:
         while jobs or running:
@@ -91,9 +85,8 @@ def in_executor(
                 job, error = running.pop(future), future.exception()
                 if isinstance(error, futures.BrokenExecutor):
                     raise OpenLockError(
-                        "a worker of the executor ended without a message (killed, out of memory, "
-                        "or a learner that ends its process); run the same command again, perhaps "
-                        "with fewer workers: it continues where it stopped"
+                        "a worker of the executor ended without a message, perhaps for lack of "
+                        "memory; give the same command again: it continues where it stopped"
                     )
                 yield Done(job, error=error) if error else Done(job, future.result())
             yield None
@@ -109,17 +102,14 @@ def in_processes(
     alone: Callable[[Any], bool],
     time_limit: float = inf,
 ) -> Doing:
-    """Do jobs in processes of this machine.
+    """Do jobs in processes of this machine; more jobs may be added meanwhile.
 
     Args:
         do: What is done with a job; it is pickled.
-        jobs: The jobs. More may be added while they are done.
+        jobs: The jobs.
         workers: Number of processes.
         alone: Whether a job needs a process that does no other job.
         time_limit: Seconds after which the process of a job is ended.
-
-    Raises:
-        OpenLockError: If a process cannot be started.
     """
     pool: list[_Worker] = []
     try:
@@ -158,7 +148,7 @@ class _Worker:
             self.process.start()
         other.close()
         self.job: Any = None
-        self.busy = self.has_begun = False
+        self.busy = self.has_begun = False  # the latter: it has been able to play
         self.began = inf
 
     def give(self, job: Any) -> None:
@@ -189,22 +179,14 @@ class _Worker:
         end([self.process])
 
     def _how_lost(self) -> str:
-        code = self.process.exitcode
-        if self.has_begun and code is None:
-            return "closed the connection to its worker, as os.closerange(3, 256) does"
-        how = _how_ended(code)
+        how = _how_ended(self.process.exitcode)
+        if self.has_begun and self.process.exitcode is None:
+            return "closed the connection to its worker"
         if self.has_begun:
             return f"ended its process ({how})"
-        if code == NO_GUARD:
-            raise OpenLockError(f"each worker first runs this program, which compares; {GUARD}")
-        if code is not None and code >= 0:
-            raise OpenLockError(
-                f"a process to play in ended before it could play ({how}); it runs this program "
-                f"first, and its error is printed above. In your own program, {GUARD}"
-            )
         raise OpenLockError(
-            f"a process to play in cannot be started ({how}); free some memory, or ask for fewer "
-            "--workers"
+            f"a process to play in ended before it could play ({how}); each worker first runs this "
+            f"program, so {GUARD}"
         )
 
 
@@ -259,47 +241,41 @@ def end(processes: Collection[BaseProcess]) -> None:
     end_groups([process.pid for process in processes if process.pid])
 
 
-def end_groups(groups: list[int]) -> None:
+def end_groups(groups: Iterable[int]) -> None:
     """End process groups: with SIGTERM, and after some time with SIGKILL."""
+    left, last = _reached(groups, signal.SIGTERM), time.monotonic() + GRACE
+    while left and time.monotonic() < last:
+        time.sleep(0.02)
+        left = _reached(left, 0)
+    _reached(left, signal.SIGKILL)
 
-    def reached(group: int, number: int) -> bool:
+
+def _reached(groups: Iterable[int], number: int) -> list[int]:
+    """Send a signal to process groups; those that are still there."""
+    reached = []
+    for group in groups:
         with suppress(OSError, AttributeError):  # there is none left, or this is Windows
             os.killpg(group, number)
-            return True
-        return False
-
-    last = time.monotonic() + GRACE
-    groups = [group for group in groups if reached(group, signal.SIGTERM)]
-    while groups and time.monotonic() < last:
-        time.sleep(0.02)
-        groups = [group for group in groups if reached(group, 0)]
-    for group in groups:
-        reached(group, signal.SIGKILL)
+            reached.append(group)
+    return reached
 
 
 def _how_ended(code: int | None) -> str:
     """End of a process in words, by its exit code."""
-    if code is None:
-        return "it does not answer"
-    if code >= 0:
-        return f"exit status {code}"
+    if code is None or code >= 0:
+        return "it does not answer" if code is None else f"exit status {code}"
     names = {number.value: number.name for number in signal.Signals}
-    name = names.get(-code, f"signal {-code}")
-    return f"killed by {name}" + (", perhaps for lack of memory" if name == "SIGKILL" else "")
+    memory = ", perhaps for lack of memory" if code == -signal.SIGKILL else ""
+    return f"killed by {names.get(-code, f'signal {-code}')}{memory}"
 
 
 def may_start_processes() -> bool:
-    """Whether this process may start others: workers of multiprocessing and joblib may not.
-
-    Raises:
-        OpenLockError: If workers could not run this program, which they do first.
-        SystemExit: If this is a worker that runs the program, which compares without a guard.
-    """
+    """Whether this process may start others: workers of multiprocessing and joblib may not."""
     process, method = multiprocessing.current_process(), multiprocessing.get_start_method(True)
     if process.daemon or method not in (None, *multiprocessing.get_all_start_methods()):
         return False
-    if getattr(process, "_inheriting", False):
-        raise SystemExit(NO_GUARD)
+    if getattr(process, "_inheriting", False):  # a worker that runs a program without a guard
+        raise SystemExit(1)
     main = sys.modules["__main__"]
     file = getattr(main, "__file__", None)
     if file and getattr(main, "__spec__", None) is None and not Path(file).exists():
@@ -314,12 +290,7 @@ def may_start_processes() -> bool:
 def worker_pool(
     workers: int, prepare: Callable[[], None] | None = None
 ) -> Iterator[futures.Executor]:
-    """A pool of processes of this machine with one thread each.
-
-    Args:
-        workers: How many.
-        prepare: Called in each before it works; it is pickled.
-    """
+    """A pool of processes of this machine with one thread each, which first call ``prepare``."""
     if not may_start_processes():
         warnings.warn(WORKER_ITSELF, stacklevel=3)
         with futures.ThreadPoolExecutor(1, initializer=prepare) as thread:
@@ -339,7 +310,7 @@ def worker_pool(
 @contextmanager
 def _one_thread() -> Iterator[None]:
     """Make processes that are started in this context use one thread each."""
-    before = {name: os.environ[name] for name in ONE_THREAD if name in os.environ}
+    before = dict(os.environ)
     os.environ.update(ONE_THREAD)
     try:
         yield
@@ -351,5 +322,5 @@ def _one_thread() -> Iterator[None]:
 
 def available_cores() -> int:
     """Number of cores that this process may use."""
-    has_affinity = hasattr(os, "sched_getaffinity")  # no process has on macOS
-    return len(os.sched_getaffinity(0)) if has_affinity else os.cpu_count() or 1
+    # On macOS there is no affinity.
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

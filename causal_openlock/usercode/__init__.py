@@ -2,5 +2,4 @@
 
 - :mod:`~causal_openlock.usercode.own_files`: the files that it is made of, and their hash.
 - :mod:`~causal_openlock.usercode.session_code`: classes that no file has, made in a session.
-- :mod:`~causal_openlock.usercode.misspelt`: what to say where a name is not found.
 """

@@ -10,16 +10,19 @@ import re
 import site
 import sys
 import sysconfig
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from importlib.machinery import ModuleSpec, PathFinder
+from importlib.metadata import EntryPoint
 from importlib.util import find_spec
 from modulefinder import ModuleFinder
 from pathlib import Path
+from pkgutil import iter_modules
 from typing import Any, NamedTuple
 
 from causal_openlock.errors import OpenLockError, in_short
 from causal_openlock.files.digest import digest
+from causal_openlock.wording import nearest
 
 _INSTALLED_IN = Path(__file__).resolve().parents[2]
 _PACKAGES = ("causal_openlock", "openlock_learners")
@@ -42,9 +45,6 @@ def own_files(modules: Iterable[str], beside: Iterable[Path] = (), text: str = "
         modules: Names of modules. Of one that is installed, it is its own file alone.
         beside: Folders that are searched after all others.
         text: The source text.
-
-    Raises:
-        OpenLockError: If a file that is imported is not valid Python.
     """
     files, own, places = {}, [], users_folders(beside)
     for name in modules:
@@ -186,3 +186,29 @@ def users_folders(beside: Iterable[Path] = ()) -> list[Path]:
     own = [place for place in places if place.is_dir() and is_users_own(place / "module.py")]
     # With pip install --target, packages are in a folder of any name.
     return [place for place in own if not any(place.glob("*.dist-info"))]
+
+
+def misspelt(
+    entry: EntryPoint, error: Exception, kind: str, fits: Callable[[Any], bool]
+) -> str | None:
+    """Message for ``module:name`` that names no module, or nothing in a module; else None.
+
+    A module that fails while it is imported is something else: its own error says more.
+
+    Args:
+        entry: What was loaded.
+        error: What loading it raised.
+        kind: What the name is to be, such as ``class``.
+        fits: Whether something else in the module could have been meant.
+    """
+    if isinstance(error, ModuleNotFoundError) and f"{entry.module}.".startswith(f"{error.name}."):
+        package, _, last = (error.name or "").rpartition(".")
+        places = [*getattr(sys.modules.get(package), "__path__", map(str, users_folders()))]
+        close = nearest(last, {module.name for module in iter_modules(places)})
+        return f"there is no module {error.name} in {' or '.join(places)}; {close}"
+    module = sys.modules.get(entry.module)  # one that fails while it is imported is not kept
+    if module is None or entry.module == "__main__" or not isinstance(error, AttributeError):
+        return None
+    known = {name for name, value in vars(module).items() if name[0] != "_" and fits(value)}
+    source = getattr(module, "__file__", None) or entry.module
+    return f"{source} has no {kind} {entry.attr}; {nearest(entry.attr, known)}"

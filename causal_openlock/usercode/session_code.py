@@ -19,7 +19,7 @@ import sys
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import MISSING
-from functools import lru_cache, partial
+from functools import lru_cache
 from io import BytesIO
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
@@ -30,7 +30,7 @@ import numpy as np
 
 from causal_openlock.errors import LearnerError, in_short
 from causal_openlock.files.digest import digest
-from causal_openlock.usercode.own_files import digest_of, is_users_own, module_source, own_files
+from causal_openlock.usercode.own_files import digest_of, own_files
 
 SESSION = "__main__"
 MOST_SHOWN = 200
@@ -133,8 +133,7 @@ def session_source(name: str) -> str:
         LearnerError: If the source cannot be found.
     """
     lines, definitions = [], []
-    used = _used(name)
-    for known, value in used.items():
+    for known, value in _used(name).items():
         origin, as_named = getattr(value, "__module__", ""), getattr(value, "__name__", known)
         if _is_definition(value):
             definitions.append(_source(value))
@@ -147,12 +146,7 @@ def session_source(name: str) -> str:
         else:
             lines.append(_constant(known, value))
     text = "\n\n\n".join(["\n".join(sorted(lines)), *definitions]) + "\n"
-    # Its objects are of classes, and its partial functions of functions, that nothing else names.
-    kinds = [value.func if isinstance(value, partial) else type(value) for value in used.values()]
-    modules = {getattr(kind, "__module__", None) or SESSION for kind in kinds} - {SESSION}
-    sources = {module: module_source(module) for module in modules}
-    own = [module for module, source in sources.items() if source and is_users_own(source)]
-    if files := own_files(own, text=text).files:
+    if files := own_files((), text=text).files:
         text += f"# The hash of {', '.join(sorted(files))}: {digest_of(files)}\n"
     return text
 
@@ -161,14 +155,12 @@ def _constant(name: str, value: Any) -> str:
     """A line that defines a value; if only a program can make it, a comment."""
     with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
         text = repr(value)
-        if isinstance(value, set | frozenset) and value:  # the same text in every process
-            before, after = text[: text.index("{") + 1], text[text.rindex("}") :]
-            text = f"{before}{', '.join(sorted(map(repr, value)))}{after}"
-        elif " object at 0x" in text:  # it has no form of its own
-            text += f" {getattr(value, '__dict__', '')}"
-        elif getattr(value, "__name__", "") == "<lambda>":
-            with suppress(OSError):
-                text = inspect.getsource(value)
+    if isinstance(value, set | frozenset) and value:  # the same text in every process
+        items = ", ".join(sorted(map(repr, value)))
+        text = f"{{{items}}}" if isinstance(value, set) else f"frozenset({{{items}}})"
+    elif getattr(value, "__name__", "") == "<lambda>":
+        with suppress(OSError):
+            text = inspect.getsource(value)
     text = re.sub(" at 0x[0-9a-f]+", "", " ".join(text.split()))
     try:
         ast.literal_eval(text)

@@ -29,8 +29,12 @@ import numpy as np
 
 from causal_openlock.errors import ExperimentError
 from causal_openlock.schemas.fsm import FloatArray
-from causal_openlock.usercode.misspelt import misspelt
-from causal_openlock.usercode.own_files import MODULE_AND_NAME, imported_digest, look_beside
+from causal_openlock.usercode.own_files import (
+    MODULE_AND_NAME,
+    imported_digest,
+    look_beside,
+    misspelt,
+)
 from causal_openlock.usercode.session_code import is_of_session, session_origin
 from causal_openlock.world.events import Events, RewardFunction, possible
 

@@ -164,7 +164,8 @@ def test_what_changes_after_it_was_declared_does_not_play(run, tmp_path):
     main = vars(sys.modules["__main__"])
     before = find_reward(main["eager"])
     rewarded = ol.make_experiment(["CC3"], ["random"], subjects=1, reward=main["eager"])
-    experiment = ol.make_experiment(["CC3"], [learner_class(NAME)], subjects=1)
+    learners = [learner_class(NAME), "random"]
+    experiment = ol.make_experiment(["CC3"], learners, subjects=1)
     assert experiment.identity
     run(REWARD.replace("0.1", "0.2"))
     assert find_reward(main["eager"]) != before
@@ -172,6 +173,7 @@ def test_what_changes_after_it_was_declared_does_not_play(run, tmp_path):
     for declared, named in ((rewarded, "__main__:eager"), (experiment, "__main__:Mine")):
         with pytest.raises(LearnerError, match=f"the code of {named} is .* was declared as"):
             ol.run(declared, tmp_path / named[-4:], workers=0)
+    assert {*ol.open_results(tmp_path / "Mine").trials["learner"]} == {"random"}
 
 
 def test_what_workers_could_not_find_or_get_is_refused(run):
@@ -225,7 +227,6 @@ class Mine(ol.OneSubjectLearner):
     "change",
     [
         "W[2500] = 7",
-        "CONF.x = 100",
         "def step(a, b):\n    return a - b\nshift = partial(step, 2)",
         "@cache\ndef table(n):\n    return n + 1",
         "half = lambda x: x // 3 * SCALE",
