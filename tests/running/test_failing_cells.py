@@ -76,7 +76,7 @@ BY_ITSELF = {
     "Mute": "failed: Silent (lethal.py:18)",
     "Talks": f"failed: ValueError: {199 * 'x'} … (lethal.py:22)",
     "Stray": "failed: action 99 is outside",
-    "Nonsense": "failed: Nonsense has to answer with the index of an action",
+    "Nonsense": "failed: Nonsense has to answer with an integer, the index of an action",
     "Exits": "failed: SystemExit: 0 (lethal.py:34)",
     "Stops": "failed: KeyboardInterrupt",
 }
