@@ -24,7 +24,7 @@ from causal_openlock.evidence.study_files import (
     read_units,
     write_run,
 )
-from causal_openlock.files.json_text import present
+from causal_openlock.files.validation import present
 from causal_openlock.paper.noise_ceiling import chosen_settings
 from causal_openlock.storage.versions import merged_versions
 from causal_openlock.wording import joined

@@ -60,7 +60,6 @@ from causal_openlock.contract.registry import (
 from causal_openlock.errors import ExperimentError, LearnerError, OpenLockError, together
 from causal_openlock.experiment.origin import Origin, answer_of, origin_of
 from causal_openlock.files.digest import digest
-from causal_openlock.files.json_text import present
 from causal_openlock.files.validation import (
     MOST,
     Part,
@@ -70,6 +69,7 @@ from causal_openlock.files.validation import (
     errors_of,
     part,
     plain,
+    present,
     read,
 )
 from causal_openlock.schemas.finding import SUFFIXES, find_schema

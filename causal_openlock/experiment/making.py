@@ -24,8 +24,7 @@ from causal_openlock.experiment.declare import (
     points,
 )
 from causal_openlock.experiment.plan import plan
-from causal_openlock.files.json_text import present
-from causal_openlock.files.validation import Part, known_arguments, part, plain, read
+from causal_openlock.files.validation import Part, known_arguments, part, plain, present, read
 from causal_openlock.files.yaml_file import Document
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.rewards import PAPER_REWARD, RewardForm

@@ -18,7 +18,7 @@ from jinja2 import Template
 from causal_openlock.experiment.beside_record import answers_schema, reactions_schema
 from causal_openlock.experiment.declare import PERSON
 from causal_openlock.experiment.record import played, record_schema
-from causal_openlock.files.json_text import present
+from causal_openlock.files.validation import present
 from causal_openlock.storage.stored import StoredExperiment
 
 if TYPE_CHECKING:

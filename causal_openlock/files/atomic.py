@@ -17,9 +17,8 @@ from uuid import uuid4
 
 from causal_openlock.errors import StoreError
 
-SYSTEMS = [".DS_Store", "._*", "Thumbs.db", "desktop.ini", ".nfs*", ".ipynb_checkpoints"]
-LEFTOVERS = [*SYSTEMS, ".lock*", ".*.partial"]
-"""Names in a folder that holds nothing yet."""
+LEFTOVERS = (".DS_Store", "._*", "Thumbs.db", "desktop.ini", ".nfs*", ".lock*", ".*.partial")
+"""Names of what systems and killed runs leave in a folder."""
 
 
 def folder_at(place: Path | str) -> Path:
@@ -35,39 +34,37 @@ def folder_at(place: Path | str) -> Path:
             f"{str(place).rpartition('@')[2]} is not a folder of this machine; write into a folder "
             "and copy it before and after, for S3 with: aws s3 sync s3://BUCKET/NAME results/NAME"
         )
+    folder = Path(place)
     try:
         str(place).encode()  # results say it
-        Path(place).resolve()  # fails at links in a circle, which exists() takes for nothing
-        path = next(path for path in (Path(place), *Path(place).parents) if path.exists())
-        is_folder = path.is_dir()
+        folder.resolve()  # fails at links in a circle, which exists() takes for nothing
+        path = next(path for path in (folder, *folder.parents) if path.exists())
     except (OSError, RuntimeError, ValueError):
         raise StoreError(f"{str(place)[:80]!r} cannot be a folder; choose another") from None
-    if not is_folder:
+    if not path.is_dir():
         raise StoreError(f"{path} is a file; choose a folder")
-    return Path(place)
+    return folder
 
 
 def is_empty(folder: Path) -> bool:
-    """Whether there is no folder, or only what systems and killed runs leave in one."""
+    """Whether there is no folder, or only leftovers in one."""
     paths = folder.iterdir() if folder.exists() else ()
-    return all(any(path.match(name) for name in LEFTOVERS) for path in paths)
+    return all(any(map(path.match, LEFTOVERS)) for path in paths)
 
 
 def move_into(made: Path, folder: Path) -> None:
-    """Rename a folder to one that is empty by :func:`is_empty`."""
+    """Put what is in a folder into one that is empty by :func:`is_empty`."""
     if not folder.exists():
         made.replace(folder)
-        return
-    for path in made.iterdir():
-        path.replace(folder / path.name)
+    else:
+        for path in made.iterdir():
+            path.replace(folder / path.name)
 
 
 def unwritable(path: Path, error: OSError) -> StoreError:
     """The error of a file or folder that cannot be written."""
-    return StoreError(
-        f"{path}: cannot be written ({error.strerror or error}); free some space or choose another "
-        "place"
-    )
+    why = error.strerror or error
+    return StoreError(f"{path}: cannot be written ({why}); free some space or choose another place")
 
 
 @contextmanager

@@ -9,10 +9,23 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cache
 from typing import Any, TypeVar, cast
 
+import numba
+from numba.core.caching import FunctionCache
+
 Compiled = TypeVar("Compiled", bound=Callable[..., Any])
+
+
+class _Cache(FunctionCache):
+    """Numba's cache of a function, in which what cannot be read counts as missing."""
+
+    def load_overload(self, *key: Any) -> Any:
+        try:
+            return super().load_overload(*key)  # type: ignore[no-untyped-call]
+        except Exception:  # what is no pickle can fail in any way
+            with suppress(OSError):
+                self.flush()  # type: ignore[no-untyped-call]
 
 
 def compiled(function: Compiled, **options: Any) -> Compiled:
@@ -25,41 +38,13 @@ def compiled(function: Compiled, **options: Any) -> Compiled:
         function: The function.
         options: Other options of ``numba.njit``.
     """
-    import numba  # takes a while to load
-
     kernel = numba.njit(error_model="numpy", **options)(function)
     try:
-        kernel._cache = _cache()(function)
+        kernel._cache = _Cache(function)  # type: ignore[no-untyped-call]
     except RuntimeError:  # numba finds no folder that can be written to
-        _say_slow()
+        warnings.warn(
+            "there is no folder for what numba compiles, so every process compiles it again, which "
+            "takes up to a minute; set NUMBA_CACHE_DIR to a folder that you can write to",
+            stacklevel=1,
+        )
     return cast(Compiled, kernel)
-
-
-@cache
-def _say_slow() -> None:
-    warnings.warn(
-        "there is no folder for what numba compiles, so every process compiles it again, which "
-        "takes up to a minute; set the environment variable NUMBA_CACHE_DIR to a folder that you "
-        "can write to",
-        stacklevel=3,
-    )
-
-
-@cache
-def _cache() -> Any:
-    """Numba's cache of a function, in which what cannot be read counts as missing."""
-    from numba.core.caching import FunctionCache
-
-    class Cache(FunctionCache):
-        def load_overload(self, *key: Any) -> Any:
-            try:
-                return super().load_overload(*key)  # type: ignore[no-untyped-call]
-            except Exception:  # what is no pickle can fail in any way
-                with suppress(OSError):
-                    self.flush()  # type: ignore[no-untyped-call]
-
-        def save_overload(self, *key: Any) -> None:
-            with suppress(OSError):  # a full disk, or a folder that has become read-only
-                super().save_overload(*key)  # type: ignore[no-untyped-call]
-
-    return Cache

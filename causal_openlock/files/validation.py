@@ -64,6 +64,15 @@ def plain(value: Any) -> Any:
     return value
 
 
+def present(values: Mapping[str, Any]) -> dict[str, Any]:
+    """A mapping without what is None.
+
+    >>> present({"name": "a", "license": None})
+    {'name': 'a'}
+    """
+    return {name: value for name, value in values.items() if value is not None}
+
+
 def several(value: Any) -> bool:
     """Whether a value is a collection of others; a text is one value.
 

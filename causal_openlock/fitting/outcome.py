@@ -13,7 +13,7 @@ from causal_openlock.analysis.plots import style
 from causal_openlock.experiment.declare import PAPER_CONDITIONS
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.escaping import csv_of
-from causal_openlock.files.json_text import present
+from causal_openlock.files.validation import present
 from causal_openlock.files.yaml_file import dump_yaml
 from causal_openlock.fitting.candidates import Fit
 from causal_openlock.fitting.objective import TARGETS, Score, held_out, towards

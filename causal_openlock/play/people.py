@@ -33,7 +33,7 @@ from causal_openlock.experiment.declare import Cell, Condition, Experiment, Lear
 from causal_openlock.experiment.plan import plan
 from causal_openlock.files.atomic import sweep, write_text
 from causal_openlock.files.digest import digest
-from causal_openlock.files.json_text import present
+from causal_openlock.files.validation import present
 from causal_openlock.play.game import EXPERIMENT, Answer
 from causal_openlock.play.log import Entry as LogEntry
 from causal_openlock.play.log import Log, is_forgotten, is_join, is_return, is_turn

@@ -33,7 +33,6 @@ import networkx as nx
 
 from causal_openlock.errors import FileError, OpenLockError, SchemaError, together
 from causal_openlock.files.atomic import write_text
-from causal_openlock.files.json_text import each_once
 from causal_openlock.files.yaml_file import Document, read_text
 from causal_openlock.schemas.bayes_net import bif_text
 from causal_openlock.schemas.one_line import one_line, parse_line
@@ -259,7 +258,7 @@ def _node_link_text(schema: Schema) -> str:
 
 
 def _node_link_graph(text: str) -> nx.Graph:
-    data = json.loads(text, object_pairs_hook=each_once)
+    data = json.loads(text)
     data["graph"] = dict(data.get("graph", {}))
     edges = "edges" if "edges" in data else "links"
     # Every edge is kept, whatever its key, so that a doubled one is seen.

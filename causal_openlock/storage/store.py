@@ -37,8 +37,7 @@ from causal_openlock.files.checksums import (
     read_table,
     table_bytes,
 )
-from causal_openlock.files.json_text import present
-from causal_openlock.files.validation import adapter
+from causal_openlock.files.validation import adapter, present
 from causal_openlock.storage.beside_cell import failures_of, tidy
 from causal_openlock.storage.folder_lock import Shard, locked
 from causal_openlock.storage.versions import Versions, merged_versions, other_versions, versions
