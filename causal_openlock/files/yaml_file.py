@@ -3,8 +3,8 @@
 ruamel.yaml (YAML 1.2) gives a tree of nodes. A :class:`Document` keeps what they hold and where
 each of them stands, and a pydantic model checks it: faults of syntax, form or meaning become a
 :class:`~causal_openlock.errors.FileError`. What nobody writes by hand is refused: more than 128 kB,
-nesting deeper than 16 levels, and the parts of YAML that are ambiguous or make a small file large
-(anchors, aliases, merge keys, tags, keys that are not names, several documents in one file).
+and the parts of YAML that are ambiguous or make a small file large (anchors, aliases, merge keys,
+tags, keys that are not names, several documents in one file).
 
 >>> Document("name: CC3").data["name"]
 'CC3'
@@ -29,9 +29,6 @@ if TYPE_CHECKING:
 Model = TypeVar("Model")
 
 MAX_BYTES = 128 * 1024
-MAX_DEPTH = 16
-_TOO_LARGE = Fault(1, 1, f"the file has more than {MAX_BYTES:,} bytes; is this the right file?")
-_TOO_DEEP = f"nested deeper than {MAX_DEPTH} levels; is this the right file?"
 _KINDS = ("str", "int", "float", "bool", "null", "timestamp", "seq", "map")
 
 
@@ -59,10 +56,12 @@ class Document:
 
         self.path, self.places = Path(path), dict[tuple[str, ...], tuple[int, int]]()
         self._yaml = YAML(typ="safe", pure=True)
-        if len(text) > MAX_BYTES:
-            raise FileError(path, [_TOO_LARGE])
         try:
             root = self._yaml.compose(text)
+            self.data: Any = root and self._content(root, ())
+            return
+        except FileError:
+            raise
         except MarkedYAMLError as error:
             problem = ", ".join(filter(None, (error.context, error.problem)))
             message = f"this is not valid YAML: {problem}; correct this line or the one before it"
@@ -71,13 +70,10 @@ class Document:
             message = f"the character U+{ord(text[error.position]):04X} is not allowed; take it out"
             fault = _fault_after(text[: error.position], message)
         except RecursionError:
-            fault = Fault(1, 1, _TOO_DEEP)
+            fault = Fault(1, 1, "this is nested too deeply; is it the right file?")
         except (AssertionError, ValueError, OverflowError):  # of ruamel.yaml
             message = "this is not YAML 1.2: correct %YAML, or a \\U that is beyond all characters"
             fault = Fault(1, 1, message)
-        else:
-            self.data: Any = root and self._content(root, ())
-            return
         raise FileError(path, [fault])
 
     def _content(self, node: Any, where: tuple[str, ...]) -> Any:
@@ -95,8 +91,6 @@ class Document:
             except (ValueError, LookupError):  # half a character; a 31st of June; 5,000 digits
                 what = f"{described(node.value)} is no text, number or date; correct it"
                 raise self._refused(node, what) from None
-        if len(where) == MAX_DEPTH:
-            raise self._refused(node, _TOO_DEEP)
         if kind == "map":
             return self._entries(node, where)
         items: list[Any] = []
@@ -200,7 +194,8 @@ def read_text(path: Path | str) -> str:
     except ValueError:
         raise OpenLockError(f"{str(path)!r:.200} is not a name that a file can have") from None
     if len(content) > MAX_BYTES:
-        raise FileError(path, [_TOO_LARGE])
+        message = f"the file has more than {MAX_BYTES:,} bytes; is this the right file?"
+        raise FileError(path, [Fault(1, 1, message)])
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -41,13 +41,7 @@ from causal_openlock.wording import nearest
 
 
 class Format(NamedTuple):
-    """A file format that a schema can be written in.
-
-    Attributes:
-        suffixes: Suffixes of its files.
-        write: From a schema to text.
-        read: From text and a default name to a schema; None if it cannot be read.
-    """
+    """A file format: suffixes of its files, and how it is written and read with a default name."""
 
     suffixes: tuple[str, ...]
     write: Callable[[Schema], str]
@@ -71,14 +65,11 @@ def export_schema(schema: Schema, format: str) -> str:
 def import_schema(text: str, format: str, name: str = "imported") -> Schema:
     """A schema from text in one of :data:`FORMATS`.
 
-    Args:
-        text: The content of a file.
-        format: Name of its format.
-        name: Name of the schema if the text has none.
+    ``name`` is the name of the schema if the text has none.
 
     Raises:
-        SchemaError: If the text is not in that format, or its graph is not a schema.
-        OpenLockError: If there is no such format or it can only be written.
+        OpenLockError: If there is no such format, it can only be written, or the text is not in it
+            or not a schema.
     """
     format = _known(format)
     if (read := FORMATS[format].read) is None:
@@ -127,12 +118,12 @@ def read_schema(path: Path | str, format: str | None = None) -> Schema:
 
 def _known(name: str) -> str:
     """The name of a format, from its name or a suffix of its files."""
-    for format, (suffixes, *_) in FORMATS.items():
-        if name == format or name.lower() in suffixes or f".{name}" in suffixes:
-            return format
-    every = [suffix for format in FORMATS.values() for suffix in format.suffixes]
-    known = nearest(name[:64], every if name.startswith(".") else FORMATS)
-    raise OpenLockError(f"there is no schema format {name!r:.64}; {known}")
+    names = {name: name for name in FORMATS}
+    names |= {end: format for format in FORMATS for end in FORMATS[format].suffixes}
+    for key in (name, name.lower(), f".{name}"):
+        if key in names:
+            return names[key]
+    raise OpenLockError(f"there is no schema format {name!r:.64}; {nearest(name[:64], names)}")
 
 
 # -- a graph as a schema ---------------------------------------------------------------------------
@@ -231,14 +222,12 @@ def _prefixed(what: str, error: OpenLockError) -> OpenLockError:
 
 def _graph_of(schema: Schema) -> nx.DiGraph:
     """The schema as a graph whose attributes are texts and numbers."""
-    graph = nx.DiGraph(name=schema.name, title=schema.title)
+    graph = nx.DiGraph(schema.graph, title=schema.title)
     if schema.inert:
         graph.graph["inert"] = " ".join(schema.inert)
-    for node in [*schema.levers, DOOR]:
-        graph.add_node(node, kind="door" if node == DOOR else "lever")
-        if schema.causes(node):
-            graph.nodes[node]["gate"] = str(schema.gate(node)).replace("at least", "at_least")
-    graph.add_edges_from(schema.graph.edges(data=True))
+    for node, says in graph.nodes(data=True):
+        gate = str(says.pop("gate")).replace("at least", "at_least")
+        says |= {"gate": gate} if schema.causes(node) else {}
     return graph
 
 

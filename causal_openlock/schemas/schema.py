@@ -157,35 +157,31 @@ Effects = Annotated[
 GateForm = Annotated[
     AtLeast, WrapValidator(_gate, json_schema_input_type=Literal["any", "all"] | AtLeast)
 ]
-Names = Annotated[list[str], BeforeValidator(_names, json_schema_input_type=list[str])]
+Names = Annotated[list[str], BeforeValidator(_names)]
 
 
 class SchemaForm(StrictModel):
     """A causal schema of levers and a door."""
 
-    name: Annotated[str, Field(pattern=f"^{NAME.pattern}$", description=NAME_FORM)]
-    title: Annotated[
-        str, AfterValidator(_title), Field(description="A line for tables and figures.")
-    ] = ""
-    levers: Annotated[
-        Names,
-        Field(
-            min_length=1,
-            max_length=MAX_LEVERS,
-            description="The active levers, in the order layouts place them.",
-        ),
-    ]
-    edges: Annotated[
-        dict[str, Effects],
-        Field(description="cause: [effects]; the effect `door` is the door."),
-    ]
-    gates: Annotated[
-        dict[str, GateForm],
-        Field(description="How a node combines its causes; `any` where not given."),
-    ] = Field(default_factory=dict)
-    inert: Annotated[
-        Names, Field(description="Levers that are meant to lie on no path to the door.")
-    ] = Field(default_factory=list)
+    name: str = Field(pattern=f"^{NAME.pattern}$", description=NAME_FORM)
+    title: Annotated[str, AfterValidator(_title)] = Field(
+        "", description="A line for tables and figures."
+    )
+    levers: Names = Field(
+        min_length=1,
+        max_length=MAX_LEVERS,
+        description="The active levers, in the order layouts place them.",
+    )
+    edges: dict[str, Effects] = Field(
+        description="cause: [effects]; the effect `door` is the door."
+    )
+    gates: dict[str, GateForm] = Field(
+        default_factory=dict,
+        description="How a node combines its causes; `any` where not given.",
+    )
+    inert: Names = Field(
+        default_factory=list, description="Levers that are meant to lie on no path to the door."
+    )
 
 
 class Schema:
