@@ -22,11 +22,12 @@ def status(folder: ResultsFolder) -> None:
     from causal_openlock.storage.store import Store
 
     console = Terminal()
-    found = status_of(Store(folder))
-    progress = found.progress
+    store = Store(folder)
+    experiment = store.experiment()
+    progress, quiet_cells, failures = status_of(store, experiment)
     waiting = progress.cells - progress.done - progress.failed - len(progress.playing)
     console.print_line(
-        f"{found.name}: {progress.done} of {progress.cells} cells done, "
+        f"{experiment.name}: {progress.done} of {progress.cells} cells done, "
         f"{len(progress.playing)} running, {progress.failed} failed, {waiting} waiting; "
         f"{100 * progress.share:.0f}% of the work"
     )
@@ -34,11 +35,11 @@ def status(folder: ResultsFolder) -> None:
         f"{one.cell.in_words}: {100 * one.share:.0f}%, for {duration(one.seconds)}"
         for one in progress.playing
     ]
-    quiet = [f"{cell}: no report for {duration(since)}" for cell, since in found.quiet.items()]
+    quiet = [f"{cell}: no report for {duration(since)}" for cell, since in quiet_cells.items()]
     for head, lines in (
         ("running", running),
         ("begun, and stopped or in a long step", quiet),
-        ("failed", list(found.failures)),
+        ("failed", failures),
     ):
         if lines:
             console.print_line(f"{head}:")

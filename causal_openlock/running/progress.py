@@ -12,7 +12,7 @@ for a learner that has not begun, it is the mean of the others. No result depend
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from statistics import mean
@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from causal_openlock.experiment.declare import Cell, Condition, Protocol
+from causal_openlock.experiment.declare import Cell, Condition, Experiment, Protocol
 from causal_openlock.experiment.plan import plan
 from causal_openlock.storage.beside_cell import failures_of, reported_progress
 from causal_openlock.storage.store import Store
@@ -30,40 +30,27 @@ QUIET = 120.0
 
 
 class Playing(NamedTuple):
-    """A cell that is being played.
-
-    Attributes:
-        cell: The cell.
-        share: The share of it that is done.
-        seconds: How long it has been played.
-        still: Seconds since its last report.
-    """
+    """A cell that is being played: the share that is done, for how long, and its last report."""
 
     cell: Cell
     share: float
     seconds: float
     still: float
+    """Seconds since the last report."""
 
 
 @dataclass(frozen=True)
 class RunProgress:
-    """The progress of a comparison.
-
-    Attributes:
-        cells: Number of cells.
-        done: Number of finished cells.
-        failed: Number of failed cells.
-        playing: The cells that are being played.
-        share: The share of the work that is done.
-        left: Seconds left with as many cells at a time as now, if they can be estimated.
-    """
+    """The progress of a comparison: how many of its cells are done, have failed, or are played."""
 
     cells: int
     done: int
     failed: int
     playing: tuple[Playing, ...]
     share: float
+    """The share of the work that is done."""
     left: float | None
+    """Seconds left with as many cells at a time as now, if they can be estimated."""
 
     @property
     def over(self) -> bool:
@@ -131,32 +118,18 @@ def _trials(condition: Condition, protocol: Protocol) -> int:
     return len(plan(condition, protocol, np.random.default_rng(0)))
 
 
-class Status(NamedTuple):
+def status_of(
+    store: Store, experiment: Experiment
+) -> tuple[RunProgress, dict[str, float], list[str]]:
     """Status of a comparison, as far as its results folder says.
 
-    Attributes:
-        name: Its name.
-        progress: What is done, failed and being played, and the seconds left at the speed of the
-            workers that play at the moment.
-        quiet: Cells that were begun and report nothing, and seconds since their last report.
-        failures: Why cells failed, a sentence each.
+    Returns:
+        The progress, with the seconds left at the speed of the workers that play at the moment;
+        the cells that were begun and report nothing, with the seconds since their last report; and
+        why cells failed, a sentence each.
     """
-
-    name: str
-    progress: RunProgress
-    quiet: Mapping[str, float]
-    failures: tuple[str, ...]
-
-
-def status_of(store: Store) -> Status:
-    """Status of the comparison in a results folder.
-
-    Raises:
-        StoreError: If the folder holds no results.
-    """
-    experiment = store.experiment()
     cells = experiment.cells()
-    course, failures, quiet = Course(cells), [], {}
+    course, failures, quiet = Course(cells), list[str](), dict[str, float]()
     for cell, file in zip(cells, experiment.files, strict=False):
         if (store.cells / file).exists():
             course.ended(cell)
@@ -170,4 +143,4 @@ def status_of(store: Store) -> Status:
             course.ended(cell, failed=True)
         elif name in begun:
             quiet[cell.in_words] = begun[name].still
-    return Status(experiment.name, course.standing(playing), quiet, tuple(failures))
+    return course.standing(playing), quiet, failures

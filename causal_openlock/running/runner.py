@@ -117,7 +117,8 @@ def run(
         20
     """
     warn = warn or (lambda sentence: None)
-    watching = _checked(watching or Watching(), time_limit)
+    limit = inf if time_limit is None else time_limit
+    watching = _checked(watching or Watching(), limit)
     here = executor is None and cluster is None
     if workers is not None:
         workers = whole_number(workers, "workers")  # 0: this process
@@ -155,11 +156,10 @@ def run(
         elif executor:
             doing = workplaces.in_executor(executor, do, jobs)
         else:
-            limit = inf if time_limit is None else float(time_limit)
             many = workers or workplaces.available_cores()
             # Other people's code may change its process for the cells after it.
             doing = workplaces.in_processes(
-                do, jobs, many, lambda cell: not is_ours(cell.spec.learner), limit
+                do, jobs, many, lambda cell: not is_ours(cell.spec.learner), float(limit)
             )
         playing.follow(doing)
     finally:
@@ -171,9 +171,8 @@ def run(
     return store
 
 
-def _checked(watching: Watching, time_limit: float | None) -> Watching:
+def _checked(watching: Watching, limit: float) -> Watching:
     """The duties of workers, checked and completed."""
-    limit = inf if time_limit is None else time_limit
     waits = {"checkpoint_every": watching.checkpoint_every, "time_limit": limit}
     for name, value in waits.items():
         if isinstance(value, bool) or not (isinstance(value, Real) and float(value) >= 0):

@@ -1,12 +1,8 @@
 """Curves for TensorBoard, drawn while a cell is played.
 
 A run of TensorBoard is a cell, and its axis is the mean number of attempts of the cell's subjects.
-Every point is a mean over the attempts of all subjects since the last point: ``attempts/reward``
-and ``attempts/opened``; ``trials/solved_share`` and ``trials/attempts`` (until the last solution
-was found, or else the limit) of the trials decided since then; and under ``learner/`` the metrics
-of the learner (:meth:`Learner.metrics`).
-
-Results are computed from the record, not from these curves.
+Every point is a mean over the attempts of all subjects since the last point, and over the trials
+that were decided since then. Results are computed from the record, not from these curves.
 """
 
 from __future__ import annotations

@@ -44,18 +44,14 @@ MOST_WRITTEN = 20_000
 
 @dataclass(frozen=True)
 class Watching:
-    """What a worker does besides playing.
-
-    Attributes:
-        checkpoint_every: Seconds between checkpoints inside a cell; 0 takes one after every step,
-            infinity none.
-        tensorboard: Folder for TensorBoard's logs; by default there are none.
-        awaited: A file that is there for as long as the run waits for its cells.
-    """
+    """What a worker does besides playing."""
 
     checkpoint_every: float = 60.0
+    """Seconds between checkpoints inside a cell; 0 takes one after every step, infinity none."""
     tensorboard: str | None = None
+    """Folder for TensorBoard's logs; by default there are none."""
     awaited: str | None = None
+    """A file that is there for as long as the run waits for its cells."""
 
 
 class NotAwaitedError(OpenLockError):
@@ -69,8 +65,7 @@ def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = 
         cell: The cell.
         folder: Its results folder.
         watching: What to do besides.
-        definitions: Classes of the running notebook, from
-            :func:`~causal_openlock.usercode.session_code.packed`.
+        definitions: What :func:`~causal_openlock.usercode.session_code.packed` returns.
 
     Returns:
         Problems that did not stop it, a sentence each.

@@ -55,11 +55,7 @@ def is_of_session(name: str) -> bool:
 
 
 def packed(names: Iterable[str]) -> bytes:
-    """The classes of the session among these names, and all that they use, for a worker.
-
-    Raises:
-        LearnerError: If they use something that cannot be sent to another process.
-    """
+    """The classes of the session among these names, and all that they use, for a worker."""
     origins = {name: session_origin(name) for name in names if is_of_session(name)}
     values = {used: value for name in origins for used, value in _used(name).items()}
     try:
@@ -114,24 +110,13 @@ def _can_be_sent(value: Any) -> bool:
 
 
 def session_origin(name: str) -> str:
-    """The recorded origin of a class or function of the session: its name and its source's hash.
-
-    Raises:
-        LearnerError: If the source cannot be found.
-    """
+    """The recorded origin of a class or function of the session: its name and its source's hash."""
     known = getattr(sys.modules[SESSION], _ORIGINS, {})
     return known.get(name) or f"{name.partition(':')[2]}.py {digest(session_source(name))}"
 
 
 def session_source(name: str) -> str:
-    """The source of a class of the session and of all that it uses there, as a module.
-
-    Args:
-        name: As ``__main__:Class``.
-
-    Raises:
-        LearnerError: If the source cannot be found.
-    """
+    """The source of a class of the session and of all that it uses there, as a module."""
     lines, definitions = [], []
     for known, value in _used(name).items():
         origin, as_named = getattr(value, "__module__", ""), getattr(value, "__name__", known)

@@ -67,10 +67,6 @@ class LosesItsWorkerOnce(Fine):
             os.kill(os.getpid(), signal.SIGKILL)
         return super().act(observation)
 
-class Dies(Fine):
-    def act(self, observation):
-        os.kill(os.getpid(), signal.SIGKILL)
-
 class Slow(Fine):
     def act(self, observation):
         time.sleep(0.1)

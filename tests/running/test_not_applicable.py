@@ -37,7 +37,7 @@ from causal_openlock import OneSubjectLearner
 class Limited(OneSubjectLearner):
     @classmethod
     def cannot_play(cls, parameters, schema, action_limit):
-        return "it has a table of 7" if len(schema.levers) > 7 else ""
+        return ANSWER
 
     def act(self, observation):
         return 0
@@ -102,26 +102,19 @@ def test_others_of_its_conditions_are_played():
     assert made.reasons == (WHY,)
 
 
-def read_with(folder, monkeypatch, code):
-    """The experiment of FILE with a learner of one's own in place of ``ideal``."""
-    module = f"limits_{digest(code)}"
-    (folder / f"{module}.py").write_text(code, encoding="utf-8")
-    monkeypatch.syspath_prepend(folder)
-    return read_experiment(written(folder, FILE.replace("ideal", f"{module}:Limited")))
-
-
-def test_a_learner_of_ones_own_says_it_too(tmp_path, monkeypatch):
-    with modules_of(tmp_path):
-        read = read_with(tmp_path, monkeypatch, LIMITED)
-        assert read.reasons == ("Limited cannot play in rooms of tree10: it has a table of 7",)
-        assert len(read.cells()) == 1
-
-
 @pytest.mark.parametrize(
-    ("answer", "fault"), [("1 / 0", "fails.*ZeroDivision"), ("None", "has to return a text")]
+    ("answer", "named"),
+    [
+        ("'it has a table of 7'", "Limited cannot play in rooms of tree10: it has a table of 7"),
+        ("1 / 0", "cannot_play of .*Limited fails.*ZeroDivision"),
+        ("None", "cannot_play of .*Limited has to return a text"),
+    ],
 )
-def test_a_learner_that_fails_to_say_it_is_named(answer, fault, tmp_path, monkeypatch):
-    with modules_of(tmp_path):
-        read = read_with(tmp_path, monkeypatch, LIMITED.replace("return ", f"return {answer}  # "))
-        with pytest.raises(LearnerError, match=f"cannot_play of .*Limited {fault}"):
-            read.cells()
+def test_a_learner_of_ones_own_says_it_too(answer, named, tmp_path, monkeypatch):
+    code = LIMITED.replace("ANSWER", answer)
+    module = f"limits_{digest(code)}"
+    (tmp_path / f"{module}.py").write_text(code, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    text = FILE.replace("random, ideal", f"{module}:Limited")
+    with modules_of(tmp_path), pytest.raises(LearnerError, match=named):
+        ol.run(read_experiment(written(tmp_path, text)), tmp_path / "out")

@@ -87,14 +87,12 @@ def arrive(monkeypatch):
     return in_worker
 
 
-def test_parameters_arrive_whole(run, monkeypatch):
+def test_parameters_arrive_whole(run, arrive):
     run(HEAD, HELPERS, LEARNER, PARAMETERS)
     content = packed([NAME])
-    unpack(content)
-    assert [row.default for row in parameter_table(NAME)] == [0.5]
-    monkeypatch.setattr(session_code, "_OWN", "another process")
-    unpack(content)
-    assert [row.default for row in parameter_table(NAME)] == [0.5]
+    for receive in (unpack, arrive):
+        receive(content)
+        assert [row.default for row in parameter_table(NAME)] == [0.5]
 
 
 def test_results_and_bundles_have_the_source_and_need_no_class(run, monkeypatch, tmp_path):
@@ -188,13 +186,6 @@ def test_what_workers_could_not_find_or_get_is_refused(run):
     run("class Mine(ol.OneSubjectLearner):\n    def act(self, seen):\n        return bool(LOCK)\n")
     with pytest.raises(LearnerError, match=r"LOCK, which .* cannot be sent .* workers=0"):
         packed([NAME])
-
-
-def test_cells_with_magic_commands_are_passed_over(run):
-    run(HEAD)
-    run("class Mine(ol.OneSubjectLearner):\n    act = None\n")
-    linecache.cache["/tmp/ipykernel_1/99.py"] = (5, None, ["%matplotlib inline\n"], "x")
-    assert "act = None" in session_source(NAME)
 
 
 VALUES = """\
