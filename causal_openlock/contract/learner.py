@@ -189,12 +189,10 @@ class LearnerBase:
     Parameters: ClassVar[type] = NoParameters
     """A frozen dataclass of hyper-parameters."""
     learns_from_others: ClassVar[bool] = True
-    """Whether ``learn`` can be given what another subject did.
+    """Whether ``learn`` can be given what another subject did, such as a recorded or shown one.
 
-    When recorded subjects are scored, and where a condition shows solutions, ``probabilities`` is
-    called before ``learn``; ``act`` is not. What has been shown is in ``step.action``.
+    Then :meth:`Learner.probabilities` is called before, and ``act`` is not.
     """
-
     resumable: ClassVar[bool] = True
     """Whether a killed cell continues from a checkpoint; otherwise it begins again.
 

@@ -24,12 +24,7 @@ class Moment:
 
     Attributes:
         observation: ``[2P + 2]`` what was seen before the action.
-        action: The action.
         outcome: ``[2P + 2]`` what was seen right after it.
-        reward: The reward.
-        attempt_over: Whether the attempt ended with it.
-        trial_over: Whether the trial ended with it.
-        new_solution: Whether it completed a solution not found before in the trial.
         solutions_left: Solutions still to be found in the trial.
     """
 

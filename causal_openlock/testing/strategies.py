@@ -16,14 +16,15 @@ from hypothesis import strategies as st
 from causal_openlock.schemas.schema import DOOR, Gate, Schema
 from causal_openlock.world.room import Layout, positions_for
 
+UNTITLED = st.just("")
+
 
 @st.composite
 def schemas(
     draw: st.DrawFn,
     max_levers: int = 7,
     stochastic: bool = False,
-    titles: st.SearchStrategy[str] | None = None,
-    name: str = "drawn",
+    titles: st.SearchStrategy[str] = UNTITLED,
 ) -> Schema:
     """Any valid schema: a random DAG with gates and, where it has to be, inert levers.
 
@@ -31,8 +32,7 @@ def schemas(
         draw: Given by Hypothesis.
         max_levers: The most levers it may have, at most 12.
         stochastic: Whether edges may have strengths below 1.
-        titles: What to draw its title from; by default it has none.
-        name: Its name.
+        titles: What to draw its title from.
     """
     levers = [f"L{index}" for index in range(draw(st.integers(1, max_levers), label="levers"))]
     # Causes come first in this order, which is not the order of the levers.
@@ -52,12 +52,12 @@ def schemas(
         strengths |= st.floats(0.05, 1.0, allow_subnormal=False)
     useful = nx.ancestors(graph, DOOR)
     return Schema(
-        name,
+        "drawn",
         levers,
         {lever: {effect: draw(strengths) for effect in graph[lever]} for lever in levers},
         gates={node: draw(_gates(causes)) for node, causes in graph.in_degree() if causes},
         inert=draw(st.permutations([lever for lever in levers if lever not in useful])),
-        title=draw(titles) if titles is not None else "",
+        title=draw(titles),
     )
 
 
