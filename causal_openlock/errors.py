@@ -1,8 +1,4 @@
-"""Errors that users can cause, and their messages.
-
-Every error that a user can cause derives from :class:`OpenLockError`; its text is complete and
-names the remedy, so the command line prints it as it is and exits with status 2.
-"""
+"""Errors that users can cause: each text names the remedy, and is printed as it is."""
 
 from __future__ import annotations
 
@@ -180,13 +176,7 @@ def together(errors: Sequence[OpenLockError]) -> OpenLockError:
 
 
 def in_short(error: BaseException) -> str:
-    r"""An error's text on one line; empty if it fails to give one.
-
-    At most 200 characters, up to a word; what this package says itself is whole.
-
-    >>> in_short(ValueError("two\n  lines"))
-    'two lines'
-    """
+    """An error's text on a line: 200 characters of a stranger's; empty if it fails to give one."""
     try:
         text = " ".join(str(error).split())
     except Exception:  # a user's class can fail in any way

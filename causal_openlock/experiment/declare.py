@@ -26,7 +26,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from itertools import chain, islice, product
@@ -45,6 +45,7 @@ from pydantic import (
     SerializerFunctionWrapHandler,
     ValidationError,
     ValidationInfo,
+    WrapValidator,
     create_model,
     field_serializer,
     field_validator,
@@ -199,13 +200,7 @@ LayoutSource = Literal["published", "random"]
 
 
 def default_action_limit(schema: Schema) -> int:
-    """Actions in an attempt by default: the paper's 3, or as many as the schema needs.
-
-    Example:
-        >>> from causal_openlock import find_schema
-        >>> default_action_limit(find_schema("CC3"))
-        3
-    """
+    """Actions in an attempt by default: the paper's 3, or as many as the schema needs."""
     return max(PAPER_ACTION_LIMIT, schema.least_action_limit)
 
 
@@ -246,11 +241,7 @@ class Protocol(Part):
     action_limit: ActionLimit | None = None
 
     def actions_for(self, schema: Schema) -> int:
-        """Actions in an attempt in a room of this schema.
-
-        Raises:
-            ExperimentError: If the protocol's limit is too small for the schema.
-        """
+        """Actions in an attempt in a room of this schema, which may need more than allowed."""
         if self.action_limit is None:
             return default_action_limit(schema)
         if self.action_limit < schema.least_action_limit:
@@ -277,11 +268,7 @@ PROTOCOLS = {
 
 
 def find_protocol(name: str, own: Mapping[str, Protocol] | None = None) -> Protocol:
-    """A protocol by name.
-
-    Raises:
-        ExperimentError: If there is none; the message suggests the nearest name.
-    """
+    """A protocol by name; a refusal suggests the nearest."""
     known = {**PROTOCOLS, **(own or {})}
     if name not in known:
         raise ExperimentError(f"there is no protocol {name!r:.80}; {nearest(name, known)}")
@@ -332,23 +319,19 @@ AnyProtocol = Annotated[
 ]
 
 
-def _own_protocols(protocols: Any, info: ValidationInfo) -> Any:
-    """Protocols by name, each perhaps based on those above it."""
+def _own_protocol(value: Any, read: Callable[[Any], Protocol], info: ValidationInfo) -> Protocol:
+    """A protocol of an experiment's own; those below may be based on it."""
+    known = (info.context or {}).get("protocols", {})
+    known[value["name"]] = PROTOCOLS[HUMAN_PROTOCOL]  # a faulty one is said to be so once
+    known[value["name"]] = protocol = read(value)
+    return protocol
+
+
+def _with_names(protocols: Any) -> Any:
     if not isinstance(protocols, Mapping):
         return protocols
-    known = (info.context or {}).setdefault("protocols", {})
-    errors: list[OpenLockError] = []
-    for name, settings in protocols.items():
-        known[name] = PROTOCOLS[HUMAN_PROTOCOL]  # a faulty one is said to be so once
-        if isinstance(settings, Mapping):
-            settings = {**settings, "name": name}
-        try:
-            known[name] = adapter(AnyProtocol).validate_python(settings, context=info.context)
-        except ValidationError as error:
-            errors += errors_of(error, AnyProtocol, (name,))
-    if errors:
-        raise together(errors)
-    return {name: known[name] for name in protocols}
+    forms = {k: v if isinstance(v, Mapping) else {"based_on": v} for k, v in protocols.items()}
+    return {name: {**form, "name": name} for name, form in forms.items()}
 
 
 # -- conditions ------------------------------------------------------------------------------------
@@ -473,10 +456,10 @@ class Condition(Part):
         name: By default that of the schemas, where they alone are declared.
         train: Trials in the order in which they come; all of a baseline's trials are here.
         test: Trials to test on afterwards; empty for a baseline.
-        rooms: By number of the subject, the layouts of its trials in order, where it is on record
-            that they were others than the drawn ones, as in data from elsewhere.
+        rooms: By number of the subject, the layouts of its trials in order, where they are on
+            record, as in data from elsewhere.
         shown: Whether the trials to train on are shown: each solution of the room in an attempt of
-            its own, in an order drawn for the subject, and then the trial is over.
+            its own, in an order drawn for the subject.
 
     Example:
         >>> [schema.name for schema in find_condition("CC3-CC4").schemas]
@@ -531,14 +514,14 @@ class UnnamedCondition(Condition):
 
 def _condition(value: Any, info: ValidationInfo) -> Any:
     """``CC4``, ``CC3-CC4``, ``shown-CC3-CC4``, a path, a schema, a list of these, or a mapping."""
+    if isinstance(value, Condition):
+        return value
     if isinstance(value, str | Path):
         value = _halves(str(value))
     schemas = [value] if isinstance(value, Schema) else value
     if isinstance(schemas, list | tuple) and schemas and all(map(_names_schema, schemas)):
         first, *others = schemas
         value = {"train": [first, *others[:-1]], "test": others[-1:]}
-    if isinstance(value, Condition):
-        return value
     if not isinstance(value, Mapping):
         raise ExperimentError(
             f"{value!r:.200} is not a condition; give a name such as CC4 or CC3-CC4, a list of "
@@ -576,7 +559,7 @@ def _once(thing: Any, info: ValidationInfo) -> Any:
     if not _declares(info) or info.context is None:
         return thing
     kind = (info.field_name or "learners").removesuffix("s")
-    for named in thing if isinstance(thing, list) else [thing]:
+    for named in _listed(thing):
         names: set[str] = info.context.setdefault(kind, set())
         if named.name in names:
             raise ExperimentError(
@@ -618,11 +601,7 @@ def find_condition(form: Any, folder: Path | None = None) -> Condition:
 
 
 def label_of(name: str, values: Mapping[str, Any], mark: str) -> str:
-    """A name with the values that are changed.
-
-    >>> label_of("bayes", {"policy": "solve and learn", "lapse": 0.1 + 0.2}, "-")
-    'bayes-policy-solve_and_learn-lapse-0.3'
-    """
+    """A name with the values that are changed: ``bayes-policy-solve_and_learn-lapse-0.3``."""
     words = [name]
     for key, value in values.items():
         text = f"{value:.10g}" if isinstance(value, float) else str(value)
@@ -810,15 +789,12 @@ class Cell:
     @cached_property
     def identity(self) -> str:
         """A hash of everything that determines the cell's record."""
-        learner = _deciding(self.spec.as_dict())
-        del learner["subjects"]
-        learner.pop("cell_size", None)
         return _digest(
             {
                 "version": RESULTS_VERSION,
                 "experiment": self.experiment,
                 "seed": self.seed,
-                "entry": learner,
+                "entry": _deciding(self.spec.as_dict(), "subjects", "cell_size"),
                 "condition": self.condition.as_dict(),
                 "subjects": [self.first_subject, self.subjects],
             }
@@ -850,9 +826,6 @@ class Cell:
 class Experiment(Part):
     """An experiment: learners × conditions × protocol × subjects, cut into cells.
 
-    :func:`~causal_openlock.experiment.file.read_experiment` reads one from a file, and
-    :func:`~causal_openlock.experiment.making.make_experiment` makes one in Python.
-
     Attributes:
         title: A line for the report.
         seed: All randomness comes from it.
@@ -869,8 +842,8 @@ class Experiment(Part):
     seed: Seed = 0
     cell_size: Annotated[Count, Field(description="Most subjects in a unit of work.")] = 40
     own_protocols: Annotated[
-        dict[str, Protocol],
-        BeforeValidator(_own_protocols, json_schema_input_type=dict[str, ProtocolChanges]),
+        dict[str, Annotated[AnyProtocol, WrapValidator(_own_protocol)]],
+        BeforeValidator(_with_names, json_schema_input_type=dict[str, ProtocolChanges]),
         Field(validation_alias=AliasChoices("protocols", "own_protocols"), exclude=True),
     ] = field(default_factory=dict)
     protocol: Annotated[AnyProtocol, Field(exclude=True)] = field(
@@ -899,17 +872,14 @@ class Experiment(Part):
 
     @cached_property
     def _cells(self) -> tuple[Cell, ...]:
-        cells = []
-        for spec in self.learners:
-            size = spec.cell_size or self.cell_size
-            impossible = self.not_applicable.get(spec.name, {})
-            for condition in self.conditions:
-                if condition.name in impossible:
-                    continue
-                for first in range(0, spec.subjects, size):
-                    subjects = min(size, spec.subjects - first)
-                    cells.append(Cell(self.name, self.seed, spec, condition, first, subjects))
-        return tuple(cells)
+        return tuple(
+            Cell(self.name, self.seed, spec, condition, first, min(size, spec.subjects - first))
+            for spec in self.learners
+            for size in [spec.cell_size or self.cell_size]
+            for condition in self.conditions
+            if condition.name not in self.not_applicable.get(spec.name, {})
+            for first in range(0, spec.subjects, size)
+        )
 
     @cached_property
     def not_applicable(self) -> Mapping[str, Mapping[str, str]]:
@@ -957,10 +927,7 @@ class Experiment(Part):
         return {**data, "learners": [spec.as_dict() for spec in self.learners]}
 
     def as_file(self, schemas: str = "schemas") -> dict[str, Any]:
-        """The experiment as an experiment file has it, to be written as YAML.
-
-        Reading it gives an experiment of the same identity where the schemas, the learners and
-        this package are the same.
+        """The experiment as an experiment file has it; reading it gives the same identity.
 
         Args:
             schemas: The folder next to the file that has each schema as ``NAME.yaml``.
@@ -983,17 +950,17 @@ class Experiment(Part):
         """A hash of everything in :meth:`as_dict` that determines the results."""
         decides = self.as_dict()
         del decides["title"], decides["command"]
-        decides["learners"] = list(map(_deciding, decides["learners"]))
-        return _digest(decides)
+        return _digest({**decides, "learners": list(map(_deciding, decides["learners"]))})
 
     @cached_property
     def declaration(self) -> str:
         """A hash of what is asked for: :attr:`identity` apart from the versions of packages."""
         asked = self.as_dict()
         del asked["title"], asked["command"], asked["version"]
-        for learner in (learners := list(map(_deciding, asked["learners"]))):
-            if ":" not in learner["learner"]:  # a file of one's own is no version of a package
-                del learner["package"]
+        learners = [  # a file of one's own is no version of a package
+            _deciding(learner, *([] if ":" in learner["learner"] else ["package"]))
+            for learner in asked["learners"]
+        ]
         return _digest({**asked, "learners": learners})
 
 
@@ -1009,9 +976,9 @@ def _cannot_play(spec: LearnerSpec, condition: Condition, schema: Schema) -> str
     return why and f"{spec.name} cannot play in rooms of {schema.name}: {why}"
 
 
-def _deciding(learner: dict[str, Any]) -> dict[str, Any]:
+def _deciding(learner: dict[str, Any], *without: str) -> dict[str, Any]:
     """Part of a learner's description that determines its results and identity."""
-    decides = {key: value for key, value in learner.items() if key not in _NOTES}
+    decides = {key: value for key, value in learner.items() if key not in (*_NOTES, *without)}
     # The hashes of published studies were made when the package of the bundled learners was called
     # "learners", and "double" was no parameter.
     name = learner["class"].removeprefix("openlock_")

@@ -22,8 +22,7 @@ Any other condition than ``A`` or ``A-B`` is a sequence of schemas and layouts::
       train: [{schema: two_keys, layouts: random, trials: 4}]
       test: [{schema: chain3, layouts: [trial1, {L0: LEFT, L1: UPPER, L2: LOWER}]}]
 
-The class :class:`~causal_openlock.experiment.declare.Experiment` defines the format; the JSON
-Schema for editors (``experiments/schema.json``) is generated from it.
+Editors check files by the JSON Schema ``experiments/schema.json``.
 """
 
 from __future__ import annotations
@@ -83,12 +82,11 @@ def read_experiment(
         for sentence in sorted(filter(None, runs)) if tell else ():
             tell(sentence)  # type: ignore[misc]
     experiment = declared(data, document, changes.given)
-    chosen = [*(changes.conditions or ()), *(changes.learners or ()), changes.protocol or ""]
-    command = ""  # only a program can run it again
-    if all(isinstance(form, str) for form in chosen):
-        words = ["causal-openlock", "compare", document.path.as_posix(), *changes.options]
-        command = shlex.join(words)
-    if changes.conditions is None and changes.learners is None:
+    chosen = [*(changes.conditions or ()), *(changes.learners or ())]
+    words = ["causal-openlock", "compare", document.path.as_posix(), *changes.options]
+    can_be_typed = all(isinstance(form, str) for form in [*chosen, changes.protocol or ""])
+    command = shlex.join(words) if can_be_typed else ""
+    if not chosen:
         return replace(experiment, command=command)
     players = _in_short([spec.name for spec in experiment.learners], "learners")
     places = _in_short([condition.name for condition in experiment.conditions], "conditions")
@@ -112,13 +110,7 @@ def _code_named(data: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def code_named_in(path: Path) -> list[str]:
-    """The learners and rewards that an experiment file names as code, ``module:name``.
-
-    Nothing of it runs.
-
-    Raises:
-        FileError: If it is not YAML.
-    """
+    """The learners and rewards that a file names as code, ``module:name``; none of it runs."""
     data = read_document(path).data
     return [name for name, _ in _code_named(data)] if isinstance(data, Mapping) else []
 

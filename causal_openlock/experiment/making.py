@@ -172,19 +172,10 @@ def make_experiment(
     """
     if attempt_limit is not None:
         protocol = {"based_on": protocol, "attempt_limit": attempt_limit}
-    return declared(
-        {
-            "name": name,
-            "title": title,
-            "seed": seed,
-            "cell_size": cell_size,
-            "protocol": protocol,
-            "reward": reward,
-            "subjects": subjects,
-            "conditions": listed(conditions),
-            "learners": listed(learners),
-        }
-    )
+    settings = {"name": name, "title": title, "seed": seed, "cell_size": cell_size}
+    for_all = {"protocol": protocol, "reward": reward, "subjects": subjects}
+    players = {"conditions": listed(conditions), "learners": listed(learners)}
+    return declared({**settings, **for_all, **players})
 
 
 def listed(forms: Any) -> list[Any]:

@@ -35,11 +35,7 @@ class Origin:
 
 
 def origin_of(learner: str, parameters: Mapping[str, Any]) -> Origin:
-    """The code of a learner with some parameters.
-
-    Raises:
-        LearnerError: If the learner cannot be found, or fails to say what files it uses.
-    """
+    """The code of a learner with some parameters."""
     kind = learner_class(learner)
     given = parse_parameters(learner, parameters)
     return Origin(
@@ -53,11 +49,7 @@ def origin_of(learner: str, parameters: Mapping[str, Any]) -> Origin:
 
 
 def answer_of(learner: str, method: str, wanted: Any, *given: Any) -> Any:
-    """Answer of a class of learners, which may be a user's, to a question about itself.
-
-    Raises:
-        LearnerError: If the method fails, or returns something else than is wanted.
-    """
+    """Answer of a class of learners, which may be a user's, to a question about itself."""
     try:
         answer = getattr(learner_class(learner), method)(*given)
     except OpenLockError:

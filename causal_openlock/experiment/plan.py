@@ -89,16 +89,9 @@ def plan(
 def draw_layouts(
     trials: Trials, generator: np.random.Generator, number: int, source: LayoutSource
 ) -> list[Layout]:
-    """The layouts of one loop over trials, for one subject.
+    """The layouts of one loop over trials; the last two arguments are for trials without their own.
 
-    Args:
-        trials: The trials.
-        generator: Draws the layouts.
-        number: How many, if the trials do not say; fewer if fewer layouts are published.
-        source: Where they come from, if the trials do not say.
-
-    Raises:
-        ExperimentError: If there are not enough layouts.
+    Where layouts are published, there may be fewer than ``number``.
     """
     schema = trials.schema
     layouts: Any = trials.layouts or source
@@ -147,10 +140,6 @@ def shown_trials(condition: Condition, protocol: Protocol) -> int:
 
 
 def check_trial(trial: int, trials: int, where: str) -> None:
-    """Refuse a number of a trial that a condition does not have; ``where`` is for the message.
-
-    Raises:
-        ExperimentError: If there is no such trial.
-    """
+    """Refuse a number of a trial that a condition does not have; ``where`` is for the message."""
     if not 1 <= trial <= trials:
         raise ExperimentError(f"{where} has no trial {trial}; choose one from 1 to {trials}")

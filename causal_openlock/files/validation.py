@@ -74,23 +74,12 @@ def present(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def several(value: Any) -> bool:
-    """Whether a value is a collection of others; a text is one value.
-
-    >>> several("CC4"), several(["CC4"])
-    (False, True)
-    """
+    """Whether a value is a collection of others; a text is one value."""
     return isinstance(value, Iterable) and not isinstance(value, str)
 
 
 def whole_number(value: Any, name: str, least: int = 0) -> int:
-    """An argument that has to be a whole number; NumPy's are.
-
-    >>> whole_number(3, "trial", 1)
-    3
-
-    Raises:
-        OpenLockError: If it is something else, less, or more than tables hold (:data:`MOST`).
-    """
+    """An argument that has to be a whole number, and at most what tables hold; NumPy's are."""
     whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if whole and least <= value <= MOST:
         return int(value)
@@ -99,16 +88,7 @@ def whole_number(value: Any, name: str, least: int = 0) -> int:
 
 
 def check_arguments(given: Iterable[str], function: Callable[..., Any], name: str) -> None:
-    """Refuse arguments that a function or method does not have, with the nearest that it has.
-
-    Args:
-        given: Names of keyword arguments.
-        function: Its first argument is given otherwise, as ``self`` is.
-        name: What users call it.
-
-    Raises:
-        OpenLockError: If it has no argument of a name.
-    """
+    """Refuse keyword arguments that a function lacks; its first one is given otherwise."""
     _, *known = signature(function).parameters.values()
     names = [parameter.name for parameter in known]
     if not any(parameter.kind is parameter.VAR_KEYWORD for parameter in known):
@@ -131,9 +111,6 @@ def known_arguments(function: Callable[P, T]) -> Callable[P, T]:
 
 
 _WANTED = {
-    "string_type": "a valid string",
-    "int_type": "a valid integer",
-    "float_type": "a valid number",
     "bool_type": "true or false",
     "list_type": "a list, written [one, another]",
     "dict_type": "keys and values, written {key: value}",
@@ -142,21 +119,15 @@ _WANTED = {
 }
 
 
-def errors_of(error: ValidationError, kind: Any, within: Where = ()) -> list[OpenLockError]:
-    """Faults that Pydantic found, or gathered from what raised errors of ours.
-
-    Args:
-        error: What Pydantic raised.
-        kind: What was read.
-        within: The path to it, with which each error's ``at`` begins.
-    """
+def errors_of(error: ValidationError, kind: Any) -> list[OpenLockError]:
+    """Faults that Pydantic found in data of a kind, or gathered from what raised errors of ours."""
     errors: list[OpenLockError] = []
     for fault in error.errors(include_url=False):
         ours = fault.get("ctx", {}).get("error")
         if not isinstance(ours, OpenLockError):
             ours = OpenLockError(_sentence(fault, kind))
         for part in ours.parts:
-            part.at = (*within, *fault["loc"], *part.at)
+            part.at = (*fault["loc"], *part.at)
             errors.append(part)
     return errors
 
@@ -215,9 +186,6 @@ def _sentence(fault: Any, kind: Any) -> str:
         return f"{where[-1]!r:.64} is not a key here; {known}"
     if where and where[-1] == "[key]":
         return f"a key must be a text, and this is {described(value)}{quotes}"
-    if what in _WANTED:
-        remedy = quotes if what == "string_type" else ""
-        return f"{name} must be {_WANTED[what]}, and this is {described(value)}{remedy}"
     if what == "too_short":
         return f"{name} needs at least {fault['ctx']['min_length']}; add one"
     if what == "too_long":
@@ -228,7 +196,9 @@ def _sentence(fault: Any, kind: Any) -> str:
     message = fault["msg"].removeprefix("Value error, ").removeprefix("Input ")
     if what == "value_error" and not where:  # values at odds
         return message
-    return f"{name} {message}, and this is {described(value)}"
+    wanted = f"must be {_WANTED[what]}" if what in _WANTED else message
+    remedy = quotes if what == "string_type" else ""
+    return f"{name} {wanted}, and this is {described(value)}{remedy}"
 
 
 def _keys(kind: Any, where: Where) -> dict[str, Any]:
@@ -251,11 +221,7 @@ def _keys(kind: Any, where: Where) -> dict[str, Any]:
 
 
 def read(kind: Any, data: Any, context: dict[str, Any] | None = None) -> Any:
-    """Data as a part, in any of its forms.
-
-    Raises:
-        OpenLockError: With every fault.
-    """
+    """Data as a part, in any of its forms; every fault is refused together."""
     try:
         return adapter(kind).validate_python(data, context=context or {})
     except ValidationError as error:

@@ -1,8 +1,6 @@
-"""The experiment of a results folder, as ``experiment.json`` holds it.
+"""The experiment of a results folder: what :meth:`Experiment.as_dict` gives, and its cells.
 
-The file is what :meth:`Experiment.as_dict` gives, the identity of the experiment and the names of
-its cells. Reading it imports no code that it names: a learner or a reward function need not be
-installed, and stored parameters stay as they are.
+Reading it imports no code that it names, and stored parameters stay as they are.
 """
 
 from __future__ import annotations
@@ -10,9 +8,9 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import field
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import ValidationError
+from pydantic import AliasChoices, Field, ValidationError
 
 from causal_openlock.errors import StoreError, in_short
 from causal_openlock.experiment.declare import Experiment
@@ -36,7 +34,7 @@ class StoredExperiment(Experiment):
     """
 
     identity: str = ""
-    files: tuple[str, ...] = ()
+    files: Annotated[tuple[str, ...], Field(validation_alias=AliasChoices("cells", "files"))] = ()
     versions: Versions = field(default_factory=dict)
     missing: tuple[str, ...] = ()
     failures: Mapping[str, str] = field(default_factory=dict)
@@ -46,16 +44,10 @@ class StoredExperiment(Experiment):
 
 
 def parse_experiment(data: Mapping[str, Any]) -> StoredExperiment:
-    """The experiment in the content of ``experiment.json``.
-
-    Raises:
-        StoreError: If it is malformed; the message has the place and the fault.
-    """
-    known = {("files" if key == "cells" else key): value for key, value in data.items()}
+    """The experiment in the content of ``experiment.json``."""
+    kind = adapter(StoredExperiment)
     try:
-        stored: StoredExperiment = adapter(StoredExperiment).validate_json(
-            json.dumps(known), context={"recorded": True}
-        )
+        stored: StoredExperiment = kind.validate_json(json.dumps(data), context={"recorded": True})
     except ValidationError as error:
         fault = errors_of(error, StoredExperiment)[0]
         if not fault.at:

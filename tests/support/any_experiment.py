@@ -22,7 +22,7 @@ PROTOCOLS = st.builds(
     **dict.fromkeys(("baseline_loops", "train_loops", "test_loops"), st.integers(1, 2)),
     layouts=st.just("random"),
 )
-SHARE = st.floats(0, 1, allow_subnormal=False)
+SHARE = st.floats(0, 1, allow_subnormal=False, exclude_max=True)
 LEARNERS = (
     st.just(ol.learner("random"))
     | st.builds(lambda lapse, noise: ol.learner("bayes", lapse=lapse, noise=noise), SHARE, SHARE)
