@@ -135,7 +135,7 @@ def compare(
             report_store(folder, console, references=references, reasons=False)
         else:
             console.print_line(
-                f"shard {part} is done; when all shards are: causal-openlock report {folder}"
+                f"shard {shard} is done; when all shards are: causal-openlock report {folder}"
             )
     if failed:
         raise _without_reasons(failed)

@@ -76,9 +76,6 @@ def keep_failure(record: Path, cell: Cell, what: str, trace: str, failures: int 
         what: A clause that follows its name.
         trace: The traceback.
         failures: As how many failures it counts; 0 where another try may get further.
-
-    Raises:
-        OpenLockError: If it cannot be written.
     """
     why = f"the learner {cell.in_words}, {what}"
     text = f"{why}\n\n{trace}{COUNT}{failures + failures_of(record)[0]}\n"
@@ -87,12 +84,7 @@ def keep_failure(record: Path, cell: Cell, what: str, trace: str, failures: int 
 
 
 def tidy(folder: Path, names: Collection[str]) -> None:
-    """Remove what killed runs and earlier forms of an experiment left in a results folder.
-
-    Args:
-        folder: The results folder.
-        names: Names of files of cells without the ending, whose checkpoints and errors stay.
-    """
+    """Remove what killed runs left, and checkpoints and errors of cells without these names."""
     cells = folder / "cells"
     sweep(folder)
     sweep(cells)

@@ -52,19 +52,10 @@ class Shard:
         """The shard's cells: some of each learner, since a learner's cells are listed together."""
         return tuple(cells[self.number - 1 :: self.shards])
 
-    def __str__(self) -> str:
-        """The shard as users write it."""
-        return f"{self.number}/{self.shards}"
-
 
 @contextmanager
 def locked(folder: Path, what: str = "comparison", shard: Shard | None = None) -> Iterator[None]:
-    """A block in which no other process works in a folder, or plays the same shard there.
-
-    Args:
-        folder: The folder, which has to exist.
-        what: What works there, in a word.
-        shard: What is played, if it is not the whole experiment.
+    """A block in which nothing else works in a folder that exists, or plays the same shard.
 
     Raises:
         StoreError: If another process works there.

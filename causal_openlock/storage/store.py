@@ -53,7 +53,6 @@ VERSIONS = b"causal_openlock.versions"
 WARNINGS = b"causal_openlock.warnings"
 """Metadata in the file of a cell."""
 
-TRANSCRIPTS = "transcripts"
 LOG = "log.jsonl"
 """The actions of people, in a folder of ``play``; see :mod:`causal_openlock.play.log`."""
 
@@ -87,8 +86,7 @@ class Store:
             experiment: The experiment.
             changed: Whether it may be a changed form of the one in the folder, with the same name,
                 seed and version.
-            shard: What is to be played, if it is not the whole experiment; other shards may be
-                played in the folder at the same time.
+            shard: What is to be played, if it is not the whole experiment.
 
         Raises:
             StoreError: If the folder holds something else, is in use, or cannot be written to.
@@ -191,14 +189,12 @@ class Store:
         try:
             experiment = parse_experiment(read_json(self._declared.read_bytes()))
         except OSError:
-            remedy = "give the folder that compare wrote to, or a new one to compare"
-            if any(self.cells.glob("*.parquet")):
-                remedy = "its cells are there: the command that made them writes it again"
             raise StoreError(
-                f"{self.folder} holds no results (there is no experiment.json); {remedy}"
+                f"{self.folder} holds no results (there is no experiment.json); give the folder "
+                "that compare wrote to; if it has cells, the same command writes it again"
             ) from None
         except (ChecksumError, StoreError) as error:
-            raise self._damaged(self._declared, error) from None
+            raise _damaged(self._declared, error) from None
         self._check_inside(experiment.files)
         return experiment
 
@@ -226,7 +222,7 @@ class Store:
 
     def transcript(self, record: Path) -> Path:
         """The path of what was said in a cell, by that of its record."""
-        return self.folder / TRANSCRIPTS / f"{record.stem}.jsonl"
+        return self.folder / "transcripts" / f"{record.stem}.jsonl"
 
     def source(self, package: str) -> Path:
         """Path of the source of a learner that has no file, stored for people: nothing runs it.
@@ -249,11 +245,7 @@ class Store:
         return None
 
     def read(self, path: Path, columns: Sequence[str] | None = None) -> pa.Table:
-        """The record in a cell's file, whole and of the cell that the file is named after.
-
-        Args:
-            path: The file.
-            columns: The columns to read and to check; by default all.
+        """The record in a cell's file, whole; of these columns, by default all.
 
         Raises:
             StoreError: If the file is missing, damaged, or belongs to another cell.
@@ -276,9 +268,9 @@ class Store:
         except FileNotFoundError:
             raise StoreError(f"{path} is missing; run compare again to make it") from None
         except (OSError, ChecksumError) as error:
-            raise self._damaged(path, error) from None
+            raise _damaged(path, error) from None
         except (pa.ArrowException, ValueError):
-            raise self._damaged(path, "its columns are not those of a record") from None
+            raise _damaged(path, "its columns are not those of a record") from None
         return table
 
     def made_with(self, path: Path) -> tuple[Versions, list[str]]:
@@ -295,7 +287,7 @@ class Store:
             made_with = adapter(Versions).validate_json(metadata.get(VERSIONS, b"{}"))
             return made_with, adapter(list[str]).validate_json(metadata.get(WARNINGS, b"[]"))
         except (OSError, pa.ArrowException, ValueError):
-            raise self._damaged(path, "it does not say what it was made with") from None
+            raise _damaged(path, "it does not say what it was made with") from None
 
     def write(self, cell: Cell, record: pa.Table, warnings: Sequence[str] = ()) -> None:
         """Save a cell's record, with warnings of how it came about, whole or not at all.
@@ -344,7 +336,7 @@ class Store:
         from causal_openlock.experiment.record import compact
 
         experiment = self.experiment()
-        done, missing = self.files(experiment)
+        done, missing = self.files()
         listed = {
             "learner": {spec.name for spec in experiment.learners},
             "condition": {condition.name for condition in experiment.conditions},
@@ -371,25 +363,19 @@ class Store:
             warned=tuple(dict.fromkeys(chain.from_iterable(warnings))),
         )
 
-    def files(self, experiment: StoredExperiment | None = None) -> tuple[list[Path], list[Path]]:
+    def files(self) -> tuple[list[Path], list[Path]]:
         """The existing files of cells, in order, and the missing ones.
-
-        Args:
-            experiment: The folder's experiment, if it has been read.
 
         Raises:
             StoreError: If the folder holds no results, or no cell.
         """
-        paths = [self.cells / name for name in (experiment or self.experiment()).files]
+        paths = [self.cells / name for name in self.experiment().files]
         exists = {path: path.exists() for path in paths}
         done = [path for path in paths if exists[path]]
         if not done:
             raise StoreError(f"{self.folder} holds no cell yet; run compare to the end first")
         return done, [path for path in paths if not exists[path]]
 
-    def _damaged(self, path: Path, why: object) -> StoreError:
-        if (self.folder / LOG).exists():
-            remedy = "start play with this folder and stop it: it is made again from the log"
-        else:
-            remedy = "run compare again, with the same command, to make it again"
-        return StoreError(f"{path} is damaged ({why}); {remedy}")
+
+def _damaged(path: Path, why: object) -> StoreError:
+    return StoreError(f"{path} is damaged ({why}); the command that made it makes it again")

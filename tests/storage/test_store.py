@@ -135,20 +135,6 @@ def test_where_nothing_is_done_yet_another_experiment_may_begin(experiment, tmp_
     assert open_results(open_results(folder).save(saved)).experiment.seed == 4
 
 
-def test_a_description_that_was_deleted_is_made_again(experiment, tmp_path):
-    store = play(experiment, tmp_path / "out")
-    path, before = store.folder / "experiment.json", contents(store)
-    path.unlink()
-    with pytest.raises(StoreError, match=r"no experiment\.json\); its cells are there"):
-        read_results(store)
-    with pytest.raises(StoreError, match="its cells are there"):
-        play(dataclasses.replace(experiment, seed=4), tmp_path / "out")
-    there = files(tmp_path / "out")
-    play(experiment, tmp_path / "out")
-    assert files(tmp_path / "out") == there
-    assert contents(store).equals(before)
-
-
 def test_a_damaged_description_is_named_and_made_again(experiment, tmp_path):
     store = play(experiment, tmp_path / "out")
     path = store.folder / "experiment.json"
@@ -243,26 +229,6 @@ def test_a_file_is_released_before_its_table_is_returned():
     for _ in range(100):
         read_table(content)
         assert sys.getrefcount(content) == before
-
-
-def test_a_disk_that_cannot_be_written_is_named(experiment, tmp_path, monkeypatch):
-    def full(descriptor):
-        raise OSError(28, "No space left on device")
-
-    with monkeypatch.context() as patch:
-        patch.setattr(os, "fsync", full)
-        with pytest.raises(StoreError, match=r"experiment\.json: cannot be written \(No space"):
-            play(experiment, tmp_path / "out")
-    store = play(experiment, tmp_path / "out")  # nothing stands in the way
-    path = store.path(experiment.cells()[0])
-    path.unlink()
-    with monkeypatch.context() as patch:
-        patch.setattr(os, "fsync", full)
-        with pytest.raises(StoreError, match=f"{path}: cannot be written") as told:
-            play(experiment, tmp_path / "out")
-        assert str(told.value).count("cannot be written") == 1
-    assert not path.exists()
-    assert not list(store.cells.glob(".*"))
 
 
 def test_other_versions_complete_a_folder_only_if_that_is_allowed(experiment, tmp_path):

@@ -215,13 +215,6 @@ def test_what_pip_is_told_to_install_are_packages(folder, package):
         write_bundle(Store(folder), "out.zip")
 
 
-def test_cells_of_what_the_description_does_not_list_are_refused(folder):
-    edit_stored(folder, lambda held: held["conditions"][0].update(name="elsewhere"))
-    status, said = run("report", "out")
-    assert status == 2
-    assert "'CC3', which its experiment.json does not list" in said
-
-
 def test_compare_says_once_which_file_runs_before_it_does(folder, monkeypatch, capsys):
     told = f"a_foreign_learner.py in {folder.parent} will run as learner Foreign"
     Path("a_foreign_learner.py").write_text(LEARNER + "\nprint('it runs')\n")
