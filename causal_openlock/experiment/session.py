@@ -342,20 +342,16 @@ class Session:
 
     def _checked(self, action: Any) -> IntArray:
         try:
-            actions = np.asarray(action)
+            answer = np.asarray(action)
         except ValueError:  # lists of different lengths
-            actions = np.asarray(None)
-        if actions.shape != (self.subjects,) or actions.dtype.kind not in "iu":
+            answer = np.asarray(None)
+        fits = answer.shape == (self.subjects,) and answer.dtype.kind in "iu"
+        chosen: IntArray = np.where(self.view.playing, answer if fits else -1, 0).astype(np.int64)
+        if not fits or chosen.min() < 0 or chosen.max() >= self.brief.actions:
+            wrong = chosen if fits else f"{answer.dtype} of shape {answer.shape}"
             raise LearnerError(
-                f"a learner answers with {self.subjects} integers, one for each subject, and not "
-                f"with {actions.dtype} of shape {actions.shape}"
-            )
-        chosen: IntArray = np.where(self.view.playing, actions, 0).astype(np.int64)
-        if chosen.min() < 0 or chosen.max() >= self.brief.actions:
-            wrong = chosen[(chosen < 0) | (chosen >= self.brief.actions)][0]
-            raise LearnerError(
-                f"action {wrong} is outside the action space; a room of {self.brief.positions} "
-                f"positions has actions 0 to {self.brief.actions - 1}"
+                f"a learner answers with {self.subjects} integers from 0 to "
+                f"{self.brief.actions - 1}, one for each subject, and not with {wrong}"
             )
         return chosen
 

@@ -106,19 +106,15 @@ def rewards_by_event(
         >>> rewards_by_event([find_reward("basic")], opens, 1)[0, opens]
         array([[50., 50.]])
     """
-    word, found = possible(words, solutions)
-    paid = np.zeros((len(rewards), WORDS, solutions + 1))
-    for by_event, reward in zip(paid, rewards, strict=True):
-        by_event[word, found] = reward.pay(Events.of(word, found))
-    return paid
-
-
-def possible(words: NDArray[Any], solutions: int) -> tuple[IntArray, IntArray]:
-    """``[N]`` these events with every past that they can have, ``[N]`` solutions found before."""
+    # Every event with every past that it can have, and every number of solutions found before.
     pasts = [sum(bits) for bits in product((0, REPEATED), (0, NEW), (0, RETRACED))]
     some = np.unique(words[words & IDLE == 0] & (IDLE - 1)).astype(np.int64)
     word, found = np.meshgrid(np.add.outer(some, pasts), np.arange(solutions + 1), indexing="ij")
     can_be_new = (word & UNLOCKED != 0) & (found < solutions)
     can_retrace = (word & ON_PATH != 0) & (found > 0)
     can_be = (can_be_new | (word & NEW == 0)) & (can_retrace | (word & RETRACED == 0))
-    return word[can_be], found[can_be]
+    word, found = word[can_be], found[can_be]
+    paid = np.zeros((len(rewards), WORDS, solutions + 1))
+    for by_event, reward in zip(paid, rewards, strict=True):
+        by_event[word, found] = reward.pay(Events.of(word, found))
+    return paid

@@ -40,15 +40,10 @@ def generators(seed: int, key: str, subjects: Iterable[int]) -> tuple[np.random.
 def unrelated_generators(
     seed: int, key: str, subjects: Iterable[int]
 ) -> tuple[np.random.Generator, ...]:
-    """One generator for each subject, which carries neither the seed nor the subject's number.
+    """Like :func:`generators`, with neither the seed nor the subject's number in them.
 
-    Each is seeded with 256 bits of SHA-256 over seed, key and subject. Generators spawned from it
-    carry this hash and their own number, and nothing else.
-
-    Args:
-        seed: Seed of the experiment.
-        key: What the generators are for; another key gives other numbers.
-        subjects: Numbers of the subjects.
+    Each is seeded with 256 bits of SHA-256 over seed, key and subject, and so are those spawned
+    from it.
 
     Example:
         >>> (generator,) = unrelated_generators(1, "learner", [7])

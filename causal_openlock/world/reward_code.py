@@ -36,7 +36,7 @@ from causal_openlock.usercode.own_files import (
     misspelt,
 )
 from causal_openlock.usercode.session_code import is_of_session, session_origin
-from causal_openlock.world.events import Events, RewardFunction, possible
+from causal_openlock.world.events import Events, RewardFunction, rewards_by_event
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def own_reward(given: str | Callable[..., Any]) -> OwnReward:
                 "with def at the top level of a notebook or of a module"
             )
     reward = OwnReward(name, _loaded(name)[1])
-    reward.pay(Events.of(*possible(np.arange(256), 2)))
+    rewards_by_event([reward], np.arange(256), 2)
     return reward
 
 

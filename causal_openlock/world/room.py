@@ -253,17 +253,13 @@ class Layout:
 
 def first_layout(schema: Schema) -> Layout:
     """The first published layout that fits, or else the levers in their order."""
-    for name in published_layouts(schema):
-        return Layout.of(schema, name)
-    return Layout(tuple(range(len(schema.levers))), positions_for(schema))
+    return Layout.of(schema, next(iter(published_layouts(schema)), [*range(len(schema.levers))]))
 
 
 def published_layouts(schema: Schema) -> list[str]:
     """Names of the layouts that the paper's authors published for this number of levers."""
-    facts = room_facts()["layouts"]
-    if positions_for(schema) != len(PAPER_POSITIONS):
-        return []
-    return [name for name, roles in facts.items() if len(roles) == len(schema.levers)]
+    layouts = room_facts()["layouts"].items()
+    return [name for name, places in layouts if len(places) == len(schema.levers)]
 
 
 @dataclass(frozen=True, eq=False)
