@@ -33,7 +33,7 @@ LEARNERS = (
 @st.composite
 def experiments(draw: st.DrawFn) -> Experiment:
     """An experiment of one to three conditions and learners, in random layouts or given ones."""
-    known = [draw(schemas(4, True, name=f"drawn{index}")) for index in range(draw(FEW))]
+    known = [_named(draw(schemas(4, True)), f"drawn{index}") for index in range(draw(FEW))]
     conditions = [
         Condition(
             f"condition{index}",
@@ -68,3 +68,7 @@ def _trials(draw: st.DrawFn, known: Sequence[Schema]) -> Trials:
     )
     number = draw(st.none() | st.integers(1, len(given)))
     return Trials(schema, tuple(given), number, draw(st.booleans()))
+
+
+def _named(schema: Schema, name: str) -> Schema:
+    return ol.schema({**schema.as_dict(), "name": name})
