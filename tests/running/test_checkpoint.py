@@ -328,6 +328,9 @@ def test_a_learner_that_cannot_be_stored_is_played_and_named(learner, named, tmp
 class Former(OddAtOnce):
     """Gives its state in the way of version 0.2."""
 
+    def act(self, view):
+        return np.array([own.integers(self.brief.actions) for own in self.brief.generators])
+
     def state_dict(self):
         return {"states": [one.bit_generator.state for one in self.brief.generators]}
 
