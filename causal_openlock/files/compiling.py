@@ -11,21 +11,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, TypeVar, cast
 
-import numba
-from numba.core.caching import FunctionCache
-
 Compiled = TypeVar("Compiled", bound=Callable[..., Any])
-
-
-class _Cache(FunctionCache):
-    """Numba's cache of a function, in which what cannot be read counts as missing."""
-
-    def load_overload(self, *key: Any) -> Any:
-        try:
-            return super().load_overload(*key)  # type: ignore[no-untyped-call]
-        except Exception:  # what is no pickle can fail in any way
-            with suppress(OSError):
-                self.flush()  # type: ignore[no-untyped-call]
 
 
 def compiled(function: Compiled, **options: Any) -> Compiled:
@@ -38,9 +24,22 @@ def compiled(function: Compiled, **options: Any) -> Compiled:
         function: The function.
         options: Other options of ``numba.njit``.
     """
+    import numba  # takes a while to load
+    from numba.core.caching import FunctionCache
+
+    class Cache(FunctionCache):
+        """Numba's cache of the function, in which what cannot be read counts as missing."""
+
+        def load_overload(self, *key: Any) -> Any:
+            try:
+                return super().load_overload(*key)  # type: ignore[no-untyped-call]
+            except Exception:  # what is no pickle can fail in any way
+                with suppress(OSError):
+                    self.flush()  # type: ignore[no-untyped-call]
+
     kernel = numba.njit(error_model="numpy", **options)(function)
     try:
-        kernel._cache = _Cache(function)  # type: ignore[no-untyped-call]
+        kernel._cache = Cache(function)  # type: ignore[no-untyped-call]
     except RuntimeError:  # numba finds no folder that can be written to
         warnings.warn(
             "there is no folder for what numba compiles, so every process compiles it again, which "
