@@ -44,11 +44,7 @@ def in_cluster(
     folder: Path,
     warn: Callable[[str], None],
 ) -> Doing:
-    """Let the workers of a Dask cluster do jobs; ``local:8`` starts eight of them here.
-
-    Raises:
-        OpenLockError: If Dask is not installed, there is no scheduler, or it is lost.
-    """
+    """Let the workers of a Dask cluster do jobs; ``local:8`` starts eight of them here."""
     try:
         from distributed import Client, KilledWorker
     except ImportError:

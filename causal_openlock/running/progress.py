@@ -20,10 +20,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from causal_openlock.experiment.declare import Cell, Condition, Experiment, Protocol
+from causal_openlock.experiment.declare import Cell, Condition, Protocol
 from causal_openlock.experiment.plan import plan
 from causal_openlock.storage.beside_cell import failures_of, reported_progress
 from causal_openlock.storage.store import Store
+from causal_openlock.storage.stored import StoredExperiment
 
 QUIET = 120.0
 """Seconds without a report after which a cell counts as stopped: steps rarely take as long."""
@@ -119,7 +120,7 @@ def _trials(condition: Condition, protocol: Protocol) -> int:
 
 
 def status_of(
-    store: Store, experiment: Experiment
+    store: Store, experiment: StoredExperiment
 ) -> tuple[RunProgress, dict[str, float], list[str]]:
     """Status of a comparison, as far as its results folder says.
 

@@ -1,14 +1,10 @@
 """Running an experiment: workers play its cells, and each record is saved when its cell is done.
 
-The workers (:mod:`causal_openlock.running.workers`) are by default processes of this machine,
-one for each core, those of a cluster (:mod:`causal_openlock.running.cluster`), or any
-:class:`concurrent.futures.Executor`. A cell's record depends on the cell alone, not on the number
-of workers, the order in which they finish, or how often the run was killed and started again.
-
-If a cell fails, the others are played all the same. A learner that fails does so again, so its cell
-has failed until the same command is given again. A worker may be lost for reasons of its own, so
-its cell is played again, from its checkpoint. After :data:`MOST_FAILURES` failures without progress
-a cell is left out.
+A cell's record depends on the cell alone, not on the number of workers, the order in which they
+finish, or how often the run was killed and started again. If a cell fails, the others are played
+all the same. A learner that fails does so again, so its cell has failed until the same command is
+given again. A worker may be lost for reasons of its own, so its cell is played again, from its
+checkpoint. After :data:`MOST_FAILURES` failures without progress a cell is left out.
 """
 
 from __future__ import annotations

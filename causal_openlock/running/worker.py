@@ -128,11 +128,7 @@ def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = 
 
 
 def record_failure(store: Store, cell: Cell, error: BaseException) -> str:
-    """Save why a cell failed; returns a sentence with the reason.
-
-    Raises:
-        OpenLockError: If it cannot be written.
-    """
+    """Save why a cell failed; returns a sentence with the reason."""
     what = in_short(error)
     if not isinstance(error, OpenLockError):
         what = f"{type(error).__name__}: {what}".removesuffix(": ") + _users_line(error)

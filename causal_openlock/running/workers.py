@@ -1,8 +1,7 @@
 """The workers that play cells: processes of this machine, this process, or a given executor.
 
-Each of the three is an iterator over the jobs that are done. In between it yields None, at least
-every :data:`LOOK_EVERY` seconds, so that whoever waits can look at the progress. (The workers of a
-cluster are in :mod:`causal_openlock.running.cluster`.)
+Each is an iterator over the jobs that are done. In between it yields None, at least every
+:data:`LOOK_EVERY` seconds, so that whoever waits can look at the progress.
 
 A process does one job at a time over a pipe of its own. If it dies, its job is known and the others
 continue. It is the head of a process group: what a learner starts is ended with it.
@@ -179,11 +178,18 @@ class _Worker:
         end([self.process])
 
     def _how_lost(self) -> str:
-        how = _how_ended(self.process.exitcode)
-        if self.has_begun and self.process.exitcode is None:
-            return "closed the connection to its worker"
+        code = self.process.exitcode
+        how = "it does not answer" if code is None else f"exit status {code}"
+        if code is not None and code < 0:
+            names = {number.value: number.name for number in signal.Signals}
+            how = f"killed by {names.get(-code, f'signal {-code}')}"
+            how += ", perhaps for lack of memory" * (code == -signal.SIGKILL)
         if self.has_begun:
-            return f"ended its process ({how})"
+            return (
+                f"ended its process ({how})"
+                if code is not None
+                else "closed the connection to its worker"
+            )
         raise OpenLockError(
             f"a process to play in ended before it could play ({how}); each worker first runs this "
             f"program, so {GUARD}"
@@ -258,15 +264,6 @@ def _reached(groups: Iterable[int], number: int) -> list[int]:
             os.killpg(group, number)
             reached.append(group)
     return reached
-
-
-def _how_ended(code: int | None) -> str:
-    """End of a process in words, by its exit code."""
-    if code is None or code >= 0:
-        return "it does not answer" if code is None else f"exit status {code}"
-    names = {number.value: number.name for number in signal.Signals}
-    memory = ", perhaps for lack of memory" if code == -signal.SIGKILL else ""
-    return f"killed by {names.get(-code, f'signal {-code}')}{memory}"
 
 
 def may_start_processes() -> bool:

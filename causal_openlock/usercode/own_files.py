@@ -39,12 +39,9 @@ class OwnFiles(NamedTuple):
 
 
 def own_files(modules: Iterable[str], beside: Iterable[Path] = (), text: str = "") -> OwnFiles:
-    """The user's files that modules or a source text are made of.
+    """The user's files that modules or a source text are made of; of an installed one, its own.
 
-    Args:
-        modules: Names of modules. Of one that is installed, it is its own file alone.
-        beside: Folders that are searched after all others.
-        text: The source text.
+    The folders ``beside`` are searched after all others.
     """
     files, own, places = {}, [], users_folders(beside)
     for name in modules:
@@ -107,10 +104,10 @@ def digest_of(files: Mapping[str, Path]) -> str:
 _imported: dict[frozenset[str], tuple[dict[str, ModuleSpec | None], str]] = {}
 
 
-def code_digest(modules: Iterable[str], beside: Iterable[Path] = ()) -> str:
+def code_digest(modules: Iterable[str]) -> str:
     """The hash of the user's files that modules are made of, as they are now."""
     names = frozenset(modules)
-    files = own_files(names, beside).files
+    files = own_files(names).files
     code = digest_of(files)
     found = (inside.removesuffix(".py").removesuffix("/__init__") for inside in files)
     loaded = {name.replace("/", ".") for name in found} & sys.modules.keys()
@@ -191,15 +188,9 @@ def users_folders(beside: Iterable[Path] = ()) -> list[Path]:
 def misspelt(
     entry: EntryPoint, error: Exception, kind: str, fits: Callable[[Any], bool]
 ) -> str | None:
-    """Message for ``module:name`` that names no module, or nothing in a module; else None.
+    """What to say of an entry that names no module, or nothing in it that fits, such as a class.
 
-    A module that fails while it is imported is something else: its own error says more.
-
-    Args:
-        entry: What was loaded.
-        error: What loading it raised.
-        kind: What the name is to be, such as ``class``.
-        fits: Whether something else in the module could have been meant.
+    None if the module fails while it is imported: its own error says more.
     """
     if isinstance(error, ModuleNotFoundError) and f"{entry.module}.".startswith(f"{error.name}."):
         package, _, last = (error.name or "").rpartition(".")
