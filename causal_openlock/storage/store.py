@@ -259,7 +259,8 @@ class Store:
             identity = (table.schema.metadata or {}).get(IDENTITY, b"").decode(errors="replace")
             if not identity or not identity.startswith(path.stem.rpartition("_")[2]):
                 raise ChecksumError("it holds another cell")
-            fields = [field for field in record_schema() if not columns or field.name in columns]
+            schema = record_schema()
+            fields = [field for field in schema if columns is None or field.name in columns]
             # Other programs may encode names differently.
             table = table.replace_schema_metadata(None).cast(pa.schema(fields))
             table.validate(full=True)

@@ -351,11 +351,11 @@ def test_beliefs_are_shown_only_of_the_same_rooms_and_the_same_version(whole, mo
     assert names(changed(versions={"causal-openlock": "1"})) is None
     # Somebody else's package may change its learner, though the version of results stays.
     monkeypatch.setattr("causal_openlock.contract.registry.is_ours", lambda _: False)
-    here = changed(versions={"causal-openlock": RESULTS_VERSION})
-    assert names(here) == ["belief_bayes"]
     (bayes,) = (one for one in whole.experiment.learners if one.name == "bayes")
+    here, theirs = {"causal-openlock": RESULTS_VERSION}, replace(bayes, recorded=None)
+    assert names(changed(versions=here, learners=(theirs,))) == ["belief_bayes"]
     theirs = replace(bayes, recorded=replace(bayes.origin, package="theirs 2"))
-    assert names(changed(learners=(theirs,))) is None
+    assert names(changed(versions=here, learners=(theirs,))) is None
 
 
 def test_trials_are_told_as_they_were_played(tmp_path):
