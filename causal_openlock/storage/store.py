@@ -245,7 +245,7 @@ class Store:
         return None
 
     def read(self, path: Path, columns: Sequence[str] | None = None) -> pa.Table:
-        """The record in a cell's file, whole; of these columns, by default all.
+        """The record in a cell's file, whole; of these columns, in its order, by default all.
 
         Raises:
             StoreError: If the file is missing, damaged, or belongs to another cell.
@@ -261,8 +261,8 @@ class Store:
                 raise ChecksumError("it holds another cell")
             schema = record_schema()
             fields = [field for field in schema if columns is None or field.name in columns]
-            # Other programs may encode names differently.
-            table = table.replace_schema_metadata(None).cast(pa.schema(fields))
+            table = table.replace_schema_metadata(None).select([field.name for field in fields])
+            table = table.cast(pa.schema(fields))  # other programs may encode names differently
             table.validate(full=True)
             if any(column.null_count for column in table.columns):
                 raise ChecksumError("values are missing")
@@ -270,7 +270,7 @@ class Store:
             raise StoreError(f"{path} is missing; run compare again to make it") from None
         except (OSError, ChecksumError) as error:
             raise _damaged(path, error) from None
-        except (pa.ArrowException, ValueError):
+        except (pa.ArrowException, ValueError, KeyError):
             raise _damaged(path, "its columns are not those of a record") from None
         return table
 
