@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,9 @@ from causal_openlock.errors import LearnerError
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.room import Room
+
+if TYPE_CHECKING:
+    from causal_openlock.world.rooms import Outcome
 
 Observations = NDArray[np.int8]
 
@@ -122,6 +125,20 @@ class Step:
     trial_over: BoolArray
     new_solution: BoolArray
     next: View
+
+    @classmethod
+    def of(cls, view: View, action: IntArray, outcome: Outcome, next: View) -> Step:
+        """What an action in rooms led to, as learners get it."""
+        return cls(
+            view=view,
+            action=action,
+            outcome=outcome.seen,
+            reward=outcome.reward,
+            attempt_over=outcome.attempt_over,
+            trial_over=outcome.trial_over,
+            new_solution=outcome.new_solution,
+            next=next,
+        )
 
 
 @dataclass(frozen=True)

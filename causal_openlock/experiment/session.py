@@ -327,18 +327,7 @@ class Session:
         if outcome.attempt_over.any():
             self._end_attempts(outcome)
         self.view = self._perceive()
-        return _read_only(
-            Step(
-                view=view,
-                action=action,
-                outcome=outcome.seen,
-                reward=outcome.reward,
-                attempt_over=outcome.attempt_over,
-                trial_over=outcome.trial_over,
-                new_solution=outcome.new_solution,
-                next=self.view,
-            )
-        )
+        return _read_only(Step.of(view, action, outcome, self.view))
 
     def _checked(self, action: Any) -> IntArray:
         try:

@@ -160,13 +160,4 @@ class MetaRooms:
         if len(over):
             self._new_trials(over, self.life_over[over])
         self.view = self._perceive()
-        return Step(
-            view=view,
-            action=action,
-            outcome=outcome.seen,
-            reward=outcome.reward,
-            attempt_over=outcome.attempt_over,
-            trial_over=outcome.trial_over,
-            new_solution=outcome.new_solution,
-            next=self.view,
-        )
+        return Step.of(view, action, outcome, self.view)
