@@ -351,7 +351,9 @@ def _dagitty_graph(text: str) -> nx.Graph:
         nodes = [_unquoted(node) for node in (statement[1], *(node for _, node in links))]
         attributes = _ATTRIBUTE.findall(statement[5] or "")
         says = {_unquoted(key): _unquoted(value) if value else True for key, value in attributes}
-        graph.add_nodes_from(nodes, **({} if links else says))
+        graph.add_nodes_from(nodes)
+        if not links:
+            graph.nodes[nodes[0]].update(says)
         for (arrow, _), ends in zip(links, pairwise(nodes), strict=True):
             if arrow not in ("->", "<-"):
                 raise SchemaError(f"{arrow} is not -> from cause to effect")

@@ -120,7 +120,8 @@ class Reward(RewardFunction):
         """The reward as plain data, with the weights that differ from the paper's."""
         papers = asdict(Weights())
         changed = {name: w for name, w in asdict(self.weights).items() if w != papers[name]}
-        return {"name": self.name, "terms": self.terms, **({"weights": changed} if changed else {})}
+        data = {"name": self.name, "terms": self.terms}
+        return {**data, "weights": changed} if changed else data
 
     def written(self) -> Any:
         """A preset's name, a list of terms, or either with the weights that the name lists."""
