@@ -209,10 +209,11 @@ class _Run:
             path = self.store.path(cell)
             if retry_failed and fault:
                 failure_file(path).unlink(missing_ok=True)
-            failures, why = failures_of(path)
             if fault is None:
                 self.is_done(cell)
-            elif failures >= MOST_FAILURES:
+                continue
+            failures, why = failures_of(path)
+            if failures >= MOST_FAILURES:
                 often = f"it has failed {failures} times and is left out"
                 self.has_failed(cell, f"{why}; {often}, --retry-failed tries it again")
             else:
