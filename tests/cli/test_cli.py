@@ -339,9 +339,9 @@ def test_room_is_played_in_words(monkeypatch):
 
 def test_what_a_learner_changes_in_its_process_stays_with_its_cell(folder, monkeypatch):
     start_prepared(monkeypatch)
-    Path("leaks.py").write_text(
+    Path("counting.py").write_text(
         "from causal_openlock import OneSubjectLearner\n\n\n"
-        "class Leaks(OneSubjectLearner):\n"
+        "class Counting(OneSubjectLearner):\n"
         "    many = 0\n\n"
         "    def begin(self):\n"
         "        type(self).many += 1\n\n"
@@ -349,15 +349,18 @@ def test_what_a_learner_changes_in_its_process_stays_with_its_cell(folder, monke
         "        return type(self).many % 15\n",
         encoding="utf-8",
     )
-    Path("leaks.yaml").write_text(
-        "name: leaks\nsubjects: 6\ncell_size: 2\nprotocol: short\nconditions: [CC3]\n"
-        "learners: ['leaks:Leaks']\nprotocols: {short: {attempt_limit: 2, baseline_trials: 2}}\n",
+    Path("counting.yaml").write_text(
+        "name: counting\nsubjects: 6\ncell_size: 2\nprotocol: short\nconditions: [CC3]\n"
+        "learners: ['counting:Counting']\n"
+        "protocols: {short: {attempt_limit: 2, baseline_trials: 2}}\n",
         encoding="utf-8",
     )
     actions = []
     for workers in (1, 3):
         with modules_of(folder):
-            here("compare", "leaks.yaml", "-o", f"o{workers}", "--workers", workers, workers=True)
+            here(
+                "compare", "counting.yaml", "-o", f"o{workers}", "--workers", workers, workers=True
+            )
         store = Store(f"o{workers}")
         actions.append([store.read(path)["actions"].to_pylist() for path in store.files()[0]])
     assert actions[0] == actions[1]

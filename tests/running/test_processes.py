@@ -53,7 +53,6 @@ def sleepers(tmp_path, monkeypatch):
     seconds = f"777.{os.getpid()}{time.monotonic_ns()}"
     (tmp_path / "leaks.py").write_text(LEAKS.replace("SECONDS", seconds))
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", [*sys.path])
 
     def number():
         found = subprocess.run(["pgrep", "-fc", f"^sleep {seconds}"], stdout=subprocess.PIPE)

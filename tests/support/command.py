@@ -65,11 +65,12 @@ def report_shortly(patches: pytest.MonkeyPatch, reports: Reports = "short") -> N
 
 @contextlib.contextmanager
 def modules_of(folder: Path) -> Iterator[None]:
-    """Forget the modules that were imported from a folder when its test is over."""
-    before = {*sys.modules}
+    """Forget a folder, and the modules that were imported from it, when its test is over."""
+    before, path = {*sys.modules}, [*sys.path]
     try:
         yield
     finally:
+        sys.path[:] = path
         for name in {*sys.modules} - before:
             where = getattr(sys.modules[name], "__file__", None)
             if where and Path(where).is_relative_to(folder):
