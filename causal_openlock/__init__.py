@@ -3,8 +3,8 @@
 What notebooks and scripts use is a name of this package, such as ``causal_openlock.compare``;
 ``__init__.pyi`` lists these names, and all others stand in their modules. A name is loaded when it
 is first used, so that importing the package costs little more than importing Gymnasium. Importing
-it registers the environments ``causal_openlock/OpenLock-v0``, ``OpenLockText-v0`` and
-``MixedRooms-v0`` and, where IPython runs, what notebooks show.
+it registers the environments ``causal_openlock/OpenLock-v0`` and ``OpenLockText-v0`` and, where
+IPython runs, what notebooks show.
 
 >>> from causal_openlock import find_schema
 >>> find_schema("CC3").solutions
@@ -39,7 +39,6 @@ def __getattr__(name: str) -> Any:
 
 
 ENV_ID = "causal_openlock/OpenLock-v0"
-MIXED_ID = "causal_openlock/MixedRooms-v0"
 TEXT_ID = "causal_openlock/OpenLockText-v0"
 
 if ENV_ID not in registry:
@@ -48,7 +47,6 @@ if ENV_ID not in registry:
         entry_point="causal_openlock.envs:OpenLockEnv",
         vector_entry_point="causal_openlock.envs:OpenLockVectorEnv",
     )
-    register(id=MIXED_ID, entry_point="causal_openlock.envs:MixedRoomsEnv")
     register(id=TEXT_ID, entry_point="causal_openlock.envs:OpenLockTextEnv")
 
 if "IPython" in sys.modules:

@@ -16,9 +16,6 @@ An *episode* is either one attempt or a whole trial:
 With ``physics=True`` a single room is simulated: an action is a whole movement of an arm
 (:mod:`causal_openlock.physics`), and the observation follows from the simulated levers and door.
 
-:class:`MixedRoomsEnv` has rooms of several kinds, one of them in each trial, as exported data sets
-of transfers need.
-
 :class:`OpenLockTextEnv` has a room in words, as ``causal_openlock/OpenLockText-v0``.
 
 :func:`~causal_openlock.envs.playable.room` gives a room to try out by hand.
@@ -31,9 +28,8 @@ for analysis, only in an environment made with ``reveal=True``.
 
 from __future__ import annotations
 
-from causal_openlock.envs.mixed import MixedRoomsEnv
 from causal_openlock.envs.single import OpenLockEnv
 from causal_openlock.envs.text import OpenLockTextEnv
 from causal_openlock.envs.vector import OpenLockVectorEnv
 
-__all__ = ["MixedRoomsEnv", "OpenLockEnv", "OpenLockTextEnv", "OpenLockVectorEnv"]
+__all__ = ["OpenLockEnv", "OpenLockTextEnv", "OpenLockVectorEnv"]

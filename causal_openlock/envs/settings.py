@@ -4,21 +4,17 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from gymnasium import spaces
 
 from causal_openlock.errors import ExperimentError, OpenLockError
 from causal_openlock.experiment.declare import MAX_ACTION_LIMIT, default_action_limit
-from causal_openlock.files.validation import check_arguments, plain, whole_number
+from causal_openlock.files.validation import check_arguments, whole_number
 from causal_openlock.schemas.schema import Schema
-from causal_openlock.world.rewards import RewardForm, RewardFunction, find_reward
+from causal_openlock.world.rewards import RewardForm, find_reward
 from causal_openlock.world.room import RANDOM_LAYOUT, Layout, position_names, positions_for
-
-if TYPE_CHECKING:
-    from gymnasium.envs.registration import EnvSpec
 
 ATTEMPT_LIMIT = 30
 RENDER_SIZE, RENDER_SIZES = 600, (32, 4320)
@@ -107,51 +103,13 @@ class Settings:
         return spaces.Discrete(2 * self.positions + 1)
 
 
-class Recreatable:
-    """An environment whose ``spec`` is plain data, whatever objects it was made with.
-
-    So Gymnasium can write the spec as JSON, and make the environment again from that. An argument
-    that it does not have is refused with the nearest one.
-    """
-
-    settings: Settings
-    _spec: EnvSpec | None = None
+class Checked:
+    """An environment that refuses arguments that it does not have, with the nearest one."""
 
     def __new__(cls, *_: Any, **given: Any) -> Self:
-        """Refuse arguments that the environment does not have."""
+        """Check the names of the arguments."""
         check_arguments(given, cls.__init__, cls.__name__)
         return super().__new__(cls)
-
-    @property
-    def spec(self) -> EnvSpec | None:
-        """The spec with which Gymnasium made this environment; None if it did not."""
-        return self._spec
-
-    @spec.setter
-    def spec(self, made: EnvSpec | None) -> None:
-        if made is not None:
-            made = replace(made, kwargs=self._as_plain(made.kwargs))
-        self._spec = made
-
-    def _as_plain(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        return plain_arguments(given, self.settings)
-
-
-def plain_arguments(given: Mapping[str, Any], settings: Settings) -> dict[str, Any]:
-    """Arguments of an environment as plain data, of which it can be made again."""
-    found = dict(given)
-    for name, value in given.items():
-        if isinstance(value, Schema):
-            found[name] = value.as_dict()
-        elif isinstance(value, Layout):
-            found |= {name: value.as_mapping(settings.schema), "positions": settings.positions}
-        elif isinstance(value, RewardFunction):
-            found[name] = value.written()
-        elif isinstance(value, os.PathLike):
-            found[name] = os.fspath(value)
-        else:
-            found[name] = plain(value)
-    return found
 
 
 def check_options(options: Any, name: str) -> Any:

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from causal_openlock.envs.settings import (
     ATTEMPT_LIMIT,
     RENDER_SIZE,
+    Checked,
     Episode,
-    Recreatable,
     Settings,
     check_options,
     check_render_size,
@@ -106,7 +106,7 @@ class _Bodies:
         }
 
 
-class OpenLockEnv(Recreatable, gymnasium.Env[NDArray[np.int8], int]):
+class OpenLockEnv(Checked, gymnasium.Env[NDArray[np.int8], int]):
     """One room as a Gymnasium environment.
 
     Args:

@@ -19,7 +19,7 @@ from gymnasium import spaces
 from gymnasium.error import InvalidAction, ResetNeeded
 
 from causal_openlock.contract.learner import Brief, Console, Step, View
-from causal_openlock.envs.settings import ATTEMPT_LIMIT, Recreatable
+from causal_openlock.envs.settings import ATTEMPT_LIMIT, Checked
 from causal_openlock.envs.single import OpenLockEnv
 from causal_openlock.render.words import ANY, StoryName, Wording, feedback, room_now
 from causal_openlock.world.rewards import BASIC_REWARD, RewardForm
@@ -32,7 +32,7 @@ LONGEST = 4000
 """Characters of an observation or an action."""
 
 
-class OpenLockTextEnv(Recreatable, gymnasium.Env[str, str]):
+class OpenLockTextEnv(Checked, gymnasium.Env[str, str]):
     """One room in words; an episode is a trial.
 
     Args:

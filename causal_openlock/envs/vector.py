@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from causal_openlock.envs.settings import (
     ATTEMPT_LIMIT,
+    Checked,
     Episode,
-    Recreatable,
     Settings,
     check_options,
 )
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from causal_openlock.schemas.schema import Schema
 
 
-class OpenLockVectorEnv(Recreatable, VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[Any]]):
+class OpenLockVectorEnv(Checked, VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[Any]]):
     """Many rooms at once, each with its own trial.
 
     Episodes end and begin as in :class:`OpenLockEnv`. A room whose episode has ended is reset by

@@ -2,9 +2,7 @@
 
 ============= ====================================================================================
 ``as_csv``    The record as CSV, a line for each attempt.
-``replay``    What was seen and paid in every step, from the record alone.
-``as_minari`` The record as a Minari data set, for offline reinforcement learning.
-``croissant`` What a bundle holds, for programs, and a data card for people.
+``data_card`` What a person asks before using data.
 ``bundle``    Everything that it takes to run an experiment again, in one file.
 ============= ====================================================================================
 

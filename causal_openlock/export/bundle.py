@@ -4,7 +4,6 @@ A bundle is a ZIP file with one folder in it::
 
     NAME/
       DATA_CARD.md           what is to be known before the data are used
-      croissant.json         the same for programs: files, hashes, columns (Croissant 1.0)
       README.md              what this is, and the one command that runs it again
       experiment.yaml        the experiment, every default written out
       schemas/               the schemas that it plays
@@ -43,7 +42,7 @@ from causal_openlock.analysis.report.page import files_of
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.declare import PERSON, Experiment, LearnerSpec
 from causal_openlock.experiment.file import read_experiment
-from causal_openlock.export.croissant import as_json, croissant, data_card
+from causal_openlock.export.data_card import data_card
 from causal_openlock.files.atomic import replacing, write_bytes
 from causal_openlock.files.digest import digest
 from causal_openlock.files.yaml_file import dump_yaml
@@ -119,7 +118,6 @@ def write_bundle(store: Store, path: Path | str, licence: str = "") -> list[str]
     for one in filter(Path.is_file, results):
         contents[f"results/{one.relative_to(store.folder).as_posix()}"] = one.read_bytes()
     contents["DATA_CARD.md"] = data_card(experiment, who, contents, licence).encode()
-    contents["croissant.json"] = as_json(croissant(experiment, contents, licence))
     name = _part(experiment.name)
     with replacing(path) as file, zipfile.ZipFile(file, "w") as bundle:
         for inside, content in sorted(contents.items()):

@@ -12,13 +12,12 @@ from gymnasium.error import InvalidAction, ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
-from causal_openlock.envs import MixedRoomsEnv, OpenLockEnv, OpenLockTextEnv, OpenLockVectorEnv
+from causal_openlock.envs import OpenLockEnv, OpenLockTextEnv, OpenLockVectorEnv
 from causal_openlock.render.room import draw_room
 from causal_openlock.render.scene import frame
-from causal_openlock.schemas.finding import find_schema
 from causal_openlock.schemas.graphs import write_schema
 from causal_openlock.schemas.schema import Gate, Schema
-from causal_openlock.world.rewards import PRESETS, find_reward
+from causal_openlock.world.rewards import PRESETS
 from causal_openlock.world.room import Layout
 from support.cc4_in_trial7 import L0, L1, SOLUTIONS, WHITE
 from support.env_play import CONSOLE, EPISODES, act, trial7
@@ -86,14 +85,6 @@ def test_limits_and_sizes_follow_from_schema_and_layout_unless_given():
     assert OpenLockEnv("CC3", Layout((0, 1, 8), 9)).action_space == gymnasium.spaces.Discrete(19)
     seen, _ = OpenLockEnv("CC3", Layout((0, 1, 6)), positions=10).reset()
     assert np.flatnonzero(seen).tolist() == [10, 11, 16, 20]
-
-
-def test_what_was_made_with_objects_is_made_again_from_json():
-    arguments = {"schema": find_schema("CE4"), "layout": Layout((0, 8, 3, 1), 9)}
-    env = gymnasium.make(ROOM, **arguments, reward=find_reward("paper"))
-    again = gymnasium.make(gymnasium.envs.registration.EnvSpec.from_json(env.spec.to_json()))
-    assert again.spec.to_json() == env.spec.to_json()
-    assert np.array_equal(env.reset(seed=3)[0], again.reset(seed=3)[0])
 
 
 def test_a_process_that_has_not_imported_the_package_makes_rooms():
@@ -171,15 +162,7 @@ def test_a_physical_room_is_drawn_as_its_bodies_are(episode):
         assert (picture != symbolic.render()).any()
 
 
-# -- rooms of several kinds, and in words ---------------------------------------------------------
-
-
-def test_rooms_of_several_kinds_are_each_met():
-    env = MixedRoomsEnv([{"schema": "CC3"}, {"schema": "CE3"}], reveal=True)
-    met = [env.reset(seed=seed)[1]["latent"]["schema"] for seed in range(20)]
-    assert {*met} == {"CC3", "CE3"}
-    assert met == [env.reset(seed=seed)[1]["latent"]["schema"] for seed in range(20)]
-    assert env.step(0)[4]["console"]["actions_left"] == 2
+# -- rooms in words -------------------------------------------------------------------------------
 
 
 def test_a_room_in_words_goes_as_that_of_bits():
