@@ -46,7 +46,6 @@ from pydantic import (
     ValidationError,
     ValidationInfo,
     WrapValidator,
-    create_model,
     field_serializer,
     field_validator,
     model_serializer,
@@ -64,7 +63,6 @@ from causal_openlock.files.digest import digest
 from causal_openlock.files.validation import (
     MOST,
     Part,
-    StrictModel,
     Where,
     adapter,
     errors_of,
@@ -83,10 +81,10 @@ from causal_openlock.world.rewards import (
     PAPER_REWARD,
     PRESETS,
     TERMS,
-    WEIGHTS,
     AuthorsReward,
     Reward,
     RewardFunction,
+    RewardWeights,
     find_reward,
 )
 from causal_openlock.world.room import Layout
@@ -160,18 +158,6 @@ AnySchema = Annotated[
 ]
 
 
-_WEIGHTS: dict[str, Any] = {
-    "preset": (Annotated[str, Field(description="By default the paper's reward.")], None),
-    "terms": (Annotated[list[str], Field(description="Instead of a preset.")], None),
-    **{
-        name: (Annotated[float, Field(allow_inf_nan=False, description=why)], None)
-        for name, why in WEIGHTS.items()
-    },
-}
-RewardWeights = create_model("RewardWeights", __base__=StrictModel, **_WEIGHTS)
-RewardWeights.__doc__ = "Another reward's terms or preset, with other weights."
-
-
 def _reward(value: Any, info: ValidationInfo) -> RewardFunction:
     """A reward in any form; a recorded one as it was, without its code."""
     context = info.context or {}
@@ -180,8 +166,6 @@ def _reward(value: Any, info: ValidationInfo) -> RewardFunction:
         if unknown := {*getattr(recorded, "terms", ())} - {*TERMS}:
             raise ExperimentError(f"there is no reward term {min(unknown)!r}")
         return recorded
-    if isinstance(value, Mapping):
-        RewardWeights.model_validate(plain(value))
     if isinstance(value, str) and ":" in value:
         look_beside(*context.get("folders", ()))
     return find_reward(value)

@@ -1,8 +1,7 @@
 """Rewards: sums of terms, each a function of what one action led to.
 
 The paper describes seven reward functions as changes to a basic one, so each is a *term* here and a
-reward is the sum of its terms (paper, "Reward Functions"). A term is a pure function of what
-happened in one action (:mod:`causal_openlock.world.events`), for many actions at once:
+reward is the sum of its terms (paper, "Reward Functions"):
 
 ======================= ==========================================================================
 ``basic``               10 on the action that unlocks the door, 50 on the one that opens it.
@@ -16,10 +15,9 @@ happened in one action (:mod:`causal_openlock.world.events`), for many actions a
                         before it: 60, 90, 135.
 ======================= ==========================================================================
 
-Every amount is a weight that can be changed (:class:`Weights`): ``{solution_multiplier: 2.0}`` is
-the paper's reward with another multiplier, ``{preset: basic, open: 100}`` the basic one with more
-for the door. Any other reward can be a user-defined function
-(:mod:`causal_openlock.world.reward_code`).
+Every amount is a weight that can be changed: ``{solution_multiplier: 2.0}`` is the paper's reward
+with another multiplier, ``{preset: basic, open: 100}`` the basic one with more for the door. Any
+other reward can be a user-defined function (:mod:`causal_openlock.world.reward_code`).
 
 The authors' program of January 2018 paid something else than the text describes. Its rewards are a
 list of cases, not a sum: the first case that applies pays and the others are ignored. They are the
@@ -30,44 +28,25 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict, dataclass
-from typing import Annotated, Any, get_type_hints
+from dataclasses import dataclass, field
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
 from causal_openlock.errors import ExperimentError
+from causal_openlock.files.validation import StrictModel, plain, read
 from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.wording import nearest
 from causal_openlock.world.events import Events as Events
 from causal_openlock.world.events import RewardFunction as RewardFunction
+from causal_openlock.world.reward_code import own_reward
 
-UNLOCK, OPEN = 10.0, 50.0
-MULTIPLIER = 1.5
-
-
-@dataclass(frozen=True)
-class Weights:
-    """Weights of the terms; the texts explain each one to users."""
-
-    unlock: Annotated[float, "for unlocking the door (basic)"] = UNLOCK
-    open: Annotated[float, "for opening the door (basic)"] = OPEN
-    state_change: Annotated[float, "for a change of the observation"] = 0.5
-    negative_immovable: Annotated[float, "for an action that moves nothing"] = -0.5
-    negative_repeat: Annotated[float, "for the same action twice in a row"] = -0.25
-    partial_sequence: Annotated[float, "for a first action that begins a solution"] = 1.0
-    solution_multiplier: Annotated[
-        float, "factor on unlock and open of a new solution, for each found before it"
-    ] = MULTIPLIER
-
-
-WEIGHTS: dict[str, str] = {
-    name: hint.__metadata__[0]
-    for name, hint in get_type_hints(Weights, include_extras=True).items()
-}
-"""Explanation of each weight, by name."""
-
-
+BASIC_REWARD = "basic"
+"""The plain reward, and the default of environments."""
+PAPER_REWARD = "paper"
+"""The paper's best combination, and the default of sessions and experiments."""
 TERMS = (
     "basic",
     "unique_solutions",
@@ -77,6 +56,28 @@ TERMS = (
     "partial_sequence",
     "solution_multiplier",
 )
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class Weights(StrictModel, frozen=True):
+    """What the terms pay; by default as in the paper."""
+
+    unlock: Finite = Field(10.0, description="for unlocking the door (basic)")
+    open: Finite = Field(50.0, description="for opening the door (basic)")
+    state_change: Finite = Field(0.5, description="for a change of the observation")
+    negative_immovable: Finite = Field(-0.5, description="for an action that moves nothing")
+    negative_repeat: Finite = Field(-0.25, description="for the same action twice in a row")
+    partial_sequence: Finite = Field(1.0, description="for a first action that begins a solution")
+    solution_multiplier: Finite = Field(
+        1.5, description="factor on unlock and open of a new solution, for each found before it"
+    )
+
+
+class RewardWeights(Weights, frozen=True):
+    """Another reward's terms or preset, with other weights."""
+
+    preset: str = Field(PAPER_REWARD, description="The reward that is changed.")
+    terms: list[str] = Field([], description="Instead of a preset.")
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ class Reward(RewardFunction):
 
     name: str
     terms: tuple[str, ...]
-    weights: Weights = Weights()
+    weights: Weights = field(default_factory=Weights)
 
     def pay(self, events: Events) -> FloatArray:
         """``[N]`` the reward of each action."""
@@ -118,8 +119,7 @@ class Reward(RewardFunction):
 
     def as_dict(self) -> dict[str, Any]:
         """The reward as plain data, with the weights that differ from the paper's."""
-        papers = asdict(Weights())
-        changed = {name: w for name, w in asdict(self.weights).items() if w != papers[name]}
+        changed = self.weights.model_dump(exclude_defaults=True)
         data = {"name": self.name, "terms": self.terms}
         return {**data, "weights": changed} if changed else data
 
@@ -162,41 +162,37 @@ class AuthorsReward(RewardFunction):
         # In the last action, completing a new solution is unique; before that, any sequence that
         # does not retrace one already found.
         unique = np.where(events.last, events.opens & events.new, ~events.retraced)
-        factor = np.maximum(1.0, MULTIPLIER * events.found) if self.multiplier else 1.0
+        factor = np.maximum(1.0, 1.5 * events.found) if self.multiplier else 1.0
         bonus = np.where(unique, factor, 1.0)
-        due = unique if self.unique else np.ones_like(unique)
-        never = np.zeros_like(unique)
+        due = unique | (not self.unique)
         return np.select(
             [
                 events.opens & due,
                 events.unlocked & due,
-                events.on_path if self.partial else never,
-                events.changed if self.change else never,
-                events.repeated if self.repeat else never,
-                events.inactive if self.immovable else never,
+                events.on_path & self.partial,
+                events.changed & self.change,
+                events.repeated & self.repeat,
+                events.inactive & self.immovable,
             ],
-            [OPEN * bonus, UNLOCK * bonus, 1.0, 0.5, -0.25, -0.5],
+            [50.0 * bonus, 10.0 * bonus, 1.0, 0.5, -0.25, -0.5],
             default=0.0,
         )
 
 
-BASIC_REWARD = "basic"
-"""The plain reward, and the default of environments."""
-PAPER_REWARD = "paper"
-"""The paper's best combination, and the default of sessions and experiments."""
-
-
 _AUTHORS_CASES = {
-    "basic": "",
-    "change_state": "change",
-    "unique_solutions": "unique",
-    "change_state_unique_solutions": "unique change",
-    "negative_immovable": "immovable",
-    "negative_immovable_unique_solutions": "unique immovable",
-    "negative_immovable_negative_repeat": "immovable repeat",
-    "negative_immovable_partial_action_seq": "immovable partial",
-    "negative_immovable_solution_multiplier": "immovable multiplier",
-    "negative_immovable_partial_action_seq_solution_multiplier": "immovable partial multiplier",
+    "authors_2018_basic": "",
+    "authors_2018_change_state": "change",
+    "authors_2018_unique_solutions": "unique",
+    "authors_2018_change_state_unique_solutions": "unique change",
+    "authors_2018_negative_immovable": "immovable",
+    "authors_2018_negative_immovable_unique_solutions": "unique immovable",
+    "authors_2018_negative_immovable_negative_repeat": "immovable repeat",
+    "authors_2018_negative_immovable_partial_action_seq": "immovable partial",
+    "authors_2018_negative_immovable_solution_multiplier": "immovable multiplier",
+    "authors_2018_negative_immovable_partial_action_seq_solution_multiplier": (
+        "immovable partial multiplier"
+    ),
+    "authors_2018": "immovable partial multiplier",
 }
 
 PRESETS: dict[str, RewardFunction] = {
@@ -207,12 +203,9 @@ PRESETS: dict[str, RewardFunction] = {
         PAPER_REWARD, ("basic", "negative_immovable", "partial_sequence", "solution_multiplier")
     ),
     **{
-        f"authors_2018_{name}": AuthorsReward(
-            f"authors_2018_{name}", **dict.fromkeys(cases.split(), True)
-        )
+        name: AuthorsReward(name, **dict.fromkeys(cases.split(), True))
         for name, cases in _AUTHORS_CASES.items()
     },
-    "authors_2018": AuthorsReward("authors_2018", immovable=True, partial=True, multiplier=True),
 }
 
 
@@ -243,10 +236,8 @@ def find_reward(reward: RewardForm) -> RewardFunction:
     if isinstance(reward, RewardFunction):
         return reward
     if isinstance(reward, Mapping):
-        return _weighted(reward)
+        return _weighted(read(RewardWeights, plain(reward)))
     if callable(reward) or (isinstance(reward, str) and ":" in reward):
-        from causal_openlock.world.reward_code import own_reward
-
         return own_reward(reward)
     if isinstance(reward, str):
         if reward not in PRESETS:
@@ -255,41 +246,37 @@ def find_reward(reward: RewardForm) -> RewardFunction:
                 "own is written module:function"
             )
         return PRESETS[reward]
-    if not isinstance(reward, Iterable):
-        raise ExperimentError(
-            f"{reward!r} is not a reward; give a preset's name, terms, weights or a function"
-        )
-    terms = tuple(reward)
+    terms = tuple(reward) if isinstance(reward, Iterable) else ()
     for term in terms:
         if term not in TERMS:
             raise ExperimentError(f"there is no reward term {term!r}; {nearest(str(term), TERMS)}")
     if not terms or len({*terms}) < len(terms):
         raise ExperimentError(
-            f"a reward has one term or more, each once, not {[*terms]}; known: {', '.join(TERMS)}"
+            f"{reward!r} is not a reward; give a preset's name, terms, each once "
+            f"({', '.join(TERMS)}), weights or a function"
         )
     return Reward("+".join(terms), terms)
 
 
-def _weighted(description: Mapping[str, Any]) -> Reward:
+def _weighted(asked: RewardWeights) -> Reward:
     """A reward with changed weights; a weight of a term that it does not have adds the term."""
-    given = dict(description)
-    preset, terms = given.pop("preset", None), given.pop("terms", None)
-    if preset is not None and terms is not None:
+    if {"preset", "terms"} <= asked.model_fields_set:
         raise ExperimentError("a reward is based on a preset or on terms; leave one of them out")
-    base = find_reward(terms if terms is not None else preset or PAPER_REWARD)
+    base = find_reward(asked.terms if "terms" in asked.model_fields_set else asked.preset)
     if not isinstance(base, Reward):
         raise ExperimentError(f"the reward {base.name} has no weights; base it on another preset")
-    for name, value in given.items():
-        if name not in WEIGHTS:
-            raise ExperimentError(f"there is no weight {name!r}; {nearest(str(name), WEIGHTS)}")
-        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-            raise ExperimentError(f"the weight {name} is a number, not {value!r}")
-    weights = Weights(**{name: float(value) for name, value in given.items()})
-    term_of = {name: name if name in TERMS else "basic" for name in WEIGHTS}
-    all_terms = dict.fromkeys([*base.terms, *(term_of[name] for name in WEIGHTS if name in given)])
-    listed = [
-        f"{name}={value:g}"
-        for name, value in asdict(weights).items()
-        if value != getattr(Weights(), name) or term_of[name] in all_terms.keys() - {*base.terms}
+    term_of = {name: name if name in TERMS else "basic" for name in Weights.model_fields}
+    given = [name for name in term_of if name in asked.model_fields_set]
+    added = [
+        term for term in dict.fromkeys(term_of[name] for name in given) if term not in base.terms
     ]
-    return Reward(f"{base.name}({', '.join(listed)})", (*all_terms,), weights) if listed else base
+    weights = Weights(**{name: getattr(asked, name) for name in given})
+    changed = weights.model_dump(exclude_defaults=True)
+    listed = [
+        f"{name}={getattr(weights, name):g}"
+        for name, term in term_of.items()
+        if name in changed or term in added
+    ]
+    if not listed:
+        return base
+    return Reward(f"{base.name}({', '.join(listed)})", (*base.terms, *added), weights)

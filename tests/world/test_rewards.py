@@ -11,7 +11,6 @@ from causal_openlock.experiment.declare import json_schema
 from causal_openlock.world.rewards import (
     PRESETS,
     TERMS,
-    WEIGHTS,
     Weights,
     find_reward,
 )
@@ -77,7 +76,7 @@ FORMS = st.builds(
     | st.lists(st.sampled_from(sorted(TERMS)), min_size=1, unique=True).map(
         lambda terms: {"terms": terms}
     ),
-    st.dictionaries(st.sampled_from(sorted(WEIGHTS)), NUMBERS),
+    st.dictionaries(st.sampled_from(sorted(Weights.model_fields)), NUMBERS),
 )
 
 
