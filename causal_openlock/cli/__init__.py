@@ -17,7 +17,6 @@ from typing import Annotated
 import typer
 
 from causal_openlock.cli import (
-    check,
     compare,
     export,
     learners,
@@ -49,7 +48,6 @@ for _command in (
     compare.compare,
     report.report,
     status.status,
-    check.check,
     export.export,
     export.bundle,
     pictures.trace,

@@ -16,7 +16,7 @@ GROUPS = {
     "Compare": ("status", "trace", "film"),
     "People": ("import", "forget", "text"),
     "Predict": ("score", "fit", "recover", "design"),
-    "Share": ("export", "bundle", "evidence", "check"),
+    "Share": ("export", "bundle", "evidence"),
 }
 OTHERS = "More"
 
