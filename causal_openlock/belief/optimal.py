@@ -18,15 +18,13 @@ By default it is left out unless an attempt has two actions to spare, which a pu
 it undoes cost. With four actions and more this can miss a better policy: pass ``pulls=True``.
 
 Several policies may be optimal, and divide the attempts otherwise among solutions or hypotheses:
-:meth:`Optimum.split` goes through all of them. Where a search is too large,
-:class:`OneAttemptAhead` plans to the end of each attempt. That gives a lower bound, and a policy
-whose exact mean is an upper bound.
+:meth:`Optimum.by_solution` goes through all of them.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from itertools import combinations
 from math import log2
@@ -71,6 +69,11 @@ class _Option(NamedTuple):
     bounds: list[float]
 
 
+def _differs(outcome: Point, point: Point, changed: bool) -> bool:
+    """Whether something is known that was not when the attempt began."""
+    return changed or outcome[:2] != point[:2]
+
+
 class Optimum:
     """The least expected number of attempts, and the actions that achieve it.
 
@@ -81,8 +84,6 @@ class Optimum:
         action_limit: Actions in an attempt.
         node_limit: States to search before giving up; also an attribute that can be changed.
         pulls: Whether levers may be pulled back; by default if two actions can be spared.
-        find: Solutions to find, by default all.
-        lock_seen: Whether it is seen that the door is unlocked, and not only when it is pushed.
 
     Attributes:
         nodes: States searched so far.
@@ -97,8 +98,6 @@ class Optimum:
         2.667
     """
 
-    hypothesis_limit = HYPOTHESIS_LIMIT
-
     def __init__(
         self,
         hypotheses: Hypotheses,
@@ -106,15 +105,12 @@ class Optimum:
         action_limit: int,
         node_limit: float = NODE_LIMIT,
         pulls: bool | None = None,
-        find: int | None = None,
-        lock_seen: bool = True,
     ) -> None:
-        if len(hypotheses) > self.hypothesis_limit:
+        if len(hypotheses) > HYPOTHESIS_LIMIT:
             raise TooLargeError(f"{len(hypotheses):,} hypotheses are too many")
         self._own, self._limit, self.node_limit = hypotheses, action_limit, node_limit
         self._slots: int = hypotheses.causes.shape[1] - 1
-        self._solutions: int = hypotheses.solutions.shape[1] if find is None else find
-        self._lock_seen = lock_seen
+        self._solutions: int = hypotheses.solutions.shape[1]
         longest = int(np.bitwise_count(hypotheses.solutions).max(initial=0))
         self._pulls = action_limit - longest - 1 >= 2 if pulls is None else pulls
         share = weight / weight.sum()
@@ -149,8 +145,8 @@ class Optimum:
         tie = TIE * self._weight(point.possible)
         least, values = math.inf, {}
         for option in self._options(point):
-            # With 0 for the start of the attempt, wasting the rest of it has a value, too.
-            values[option.action] = self._value(option, point, 0, least + tie)
+            # As if something had changed: wasting the rest of the attempt has a value, too.
+            values[option.action] = self._value(option, point, True, least + tie)
             least = min(least, values[option.action])
         alike = self._alike(point.possible, point.found, point.pushed)
         return sorted(
@@ -162,7 +158,7 @@ class Optimum:
 
     def value(self, point: Point) -> float:
         """The least expected number of attempts still to come, the present one not counted."""
-        return self._after(point, 0) / self._weight(point.possible)
+        return self._after(point, True) / self._weight(point.possible)
 
     def after(self, point: Point, action: int) -> list[tuple[float, Point]]:
         """The states that an action can lead to, with their probabilities.
@@ -192,71 +188,73 @@ class Optimum:
         )
 
     def most(self) -> int:
-        """The largest number of attempts under one optimal policy."""
-        worst: dict[tuple[Point, bool], int] = {}
+        """The largest number of attempts under an optimal policy for which it is least."""
+        return int(self._followed(lambda possible, found: (1.0,), max)[0])
 
-        def after(point: Point, began: int) -> int:
-            """Attempts to come, the present one not counted."""
-            possible, found, _, left = point
-            if not left:
-                to_find = self._solutions - len(found)
-                if not to_find or possible & (possible - 1) == 0:
-                    return to_find
-                possible, found = self._symmetry.canonical(possible, found)
-                return 1 + after(Point(possible, found, 0, self._limit), possible)
-            if (point, possible == began) not in worst:
-                best, plan = math.inf, [Point(possible, found, 0, 0)]
-                for option in self._options(point):
-                    value = self._value(option, point, began, best)
-                    if value < best:
-                        best, plan = value, option.outcomes
-                worst[point, possible == began] = max(
-                    after(one, began if one[:2] == point[:2] else 0) for one in plan
-                )
-            return worst[point, possible == began]
-
-        return after(Point(self._everything, (), 0, 0), 0)
-
-    def split(self, charge: Callable[[int, int], tuple[float, ...]]) -> tuple[float, ...]:
-        """The sum of what the attempts are charged, under the optimal policy that is charged least.
+    def by_solution(self, weights: list[tuple[float, int]]) -> tuple[float, ...]:
+        """Attempts for the first, second, ... solution, under one optimal policy.
 
         Args:
-            charge: What an attempt is charged, as a sum over the hypotheses that are possible when
-                it begins (a bit mask), with so far this number of solutions found. Renaming levers
-                must not change it. Of several numbers, earlier ones matter first.
+            weights: Of some hypotheses, by :func:`by_weight`; renaming levers must not change them.
+                Of all optimal policies, the one that needs least under these hypotheses counts,
+                and of several such policies, the one that finds earlier solutions soonest.
         """
-        nothing = (0.0,) * len(charge(0, 0))
-        known: dict[tuple[Point, bool], tuple[float, ...]] = {}
 
-        def added(parts: list[tuple[float, ...]]) -> tuple[float, ...]:
-            return tuple(map(sum, zip(nothing, *parts, strict=True)))
+        def charge(possible: int, found: int) -> tuple[float, ...]:
+            attempts = weighed(weights, possible)
+            return (attempts, *(attempts * (found == one) for one in range(self._solutions)))
 
-        def after(point: Point, began: int) -> tuple[float, ...]:
-            """Charges to come, the present attempt's not counted."""
-            possible, found, _, left = point
+        return self._followed(charge, sum)[1:]
+
+    def _followed(
+        self,
+        charge: Callable[[int, int], tuple[float, ...]],
+        over_outcomes: Callable[[Iterable[float]], float],
+    ) -> tuple[float, ...]:
+        """What the attempts are charged, under the optimal policy that is charged least.
+
+        Args:
+            charge: What an attempt is charged that begins with these possible hypotheses and this
+                number of solutions found. Of several numbers, earlier ones matter first.
+            over_outcomes: Joins the charges after each outcome of an action.
+        """
+        charged: dict[tuple[Point, bool], tuple[float, ...]] = {}
+        no_charge = (0.0,) * len(charge(0, 0))
+
+        def begin(possible: int, found: tuple[int, ...]) -> tuple[float, ...]:
+            """Charges of this attempt and all later ones."""
+            left = range(len(found), self._solutions)
             if not left:
-                to_find = range(len(found), self._solutions)
-                if not to_find or possible & (possible - 1) == 0:
-                    return added([charge(possible, number) for number in to_find])
+                return no_charge
+            if possible & (possible - 1) == 0:
+                attempts = [charge(possible, number) for number in left]
+            else:
                 possible, found = self._symmetry.canonical(possible, found)
                 start = Point(possible, found, 0, self._limit)
-                return added([charge(possible, len(found)), after(start, possible)])
-            if (key := (point, possible == began)) not in known:
-                tie, least, values = TIE * self._weight(possible), math.inf, []
-                for option in self._options(point):
-                    values.append((self._value(option, point, began, least + tie), option.outcomes))
-                    least = min(least, values[-1][0])
-                plans = [plan for value, plan in values if value <= least + tie]
-                known[key] = min(
-                    (
-                        added([after(one, began if one[:2] == point[:2] else 0) for one in plan])
-                        for plan in plans or [[point._replace(left=0)]]
-                    ),
-                    key=lambda charged: tuple(round(one, 10) for one in charged),
-                )
-            return known[key]
+                attempts = [charge(possible, len(found)), after(start, False)]
+            return tuple(map(sum, zip(*attempts, strict=True)))
 
-        return after(Point(self._everything, (), 0, 0), 0)
+        def after(point: Point, changed: bool) -> tuple[float, ...]:
+            """Charges to come, the present attempt's not counted."""
+            if not point.left:
+                return begin(point.possible, point.found)
+            if (point, changed) not in charged:
+                followed = []
+                for outcomes in self._plans(point, changed) or [[point._replace(left=0)]]:
+                    parts = [after(one, _differs(one, point, changed)) for one in outcomes]
+                    followed.append(tuple(map(over_outcomes, zip(*parts, strict=True))))
+                charged[point, changed] = min(followed, key=_rounded)
+            return charged[point, changed]
+
+        return begin(self._everything, ())
+
+    def _plans(self, point: Point, changed: bool) -> list[list[Point]]:
+        """The outcomes of each of the best actions."""
+        tie, least, values = TIE * self._weight(point.possible), math.inf, []
+        for option in self._options(point):
+            values.append((self._value(option, point, changed, least + tie), option.outcomes))
+            least = min(least, values[-1][0])
+        return [outcomes for value, outcomes in values if value <= least + tie]
 
     # -- values, times the probability of the possible hypotheses --------------------------------
 
@@ -267,29 +265,31 @@ class Optimum:
             return self._weight(possible) * left
         possible, found = key = self._symmetry.canonical(possible, found)
         if key not in self._values:
-            value = self._search(Point(possible, found, 0, self._limit), possible)
+            value = self._search(Point(possible, found, 0, self._limit), False)
             self._values[key] = self._weight(possible) + value
         return self._values[key]
 
-    def _after(self, point: Point, began: int) -> float:
-        """The value after an action, in an attempt that began with these possible hypotheses."""
-        if point.left:
-            return self._search(point, began)
-        # An attempt that changes nothing is never the best: do not search it again and again.
-        return math.inf if point.possible == began else self._attempts(point.possible, point.found)
+    def _after(self, point: Point, changed: bool) -> float:
+        """The value after an action, in an attempt in which something changed or nothing did.
 
-    def _search(self, point: Point, began: int) -> float:
-        key = (point, point.possible == began)
-        if key in self._within:
-            return self._within[key]
+        What changes is what is known: the possible hypotheses, or the solutions found.
+        """
+        if point.left:
+            return self._search(point, changed)
+        # An attempt that changes nothing is never the best: do not search it again and again.
+        return self._attempts(point.possible, point.found) if changed else math.inf
+
+    def _search(self, point: Point, changed: bool) -> float:
+        if (point, changed) in self._within:
+            return self._within[point, changed]
         self.nodes += 1
         if self.nodes > self.node_limit:
             raise TooLargeError(f"more than {self.node_limit:,} states")
         options = self._options(point)
-        best = math.inf if options else self._after(point._replace(left=0), began)
+        best = math.inf if options else self._after(point._replace(left=0), changed)
         for option in options:
-            best = min(best, self._value(option, point, began, best))
-        self._within[key] = best
+            best = min(best, self._value(option, point, changed, best))
+        self._within[point, changed] = best
         return best
 
     def _options(self, point: Point) -> list[_Option]:
@@ -300,14 +300,13 @@ class Optimum:
             options.append(_Option(sum(bounds), action, outcomes, bounds))
         return sorted(options)
 
-    def _value(self, option: _Option, point: Point, began: int, limit: float) -> float:
+    def _value(self, option: _Option, point: Point, changed: bool, limit: float) -> float:
         """The value of an action, or a lower bound of it that exceeds the limit."""
         value = option.bound
         for outcome, bound in zip(option.outcomes, option.bounds, strict=True):
             if value > limit:
                 break
-            same = began if outcome[:2] == point[:2] else 0
-            value += self._after(outcome, same) - bound
+            value += self._after(outcome, _differs(outcome, point, changed)) - bound
         return value
 
     def _bound(self, point: Point) -> float:
@@ -336,8 +335,6 @@ class Optimum:
         after = pushed ^ 1 << slot
         unlocks = moving & self._holds(self._slots, after)
         parts = [(unlocks, after), (moving & ~unlocks, after), (possible & ~moving, pushed)]
-        if not self._lock_seen:
-            parts[:2] = [(moving, after)]
         return [Point(part, found, now, left - 1) for part, now in parts if part]
 
     def _opened(self, point: Point) -> list[Point]:
@@ -397,25 +394,6 @@ class Optimum:
         if not self._pulls:
             missing &= self._own.solutions & stands == stands
         return bits(np.logical_or.reduce(missing & self._to_find(found), axis=1))
-
-
-class OneAttemptAhead(Optimum):
-    """Plans to the end of an attempt, as if each bit missing then cost ``worth_of_a_bit`` attempts.
-
-    At 0, :meth:`attempts` is a lower bound of the least expected attempts. :meth:`split` follows
-    the plans attempt by attempt: what it charges is the exact mean of one policy, an upper bound.
-    """
-
-    hypothesis_limit = 10 * HYPOTHESIS_LIMIT
-    worth_of_a_bit = 0.0
-
-    def _attempts(self, possible: int, found: tuple[int, ...]) -> float:
-        whole = self._weight(possible)
-        if possible == self._everything and not found:
-            return whole + self._search(Point(possible, found, 0, self._limit), possible)
-        left = self._solutions - len(found)
-        bits_missing = self.entropy(possible) if left and self.worth_of_a_bit else 0.0
-        return whole * (left + self.worth_of_a_bit * bits_missing)
 
 
 class Symmetry:
@@ -493,6 +471,10 @@ def by_weight(weight: FloatArray) -> list[tuple[float, int]]:
 def weighed(weights: list[tuple[float, int]], possible: int) -> float:
     """Return the sum of the weights of a set of hypotheses; ``weights`` is by :func:`by_weight`."""
     return sum((weight * (possible & having).bit_count() for weight, having in weights), 0.0)
+
+
+def _rounded(charges: tuple[float, ...]) -> list[float]:
+    return [round(charge, 10) for charge in charges]
 
 
 def bits(flags: BoolArray) -> int:

@@ -9,7 +9,7 @@ rooms sharpen (:mod:`causal_openlock.belief.knowledge`).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from itertools import permutations
 from numbers import Real
 
@@ -33,13 +33,7 @@ Possible = tuple[tuple[Schema, float], ...]
 Among = str | Schema | Iterable[str | Schema] | Mapping[str | Schema, float]
 
 
-def possible_schemas(
-    schema: Schema,
-    among: Among,
-    action_limit: int,
-    concentration: float = 1.0,
-    after: Iterable[str | Schema] = (),
-) -> Possible:
+def possible_schemas(schema: Schema, among: Among, action_limit: int) -> Possible:
     """Return the schemas that may govern a room, the one that does first, with their probabilities.
 
     Args:
@@ -48,8 +42,6 @@ def possible_schemas(
             weight 1 unless it is given; ``all`` schemas with as many levers and solutions, equally
             probable; or those schemas with the prior of the ``grammar``.
         action_limit: Actions in an attempt.
-        concentration: How many rooms the prior over classes is worth; for the grammar.
-        after: Schemas of rooms known wholly before this one; for the grammar.
 
     Raises:
         OpenLockError: If schemas do not go together, or are too many to list.
@@ -59,48 +51,36 @@ def possible_schemas(
         >>> len(possible_schemas(find_schema("CC3"), "all", 3))
         12
     """
-    if isinstance(after, str | Schema) or not isinstance(after, Iterable):
-        raise OpenLockError(f"after is a list of schemas, not {after!r}")
-    before = [declared(one) for one in after]
-    if before and among != GRAMMAR:
-        raise OpenLockError(f"rooms known before change the prior of the {GRAMMAR} alone")
-    if not (isinstance(concentration, Real) and concentration > 0):
-        raise OpenLockError(f"a concentration has to be more than 0, not {concentration!r}")
-    if among in (ALL, GRAMMAR):
-        _check(schema, action_limit)
-        for one in (schema, *before):
-            if len(one.levers) > FREE_FORM_LEVERS:
-                raise OpenLockError(
-                    f"{one.name} has {len(one.levers)} levers, and the schemas with more than "
-                    f"{FREE_FORM_LEVERS} are too many to list; name the schemas that are possible"
-                )
-        return _listed(schema, action_limit, None if among == ALL else (concentration, before))
-    weights: dict[Schema, float] = {}
-    if not isinstance(among, str | Schema | Iterable):
+    if among == ALL:
+        return listed_schemas(schema, action_limit)
+    if among == GRAMMAR:
+        return listed_schemas(schema, action_limit, ())
+    if isinstance(among, str | Schema):
+        among = [among]
+    if not isinstance(among, Iterable):
         raise OpenLockError(f"among is schemas, {ALL!r} or {GRAMMAR!r}, not {among!r}")
-    given = among if isinstance(among, Mapping) else dict.fromkeys(
-        [among] if isinstance(among, str | Schema) else among, 1.0
-    )  # fmt: skip
+    given = among if isinstance(among, Mapping) else dict.fromkeys(among, 1.0)
+    weights: dict[Schema, float] = {}
     for source, weight in given.items():
         if source in (ALL, GRAMMAR):
             raise OpenLockError(f"{source} stands alone and has no weight; leave out the others")
-        one = declared(source)
+        other = declared(source)
         if not (isinstance(weight, Real) and 0 < weight < np.inf):
-            raise OpenLockError(f"the weight of {one.name} has to be more than 0, not {weight!r}")
-        weights[one] = float(weight)
+            raise OpenLockError(f"the weight of {other.name} has to be more than 0, not {weight!r}")
+        weights[other] = float(weight)
     weights = {schema: weights.pop(schema, 1.0), **weights}
     sizes = (len(schema.levers), len(schema.solutions))
-    for one in weights:
-        _check(one, action_limit)
-        if (len(one.levers), len(one.solutions)) != sizes:
+    for other in weights:
+        _check(other, action_limit)
+        if (len(other.levers), len(other.solutions)) != sizes:
             raise OpenLockError(
-                f"{one.name} has {counted(len(one.levers), 'lever')} and "
-                f"{counted(len(one.solutions), 'solution')}, {schema.name} has {sizes[0]} and "
+                f"{other.name} has {counted(len(other.levers), 'lever')} and "
+                f"{counted(len(other.solutions), 'solution')}, {schema.name} has {sizes[0]} and "
                 f"{sizes[1]}: colours and console distinguish them; name schemas with the same "
                 "numbers"
             )
     whole = sum(weights.values())
-    return tuple((one, weight / whole) for one, weight in weights.items())
+    return tuple((other, weight / whole) for other, weight in weights.items())
 
 
 def _check(schema: Schema, action_limit: int) -> None:
@@ -117,33 +97,47 @@ def _check(schema: Schema, action_limit: int) -> None:
         )
 
 
-def _listed(
-    schema: Schema, action_limit: int, grammar: tuple[float, Sequence[Schema]] | None
+def listed_schemas(
+    schema: Schema, action_limit: int, known_rooms: Iterable[Schema] | None = None
 ) -> Possible:
-    """Every schema of the same size, with equal odds or with the prior of the grammar."""
+    """Every schema with as many levers and solutions, this one first.
+
+    Args:
+        schema: The schema that governs the room.
+        action_limit: Actions in an attempt.
+        known_rooms: For the prior of the grammar, the schemas of rooms known wholly before this
+            one; None makes all schemas equally probable.
+    """
+    known_rooms = known_rooms if known_rooms is None else [*known_rooms]
+    _check(schema, action_limit)
+    for listed in (schema, *(known_rooms or ())):
+        if len(listed.levers) > FREE_FORM_LEVERS:
+            raise OpenLockError(
+                f"{listed.name} has {len(listed.levers)} levers, and the schemas with more than "
+                f"{FREE_FORM_LEVERS} are too many to list; name the schemas that are possible"
+            )
     every = _catalogue(schema, action_limit)
     structures = _structures(every)
     kind = _up_to_renaming(Structures.joined([structure_of(schema), structures]), action_limit)
-    own, kind = kind[0], kind[1:]
-    kinds, first, place = np.unique(kind, return_index=True, return_inverse=True)
+    kinds, first, place = np.unique(kind[1:], return_index=True, return_inverse=True)
     chance: FloatArray = np.full(len(kinds), 1.0 / len(kinds))
-    if grammar is not None:
-        classes = _classes(*grammar)[None] * feasible(len(schema.levers))
+    if known_rooms is not None:
+        classes = _classes(known_rooms)[None] * feasible(len(schema.levers))
         weight = every.prior(classes / classes.sum())[0]
         chance = np.bincount(place, weight / weight.sum()).astype(float)
     names = [f"L{lever}" for lever in range(len(schema.levers))]
     found = [
-        (schema if one == own else schema_of(structures[at : at + 1], names, 1.0), float(share))
-        for one, at, share in zip(kinds, first, chance, strict=True)
+        (schema if same == kind[0] else schema_of(structures[at : at + 1], names, 1.0), share)
+        for same, at, share in zip(kinds, first, chance.tolist(), strict=True)
     ]
     return tuple(sorted(found, key=lambda pair: (pair[0] is not schema, -pair[1])))
 
 
-def _classes(concentration: float, before: Sequence[Schema]) -> FloatArray:
+def _classes(known_rooms: Iterable[Schema]) -> FloatArray:
     """``[C + 1]`` probability of each class after rooms that are known wholly."""
-    certain, prior = strengths(0.0, 1.0, 1.0, 1), Prior(concentration=concentration)
-    knowledge = Knowledge(1, FREE_FORM_LEVERS, prior, certain)
-    for schema in before:
+    certain = strengths(0.0, 1.0, 1.0, 1)
+    knowledge = Knowledge(1, FREE_FORM_LEVERS, Prior(), certain)
+    for schema in known_rooms:
         levers, limit = len(schema.levers), default_action_limit(schema)
         every = _catalogue(schema, limit)
         both = Structures.joined([structure_of(schema), _structures(every)])
@@ -157,10 +151,10 @@ def _classes(concentration: float, before: Sequence[Schema]) -> FloatArray:
 
 
 def _catalogue(schema: Schema, action_limit: int) -> Catalogue:
-    own = Prior()
+    prior = Prior()
     return catalogue(
-        len(schema.levers), len(schema.solutions), action_limit, False, own.simplicity,
-        own.hypothesis_limit,
+        len(schema.levers), len(schema.solutions), action_limit, False, prior.simplicity,
+        prior.hypothesis_limit,
     )  # fmt: skip
 
 

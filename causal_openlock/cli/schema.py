@@ -220,20 +220,6 @@ def worth(
     levers_unknown: Annotated[
         bool, typer.Option("--levers-unknown", help="Any of seven levers may be active.")
     ] = False,
-    lock_unseen: Annotated[
-        bool, typer.Option("--lock-unseen", help="Only pushing the door shows if it is unlocked.")
-    ] = False,
-    concentration: Annotated[
-        float, typer.Option(help="For the grammar: how many rooms its prior is worth.")
-    ] = 1.0,
-    after: Annotated[
-        list[str] | None,
-        typer.Option(help="For the grammar: a schema known before (may be repeated)."),
-    ] = None,
-    most_states: Annotated[
-        int | None,
-        typer.Option(help="States that a search may take before bounds replace it.", min=1),
-    ] = None,
 ) -> None:
     """Compute what knowing the schema is worth to an ideal observer, in attempts."""
     from rich.table import Table
@@ -249,10 +235,6 @@ def worth(
             among[0] if among in (["all"], ["grammar"]) else dict(map(_weighted, among)),
             action_limit=action_limit,
             levers_known=not levers_unknown,
-            lock_seen=not lock_unseen,
-            concentration=concentration,
-            after=after or (),
-            most_states=most_states,
             report=report,
         )
     table = Table("attempts", box=None, pad_edge=False)
@@ -263,35 +245,6 @@ def worth(
     console = Terminal()
     console.print(table)
     console.print_line(str(found))
-
-
-@app.command()
-def search(
-    levers: Annotated[int, typer.Argument(help="Levers of the rooms, keys and bolts together.")],
-    most_states: Annotated[
-        int | None,
-        typer.Option(help="States that a search may take before bounds replace it.", min=1),
-    ] = None,
-) -> None:
-    """Search rooms of keys and bolts for those in which knowing the schema pays most."""
-    from rich.table import Table
-
-    from causal_openlock.belief.keys_and_bolts import families
-    from causal_openlock.comparison.console import Terminal
-    from causal_openlock.comparison.progress_bar import shown_steps
-
-    table = Table("keys", "bolts", "keys a bolt needs", "schemas", box=None, pad_edge=False)
-    for column in ("known", "unknown", "worth"):
-        table.add_column(column, justify="right")
-    with shown_steps("search") as report:
-        for one in families(levers, most_states):
-            report(f"{one.keys} keys and {one.bolts} bolts, {one.needed} needed")
-            known, unknown = one.worth.known.upper, one.worth.unknown.upper
-            low, high = one.worth.bounds
-            ends = f"{low:.3f}" if one.worth.exact else f"{low:.3f} to {high:.3f}"
-            sizes = map(str, (one.keys, one.bolts, one.needed, len(one.schemas)))
-            table.add_row(*sizes, f"{known:.3f}", f"{unknown:.3f}", ends)
-    Terminal().print(table)
 
 
 def _weighted(text: str) -> tuple[str, float]:

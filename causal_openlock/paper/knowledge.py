@@ -30,7 +30,8 @@ from matplotlib.patches import Patch
 
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import draws, in_rows, panels
-from causal_openlock.belief.worth import Expected, schema_worth
+from causal_openlock.belief.possible_schemas import listed_schemas
+from causal_openlock.belief.worth import PAPER_LIMIT, schema_worth
 from causal_openlock.errors import NothingToDrawError, OpenLockError
 from causal_openlock.paper.published import people, people_in_training
 from causal_openlock.schemas.finding import find_schema
@@ -85,12 +86,13 @@ def knowledge_steps(conditions: Collection[str] = CONDITIONS) -> pd.DataFrame:
         for knows, sequences in SEARCHES.items():
             first = (sequences(len(schema.levers)) + 1) / (many + 1)
             rows.append((condition, knows, many * first, first, "search without repeats"))
-        split, known, unplaced = _ideal(name, *training)
-        rows += [
-            (condition, MOVES, sum(split), split[0], "ideal observer, prior of bayes"),
-            (condition, SCHEMA, known.upper, known.each[0], "ideal observer"),
-            (condition, WITHOUT_LEVERS, unplaced.upper, unplaced.each[0], "ideal observer"),
-        ]
+        prior, known, unplaced = _ideal(name, *training)
+        for knows, attempts, method in (
+            (MOVES, prior, "ideal observer, prior of bayes"),
+            (SCHEMA, known, "ideal observer"),
+            (WITHOUT_LEVERS, unplaced, "ideal observer"),
+        ):
+            rows.append((condition, knows, sum(attempts), attempts[0], method))
     table = pd.DataFrame(rows, columns=["condition", "knows", "attempts", "first", "method"])
     saved = table.groupby("condition", sort=False)["attempts"].diff(-1).shift()
     return (
@@ -101,11 +103,16 @@ def knowledge_steps(conditions: Collection[str] = CONDITIONS) -> pd.DataFrame:
 
 
 @cache
-def _ideal(name: str, *training: str) -> tuple[tuple[float, ...], Expected, Expected]:
-    """Attempts in rooms of a schema: by the prior, who knows it, and who knows not the levers."""
-    found = schema_worth(name, "grammar", after=training * TRAINING_ROOMS)
+def _ideal(name: str, *training: str) -> tuple[tuple[float, ...], ...]:
+    """Attempts for each solution in rooms of a schema.
+
+    By the prior after the training, who knows the schema, and who knows it but not the levers.
+    """
+    known_rooms = map(find_schema, training * TRAINING_ROOMS)
+    prior = dict(listed_schemas(find_schema(name), PAPER_LIMIT, known_rooms))
+    by_prior = schema_worth(name, prior)
     unplaced = schema_worth(name, [name], levers_known=False)
-    return found.here_least, found.here_known, unplaced.here_known
+    return by_prior.unknown.here, by_prior.known.here, unplaced.known.here
 
 
 def peoples_rooms() -> pd.DataFrame:

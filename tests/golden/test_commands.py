@@ -74,8 +74,6 @@ SESSIONS = {
         schema new mine --like CE3
         schema worth CC3
         schema worth CC3 --among CC3=3 --among CE3
-        schema search 4
-        schema search 3
     """,
     "pictures": """
         room CC4 --layout trial7 --after push_LOWERLEFT -o room.svg
