@@ -28,7 +28,6 @@ from causal_openlock.files.validation import adapter, errors_of, plain
 from causal_openlock.usercode.own_files import (
     MODULE_AND_NAME,
     code_digest,
-    imported_digest,
     is_installed,
     look_beside,
     misspelt,
@@ -70,7 +69,7 @@ def origin(name: str, *, imported: bool = False) -> str:
         return "unknown"
     # The class may be in another module than the one that it is named by.
     modules = {kind.__module__} if package else {name.partition(":")[0], kind.__module__}
-    code = (imported_digest if imported else code_digest)(modules)
+    code = code_digest(modules, imported=imported)
     return f"{package}+{code}" if package else f"{Path(source).name} {code}"
 
 

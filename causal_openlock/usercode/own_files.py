@@ -6,16 +6,17 @@ loads in another way than by importing (``importlib``, a file that it opens) is 
 
 from __future__ import annotations
 
+import ast
+import os
 import re
 import site
 import sys
 import sysconfig
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from importlib.machinery import ModuleSpec, PathFinder
+from importlib.machinery import PathFinder
 from importlib.metadata import EntryPoint
-from importlib.util import find_spec
-from modulefinder import ModuleFinder
+from importlib.util import find_spec, resolve_name
 from pathlib import Path
 from pkgutil import iter_modules
 from typing import Any, NamedTuple
@@ -28,6 +29,7 @@ _INSTALLED_IN = Path(__file__).resolve().parents[2]
 _PACKAGES = ("causal_openlock", "openlock_learners")
 TOOLKIT = tuple(_INSTALLED_IN / name for name in (*_PACKAGES, "learners/openlock_learners"))
 """The toolkit's own packages; in a checkout the learners are in a folder of their own."""
+_NOT_FOLLOWED = {*sys.stdlib_module_names, *_PACKAGES}
 MODULE_AND_NAME = re.compile(r"\w+(\.\w+)*:\w+(\.\w+)*")
 
 
@@ -43,54 +45,52 @@ def own_files(modules: Iterable[str], beside: Iterable[Path] = (), text: str = "
 
     The folders ``beside`` are searched after all others.
     """
-    files, own, places = {}, [], users_folders(beside)
-    for name in modules:
-        source = module_source(name, beside)
-        if source is not None and is_users_own(source):
-            own.append(name)
-            places.append(source.parents[name.count(".") + (source.name == "__init__.py")])
-        elif source is not None:
+    files: dict[str, Path] = {}
+    named, own, others, seen = set(modules), set(), set(), {""}
+    waiting = [*named, *_imports(text, "text", "")]
+    while waiting:
+        name = waiting.pop()
+        top, parent = name.partition(".")[0], name.rpartition(".")[0]
+        if name in seen or (top in _NOT_FOLLOWED and name not in named):
+            continue
+        seen.add(name)
+        waiting.append(parent)
+        source = _located(name, beside)
+        if source is None:
+            others.add(top)
+            continue
+        is_package = source.name == "__init__.py"
+        folder = source.parents[name.count(".") + is_package]
+        inside = source.relative_to(folder)
+        # With pip install --target, packages are in a folder of any name.
+        if is_users_own(folder.resolve() / inside) and not any(folder.glob("*.dist-info")):
+            own.add(top)
+            files[inside.as_posix()] = source
+            waiting += _imports(source.read_bytes(), str(source), name if is_package else parent)
+        elif name in named:
             files[source.name] = source
-    finder = _Finder([str(place) for place in places])
+        else:
+            others.add(top)
+    return OwnFiles(files, others - own)
+
+
+def _imports(content: bytes | str, file: str, package: str) -> set[str]:
+    """The names that the source of a module imports, some of which may be no modules."""
     try:
-        for name in own:
-            with suppress(ImportError):
-                finder.import_hook(name)
-        finder.scan_code(compile(text, "text", "exec"), finder.add_module("text"))
+        tree = ast.parse(content, file)
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
-        file = getattr(error, "filename", None) or " and ".join(own)
         raise OpenLockError(
             f"{file} is imported and cannot be read as Python ({in_short(error)}); fix it"
         ) from None
-    found: dict[str, Any] = finder.modules
-    for name, module in found.items():
-        if module.__file__ and module.__file__.endswith(".py"):
-            inside = name.replace(".", "/") + ("/__init__" if module.__path__ else "")
-            files[f"{inside}.py"] = Path(module.__file__)
-    others = {name.partition(".")[0] for name in finder.badmodules}
-    return OwnFiles(files, others - {*finder.modules, *sys.stdlib_module_names, *_PACKAGES})
-
-
-class _Finder(ModuleFinder):
-    """Finds what modules import, also in folders without a file of their own."""
-
-    def __init__(self, places: list[str]) -> None:
-        super().__init__(places, excludes=[*sys.stdlib_module_names, *_PACKAGES])
-
-    def find_module(self, name: str, path: Any, parent: Any = None) -> Any:
-        """The place of a module; see :class:`ModuleFinder`."""
-        spec = PathFinder.find_spec(name, self.path if path is None else path)
-        if spec and not spec.origin and (parent or name not in self.excludes):
-            return None, next(iter(spec.submodule_search_locations or ())), ("", "", 5)  # a package
-        return super().find_module(name, path, parent)
-
-    def load_package(self, fqname: str, pathname: str) -> Any:
-        """Load a package; see :class:`ModuleFinder`."""
-        if (Path(pathname) / "__init__.py").is_file():
-            return super().load_package(fqname, pathname)
-        package: Any = self.add_module(fqname)
-        package.__path__ = [pathname]
-        return package
+    names: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            with suppress(ImportError):  # there is nothing above a top-level module
+                module = resolve_name("." * node.level + (node.module or ""), package)
+                names.update([module, *(f"{module}.{alias.name}" for alias in node.names)])
+    return names
 
 
 def digest_of(files: Mapping[str, Path]) -> str:
@@ -101,46 +101,48 @@ def digest_of(files: Mapping[str, Path]) -> str:
     return kept[0][1] if len(kept) == 1 else digest(repr(kept))
 
 
-_imported: dict[frozenset[str], tuple[dict[str, ModuleSpec | None], str]] = {}
+_imported: dict[frozenset[str], tuple[dict[str, Any], str]] = {}
 
 
-def code_digest(modules: Iterable[str]) -> str:
-    """The hash of the user's files that modules are made of, as they are now."""
-    names = frozenset(modules)
-    files = own_files(names).files
-    code = digest_of(files)
-    found = (inside.removesuffix(".py").removesuffix("/__init__") for inside in files)
-    loaded = {name.replace("/", ".") for name in found} & sys.modules.keys()
-    specs = {name: sys.modules[name].__spec__ for name in loaded}
-    if specs and not _known(names):
-        _imported[names] = specs, code
-    return code
-
-
-def imported_digest(modules: Iterable[str]) -> str:
-    """The :func:`code_digest` of the files as they were when the modules were imported.
+def code_digest(modules: Iterable[str], *, imported: bool = False) -> str:
+    """The hash of the user's files that modules are made of, now or as they were ``imported``.
 
     A process keeps what it has imported, also when the file is changed. Importing or reloading a
     module makes a new spec.
     """
-    return _known(frozenset(modules)) or code_digest(modules)
-
-
-def _known(modules: frozenset[str]) -> str:
-    specs, code = _imported.get(modules, ({}, ""))
+    names = frozenset(modules)
+    specs, before = _imported.get(names, ({}, ""))
     present = {name: getattr(sys.modules.get(name), "__spec__", None) for name in specs}
-    return code if all(present[name] is spec for name, spec in specs.items()) else ""
+    same = specs and all(present[name] is spec for name, spec in specs.items())
+    if imported and same:
+        return before
+    files = own_files(names).files
+    code = digest_of(files)
+    if not same:
+        inside = (name.removesuffix(".py").removesuffix("/__init__") for name in files)
+        loaded = {name.replace("/", ".") for name in inside} & sys.modules.keys()
+        _imported[names] = {name: sys.modules[name].__spec__ for name in loaded}, code
+    return code
 
 
 def module_source(name: str, beside: Iterable[Path] = ()) -> Path | None:
     """The source file that importing a module would run; None if there is none.
 
-    Importing ``a.b`` would run ``a``: here only ``a`` is located, and ``b`` is searched for in its
-    folder. The folders ``beside`` are searched last, as with :func:`look_beside`.
+    The folders ``beside`` are searched last, as with :func:`look_beside`.
 
     Example:
         >>> module_source("causal_openlock.errors").name
         'errors.py'
+    """
+    source = _located(name, beside)
+    return source.resolve() if source else None
+
+
+def _located(name: str, beside: Iterable[Path]) -> Path | None:
+    """The source file of a module, which may be a link.
+
+    Importing ``a.b`` would run ``a``: here only ``a`` is located, and ``b`` is searched for in its
+    folder.
     """
     top, *parts = name.split(".")
     try:
@@ -152,7 +154,7 @@ def module_source(name: str, beside: Iterable[Path] = ()) -> Path | None:
         places = [*(spec.submodule_search_locations or ())] if spec else []
         spec = PathFinder.find_spec(part, places)
     source = Path(spec.origin) if spec and spec.has_location and spec.origin else None
-    return source.resolve() if source and source.suffix == ".py" and source.is_file() else None
+    return source if source and source.suffix == ".py" and source.is_file() else None
 
 
 def look_beside(*folders: Path) -> None:
@@ -177,14 +179,6 @@ def is_users_own(source: Path) -> bool:
     return not (installed or any(map(source.is_relative_to, TOOLKIT)))
 
 
-def users_folders(beside: Iterable[Path] = ()) -> list[Path]:
-    """The folders of the search path in which nothing is installed."""
-    places = dict.fromkeys(Path(place).resolve() for place in (*sys.path, *map(str, beside)))
-    own = [place for place in places if place.is_dir() and is_users_own(place / "module.py")]
-    # With pip install --target, packages are in a folder of any name.
-    return [place for place in own if not any(place.glob("*.dist-info"))]
-
-
 def misspelt(
     entry: EntryPoint, error: Exception, kind: str, fits: Callable[[Any], bool]
 ) -> str | None:
@@ -194,7 +188,8 @@ def misspelt(
     """
     if isinstance(error, ModuleNotFoundError) and f"{entry.module}.".startswith(f"{error.name}."):
         package, _, last = (error.name or "").rpartition(".")
-        places = [*getattr(sys.modules.get(package), "__path__", map(str, users_folders()))]
+        own = [place for place in sys.path if is_users_own(Path(place, "module.py").resolve())]
+        places = [*getattr(sys.modules.get(package), "__path__", filter(os.path.isdir, own))]
         close = nearest(last, {module.name for module in iter_modules(places)})
         return f"there is no module {error.name} in {' or '.join(places)}; {close}"
     module = sys.modules.get(entry.module)  # one that fails while it is imported is not kept

@@ -33,12 +33,9 @@ from causal_openlock.files.digest import digest
 from causal_openlock.usercode.own_files import digest_of, own_files
 
 SESSION = "__main__"
-MOST_SHOWN = 200
-"""Characters of a value that is shown; of a longer one there is a hash."""
-_OWN = uuid4().hex
-"""Identifies the process that packed the classes."""
-_ORIGINS = "_origins_of_causal_openlock"
-"""Where a worker's ``__main__`` has the origins of the classes that another process packed."""
+MOST_SHOWN = 200  # characters of a value; of a longer one there is a hash
+_OWN = uuid4().hex  # identifies the process that packed the classes
+_ORIGINS = "_origins_of_causal_openlock"  # a worker's __main__ has them of what it was sent
 _DEFINITIONS = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
 
 
@@ -58,14 +55,15 @@ def packed(names: Iterable[str]) -> bytes:
     """The classes of the session among these names, and all that they use, for a worker."""
     origins = {name: session_origin(name) for name in names if is_of_session(name)}
     values = {used: value for name in origins for used, value in _used(name).items()}
-    try:
-        return pickle.dumps((_OWN, origins, _pickled(values))) if origins else b""
-    except Exception as error:  # objects of any library refuse in their own way
-        first = next((used for used, value in values.items() if not _can_be_sent(value)), "it")
-        raise LearnerError(
-            f"{first}, which code of this session uses, cannot be sent to other processes "
-            f"({in_short(error)}); make it where the code needs it, or compare with workers=0"
-        ) from None
+    for used, value in values.items():
+        try:
+            _pickled(value)
+        except Exception as error:  # objects of any library refuse in their own way
+            raise LearnerError(
+                f"{used}, which code of this session uses, cannot be sent to other processes "
+                f"({in_short(error)}); make it where the code needs it, or compare with workers=0"
+            ) from None
+    return pickle.dumps((_OWN, origins, _pickled(values))) if origins else b""
 
 
 def unpack(content: bytes) -> None:
@@ -96,14 +94,6 @@ def _pickled(value: Any) -> bytes:
 
 def _cached(function: Any, settings: dict[str, Any]) -> Any:
     return lru_cache(**settings)(function)
-
-
-def _can_be_sent(value: Any) -> bool:
-    try:
-        _pickled(value)
-    except Exception:
-        return False
-    return True
 
 
 # -- what stays with the results ------------------------------------------------------------------
@@ -140,18 +130,16 @@ def _constant(name: str, value: Any) -> str:
     """A line that defines a value; if only a program can make it, a comment."""
     with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
         text = repr(value)
-    if isinstance(value, set | frozenset) and value:  # the same text in every process
-        items = ", ".join(sorted(map(repr, value)))
-        text = f"{{{items}}}" if isinstance(value, set) else f"frozenset({{{items}}})"
+    if isinstance(value, set) and value:  # the same text in every process
+        text = f"{{{', '.join(sorted(map(repr, value)))}}}"
     elif getattr(value, "__name__", "") == "<lambda>":
         with suppress(OSError):
             text = inspect.getsource(value)
     text = re.sub(" at 0x[0-9a-f]+", "", " ".join(text.split()))
-    try:
+    with suppress(ValueError, SyntaxError, MemoryError, RecursionError):
         ast.literal_eval(text)
-    except (ValueError, SyntaxError, MemoryError, RecursionError):
-        return f"# {name} = {text if len(text) <= MOST_SHOWN else digest(text)}"
-    return f"{name} = {text}"
+        return f"{name} = {text}"
+    return f"# {name} = {text if len(text) <= MOST_SHOWN else digest(text)}"
 
 
 def _used(name: str) -> dict[str, Any]:
@@ -165,7 +153,7 @@ def _used(name: str) -> dict[str, Any]:
         value = used[name] = space[name]
         if _is_definition(value):
             names = _names(compile(_source(value), name, "exec"))
-        elif isinstance(value, FunctionType) and value.__module__ == SESSION:  # such as a lambda
+        elif isinstance(value, FunctionType) and value.__module__ == SESSION:  # a lambda
             names = _names(value.__code__)
         else:
             names = {getattr(getattr(value, "func", type(value)), "__name__", "")}

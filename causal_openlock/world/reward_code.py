@@ -31,7 +31,7 @@ from causal_openlock.errors import ExperimentError
 from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.usercode.own_files import (
     MODULE_AND_NAME,
-    imported_digest,
+    code_digest,
     look_beside,
     misspelt,
 )
@@ -129,7 +129,7 @@ def _loaded(name: str) -> tuple[Callable[[Events], Any], str]:
     source = inspect.getsourcefile(loaded) if hasattr(loaded, "__file__") else None
     if source is None:
         raise ExperimentError(f"{name!r} has no source that can be recorded; write it in a file")
-    return function, f"{Path(source).name} {imported_digest([entry.module])}"
+    return function, f"{Path(source).name} {code_digest([entry.module], imported=True)}"
 
 
 def forget() -> None:

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from causal_openlock.files.digest import digest
-from causal_openlock.usercode.own_files import code_digest, imported_digest
+from causal_openlock.usercode.own_files import code_digest
 from support.command import modules_of
 
 
@@ -75,10 +75,10 @@ def test_what_is_not_imported_or_not_the_users_does_not_count(folder):
 def test_what_a_process_imported_is_known_until_it_is_imported_anew(folder):
     write(folder, {"a_mine.py": "import a_other", "a_other.py": "x = 1"})
     module = importlib.import_module("a_mine")
-    first = imported_digest(["a_mine"])
+    first = code_digest(["a_mine"], imported=True)
     assert first == of("a_mine")
     write(folder, {"a_other.py": "x = 1 + 1"})
     assert of("a_mine") != first
-    assert imported_digest(["a_mine"]) == first
+    assert code_digest(["a_mine"], imported=True) == first
     importlib.reload(module.a_other)
-    assert imported_digest(["a_mine"]) == of("a_mine") != first
+    assert code_digest(["a_mine"], imported=True) == of("a_mine") != first
