@@ -24,7 +24,7 @@ from typing import Any
 from causal_openlock.errors import OpenLockError, in_short
 from causal_openlock.experiment.declare import Cell, Experiment
 from causal_openlock.files.atomic import write_bytes
-from causal_openlock.running.workers import Do, Doing, Done, begin_worker, in_executor
+from causal_openlock.running.workers import Doing, Done, LostError, begin_worker, done_jobs
 from causal_openlock.storage.versions import versions
 from causal_openlock.usercode.own_files import digest_of, own_files
 from causal_openlock.world import reward_code
@@ -38,7 +38,7 @@ PATIENCE = 10.0
 
 def in_cluster(
     address: str,
-    do: Do,
+    do: Callable[[Cell], Any],
     jobs: deque[Cell],
     experiment: Experiment,
     folder: Path,
@@ -68,13 +68,13 @@ def in_cluster(
         logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
         executor = client.get_executor(pure=False, retries=0)
         try:
-            for done in in_executor(executor, there, jobs, most=workers):
+            for done in done_jobs(executor, there, jobs, workers):
                 if done and isinstance(done.error, CancelledError):
                     raise done.error
                 if done and isinstance(done.error, KilledWorker):
                     worker = done.error.last_worker.address
                     how = f"the worker {worker} was lost, perhaps for lack of memory"
-                    done = Done(done.job, lost=f"ended its process ({how})")
+                    done = Done(done.job, error=LostError(f"ended its process ({how})"))
                 yield done
         except (CancelledError, OSError):
             raise OpenLockError(
@@ -83,7 +83,9 @@ def in_cluster(
             ) from None
 
 
-def _play_there(do: Do, code: str, folder: str, expected: dict[str, str], cell: Cell) -> Any:
+def _play_there(
+    do: Callable[[Cell], Any], code: str, folder: str, expected: dict[str, str], cell: Cell
+) -> Any:
     """Play a cell on a worker, with the user's files in a folder and these versions of packages."""
     from distributed import get_worker
 

@@ -13,7 +13,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterable
 from concurrent.futures import Executor
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib.util import find_spec
@@ -31,7 +31,14 @@ from causal_openlock.running import workers as workplaces
 from causal_openlock.running.cluster import in_cluster
 from causal_openlock.running.progress import Course, RunProgress, playing_in, work
 from causal_openlock.running.worker import Watching, play_cell, record_failure
-from causal_openlock.running.workers import Doing, Done
+from causal_openlock.running.workers import (
+    Doing,
+    Done,
+    LostError,
+    ThisProcess,
+    TooLateError,
+    done_jobs,
+)
 from causal_openlock.storage.beside_cell import (
     AWAITED,
     checkpointed,
@@ -132,37 +139,36 @@ def run(
     cells = shard.of(experiment.cells()) if shard else experiment.cells()
     store = Store(folder)
     store.open(experiment, shard=shard)
-    awaited = store.folder.resolve() / f"{AWAITED}{uuid4().hex}"
-    try:
+    course = _Run(store, Course(cells), warn, progress or (lambda standing: None))
+    with ExitStack() as stack:
+        stack.callback(store.close)
         for origin, source in sources.items():
             write_text(store.source(origin), source)
-        playing = _Run(store, Course(cells), warn, progress or (lambda standing: None))
-        jobs = playing.missing(cells, elsewhere, retry_failed)
+        jobs = course.missing(cells, elsewhere, retry_failed)
         if jobs and not allow_version:
             store.require_versions()
-        if jobs and not here:  # cells there end when this file is gone
-            awaited.touch()
-            watching = replace(watching, awaited=str(awaited))
         place = store.folder.resolve()  # a worker may be in another directory
+        if jobs and not here:  # cells there end when this file is gone
+            awaited = place / f"{AWAITED}{uuid4().hex}"
+            awaited.touch()
+            stack.callback(awaited.unlink, missing_ok=True)
+            watching = replace(watching, awaited=str(awaited))
         do = partial(play_cell, folder=str(place), watching=watching, definitions=definitions)
         if not jobs or (here and workers == 0):
-            doing = workplaces.in_this_process(do, jobs)
+            doing = done_jobs(ThisProcess(), do, jobs, lambda: 1)
         elif cluster:
-            doing = in_cluster(cluster, do, jobs, experiment, place, playing.remark)
+            doing = in_cluster(cluster, do, jobs, experiment, place, course.remark)
         elif executor:
-            doing = workplaces.in_executor(executor, do, jobs)
+            doing = done_jobs(executor, do, jobs)
         else:
             many = workers or workplaces.available_cores()
             # Other people's code may change its process for the cells after it.
-            doing = workplaces.in_processes(
-                do, jobs, many, lambda cell: not is_ours(cell.spec.learner), float(limit)
-            )
-        playing.follow(doing)
-    finally:
-        awaited.unlink(missing_ok=True)
-        store.close()
-    if playing.reasons:
-        named = (playing.reasons.get(cell.file_name) for cell in cells)
+            alone = lambda cell: not is_ours(cell.spec.learner)  # noqa: E731
+            pool = workplaces.Processes(many, alone=alone, time_limit=float(limit))
+            doing = done_jobs(stack.enter_context(pool), do, jobs, lambda: many)
+        course.follow(stack.enter_context(closing(doing)))
+    if course.reasons:
+        named = (course.reasons.get(cell.file_name) for cell in cells)
         raise CellsFailed(filter(None, named), len(cells))
     return store
 
@@ -228,15 +234,13 @@ class _Run:
 
     def follow(self, doing: Doing) -> None:
         """Take note of the cells that are done, and report the progress every second."""
-        self.look()
-        looked = time.monotonic()
-        with closing(doing):  # a traceback would keep it, and its processes, alive
-            for done in doing:
-                if done is not None:
-                    self.take(done)
-                if time.monotonic() >= looked + workplaces.LOOK_EVERY:
-                    self.look()
-                    looked = time.monotonic()
+        looked = -inf
+        for done in doing:
+            if done is not None:
+                self.take(done)
+            if time.monotonic() >= looked + workplaces.LOOK_EVERY:
+                self.look()
+                looked = time.monotonic()
         self.look()
 
     def look(self) -> None:
@@ -248,8 +252,8 @@ class _Run:
     def take(self, done: Done) -> None:
         """Take note of a cell that is done, has failed, or has lost its worker."""
         cell, error = done.job, done.error
-        if done.lost and self.store.check(cell):
-            self.has_lost(cell, done)
+        if isinstance(error, LostError):
+            self.has_lost(cell, error)
         elif isinstance(error, LearnerError):
             self.has_failed(cell, str(error))
         elif isinstance(error, OpenLockError):  # such as a full disk, which stops all of them
@@ -280,20 +284,20 @@ class _Run:
         self.warn(self.reasons[cell.file_name])
         self.course.ended(cell, failed=True)
 
-    def has_lost(self, cell: Cell, done: Done) -> None:
+    def has_lost(self, cell: Cell, error: LostError) -> None:
         """Try a cell again that has lost its worker, unless that is too often without progress.
 
         With a checkpoint between two losses there was progress, and the count starts again.
         """
-        path = self.store.path(cell)
+        path, is_late = self.store.path(cell), isinstance(error, TooLateError)
         taken = checkpointed(path)
         losses, before = self.losses.get(cell.file_name, (0, taken))
         losses = losses + 1 if taken == before else 1
         self.losses[cell.file_name] = losses, taken
-        if losses < MOST_FAILURES and not done.late:
-            self.warn(f"the learner {cell.in_words}, {done.lost}; it is tried again")
+        if losses < MOST_FAILURES and not is_late:
+            self.warn(f"the learner {cell.in_words}, {error}; it is tried again")
             self.jobs.append(cell)
             return
         trace = "A process that ends so leaves no traceback.\n"
-        failures = 0 if done.late else MOST_FAILURES  # one that is late may have made progress
-        self.has_failed(cell, keep_failure(path, cell, done.lost, trace, failures))
+        failures = 0 if is_late else MOST_FAILURES  # one that is late may have made progress
+        self.has_failed(cell, keep_failure(path, cell, str(error), trace, failures))

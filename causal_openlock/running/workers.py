@@ -1,9 +1,6 @@
-"""The workers that play cells: processes of this machine, this process, or a given executor.
+"""Executors that play cells, score and fit: processes of this machine, or this process.
 
-Each is an iterator over the jobs that are done. In between it yields None, at least every
-:data:`LOOK_EVERY` seconds, so that whoever waits can look at the progress.
-
-A process does one job at a time over a pipe of its own. If it dies, its job is known and the others
+A process does one job at a time over a pipe of its own. If it dies, its job is lost, and the others
 continue. It is the head of a process group: what a learner starts is ended with it.
 """
 
@@ -15,14 +12,15 @@ import signal
 import sys
 import threading
 import time
+import traceback
 import warnings
 from collections import deque
-from collections.abc import Callable, Collection, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator
 from concurrent import futures
-from contextlib import contextmanager, suppress
+from contextlib import suppress
+from functools import partial
 from math import inf
-from multiprocessing.connection import Connection, wait
-from multiprocessing.process import BaseProcess
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,50 +29,47 @@ from causal_openlock.errors import OpenLockError
 # One thread for each worker: the cores are shared out by cells, and the matrices are small.
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 LOOK_EVERY = 1.0
-"""Seconds after which an iterator yields None, if no job is done."""
-GRACE = 1.0
-"""Seconds that processes have to end by themselves."""
+"""Seconds between two looks at jobs that are being done."""
 GUARD = 'call compare under: if __name__ == "__main__":'
 WORKER_ITSELF = (
     "this process is itself a worker and may not start others, so it plays one cell after another"
 )
 
-Do = Callable[[Any], Any]
+
+class LostError(OpenLockError):
+    """The process that did a job has ended."""
+
+
+class TooLateError(LostError):
+    """The process that did a job was ended at the time limit."""
 
 
 class Done(NamedTuple):
-    """A job that is over: its result, its error, or what happened to its worker."""
+    """A job that is over, with its result or its error."""
 
     job: Any
     result: Any = None
     error: BaseException | None = None
-    lost: str = ""
-    late: bool = False
 
 
-Doing = Generator["Done | None", None, None]
-"""What is done, and in between None."""
+Doing = Generator[Done | None, None, None]
 
 
-def in_this_process(do: Do, jobs: deque[Any]) -> Doing:
-    """Do jobs here, one after another."""
-    while jobs:
-        yield None
-        job = jobs.popleft()
-        try:
-            done = Done(job, do(job))
-        except Exception as error:
-            done = Done(job, error=error)
-        yield done
-
-
-def in_executor(
-    executor: futures.Executor, do: Do, jobs: deque[Any], most: Callable[[], float] = lambda: inf
+def done_jobs(
+    executor: futures.Executor,
+    do: Callable[[Any], Any],
+    jobs: deque[Any],
+    most: Callable[[], float] = lambda: inf,
 ) -> Doing:
-    """Let an executor do jobs, at most as many at a time as ``most`` returns."""
+    """Let an executor do jobs, at most as many at a time as ``most`` returns.
+
+    Yields:
+        The jobs that are done; in between None, at least every :data:`LOOK_EVERY` seconds.
+    """
     running: dict[futures.Future[Any], Any] = {}
     try:
         while jobs or running:
+            yield None
             while jobs and len(running) < most():
                 job = jobs.popleft()
                 running[executor.submit(do, job)] = job
@@ -88,132 +83,162 @@ def in_executor(
                         "memory; give the same command again: it continues where it stopped"
                     )
                 yield Done(job, error=error) if error else Done(job, future.result())
-            yield None
     finally:
         for future in running:
             future.cancel()
 
 
-def in_processes(
-    do: Do,
-    jobs: deque[Any],
-    workers: int,
-    alone: Callable[[Any], bool],
-    time_limit: float = inf,
-) -> Doing:
-    """Do jobs in processes of this machine; more jobs may be added meanwhile.
+class ThisProcess(futures.Executor):
+    """Does each job at once, in the thread that asks for it."""
+
+    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> futures.Future[Any]:
+        """Do a job; Ctrl-C stops it."""
+        future: futures.Future[Any] = futures.Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+class Processes(futures.ThreadPoolExecutor):
+    """Processes of this machine, for each of which a thread waits; leaving the block ends them.
 
     Args:
-        do: What is done with a job; it is pickled.
-        jobs: The jobs.
         workers: Number of processes.
-        alone: Whether a job needs a process that does no other job.
+        prepare: Called in each process before its first job.
+        alone: Whether a job with these arguments needs a process that does no other job.
         time_limit: Seconds after which the process of a job is ended.
     """
-    pool: list[_Worker] = []
-    try:
-        while jobs or any(worker.busy for worker in pool):
-            while jobs and sum(worker.busy for worker in pool) < workers:
-                job = jobs.popleft()
-                worker = next((worker for worker in pool if not worker.busy), None)
-                if worker and alone(job):
-                    worker.leave(pool)
-                if worker not in pool:
-                    pool.append(worker := _Worker(do))
-                worker.give(job)
-            busy = [worker for worker in pool if worker.busy]
-            ready = wait([worker.pipe for worker in busy], LOOK_EVERY)
-            for worker in busy:
-                done = worker.take() if worker.pipe in ready else None
-                if time.monotonic() - worker.began >= time_limit and done is None:
-                    done = Done(worker.job, lost=f"was ended after {time_limit:g} s", late=True)
-                if done and (done.lost or alone(done.job)):
-                    worker.leave(pool)
-                yield done
-            yield None
-    finally:  # ended even if idle, since a learner's thread could keep them alive
-        end([worker.process for worker in pool])
+
+    def __init__(
+        self,
+        workers: int,
+        prepare: Callable[[], None] | None = None,
+        alone: Callable[..., bool] = lambda *_: False,
+        time_limit: float = inf,
+    ) -> None:
+        super().__init__(workers)
+        self._prepare, self._alone, self._time_limit = prepare, alone, time_limit
+        self._processes: dict[int, _Process] = {}  # by the threads that wait for them
+        self._is_over = False
+
+    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> futures.Future[Any]:
+        """Have a job done in one of the processes.
+
+        The future raises LostError if the process ends meanwhile, TooLateError at the time limit,
+        and OpenLockError if no process can be started.
+        """
+        return super().submit(self._do, partial(fn, *args, **kwargs), self._alone(*args))
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = True) -> None:
+        """End the processes, with the jobs that they have."""
+        self._is_over = True
+        super().shutdown(wait=False, cancel_futures=cancel_futures)
+        for process in [*self._processes.values()]:
+            process.end()
+        super().shutdown(wait=wait)
+
+    def _do(self, job: Callable[[], Any], alone: bool) -> Any:
+        thread = threading.get_ident()
+        process = self._processes.get(thread)
+        if process is None or process.is_over or alone:
+            if process:
+                process.end()
+            process = self._processes[thread] = _Process(self._prepare)
+        if self._is_over:  # since this thread began
+            process.end()
+        try:
+            return process.do(job, self._time_limit)
+        finally:
+            if alone:
+                process.end()
 
 
-class _Worker:
-    """A process and its job."""
+class _Process:
+    """A process that does one job at a time."""
 
-    def __init__(self, do: Do) -> None:
+    _starting = threading.Lock()
+
+    def __init__(self, prepare: Callable[[], None] | None) -> None:
         # A fresh process: a forked torch or Arrow may hang.
         context = multiprocessing.get_context("spawn")
-        self.pipe, other = context.Pipe()
-        self.process = context.Process(target=_work, args=(other, do))
-        with _one_thread():
-            self.process.start()
+        self._pipe, other = context.Pipe()
+        self._process = context.Process(target=_serve, args=(other, prepare))
+        self._has_begun = False  # it has been able to do something
+        self.is_over = False
+        with self._starting:
+            before = dict(os.environ)
+            os.environ.update(ONE_THREAD)
+            try:
+                self._process.start()
+            finally:
+                for name in ONE_THREAD:
+                    del os.environ[name]
+                os.environ.update(before)
         other.close()
-        self.job: Any = None
-        self.busy = self.has_begun = False  # the latter: it has been able to play
-        self.began = inf
 
-    def give(self, job: Any) -> None:
-        """Give the process a job."""
-        self.job, self.busy, self.began = job, True, inf
-        with suppress(OSError):  # it is dead, which is seen when the answer is read
-            self.pipe.send(job)
-
-    def take(self) -> Done | None:
-        """What the pipe has: the job's end, or nothing if it has just begun."""
+    def do(self, job: Callable[[], Any], time_limit: float) -> Any:
+        """Wait until a job is done, or the process has ended."""
         try:
-            message = self.pipe.recv()
+            with suppress(BrokenPipeError):  # it has ended, and may have said why
+                self._pipe.send(job)
+            self._pipe.recv()
+            self._has_begun, last = True, time.monotonic() + time_limit
+            while not self._pipe.poll(1.0):
+                if time.monotonic() >= last:
+                    self.end()
+                    raise TooLateError(f"was ended after {time_limit:g} s")
+            result, error = self._pipe.recv()
         except (EOFError, OSError):
-            last = time.monotonic() + GRACE
-            while self.process.exitcode is None and time.monotonic() < last:
-                time.sleep(0.02)  # join would wait for ever if only its descriptors are closed
-            return Done(self.job, lost=self._how_lost())
-        if message is None:
-            self.has_begun, self.began = True, time.monotonic()
-            return None
-        self.busy = False
-        return Done(self.job, *message)
+            raise self._loss() from None
+        if error:
+            raise error
+        return result
 
-    def leave(self, pool: list[_Worker]) -> None:
-        """End the process, and take it out of the pool."""
-        pool.remove(self)
-        self.pipe.close()
-        end([self.process])
+    def end(self) -> None:
+        """End the process, and what has been started in it."""
+        if self.is_over:
+            return
+        self.is_over = True
+        self._process.kill()
+        self._process.join()
+        with suppress(OSError, AttributeError):  # nothing is left of it, or this is Windows
+            os.killpg(self._process.pid or 0, signal.SIGKILL)
 
-    def _how_lost(self) -> str:
-        code = self.process.exitcode
-        how = "it does not answer" if code is None else f"exit status {code}"
-        if code is not None and code < 0:
-            names = {number.value: number.name for number in signal.Signals}
-            how = f"killed by {names.get(-code, f'signal {-code}')}"
-            how += ", perhaps for lack of memory" * (code == -signal.SIGKILL)
-        if self.has_begun:
-            return (
-                f"ended its process ({how})"
-                if code is not None
-                else "closed the connection to its worker"
-            )
-        raise OpenLockError(
+    def _loss(self) -> OpenLockError:
+        self.end()  # one that has ended keeps its exit code
+        code = self._process.exitcode or 0
+        how = f"exit status {code}" if code >= 0 else f"killed by {signal.Signals(-code).name}"
+        if code == -signal.SIGKILL:
+            how += ", perhaps for lack of memory"
+        if self._has_begun:
+            return LostError(f"ended its process ({how})")
+        return OpenLockError(
             f"a process to play in ended before it could play ({how}); each worker first runs this "
             f"program, so {GUARD}"
         )
 
 
-def _work(pipe: Connection, do: Do) -> None:
+def _serve(pipe: Connection, prepare: Callable[[], None] | None) -> None:
     """Do the jobs that come through a pipe, and say when one begins and how it ends."""
     begin_worker()
+    if prepare:
+        prepare()
     with suppress(EOFError, OSError):
         while True:
             job = pipe.recv()
             pipe.send(None)
             try:
-                message: tuple[Any, OpenLockError | None] = (do(job), None)
-            except OpenLockError as error:
-                message = (None, error)
-            pipe.send(message)
+                answer: tuple[Any, BaseException | None] = (job(), None)
+            except BaseException as error:
+                if not isinstance(error, OpenLockError):
+                    error.add_note(traceback.format_exc())
+                answer = (None, error)
+            pipe.send(answer)
 
 
-# -- processes ------------------------------------------------------------------------------------
-
-
-def begin_worker(prepare: Callable[[], None] | None = None) -> None:
+def begin_worker() -> None:
     """Make this process a worker: the head of a group, which ends when its parent has ended.
 
     It ignores Ctrl-C and SIGTERM, which its parent handles: a batch system sends SIGTERM to all
@@ -228,42 +253,11 @@ def begin_worker(prepare: Callable[[], None] | None = None) -> None:
 
         def end_with_parent() -> None:
             parent.join()
-            with suppress(OSError):  # a learner has closed all descriptors, and the parent lives
-                os.fstat(parent.sentinel)
-                end_groups([os.getpid()])
-                os._exit(1)
+            with suppress(AttributeError):
+                os.killpg(os.getpid(), signal.SIGKILL)
+            os._exit(1)
 
         threading.Thread(target=end_with_parent, daemon=True).start()
-    if prepare:
-        prepare()
-
-
-def end(processes: Collection[BaseProcess]) -> None:
-    """End workers and what is left of their groups."""
-    for process in processes:
-        process.kill()
-    for process in processes:
-        process.join()
-    end_groups([process.pid for process in processes if process.pid])
-
-
-def end_groups(groups: Iterable[int]) -> None:
-    """End process groups: with SIGTERM, and after some time with SIGKILL."""
-    left, last = _reached(groups, signal.SIGTERM), time.monotonic() + GRACE
-    while left and time.monotonic() < last:
-        time.sleep(0.02)
-        left = _reached(left, 0)
-    _reached(left, signal.SIGKILL)
-
-
-def _reached(groups: Iterable[int], number: int) -> list[int]:
-    """Send a signal to process groups; those that are still there."""
-    reached = []
-    for group in groups:
-        with suppress(OSError, AttributeError):  # there is none left, or this is Windows
-            os.killpg(group, number)
-            reached.append(group)
-    return reached
 
 
 def may_start_processes() -> bool:
@@ -283,38 +277,12 @@ def may_start_processes() -> bool:
     return True
 
 
-@contextmanager
-def worker_pool(
-    workers: int, prepare: Callable[[], None] | None = None
-) -> Iterator[futures.Executor]:
-    """A pool of processes of this machine with one thread each, which first call ``prepare``."""
-    if not may_start_processes():
-        warnings.warn(WORKER_ITSELF, stacklevel=3)
-        with futures.ThreadPoolExecutor(1, initializer=prepare) as thread:
-            yield thread
-        return
-    context = multiprocessing.get_context("spawn")
-    with _one_thread():
-        pool = futures.ProcessPoolExecutor(workers, context, begin_worker, (prepare,))
-        try:
-            yield pool
-        finally:
-            processes = [*(pool._processes or {}).values()]  # none if it is broken
-            pool.shutdown(wait=False, cancel_futures=True)
-            end(processes)
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Make processes that are started in this context use one thread each."""
-    before = dict(os.environ)
-    os.environ.update(ONE_THREAD)
-    try:
-        yield
-    finally:
-        for name in ONE_THREAD:
-            del os.environ[name]
-        os.environ.update(before)
+def worker_pool(workers: int, prepare: Callable[[], None] | None = None) -> futures.Executor:
+    """Processes of this machine that first call ``prepare``, to be used in a ``with`` block."""
+    if may_start_processes():
+        return Processes(workers, prepare)
+    warnings.warn(WORKER_ITSELF, stacklevel=2)
+    return futures.ThreadPoolExecutor(1, initializer=prepare)
 
 
 def available_cores() -> int:

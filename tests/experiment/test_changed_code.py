@@ -9,9 +9,10 @@ from causal_openlock.contract.registry import origin
 from causal_openlock.errors import CellsFailed
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.running.runner import run
+from causal_openlock.running.workers import ThisProcess
 from causal_openlock.storage.store import Store
 from causal_openlock.world.reward_code import _loaded
-from support.command import AtOnce, at_once, modules_of
+from support.command import at_once, modules_of
 
 MINE = """\
 from dataclasses import dataclass
@@ -129,7 +130,7 @@ def test_a_process_that_imported_other_code_does_not_play(folder):
     (folder / "a_helper.py").write_text(CHANGED)
     experiment = read_experiment(folder / "e.yaml")
     with pytest.raises(CellsFailed, match="it was changed meanwhile"):
-        run(experiment, folder / "out", executor=AtOnce())
+        run(experiment, folder / "out", executor=ThisProcess())
     importlib.reload(sys.modules["a_helper"])
     importlib.reload(sys.modules["a_mine"])
-    run(experiment, folder / "out", executor=AtOnce())
+    run(experiment, folder / "out", executor=ThisProcess())

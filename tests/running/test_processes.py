@@ -68,7 +68,7 @@ def sleepers(tmp_path, monkeypatch):
         ("Leaks", None),
         ("Hangs", "was ended after 1 s"),
         ("Dies", "ended its process"),
-        ("Closes", "closed the connection to its worker"),
+        ("Closes", "ended its process"),
     ],
 )
 def test_what_a_learner_starts_ends_with_its_cell(learner, end, sleepers, monkeypatch):

@@ -10,10 +10,9 @@ import contextlib
 import io
 import sys
 from collections.abc import Iterator
-from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import pytest
 
@@ -24,23 +23,9 @@ from causal_openlock.comparison import progress_bar
 from causal_openlock.running import workers
 
 
-class AtOnce(Executor):
-    """Plays cells where it is asked to, which is faster than to start processes for a few."""
-
-    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Do it now."""
-        future: Future[Any] = Future()
-        try:
-            future.set_result(fn(*args, **kwargs))
-        except Exception as error:
-            future.set_exception(error)
-        return future
-
-
 def play_here(patches: pytest.MonkeyPatch) -> None:
     """Have cells played in this process, and subjects scored and fitted."""
-    here = lambda do, jobs, *_: workers.in_this_process(do, jobs)  # noqa: E731
-    patches.setattr(workers, "in_processes", here)
+    patches.setattr(workers, "Processes", lambda *_, **__: workers.ThisProcess())
     patches.setattr(workers, "available_cores", lambda: 1)
 
 
