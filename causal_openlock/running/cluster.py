@@ -27,7 +27,6 @@ from causal_openlock.files.atomic import write_bytes
 from causal_openlock.running.workers import Doing, Done, LostError, begin_worker, done_jobs
 from causal_openlock.storage.versions import versions
 from causal_openlock.usercode.own_files import digest_of, own_files
-from causal_openlock.world import reward_code
 
 # As in the scripts of examples/clusters. Code that holds Python's lock for minutes keeps a worker
 # from reporting to the scheduler, which would give it up.
@@ -104,7 +103,6 @@ def _play_there(
             own = {path.stem for path in Path(code).iterdir()}
             for name in [name for name in sys.modules if name.partition(".")[0] in own]:
                 del sys.modules[name]  # of another comparison
-            reward_code.forget()
             sys.path.insert(0, code)
         return do(cell)
     raise OpenLockError(f"the worker {worker.address} {fault}")

@@ -33,8 +33,8 @@ from causal_openlock.storage.beside_cell import (
 from causal_openlock.storage.store import Store
 from causal_openlock.storage.versions import versions
 from causal_openlock.usercode.own_files import is_users_own
-from causal_openlock.usercode.session_code import is_of_session, session_origin, unpack
-from causal_openlock.world.reward_code import OwnReward
+from causal_openlock.usercode.session_code import unpack
+from causal_openlock.world.reward_code import OwnReward, reward_source
 
 REPORT_EVERY = 1.0
 """Seconds between a worker's reports of its progress."""
@@ -202,9 +202,8 @@ def _require_declared(spec: LearnerSpec) -> None:
     codes = {}
     if not is_ours(spec.learner):
         codes[spec.learner] = spec.origin.package, origin(spec.learner, imported=True)
-    if isinstance(spec.reward, OwnReward) and is_of_session(spec.reward.name):
-        # One in a file is asked when it first pays.
-        codes[spec.reward.name] = spec.reward.source, session_origin(spec.reward.name)
+    if isinstance(spec.reward, OwnReward):
+        codes[spec.reward.name] = spec.reward.source, reward_source(spec.reward.name)
     for name, (declared, present) in codes.items():
         if present != declared:
             raise NotAvailableError(

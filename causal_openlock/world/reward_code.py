@@ -17,12 +17,9 @@ can be read without the code.
 from __future__ import annotations
 
 import inspect
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 from importlib.metadata import EntryPoint
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -34,6 +31,7 @@ from causal_openlock.usercode.own_files import (
     code_digest,
     look_beside,
     misspelt,
+    module_source,
 )
 from causal_openlock.usercode.session_code import is_of_session, session_origin
 from causal_openlock.world.events import Events, RewardFunction, rewards_by_event
@@ -41,7 +39,7 @@ from causal_openlock.world.events import Events, RewardFunction, rewards_by_even
 
 @dataclass(frozen=True)
 class OwnReward(RewardFunction):
-    """A reward that is a user's function, loaded when it is first evaluated.
+    """A reward that is a user's function, loaded when it is evaluated.
 
     Attributes:
         name: The function, ``module:function``.
@@ -56,23 +54,15 @@ class OwnReward(RewardFunction):
         """``[N]`` the reward of each action.
 
         Raises:
-            ExperimentError: If the function fails, does not return N finite numbers, or is not the
-                one that was recorded.
+            ExperimentError: If the function fails or does not return N finite numbers.
         """
-        function, source = _loaded(self.name)
-        # A worker has the functions of a session as they were packed, without their source.
-        if source != self.source and not is_of_session(self.name):
-            raise ExperimentError(
-                f"the reward {self.name} was {self.source} and is {source}; bring back the file as "
-                "it was"
-            )
+        function, number = _function(self.name), len(events.first)
         try:
             paid = np.asarray(function(events))
         except Exception as error:  # a user's code can fail in any way
             raise ExperimentError(
                 f"the reward {self.name} fails ({type(error).__name__}: {error})"
             ) from error
-        number = len(events.first)
         if paid.shape != (number,) or paid.dtype.kind not in "iufb" or not np.isfinite(paid).all():
             raise ExperimentError(
                 f"the reward {self.name} has to return one finite number for each of {number} "
@@ -92,29 +82,27 @@ def own_reward(given: str | Callable[..., Any]) -> OwnReward:
         ExperimentError: If there is no such function, workers cannot find it by a name, or it does
             not work as a reward.
     """
-    forget()  # its module may have been reloaded
-    if isinstance(given, str):
-        name = given
-    else:
+    name = given
+    if not isinstance(name, str):
         name = f"{given.__module__}:{getattr(given, '__qualname__', '')}"
-        if not (MODULE_AND_NAME.fullmatch(name) and _loaded(name)[0] is given):
+        if not (MODULE_AND_NAME.fullmatch(name) and _function(name) is given):
             raise ExperimentError(
                 f"the reward {given!r} cannot be found by a name, as workers have to; define it "
                 "with def at the top level of a notebook or of a module"
             )
-    reward = OwnReward(name, _loaded(name)[1])
+    reward = OwnReward(name, reward_source(name))
     rewards_by_event([reward], np.arange(256), 2)
     return reward
 
 
-@cache
-def _loaded(name: str) -> tuple[Callable[[Events], Any], str]:
-    """A function by its name, and the file of its module with a hash of it as it was imported."""
+def _function(name: str) -> Callable[[Events], Any]:
+    """A user's function by its name."""
     if not MODULE_AND_NAME.fullmatch(name):
         raise ExperimentError(f"{name!r} names no reward; write it like my_module:my_function")
     look_beside()
+    entry = EntryPoint(name, name, "")
     try:
-        function = (entry := EntryPoint(name, name, "")).load()
+        function = entry.load()
     except Exception as error:  # a module can fail in any way while it is imported
         raise ExperimentError(
             misspelt(entry, error, "function", inspect.isfunction)
@@ -122,16 +110,16 @@ def _loaded(name: str) -> tuple[Callable[[Events], Any], str]:
         ) from error
     if not callable(function) or isinstance(function, type):
         raise ExperimentError(f"{name!r} is not a function; a reward is a function of events")
+    return function
+
+
+def reward_source(name: str) -> str:
+    """The file of a user's function, with a hash of it as this process imported it."""
+    _function(name)
     if is_of_session(name):
-        return function, session_origin(name)
-    # The named module, even if it has the function from elsewhere.
-    loaded = sys.modules[entry.module]
-    source = inspect.getsourcefile(loaded) if hasattr(loaded, "__file__") else None
+        return session_origin(name)
+    module = name.partition(":")[0]  # even if it has the function from elsewhere
+    source = module_source(module)
     if source is None:
         raise ExperimentError(f"{name!r} has no source that can be recorded; write it in a file")
-    return function, f"{Path(source).name} {code_digest([entry.module], imported=True)}"
-
-
-def forget() -> None:
-    """Load every function again when it is next evaluated: its file may have changed."""
-    _loaded.cache_clear()
+    return f"{source.name} {code_digest([module], imported=True)}"

@@ -11,7 +11,6 @@ from causal_openlock.experiment.file import read_experiment
 from causal_openlock.running.runner import run
 from causal_openlock.running.workers import ThisProcess
 from causal_openlock.storage.store import Store
-from causal_openlock.world.reward_code import _loaded
 from support.command import at_once, modules_of
 
 MINE = """\
@@ -76,7 +75,6 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", [*sys.path])
     with modules_of(tmp_path):
         yield tmp_path
-    _loaded.cache_clear()
 
 
 def declare(folder, learner):
@@ -88,7 +86,6 @@ def played(folder, learner, column):
     declare(folder, learner)
     with modules_of(folder):
         done = at_once("compare", "e.yaml", "-o", "out")
-    _loaded.cache_clear()
     assert done.status == 0, done.stderr
     values = Store(folder / "out").record([column])[0][column].to_pylist()
     return max(values) if column == "reward" else max(one for own in values for one in own)
@@ -134,3 +131,13 @@ def test_a_process_that_imported_other_code_does_not_play(folder):
     importlib.reload(sys.modules["a_helper"])
     importlib.reload(sys.modules["a_mine"])
     run(experiment, folder / "out", executor=ThisProcess())
+
+
+def test_a_reward_that_was_changed_after_it_was_declared_does_not_play(folder):
+    declare(folder, "{learner: oracle, reward: 'a_reward:pay'}")
+    experiment = read_experiment(folder / "e.yaml")
+    (folder / "a_helper.py").write_text(CHANGED)
+    importlib.reload(sys.modules["a_helper"])
+    importlib.reload(sys.modules["a_reward"])
+    with pytest.raises(CellsFailed, match=r"the code of a_reward:pay is .* was changed meanwhile"):
+        run(experiment, folder / "out", executor=ThisProcess())

@@ -16,7 +16,6 @@ from causal_openlock.errors import ExperimentError, LearnerError, StoreError
 from causal_openlock.export.bundle import write_bundle
 from causal_openlock.usercode import session_code
 from causal_openlock.usercode.session_code import packed, session_source, unpack
-from causal_openlock.world import reward_code
 from causal_openlock.world.rewards import find_reward
 
 HEAD = """\
@@ -148,7 +147,6 @@ def test_a_function_of_a_cell_is_a_reward_in_workers_and_in_results(run, monkeyp
     assert again.learners[0].reward.name == f"{kept.stem}:eager"
 
     assert {"eager", "SCALE"} <= vars(arrive(packed([reward.name]), monkeypatch)).keys()
-    reward_code.forget()
     elsewhere = OpenLockEnv("CC3", layout="trial1", reward=reward, episode="trial")
     elsewhere.reset(seed=0)
     assert elsewhere.step(14)[1] == pytest.approx(-0.1)
