@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 MOST_LISTED = 20
-MOST_SAID = 2000
-"""Characters of a sentence."""
 
 
 def _first(lines: Sequence[str], before: str = "") -> str:
@@ -88,31 +86,23 @@ class NotAvailableError(LearnerError):
 class CellsFailed(LearnerError):  # noqa: N818 - the others did not
     """Cells could not be played; all others are done.
 
-    Args:
+    Attributes:
         reasons: Why, a sentence for each of them.
-        cells: How many cells the experiment has.
+        every: Whether no cell of the experiment was played.
+        summary: Number of failed cells, and what to do.
     """
 
     status = 1
 
     def __init__(self, reasons: Iterable[str], cells: int) -> None:
         self.reasons = tuple(reasons)
-        self.cells = cells
-        super().__init__(f"{_first(self.reasons)}\n{self.summary}")
-
-    @property
-    def every(self) -> bool:
-        """Whether no cell was played."""
-        return len(self.reasons) == self.cells
-
-    @property
-    def summary(self) -> str:
-        """Number of failed cells, and what to do."""
-        some = f"{len(self.reasons):,} of {self.cells:,} cells failed, and all others are done"
-        return (
+        self.every = len(self.reasons) == cells
+        some = f"{len(self.reasons):,} of {cells:,} cells failed, and all others are done"
+        self.summary = (
             f"{'every cell failed' if self.every else some}; fix or remove the failing learners "
             "and run the same command again; only missing cells are played"
         )
+        super().__init__(f"{_first(self.reasons)}\n{self.summary}")
 
 
 class ExperimentError(OpenLockError):
@@ -137,12 +127,7 @@ class Fault:
 
 
 class FileError(OpenLockError):
-    """One or more faults in a file, each with its line and column.
-
-    Args:
-        path: The file.
-        faults: The faults; the text of the error has one line for each of the first twenty.
-    """
+    """One or more faults in a file: a line for each of the first twenty, with its place."""
 
     def __init__(self, path: Path | str, faults: Iterable[Fault]) -> None:
         self.path = str(path)
@@ -165,11 +150,11 @@ def together(errors: Sequence[OpenLockError]) -> OpenLockError:
     ('SchemaError', ['no door', 'no lever'])
     """
     by_text = {str(error): error for error in errors}
-    first, *others = by_text.values()
-    if not others:
+    first = errors[0]
+    if len(by_text) == 1:
         return first
-    alike = all(type(error) is type(first) for error in others)
-    kind = type(first) if alike and not isinstance(first, FileError) else OpenLockError
+    kinds = {type(error) for error in errors}
+    kind = type(first) if len(kinds) == 1 and kinds != {FileError} else OpenLockError
     made = kind(_first([*by_text]), first.at)
     made._parts = tuple(part for error in errors for part in error.parts)
     return made
@@ -182,7 +167,7 @@ def in_short(error: BaseException) -> str:
     except Exception:  # a user's class can fail in any way
         return ""
     if isinstance(error, OpenLockError):
-        return text[:MOST_SAID]
+        return text[:2000]
     return text if len(text) <= 200 else f"{text[:200].rpartition(' ')[0] or text[:199]} …"
 
 

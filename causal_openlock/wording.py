@@ -8,13 +8,7 @@ from collections.abc import Iterable, Sequence
 
 
 def counted(number: int, one: str, many: str | None = None) -> str:
-    """A number and its noun: ``1 attempt``, ``2,000 attempts``.
-
-    Args:
-        number: How many.
-        one: The noun for one.
-        many: The noun for any other number; by default that for one with an s.
-    """
+    """A number and its noun: ``1 attempt``, ``2,000 attempts``, ``3 people``."""
     return f"{number:,} {one if number == 1 else many or f'{one}s'}"
 
 
@@ -37,10 +31,7 @@ _ROLE = re.compile(r"(?::[\w:]+:)?`(?:~[\w.]*\.)?([^`]*?)(?: <[^`>]*>)?`_*")
 
 
 def first_line(text: object, most: int = 120) -> str:
-    """Return the first line of a docstring without its marks; empty without one.
-
-    Roles and quotes of reStructuredText and control characters are left out, and a long line is
-    cut off.
+    """Return the first line of a docstring, without its marks and control characters.
 
     >>> first_line("Plays as :class:`~mine.Slow` (extra ``slow``).")
     'Plays as Slow (extra slow).'
@@ -54,32 +45,25 @@ def first_line(text: object, most: int = 120) -> str:
 
 
 def file_names(names: Iterable[str]) -> dict[str, str]:
-    """Names as parts of names of files: lower-case letters, digits and underscores, all different.
+    """Names as parts of names of files, all different.
 
-    Args:
-        names: Different names, such as those of protocols.
-
-    Returns:
-        By name; those that differ in signs only are numbered.
+    >>> file_names(["Mine, new", "mine new"])
+    {'Mine, new': 'mine_new', 'mine new': 'mine_new_2'}
     """
-    found: dict[str, str] = {}
+    parts: dict[str, str] = {}
     for name in names:
         part = re.sub(r"\W+", "_", name.lower(), flags=re.ASCII)
-        while part in found.values():
+        while part in parts.values():
             part += "_2"
-        found[name] = part
-    return found
+        parts[name] = part
+    return parts
 
 
 _PARTS = re.compile(r"(\d+)").split
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """Say which known name was probably meant, and list what there is.
-
-    Returns:
-        A clause such as ``did you mean CC4? known: CC3, CC4``.
-    """
+    """A clause that suggests a name and lists all: ``did you mean CC4? known: CC3, CC4``."""
     # Numbers within names count as numbers, so that trial10 comes after trial2.
     names = sorted(known, key=lambda name: [int(x) if x.isdecimal() else x for x in _PARTS(name)])
     lowered = {known_name.lower(): known_name for known_name in names}
