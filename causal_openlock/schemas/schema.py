@@ -2,19 +2,15 @@
 
 A :class:`Schema` is a directed acyclic graph. Its nodes are levers and one door. An edge
 ``cause -> effect`` means that the cause, while it is pushed, *enables* the effect. The
-:class:`Gate` of a node combines its causes: ``any`` one of them, ``all`` of them, or at least *k*.
-A lever without causes moves freely; a lever with causes moves, either way, only while its gate
-holds. The door is unlocked exactly while its gate holds: the lock depends only on which levers are
-pushed now.
+:class:`Gate` of a node combines its causes. A lever without causes moves freely; a lever with
+causes moves, either way, only while its gate holds. The door is unlocked exactly while its gate
+holds: the lock depends only on which levers are pushed now.
 
 The *strength* of an edge is the probability that an enabled push or pull takes effect through it.
 Each pushed cause transmits independently with the strength of its edge, and the push or pull takes
 effect if as many transmit as the gate requires: a noisy-OR under ``any``, a noisy-AND under
 ``all``. Strengths on edges into the door apply to pushing the door open; whether it is unlocked
 never depends on chance.
-
-The *solutions* are computed from the graph: the minimal sets of levers that unlock the door when
-they are pushed. So is the number of actions that an attempt needs for each of them to fit.
 
 A schema is declared in one form (:class:`SchemaForm`), in Python as in a file; ``title``, ``gates``
 and ``inert`` may be left out::
@@ -51,21 +47,15 @@ MAX_LEVERS = 12
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
 NAME_FORM = "a letter, then letters, digits and underscores, at most 64 in all"
 JSON_SCHEMA_ID = "https://json-schema.org/draft/2020-12/schema"
-NO_TEXT = re.compile("[\\x00-\\x08\\x0b-\\x1f\\x7f\\ud800-\\udfff]")
-"""Not allowed in titles: control characters and lone surrogates, which files cannot hold."""
+NO_TEXT = re.compile("[\\x00-\\x08\\x0b-\\x1f\\x7f\\ud800-\\udfff]")  # no file can hold these
 
 
 @dataclass(frozen=True)
 class Gate:
-    """Rule by which a node combines its causes.
+    """Rule by which a node combines its causes: ``any``, ``all``, or ``at_least`` *k* are pushed.
 
-    Attributes:
-        kind: ``any``, ``all`` or ``at_least``.
-        k: For ``at_least``: how many causes must be pushed.
-
-    Example:
-        >>> str(Gate("at_least", 2)), Gate("all").threshold(causes=3)
-        ('at least 2', 3)
+    >>> str(Gate("at_least", 2)), Gate("all").threshold(causes=3)
+    ('at least 2', 3)
     """
 
     kind: str = "any"
@@ -77,9 +67,6 @@ class Gate:
 
     def __str__(self) -> str:
         return f"at least {self.k}" if self.kind == "at_least" else self.kind
-
-
-# -- the form of a schema --------------------------------------------------------------------------
 
 
 Strength = Annotated[
@@ -239,29 +226,27 @@ class Schema:
         """Whatever takes the meaning from the graph."""
         levers = [lever for lever in self.levers if lever != DOOR]
         nodes = [*levers, DOOR]
-        named: list[tuple[tuple[str | int, ...], str, list[str]]] = []
-        for key, names in (("levers", self.levers), ("inert", self.inert)):
-            named += [((key, index), name, levers) for index, name in enumerate(names)]
+        named: list[tuple[tuple[str, ...], list[str]]] = []
+        for key, names in (("levers", self.levers), ("inert", self.inert), ("edges", form.edges)):
+            named += [((key, name), levers) for name in names]
+        named += [(("gates", node), nodes) for node in form.gates]
         for cause, effects in form.edges.items():
-            named.append((("edges", cause), cause, levers))
-            named += [(("edges", cause, effect), effect, nodes) for effect in effects]
-        named += [(("gates", node), node, nodes) for node in form.gates]
-        unknown = [(at, name, known) for at, name, known in named if name not in known]
-        for at, name, known in unknown:
-            text = f"{name!r:.64} is unknown here; {nearest(name[:64], known)}"
-            yield SchemaError("the door is not a lever" if name == DOOR else text, at)
-        if any(at[0] in ("levers", "edges") for at, *_ in unknown):
+            named += [(("edges", cause, effect), nodes) for effect in effects]
+        unknown = [(at, known) for at, known in named if at[-1] not in known]
+        for at, known in unknown:
+            text = f"{at[-1]!r:.64} is unknown here; {nearest(at[-1][:64], known)}"
+            yield SchemaError("the door is not a lever" if at[-1] == DOOR else text, at)
+        if any(at[0] in ("levers", "edges") for at, _ in unknown):
             return  # what else is wrong follows from these
         for node in nodes:
-            gate, causes = self.gate(node), self.graph.in_degree(node)
+            gate, causes, at = self.gate(node), self.graph.in_degree(node), ("gates", node)
             if node != DOOR and gate.kind != "any" and not causes:
                 text = f"{node} has a gate and no cause; give it a cause or drop the gate"
-                yield SchemaError(text, ("gates", node))
+                yield SchemaError(text, at)
             elif causes and gate.threshold(causes) > causes:
-                text = (
-                    f"the gate of {node} needs {gate.k} of {causes} causes; require 1 to {causes}"
+                yield SchemaError(
+                    f"the gate of {node} needs {gate.k} of {causes} causes; lower it", at
                 )
-                yield SchemaError(text, ("gates", node))
         cycle: list[str] = []
         if not nx.is_directed_acyclic_graph(self.graph):
             cycle = [cause for cause, _ in nx.find_cycle(self.graph)]
@@ -272,13 +257,13 @@ class Schema:
         if not useful:
             text = f"nothing unlocks the door; add an edge to it from {' or '.join(levers)}"
             yield SchemaError(text, ("edges",))
-        for index, lever in enumerate(levers if useful else ()):
+        for lever in levers if useful else ():
             if lever not in (*useful, *self.inert, *cycle):
                 text = f"lever {lever} is on no path to the door; connect it or list it as inert"
-                yield SchemaError(text, ("levers", index))
+                yield SchemaError(text, ("levers", lever))
             if lever in useful and lever in self.inert:
                 text = f"lever {lever} leads to the door; take it out of inert"
-                yield SchemaError(text, ("inert", self.inert.index(lever)))
+                yield SchemaError(text, ("inert", lever))
 
     # -- the graph ------------------------------------------------------------------------------
 
@@ -348,30 +333,25 @@ class Schema:
 
     def as_dict(self) -> dict[str, Any]:
         """The schema as plain data, in the form of a schema file; equal schemas give equal data."""
-        data: dict[str, Any] = {"name": self.name}
-        if self.title != self.name:
-            data["title"] = self.title
-        data |= {"levers": list(self.levers), "edges": {}}
-        for cause in self.levers:
-            effects = sorted(self.graph.successors(cause), key=[*self.levers, DOOR].index)
-            strengths = {effect: self.graph.edges[cause, effect]["strength"] for effect in effects}
+        edges: dict[str, Any] = {}
+        gates: dict[str, Any] = {}
+        for node in [*self.levers, DOOR]:
+            effects = sorted(self.graph[node], key=[*self.levers, DOOR].index)
+            strengths = {effect: self.graph[node][effect]["strength"] for effect in effects}
             if {*strengths.values()} == {1.0}:
-                data["edges"][cause] = effects
+                edges[node] = effects
             elif effects:
-                data["edges"][cause] = {
+                edges[node] = {
                     effect: {} if strength == 1.0 else {"strength": strength}
                     for effect, strength in strengths.items()
                 }
-        gates = {
-            node: {"at_least": gate.k} if gate.kind == "at_least" else gate.kind
-            for node in [*self.levers, DOOR]
-            if (gate := self.gate(node)).kind != "any"
-        }
-        if gates:
-            data["gates"] = gates
-        if self.inert:
-            data["inert"] = list(self.inert)
-        return data
+            gate = self.gate(node)
+            if gate.kind != "any":
+                gates[node] = {"at_least": gate.k} if gate.kind == "at_least" else gate.kind
+        title = self.title if self.title != self.name else ""
+        data = {"name": self.name, "title": title, "levers": [*self.levers], "edges": edges}
+        data |= {"gates": gates, "inert": [*self.inert]}
+        return {key: value for key, value in data.items() if value}
 
     def to_yaml(self) -> str:
         """The text of a schema file, in block style with lists of names on one line.
