@@ -38,11 +38,8 @@ def find_schema(
 ) -> Schema:
     """A schema by name or path, or from a line of text or what a schema file holds.
 
-    Args:
-        source: The path of a file of any format (``.yaml``, ``.dot``, ``.gml``), the name of a file
-            ``NAME.yaml`` in one of the folders searched, or what a schema is declared with.
-        beside: Folders to search first, such as that of the experiment, then the working
-            directory; then a folder ``schemas`` in each of them, and last the bundled schemas.
+    A path is looked for in the folders ``beside`` and in the working directory; the file of a name,
+    ``NAME.yaml``, in a folder ``schemas`` of these as well, and last among the bundled schemas.
 
     Raises:
         OpenLockError: If the declaration has faults, or there is no such schema; the message names
@@ -105,25 +102,18 @@ def schema(
     """A schema from a line of text, a graph, edges, or its name.
 
     Args:
-        source: One of these:
-
-            * a text with an arrow, such as ``A -> B, C; B | C -> door``
-              (:mod:`causal_openlock.schemas.one_line`);
-            * any other text: the name of a schema, or the path of a file;
-            * a directed graph of networkx; a node can have the attribute ``gate`` and an edge
-              ``strength``;
-            * what a schema file holds, ``{"name": ..., "levers": [...], "edges": {...}}``;
-            * edges, as ``{cause: [effects]}`` or ``{cause: {effect: strength}}``, or in a list, as
-              ``(cause, effect)`` or ``(cause, effect, strength)``.
-
-            Levers have the order in which they first appear; the node ``door`` is the door.
+        source: A text with an arrow (:mod:`causal_openlock.schemas.one_line`), or else a name or
+            the path of a file; what a schema file holds; a directed graph of networkx, where a node
+            can have a ``gate`` and an edge a ``strength``; or edges, ``{cause: [effects]}``,
+            ``{cause: {effect: strength}}`` or a list of ``(cause, effect)`` or
+            ``(cause, effect, strength)``. Levers have the order in which they first appear.
         name: Another name; by default that of the source, or ``schema``.
         gates: For a graph or edges, ``{node: gate}``: ``any``, ``all``, ``at_least 2`` or a Gate.
         inert: For a graph or edges, levers that are on no path to the door on purpose.
 
     Raises:
         OpenLockError: If it declares no schema, there is none of this name, or arguments do not go
-            together; for a text, the message quotes the statement.
+            together.
 
     Example:
         >>> edges = {"A": ["B", "C"], "B": ["door"], "C": ["door"]}
@@ -134,9 +124,8 @@ def schema(
     """
     given = {"name": name, "gates": gates, "inert": inert}
     changes = {key: value for key, value in given.items() if value}
-    if not isinstance(source, str | os.PathLike | Schema) and not (
-        isinstance(source, Mapping) and {"levers", "edges"} <= source.keys()
-    ):
+    is_whole = isinstance(source, Mapping) and {"levers", "edges"} <= source.keys()
+    if not (is_whole or isinstance(source, str | os.PathLike | Schema)):
         graph = source if isinstance(source, nx.Graph) else _graph(source)
         return schema_of_graph(graph, "schema", changes)
     if gates or inert:

@@ -3,11 +3,11 @@
 A schema is written as a graph of networkx with plain attributes: ``name``, ``title`` and ``inert``
 of the graph; ``kind`` (lever or door) and ``gate`` (``any``, ``all``, ``at_least 2``) of a node;
 ``strength`` of an edge. Levers have the order of the nodes. What a graph from elsewhere lacks has
-its default: gates are ``any``, strengths 1, no lever is inert. The node ``door`` is the door; where
-there is none, nodes are known by their ``label`` or ``name``, and in DAGitty the ``outcome`` is it.
+its default: gates are ``any``, strengths 1, no lever is inert. Where no node is named ``door``,
+nodes are known by their ``label`` or ``name``, and in DAGitty the ``outcome`` is the door.
 
-How a graph is drawn is ignored. Whatever else a node or an edge says is refused by
-name, such as ``style=invis``, ``arrowhead=tee``, or a weight that may be meant as a strength.
+How a graph is drawn is ignored. Whatever else a node or an edge says is refused by name, such as
+``style=invis``, ``arrowhead=tee``, or a weight that may be meant as a strength.
 
 DAGitty has no attributes of a graph, so they are on the door, and ``beta`` is the strength. BIF can
 only be written: it holds the tables of
@@ -21,8 +21,7 @@ import io
 import json
 import re
 import warnings
-from collections import Counter
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import redirect_stdout, suppress
 from itertools import pairwise
 from pathlib import Path
@@ -63,34 +62,17 @@ def export_schema(schema: Schema, format: str) -> str:
 
 
 def import_schema(text: str, format: str, name: str = "imported") -> Schema:
-    """A schema from text in one of :data:`FORMATS`.
-
-    ``name`` is the name of the schema if the text has none.
+    """A schema from text in one of :data:`FORMATS`, called ``name`` if the text has no name.
 
     Raises:
         OpenLockError: If there is no such format, it can only be written, or the text is not in it
             or not a schema.
     """
-    format = _known(format)
-    if (read := FORMATS[format].read) is None:
-        readable = ", ".join(other for other in FORMATS if FORMATS[other].read)
-        raise OpenLockError(f"{format} can only be written; formats that are read: {readable}")
-    try:
-        with warnings.catch_warnings(action="ignore"):
-            return read(text, name)
-    except FileError:
-        raise
-    except OpenLockError as error:
-        raise _prefixed(f"this {format} text cannot be read", error) from None
-    except Exception as error:  # libraries raise what they like at a text that is no graph
-        why = " ".join(f"{type(error).__name__} {error}".split())[:160]
-        raise SchemaError(f"this is not a {format} text ({why}); correct it") from None
+    return _parsed(text, _known(format), name, f"this {format} text")
 
 
 def write_schema(schema: Schema, path: Path | str, format: str | None = None) -> None:
-    """Write a schema to a file; by default its suffix gives the format.
-
-    A file that is there already is written over.
+    """Write a schema to a file, over one that is there; by default its suffix gives the format.
 
     Raises:
         OpenLockError: If the format is unknown, or the file cannot be written.
@@ -107,13 +89,10 @@ def read_schema(path: Path | str, format: str | None = None) -> Schema:
     """
     path = Path(path)
     format, text = _known(format or path.suffix), read_text(path)
-    if format == "yaml":  # with the line of every fault
-        return _parse_schema(text, path)
+    if format == "yaml":
+        return _yaml_schema(text, path)
     stem = path.stem.replace("-", "_").replace(" ", "_")
-    try:
-        return import_schema(text, format, stem if NAME.fullmatch(stem) else "imported")
-    except OpenLockError as error:
-        raise _prefixed(f"{path}", error) from None
+    return _parsed(text, format, stem if NAME.fullmatch(stem) else "imported", str(path))
 
 
 def _known(name: str) -> str:
@@ -124,6 +103,24 @@ def _known(name: str) -> str:
         if key in names:
             return names[key]
     raise OpenLockError(f"there is no schema format {name!r:.64}; {nearest(name[:64], names)}")
+
+
+def _parsed(text: str, format: str, name: str, what: str) -> Schema:
+    """The schema of a text; each fault says what has it."""
+    if (read := FORMATS[format].read) is None:
+        readable = ", ".join(other for other in FORMATS if FORMATS[other].read)
+        raise OpenLockError(f"{format} can only be written; formats that are read: {readable}")
+    try:
+        with warnings.catch_warnings(action="ignore"):
+            return read(text, name)
+    except FileError:
+        raise
+    except OpenLockError as error:
+        faults = [SchemaError(f"{what}: {part}", part.at) for part in error.parts]
+    except Exception as error:  # libraries raise what they like at a text that is no graph
+        why = " ".join(f"{type(error).__name__} {error}".split())[:160]
+        faults = [SchemaError(f"{what} cannot be read as {format} ({why}); correct it")]
+    raise together(faults)
 
 
 # -- a graph as a schema ---------------------------------------------------------------------------
@@ -155,31 +152,32 @@ def schema_of_graph(graph: nx.Graph, name: str, changes: Mapping[str, Any]) -> S
     """
     if not graph.is_directed():
         raise SchemaError("the graph is not directed; write edges as cause -> effect")
-    graph = _by_label(graph)
+    for key in ("label", "name"):
+        labels = dict(graph.nodes(data=key))
+        if DOOR not in graph and all(isinstance(label, str) for label in labels.values()):
+            if len({*labels.values()}) < len(labels):
+                raise SchemaError(f"two nodes have the same {key}; give each its own")
+            graph = nx.relabel_nodes(graph, labels)
     if DOOR not in graph:
         raise SchemaError(
             f"no node is named {DOOR}; rename the one that stands for the door; "
             f"{nearest(DOOR, map(str, graph))[:500]}"
         )
+    inert = graph.graph.get("inert", [])
     data: dict[str, Any] = {
         "name": graph.graph.get("name") or name,
         "title": graph.graph.get("title", ""),
         "levers": [node for node in graph if node != DOOR],
         "edges": {},
         "gates": {},
-        "inert": graph.graph.get("inert", []),
+        "inert": inert.split() if isinstance(inert, str) else inert,
     }
-    if isinstance(data["inert"], str):
-        data["inert"] = data["inert"].split()
     for node, says in graph.nodes(data=True):
         kind = "kind=door" if node == DOOR else "kind=lever"
         _check(f"the node {node!s:.64}", says, (*_OF_NODES, kind))
         data["gates"][node] = says.get("gate", "any")
     for cause, effect, says in graph.edges(data=True):
         edge = f"the edge {cause!s:.64} -> {effect!s:.64}"
-        if isinstance(says.get("graphics"), dict):  # of GML
-            drawing = {key: says["graphics"][key] for key in says["graphics"] if key != "type"}
-            says = {key: says[key] for key in says if key != "graphics"} | drawing
         strength = says.get("strength", 1.0)
         with suppress(ValueError):
             strength = float(strength) if isinstance(strength, str) else strength
@@ -201,22 +199,6 @@ def _check(what: str, says: Mapping[str, Any], read: Collection[str]) -> None:
             raise SchemaError(f"{what} says {said:.99}, which is not understood; take it out")
 
 
-def _by_label(graph: nx.Graph) -> nx.Graph:
-    """The graph, with nodes named by their labels where none is named door."""
-    for key in ("label", "name"):
-        labels = dict(graph.nodes(data=key))
-        if DOOR not in graph and all(isinstance(label, str) for label in labels.values()):
-            if len({*labels.values()}) < len(labels):
-                raise SchemaError(f"two nodes have the same {key}; give each its own")
-            return nx.relabel_nodes(graph, labels)
-    return graph
-
-
-def _prefixed(what: str, error: OpenLockError) -> OpenLockError:
-    """The same faults, each with what has them."""
-    return together([SchemaError(f"{what}: {part}", part.at) for part in error.parts])
-
-
 # -- the formats ----------------------------------------------------------------------------------
 
 
@@ -231,19 +213,23 @@ def _graph_of(schema: Schema) -> nx.DiGraph:
     return graph
 
 
+def _written(lines: Callable[[nx.DiGraph], Iterable[str]]) -> Callable[[Schema], str]:
+    """The writer of a format from what makes lines of a graph."""
+    return lambda schema: "\n".join([*lines(_graph_of(schema)), ""])
+
+
 def _read(graph_of: Callable[[str], nx.Graph]) -> Callable[[str, str], Schema]:
     """The reader of a format from what makes a graph of its text."""
     return lambda text, name: schema_of_graph(graph_of(text), name, {})
 
 
-def _parse_schema(text: str, path: Path | str = "<text>") -> Schema:
+def _yaml_schema(text: str, path: Path | str = "<text>") -> Schema:
     schema: Schema = Document(text, path).validate(SchemaData)
     return schema
 
 
-def _node_link_text(schema: Schema) -> str:
-    data = nx.node_link_data(_graph_of(schema), edges="edges")
-    return json.dumps(data, indent=2, ensure_ascii=False) + "\n"
+def _node_link_lines(graph: nx.DiGraph) -> Iterator[str]:
+    yield json.dumps(nx.node_link_data(graph, edges="edges"), indent=2, ensure_ascii=False)
 
 
 def _node_link_graph(text: str) -> nx.Graph:
@@ -261,22 +247,24 @@ def _gml_graph(text: str) -> nx.Graph:
     graph = nx.parse_gml(text, label="id")
     if "title" in graph.graph:  # networkx takes the texts "()" and "[]" for empty lists
         graph.graph["title"] = str(graph.graph["title"])
+    for says in graph.edges.values():
+        drawing = dict(says.pop("graphics", {}))
+        drawing.pop("type", None)  # of line
+        says |= drawing
     return graph
 
 
 def _graphml_graph(text: str) -> nx.Graph:
     """The graph; networkx would pass over doubled and nested parts, and arrows of yEd."""
-    count: Counter[str] = Counter()
+    tags = []
     for element in ElementTree.fromstring(text).iter():
-        tag = element.tag.rpartition("}")[2]
-        count[tag] += 1
+        tags.append(element.tag.rpartition("}")[2])
         ends = element.get("source"), element.get("target")
-        if tag == "Arrows" and (
-            ends[0] != "none" or not _LOOKS.fullmatch(f"targetArrow={ends[1]}")
-        ):
+        seen = ends[0] == "none" and _LOOKS.fullmatch(f"targetArrow={ends[1]}")
+        if tags[-1] == "Arrows" and not seen:
             raise SchemaError(f"an edge has the arrows {ends}, not an effect")
     graph = nx.parse_graphml(text, force_multigraph=True)
-    if (len(graph), graph.number_of_edges()) != (count["node"], count["edge"]):
+    if (len(graph), graph.number_of_edges()) != (tags.count("node"), tags.count("edge")):
         raise SchemaError("a node or an edge is there twice, or outside of the graph")
     for kind, parts in (("node", graph.nodes), ("edge", graph.edges)):
         for says in parts.values():
@@ -309,17 +297,15 @@ def _dot_graph(text: str) -> nx.Graph:
     parts: list[Any] = [*drawing.get_nodes(), *drawing.get_edges()]
     for part in sorted(parts, key=lambda part: part.get_sequence()):
         says = {_unquoted(key): _unquoted(value) for key, value in part.get_attributes().items()}
-        is_edge = isinstance(part, pydot.Edge)
-        if not is_edge and part.get_name() in default:
+        if isinstance(part, pydot.Edge):
+            ends = [_unquoted(end) for end in (part.get_source(), part.get_destination())]
+            graph.add_nodes_from((end, default["node"]) for end in ends if end not in graph)
+            graph.add_edges_from([(*ends, default["edge"] | says)])
+        elif part.get_name() in default:
             default[part.get_name()] |= says
-            continue
-        ends = [part.get_source(), part.get_destination()] if is_edge else [part.get_name()]
-        nodes = [_unquoted(end) for end in ends]
-        graph.add_nodes_from((node, default["node"]) for node in nodes if node not in graph)
-        if is_edge:
-            graph.add_edges_from([(*nodes, {**default["edge"], **says})])
         else:
-            graph.nodes[nodes[0]].update(says)
+            node = _unquoted(part.get_name())
+            graph.add_nodes_from([(node, says if node in graph else default["node"] | says)])
     about = {key: _unquoted(value) for key, value in drawing.get_attributes().items()}
     graph.graph = {"name": _unquoted(drawing.get_name()), **default["graph"], **about}
     return graph
@@ -339,21 +325,17 @@ def _dagitty_graph(text: str) -> nx.Graph:
     if not parts:
         raise SchemaError("it is written `dag { A -> B }`; is this the right file?")
     body = _TEXT_OR_COMMENT.sub(lambda part: part[0] if part[0][0] == '"' else " ", parts[2])
-    graph, at = nx.MultiDiGraph(name=_unquoted(parts[1])), 0
-    for statement in [*_STATEMENT.finditer(body), None]:
-        between = body[at : statement.start() if statement else None]
-        if between.strip("; \t\r\n"):
-            raise SchemaError(f"it is not understood at {between.strip()!r:.64}")
-        at = statement.end() if statement else at
-        if not statement or not statement[1]:  # the end, or a setting of the drawing
+    if rest := _STATEMENT.sub("", body).strip("; \t\r\n"):
+        raise SchemaError(f"it is not understood at {rest!r:.64}")
+    graph = nx.MultiDiGraph(name=_unquoted(parts[1]))
+    for first, chain, *_, attributes in _STATEMENT.findall(body):
+        if not first:  # a setting of the drawing
             continue
-        links = _LINK.findall(statement[2])
-        nodes = [_unquoted(node) for node in (statement[1], *(node for _, node in links))]
-        attributes = _ATTRIBUTE.findall(statement[5] or "")
-        says = {_unquoted(key): _unquoted(value) if value else True for key, value in attributes}
-        graph.add_nodes_from(nodes)
-        if not links:
-            graph.nodes[nodes[0]].update(says)
+        links = _LINK.findall(chain)
+        nodes = [_unquoted(node) for node in (first, *(node for _, node in links))]
+        said = _ATTRIBUTE.findall(attributes)
+        says = {_unquoted(key): _unquoted(value) if value else True for key, value in said}
+        graph.add_nodes_from(nodes if links else [(nodes[0], says)])
         for (arrow, _), ends in zip(links, pairwise(nodes), strict=True):
             if arrow not in ("->", "<-"):
                 raise SchemaError(f"{arrow} is not -> from cause to effect")
@@ -388,51 +370,41 @@ def _line(says: Mapping[str, object], *ends: str) -> str:
     return f"  {' -> '.join(map(_quoted, ends))}" + (f" [{', '.join(written)}]" if says else "")
 
 
-def _dot_text(schema: Schema) -> str:
+def _dot_lines(graph: nx.DiGraph) -> Iterator[str]:
     """The schema in DOT; the door is drawn as a box, inert levers are dashed."""
-    graph = _graph_of(schema)
-    about = [f"  {key}={_quoted(value)}" for key, value in graph.graph.items() if key != "name"]
-    lines = [f"digraph {_quoted(schema.name)} {{", *about]
+    yield f"digraph {_quoted(graph.name)} {{"
+    yield from (f"  {key}={_quoted(text)}" for key, text in graph.graph.items() if key != "name")
     for node, says in graph.nodes(data=True):
-        look = {"style": "dashed"} if node in schema.inert else {}
-        lines.append(_line({**says, **look, "shape": "box" if node == DOOR else "circle"}, node))
+        look = {"style": "dashed"} if node in graph.graph.get("inert", "").split() else {}
+        yield _line({**says, **look, "shape": "box" if node == DOOR else "circle"}, node)
     for cause, effect, says in graph.edges(data=True):
         label = {"label": f"{says['strength']:g}"} if says["strength"] < 1.0 else {}
-        lines.append(_line(says | label, cause, effect))
-    return "\n".join([*lines, "}\n"])
+        yield _line(says | label, cause, effect)
+    yield "}"
 
 
-def _dagitty_text(schema: Schema) -> str:
+def _dagitty_lines(graph: nx.DiGraph) -> Iterator[str]:
     """The schema in DAGitty's language; the attributes of the graph are on the door."""
-    graph = _graph_of(schema)
-    about = {key: value for key, value in graph.graph.items() if key != "name"}
-    lines = [f"dag {_quoted(schema.name)} {{"]
+    about = {key: text for key, text in graph.graph.items() if key != "name"}
+    yield f"dag {_quoted(graph.name)} {{"
     for node, says in graph.nodes(data=True):
-        free = "gate" not in says and node not in schema.inert
+        free = "gate" not in says and node not in about.get("inert", "").split()
         role = {"outcome": True, **about} if node == DOOR else {"exposure": True} if free else {}
         gate = {"gate": says["gate"]} if says.get("gate", "any") != "any" else {}
-        lines.append(_line(role | gate, node))
+        yield _line(role | gate, node)
     for *ends, strength in graph.edges(data="strength"):
-        lines.append(_line({"beta": strength} if strength < 1.0 else {}, *ends))
-    return "\n".join([*lines, "}\n"])
-
-
-def _gml_text(schema: Schema) -> str:
-    return "\n".join(nx.generate_gml(_graph_of(schema))) + "\n"
-
-
-def _graphml_text(schema: Schema) -> str:
-    return "\n".join(nx.generate_graphml(_graph_of(schema))) + "\n"
+        yield _line({"beta": strength} if strength < 1.0 else {}, *ends)
+    yield "}"
 
 
 FORMATS: dict[str, Format] = {
-    "yaml": Format((".yaml", ".yml"), Schema.to_yaml, lambda text, _: _parse_schema(text)),
+    "yaml": Format((".yaml", ".yml"), Schema.to_yaml, lambda text, _: _yaml_schema(text)),
     "line": Format((".txt",), lambda schema: one_line(schema) + "\n", parse_line),
-    "node-link": Format((".json",), _node_link_text, _read(_node_link_graph)),
-    "gml": Format((".gml",), _gml_text, _read(_gml_graph)),
-    "graphml": Format((".graphml",), _graphml_text, _read(_graphml_graph)),
-    "dot": Format((".dot", ".gv"), _dot_text, _read(_dot_graph)),
-    "dagitty": Format((".dagitty",), _dagitty_text, _read(_dagitty_graph)),
+    "node-link": Format((".json",), _written(_node_link_lines), _read(_node_link_graph)),
+    "gml": Format((".gml",), _written(nx.generate_gml), _read(_gml_graph)),
+    "graphml": Format((".graphml",), _written(nx.generate_graphml), _read(_graphml_graph)),
+    "dot": Format((".dot", ".gv"), _written(_dot_lines), _read(_dot_graph)),
+    "dagitty": Format((".dagitty",), _written(_dagitty_lines), _read(_dagitty_graph)),
     "bif": Format((".bif",), bif_text),
 }
 """All formats by name."""

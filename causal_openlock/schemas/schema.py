@@ -183,9 +183,7 @@ class Schema:
         title: A line for tables and figures.
 
     Raises:
-        OpenLockError: If something is given in another form, or the graph has a cycle, names an
-            unknown lever, never unlocks the door, or breaks another rule. Its ``parts`` are all
-            faults, and ``at`` of each says where.
+        OpenLockError: If it is no such schema; its ``parts`` are all faults, ``at`` says where.
 
     Example:
         >>> edges = {"L0": ["L1", "L2"], "L1": ["door"], "L2": ["door"]}
@@ -408,8 +406,7 @@ def schema_from_dict(data: Mapping[str, Any]) -> Schema:
     """A schema from plain data in the form of a schema file.
 
     Raises:
-        OpenLockError: If the data are not a schema; its ``parts`` are all faults, each with its
-            path of keys in ``at``.
+        OpenLockError: If the data are not a schema, as for :class:`Schema`.
     """
     schema: Schema = read(SchemaData, plain(data))
     return schema
