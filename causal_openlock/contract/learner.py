@@ -4,12 +4,11 @@ A :class:`Learner` plays B subjects at once: every array is ``[B, ...]`` and no 
 another's data. It gets a :class:`Brief`, perceives a :class:`View`, returns actions, and learns
 from a :class:`Step` what they led to. None of these can hold a role, a schema or a solution, and
 rooms cannot be drawn again from the generators in a brief. What is latent is in :class:`Truth`,
-which only an :class:`InformedLearner` gets; results show it as a bound next to the others. Nothing
-is promised against malice: a class in the same process can read the call stack.
+which only an :class:`InformedLearner` gets. Nothing is promised against malice: a class in the same
+process can read the call stack.
 
-A first learner is easier to write as a
-:class:`~causal_openlock.contract.one_subject.OneSubjectLearner`, which needs a single method,
-``act(observation)``.
+A :class:`~causal_openlock.contract.one_subject.OneSubjectLearner` plays one subject, and needs a
+single method, ``act(observation)``.
 """
 
 from __future__ import annotations
@@ -34,25 +33,15 @@ Observations = NDArray[np.int8]
 
 @dataclass(frozen=True)
 class Brief:
-    """A learner's knowledge before it starts.
+    """A learner's knowledge before it starts."""
 
-    Attributes:
-        subjects: How many subjects it plays, B.
-        positions: Levers of the room, P; seven in the paper.
-        action_names: The 2P + 1 actions by index: ``push_...``, ``pull_...``, ``push_door``.
-        action_limit: The most actions that an attempt can have.
-        attempt_limit: Attempts in a trial.
-        trials: How many trials there will be.
-        generators: One source of randomness for each subject; their seeds are hashes.
-    """
-
-    subjects: int
-    positions: int
-    action_names: tuple[str, ...]
-    action_limit: int
-    attempt_limit: int
-    trials: int
-    generators: tuple[np.random.Generator, ...]
+    subjects: int  #: how many it plays, B
+    positions: int  #: levers of the room, P; seven in the paper
+    action_names: tuple[str, ...]  #: 2P + 1, by index: ``push_...``, ``pull_...``, ``push_door``
+    action_limit: int  #: the most actions that an attempt can have
+    attempt_limit: int  #: attempts in a trial
+    trials: int  #: how many trials there will be
+    generators: tuple[np.random.Generator, ...]  #: randomness of each subject; seeds are hashes
 
     @property
     def actions(self) -> int:
@@ -67,64 +56,38 @@ class Brief:
 
 @dataclass(frozen=True)
 class Console:
-    """The console next to the room; every field is ``[B]``.
+    """The console next to the room; every field is ``[B]``."""
 
-    Attributes:
-        solutions_left: Solutions not yet found in this trial.
-        solutions_found: Solutions found in this trial.
-        attempts_left: Attempts left in this trial, the present one included.
-        actions_left: Actions left in this attempt.
-    """
-
-    solutions_left: IntArray
-    solutions_found: IntArray
-    attempts_left: IntArray
-    actions_left: NDArray[np.uint8]
+    solutions_left: IntArray  #: not yet found in this trial
+    solutions_found: IntArray  #: found in this trial
+    attempts_left: IntArray  #: in this trial, the present one included
+    actions_left: NDArray[np.uint8]  #: in this attempt
 
 
 @dataclass(frozen=True)
 class View:
-    """Perception of B subjects at one moment.
-
-    Attributes:
-        observation: ``[B, 2P + 2]`` of 0 and 1: levers pushed, levers grey, door locked, door open.
-        console: The console next to the room.
-        trial: ``[B]`` number of the trial in the whole condition, from 1.
-        attempt: ``[B]`` number of the attempt in the trial, from 1.
-        playing: ``[B]`` whether the subject still plays; actions of the others are ignored.
-    """
+    """Perception of B subjects at one moment."""
 
     observation: Observations
+    """``[B, 2P + 2]`` of 0 and 1: levers pushed, levers grey, door locked, door open."""
     console: Console
-    trial: IntArray
-    attempt: IntArray
-    playing: BoolArray
+    trial: IntArray  #: ``[B]`` number of the trial in the whole condition, from 1
+    attempt: IntArray  #: ``[B]`` number of the attempt in the trial, from 1
+    playing: BoolArray  #: ``[B]`` who still plays; actions of the others are ignored
 
 
 @dataclass(frozen=True)
 class Step:
-    """Result of one action of each subject; ignore the rows of subjects that had finished.
+    """Result of one action of each subject; ignore the rows of subjects that had finished."""
 
-    Attributes:
-        view: What was perceived before.
-        action: ``[B]`` the action.
-        outcome: ``[B, 2P + 2]`` the observation right after the action, before any reset.
-        reward: ``[B]`` the reward.
-        attempt_over: ``[B]`` whether the attempt ended with it.
-        trial_over: ``[B]`` whether the trial ended with it.
-        new_solution: ``[B]`` whether it completed a solution not found before in the trial.
-        next: What is perceived next: after an attempt the room is reset, after a trial it is
-            another room.
-    """
-
-    view: View
-    action: IntArray
-    outcome: Observations
-    reward: FloatArray
-    attempt_over: BoolArray
-    trial_over: BoolArray
-    new_solution: BoolArray
-    next: View
+    view: View  #: what was perceived before
+    action: IntArray  #: ``[B]``
+    outcome: Observations  #: ``[B, 2P + 2]`` the observation right after it, before any reset
+    reward: FloatArray  #: ``[B]``
+    attempt_over: BoolArray  #: ``[B]`` whether the attempt ended with it
+    trial_over: BoolArray  #: ``[B]`` whether the trial ended with it
+    new_solution: BoolArray  #: ``[B]`` whether it completed one not found before in the trial
+    next: View  #: after an attempt the room is reset, after a trial it is another room
 
     @classmethod
     def of(cls, view: View, action: IntArray, outcome: Outcome, next: View) -> Step:
@@ -143,30 +106,21 @@ class Step:
 
 @dataclass(frozen=True)
 class Truth:
-    """Latent facts, which subjects cannot perceive: for informed learners and for analysis.
+    """Latent facts, which subjects cannot perceive: for informed learners and for analysis."""
 
-    Attributes:
-        rooms: The rooms of the session.
-        room: ``[B]`` index into ``rooms`` of the room that each subject is in now.
-    """
-
-    rooms: tuple[Room, ...]
-    room: IntArray
+    rooms: tuple[Room, ...]  #: of the session
+    room: IntArray  #: ``[B]`` index of the room that each subject is in now
 
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """A subject's belief about the causal structure of a room; P positions.
-
-    Attributes:
-        edges: ``[P, P + 1]`` probability that the lever at a position enables that at another, or
-            the door (last).
-        gates: ``[P + 1]`` probability that a lever, or the door, needs all of its causes, if it has
-            several; NaN where it surely has not, or nothing is known.
-    """
+    """A subject's belief about the causal structure of a room; P positions."""
 
     edges: FloatArray
+    """``[P, P + 1]`` probability that a lever enables another, or the door (last)."""
     gates: FloatArray
+    """``[P + 1]`` probability that a lever, or the door, needs all of its causes, if it has
+    several; NaN where it surely has not, or nothing is known."""
 
     def __post_init__(self) -> None:
         shapes = np.shape(self.edges), np.shape(self.gates)
@@ -180,15 +134,10 @@ class Structure:
 
 @dataclass(frozen=True)
 class Account:
-    """Files and remarks that a learner adds to the record when its cell is over.
+    """Files and remarks that a learner adds to the record when its cell is over."""
 
-    Attributes:
-        transcripts: For each subject, what was said, as plain data: a line of JSON each.
-        remarks: Sentences for the user who runs the comparison.
-    """
-
-    transcripts: tuple[list[dict[str, Any]], ...] = ()
-    remarks: tuple[str, ...] = ()
+    transcripts: tuple[list[dict[str, Any]], ...] = ()  #: by subject: a line of JSON each
+    remarks: tuple[str, ...] = ()  #: sentences for the user who runs the comparison
 
 
 @dataclass(frozen=True)
@@ -197,19 +146,12 @@ class NoParameters:
 
 
 class LearnerBase:
-    """What a class of learners says of itself before it plays, for many subjects or for one.
-
-    Args:
-        parameters: An instance of the class's ``Parameters``; by default their defaults.
-    """
+    """What a class of learners says of itself before it plays, for many subjects or for one."""
 
     Parameters: ClassVar[type] = NoParameters
     """A frozen dataclass of hyper-parameters."""
     learns_from_others: ClassVar[bool] = True
-    """Whether ``learn`` can be given what another subject did, such as a recorded or shown one.
-
-    Then :meth:`Learner.probabilities` is called before, and ``act`` is not.
-    """
+    """Whether ``learn`` can be given what another subject did, without a call of ``act``."""
     resumable: ClassVar[bool] = True
     """Whether a killed cell continues from a checkpoint; otherwise it begins again.
 
@@ -220,6 +162,9 @@ class LearnerBase:
 
     def __init__(self, parameters: Any = None) -> None:
         self.parameters = self.Parameters() if parameters is None else parameters
+
+    def __setstate__(self, state: Any) -> None:
+        vars(self).update(state)
 
     @classmethod
     def artifact_hash(cls, parameters: Any) -> str:
@@ -239,9 +184,6 @@ class LearnerBase:
 
 class Learner(LearnerBase, ABC):
     """A learner that plays B subjects at once; it defines :meth:`probabilities` or :meth:`act`.
-
-    Attributes:
-        brief: What it was told before it began.
 
     Example:
         >>> class PushesTheDoor(Learner):
@@ -268,11 +210,10 @@ class Learner(LearnerBase, ABC):
     def probabilities(self, view: View) -> FloatArray | None:
         """``[B, A]`` the probability of each action now; None if the learner cannot say.
 
-        ``act`` draws from exactly these, except for the error that :meth:`sample_size` implies,
-        given all that was perceived and done so far. Hidden states of a learner, such as an
-        intention that it carries out, are averaged over, given what it did. May be called before
-        ``act`` (without affecting it), or instead of it when recorded actions are replayed; then
-        ``learn`` follows. Rows of subjects that have finished are ignored.
+        ``act`` draws from exactly these, given all that was perceived and done so far. Hidden
+        states, such as an intention that the learner carries out, are averaged over. May be called
+        before ``act`` (without affecting it), or instead of it when recorded actions are replayed;
+        then ``learn`` follows. Rows of subjects that have finished are ignored.
         """
         return None
 
@@ -308,25 +249,3 @@ class InformedLearner(Learner):
     @abstractmethod
     def inform(self, truth: Truth) -> None:
         """Called after :meth:`begin`, and again whenever a subject enters another room."""
-
-
-def state_of(learner: Any) -> Any:
-    """The state of a learner that has begun, which :func:`put_back` gives to a new one."""
-    return learner.state_dict() if _is_former(learner) else learner.__getstate__()
-
-
-def put_back(learner: Any, state: Any, brief: Brief) -> None:
-    """Let a new learner continue from the state of another one."""
-    if _is_former(learner):
-        learner.begin(brief)
-        learner.load_state_dict(state)
-    elif hasattr(learner, "__setstate__"):
-        learner.__setstate__(state)
-    else:
-        vars(learner).update(state)
-
-
-def _is_former(learner: Any) -> bool:
-    """Whether a learner gives its state in the way of 0.2; that of a torch.nn.Module is another."""
-    kinds = type(learner).__mro__
-    return any("state_dict" in vars(kind) for kind in kinds if issubclass(kind, Learner))

@@ -20,22 +20,16 @@ from causal_openlock.schemas.fsm import IntArray
 
 @dataclass(frozen=True)
 class Moment:
-    """A :class:`Step` of one subject, in plain numbers.
+    """A :class:`Step` of one subject, in plain numbers."""
 
-    Attributes:
-        observation: ``[2P + 2]`` what was seen before the action.
-        outcome: ``[2P + 2]`` what was seen right after it.
-        solutions_left: Solutions still to be found in the trial.
-    """
-
-    observation: Observations
+    observation: Observations  #: ``[2P + 2]`` what was seen before the action
     action: int
-    outcome: Observations
+    outcome: Observations  #: ``[2P + 2]`` what was seen right after it
     reward: float
     attempt_over: bool
     trial_over: bool
     new_solution: bool
-    solutions_left: int
+    solutions_left: int  #: still to be found in the trial
 
 
 class OneSubjectLearner(LearnerBase, ABC):
@@ -104,18 +98,17 @@ class PerSubjectAdapter(Learner):
 
     def learn(self, step: Step) -> None:
         """Let each player learn from its own step."""
-        columns = (
-            step.view.observation,
-            step.action.tolist(),
-            step.outcome,
-            step.reward.tolist(),
-            step.attempt_over.tolist(),
-            step.trial_over.tolist(),
-            step.new_solution.tolist(),
-            (step.view.console.solutions_left - step.new_solution).tolist(),
-        )
-        for player, playing, *moment in zip(
-            self._players, step.view.playing, *columns, strict=True
-        ):
-            if playing:
-                player.learn(Moment(*moment))
+        left = step.view.console.solutions_left - step.new_solution
+        for subject in np.flatnonzero(step.view.playing):
+            self._players[subject].learn(
+                Moment(
+                    step.view.observation[subject],
+                    int(step.action[subject]),
+                    step.outcome[subject],
+                    float(step.reward[subject]),
+                    bool(step.attempt_over[subject]),
+                    bool(step.trial_over[subject]),
+                    bool(step.new_solution[subject]),
+                    int(left[subject]),
+                )
+            )

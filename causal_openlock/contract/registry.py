@@ -1,9 +1,8 @@
 """Finding learners by name, and checking their hyper-parameters.
 
 Any package can register learners (:mod:`causal_openlock.files.plugins`). ``module:Class`` names one
-that is not registered, such as one in a file of the working directory or next to the experiment
-file. Hyper-parameters are the fields of its frozen dataclass ``Parameters``: values are checked
-against their types, and a text in an ``Annotated`` type explains a parameter to users.
+that is not registered, such as one in a file of the working directory. Hyper-parameters are the
+fields of its frozen dataclass ``Parameters``, whose ``Annotated`` types explain them to users.
 """
 
 from __future__ import annotations
@@ -53,9 +52,8 @@ def _package(package: Distribution) -> tuple[str, bool]:
 def origin(name: str, *, imported: bool = False) -> str:
     """Name and version of a learner's package; for ``module:Class``, its file and a hash.
 
-    The hash is that of the file, as this process ``imported`` it or as it is now, and of all the
-    user's modules that it imports. A package that is installed to be edited (``pip install -e``)
-    has it after its version.
+    The hash is that of all the user's modules that it is made of, as this process ``imported`` them
+    or as they are now. A package that is installed to be edited (``pip install -e``) has it too.
     """
     entry = registry().get(name)
     package, edited = _package(entry.dist) if entry and entry.dist else ("", True)
@@ -169,10 +167,7 @@ def create(name: str, parameters: Mapping[str, Any] | None = None) -> Learner:
     """
     kind: Any = learner_class(name)
     values = parse_parameters(name, parameters or {})
-    learner: Learner = (
-        kind(values) if issubclass(kind, Learner) else PerSubjectAdapter(kind, values)
-    )
-    return learner
+    return kind(values) if issubclass(kind, Learner) else PerSubjectAdapter(kind, values)
 
 
 def parse_parameters(name: str, parameters: Mapping[str, Any]) -> Any:
@@ -182,8 +177,7 @@ def parse_parameters(name: str, parameters: Mapping[str, Any]) -> Any:
     converted, so ``"3"`` is not a number.
 
     Raises:
-        LearnerError: With all faults: parameters that are unknown or missing, values that do not
-            fit. Each has the parameter in its ``at``.
+        LearnerError: With all faults, each with the parameter in its ``at``.
     """
     declared: Any = learner_class(name).Parameters
     declared.__pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)

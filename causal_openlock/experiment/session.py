@@ -25,7 +25,6 @@ from causal_openlock.contract.learner import (
     Step,
     Truth,
     View,
-    put_back,
 )
 from causal_openlock.errors import ExperimentError, LearnerError
 from causal_openlock.experiment.declare import Condition, Protocol
@@ -251,7 +250,7 @@ class Session:
         if state is None:
             learner.begin(self.brief)
         else:
-            put_back(learner, state, self.brief)
+            learner.__setstate__(state)
         if isinstance(learner, InformedLearner):
             learner.inform(self.truth)
 

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from causal_openlock.contract.checks import GlobalRandomness
-from causal_openlock.contract.learner import Learner, state_of
+from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.one_subject import PerSubjectAdapter
 from causal_openlock.errors import OpenLockError, in_short
 from causal_openlock.experiment.session import Session
@@ -109,7 +109,7 @@ class Checkpoint:
         if not learner.resumable:
             raise CheckpointError("it says resumable = False")
         try:
-            state = session.state, state_of(learner), GlobalRandomness.now()
+            state = session.state, learner.__getstate__(), GlobalRandomness.now()
             content = pickle.dumps(self.made_with) + pickle.dumps(state)
         except Exception:  # a learner can hold anything
             raise CheckpointError("its state cannot be pickled") from None
@@ -121,7 +121,7 @@ def unresumable(learner: Learner) -> str:
     if not learner.resumable:
         return "it says resumable = False"
     try:
-        pickle.dumps(state_of(learner))
+        pickle.dumps(learner.__getstate__())
         return ""
     except Exception:  # a learner can hold anything
         players = learner._players if isinstance(learner, PerSubjectAdapter) else [learner]

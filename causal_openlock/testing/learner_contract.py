@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from causal_openlock.contract.checks import GlobalRandomness, are_probabilities
-from causal_openlock.contract.learner import InformedLearner, Learner, View, state_of
+from causal_openlock.contract.learner import InformedLearner, Learner, View
 from causal_openlock.contract.registry import create, learner_class, parameter_table
 from causal_openlock.experiment.declare import Condition, Protocol, Trials, find_condition
 from causal_openlock.experiment.session import Session
@@ -232,7 +232,7 @@ class LearnerContract:
         session.begin(learner)
         while not session.over:
             if interrupted and answers and len(answers) % EARLY == 0:
-                state = pickle.loads(pickle.dumps(state_of(learner)))
+                state = pickle.loads(pickle.dumps(learner.__getstate__()))
                 learner = self._made()
                 session.begin(learner, state)
             view = change(session.view, len(answers))

@@ -325,20 +325,6 @@ def test_a_learner_that_cannot_be_stored_is_played_and_named(learner, named, tmp
     assert (len(warned), named in said, "begins again" in said) == (1, True, True)
 
 
-class Former(OddAtOnce):
-    """Gives its state in the way of version 0.2."""
-
-    def act(self, view):
-        return np.array([own.integers(self.brief.actions) for own in self.brief.generators])
-
-    def state_dict(self):
-        return {"states": [one.bit_generator.state for one in self.brief.generators]}
-
-    def load_state_dict(self, state):
-        for generator, held in zip(self.brief.generators, state["states"], strict=True):
-            generator.bit_generator.state = held
-
-
 class Global(Noting):
     """Draws from the generators that all code shares."""
 
@@ -346,9 +332,8 @@ class Global(Noting):
         return random.randrange(8) + np.random.randint(7)  # noqa: NPY002
 
 
-@pytest.mark.parametrize("learner", ["Former", "Global"])
-def test_a_learner_of_a_user_continues(learner, tmp_path):
-    cell = cell_of(tmp_path, f"test_checkpoint:{learner}")
+def test_a_learner_with_global_randomness_continues(tmp_path):
+    cell = cell_of(tmp_path, "test_checkpoint:Global")
     syncs(cell, tmp_path / "out", 25)
     taken, _ = syncs(cell, tmp_path / "out")
     whole, _ = syncs(cell, tmp_path / "whole")
