@@ -9,21 +9,19 @@ up to a limit. After that the action counts as *unanswered*: it is spent on a le
 where it is, which changes nothing, the model is informed, and it is counted. A subject that leaves
 too many actions unanswered ends its cell with an error that says how many and why.
 
-It gives no probabilities: the chat interface has none of whole answers. Some servers would give
-them by another way (``prompt_logprobs``), which is not used here. Asking again and again what it
-would do (inverse binomial sampling) works, and costs as many requests.
-
-Everything that was said is kept in ``transcripts/`` of the results folder: for each subject a line
-about it, and one for each answer, with tokens, latency, and model and server as the reply named
-them.
+It gives no probabilities: the chat interface has none of whole answers. Everything that was said is
+kept in ``transcripts/`` of the results folder: for each subject a line about it, and one for each
+answer, with tokens, latency, and model and server as the reply named them.
 """
 
 from __future__ import annotations
 
 import json
 from collections import Counter
-from dataclasses import asdict, dataclass, field, replace
-from typing import TYPE_CHECKING, Annotated, Any
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass, field
+from typing import Annotated, Any
 from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
@@ -37,28 +35,23 @@ from causal_openlock.schemas.fsm import IntArray
 from causal_openlock.schemas.schema import DOOR
 from causal_openlock.wording import counted, joined
 from causal_openlock.world.room import position_names
-from openlock_learners.language.kept_replies import key_of, replay
-from openlock_learners.language.offered_actions import (
+from openlock_learners.language.answers import (
     HOW,
     HOW_IN_TEXT,
+    STRUCTURE,
     Message,
     act_tool,
     acting,
     read_answer,
     read_structure,
-    structure_format,
 )
-from openlock_learners.language.reply import Reply, was_cut
-from openlock_learners.language.side_by_side import SideBySide
+from openlock_learners.language.replies import Replies, Reply, Request, key_of
 
-if TYPE_CHECKING:
-    from openlock_learners.language.server import Server
-
-OURS = ("model", "messages", "tools", "response_format", "stream", "n", "temperature", "seed")
+OURS = ("model", "messages", "tools", "stream", "n", "temperature", "seed")
 """Fields that the learner itself sends; ``settings`` may not name them."""
-
-
-_MORE_ROOM = "answers that are cut off have more room with a larger max_tokens in settings, or "
+NotNegative = Annotated[int, Field(ge=0)]
+_LONG = 6000
+"""Characters of a conversation from which on a cut is looked for: about 1,500 tokens."""
 
 
 @dataclass(frozen=True)
@@ -79,18 +72,12 @@ class LanguageModelParameters:
     recent: Annotated[Count | None, "most answers that the model is reminded of; null for all"] = (
         None
     )
-    ask_again: Annotated[
-        int, Field(ge=0), "how often it is asked again after an answer that is not an action"
-    ] = 2
-    unanswered: Annotated[
-        int, Field(ge=0), "most actions that a subject may leave unanswered in a condition"
-    ] = 30
-    ask_structure: Annotated[
-        bool, "whether it is asked after each room which lever enables which"
-    ] = False
+    ask_again: Annotated[NotNegative, "how often, after an answer that is not an action"] = 2
+    unanswered: Annotated[NotNegative, "most actions without an answer, in a condition"] = 30
+    ask_structure: Annotated[bool, "whether it is asked which lever enables which"] = False
     requests: Annotated[Count, "made at the same time, in each process"] = 8
-    seconds: Annotated[Positive, "time limit of a request"] = 120.0
-    retries: Annotated[int, Field(ge=0), "after 429, 5xx, stalls and cut connections"] = 5
+    seconds: Annotated[Positive, "how long a request may wait for the server"] = 120.0
+    retries: Annotated[NotNegative, "after 429, 5xx, stalls and cut connections"] = 5
 
     def __post_init__(self) -> None:
         for name in OURS:
@@ -100,20 +87,21 @@ class LanguageModelParameters:
             json.dumps(self.settings, allow_nan=False)
         except (TypeError, ValueError):
             raise ValueError("settings can hold what JSON can, and no infinity") from None
-        try:
-            parts = urlsplit(self.base_url)
-            known = parts.scheme in ("http", "https") and parts.hostname and parts.port != 0
-        except ValueError:  # of a port that there cannot be
-            known = False
-        if not known:
+        if not _is_address(self.base_url):
             raise ValueError(
-                "base_url is the address of a server, such as http://localhost:8000/v1"
+                "base_url is the address of a server, such as http://localhost:8000/v1, with "
+                "nothing behind ? but api-version; a key belongs in OPENAI_API_KEY"
             )
-        if parts.username or parts.password or {*parse_qs(parts.query)} - {"api-version"}:
-            raise ValueError(
-                "base_url cannot hold a key, or anything behind ? but api-version; put a key in "
-                "OPENAI_API_KEY"
-            )
+
+
+def _is_address(url: str) -> bool:
+    try:
+        parts = urlsplit(url)
+        host = parts.scheme in ("http", "https") and parts.hostname and parts.port != 0
+    except ValueError:  # of a port that there cannot be
+        return False
+    secret = parts.username or parts.password or {*parse_qs(parts.query)} - {"api-version"}
+    return bool(host and not secret)
 
 
 @dataclass
@@ -123,34 +111,25 @@ class _Subject:
     words: Wording
     seed: int
     talk: list[Message] = field(default_factory=list)
-    said: int = 0  # how many messages of the conversation are in the transcript
+    said: int = 0  # messages of the conversation that are in the transcript
     lines: list[dict[str, Any]] = field(default_factory=list)
-    faults: list[str] = field(default_factory=list)
+    faults: Counter[str] = field(default_factory=Counter)  # of answers that are no action
     unanswered: int = 0
     unreadable: int = 0  # answers to which lever enables which
+    sizes: list[tuple[int, int]] = field(default_factory=list)  # characters asked, and tokens
+    repeated: int = 0  # answers that had been given before
     chosen: int | None = None  # the action that it took, until it is told what that did
-    spent: bool = False  # whether the last action was unanswered
-    in_attempt: bool = False
-    sizes: list[tuple[int, int]] = field(default_factory=list)
-    """Characters of each request, and the tokens that the server counted for it."""
+    spent: bool = False  # whether that is an unanswered one
+
+    def message(self, text: str) -> Message:
+        """The next message to the model: the result of its call, or a text."""
+        if self.talk and (calls := self.talk[-1].get("tool_calls")):
+            return {"role": "tool", "tool_call_id": calls[0]["id"], "content": text}
+        return {"role": "user", "content": text}
 
     def tell(self, text: str) -> None:
-        """Add a message to the model: the result of its call, or a text."""
-        calls = self.talk[-1].get("tool_calls") if self.talk else None
-        if calls:
-            self.talk.append({"role": "tool", "tool_call_id": calls[0]["id"], "content": text})
-        else:
-            self.talk.append({"role": "user", "content": text})
-
-    def messages(self, recent: int | None) -> list[Message]:
-        """The conversation as it is sent: with no more than ``recent`` answers of the model's."""
-        first, *rest = self.talk
-        if recent is None or len(rest) <= 2 * recent:
-            return [dict(message) for message in self.talk]
-        # An answer and what it led to always alternate, so what is left begins with an answer.
-        kept = rest[-2 * recent :]
-        left_out = "(What came then is left out here.)"
-        return [{**first, "content": f"{first['content']}\n\n{left_out}"}, *kept]
+        """Add a message to the conversation."""
+        self.talk.append(self.message(text))
 
 
 class LanguageModel(Learner):
@@ -169,109 +148,101 @@ class LanguageModel(Learner):
             raise LearnerError(
                 "the learner llm needs the name of a model, such as parameters: {model: my-model}"
             )
-        self.brief = brief
-        self._open_connections()
-        self._repeated = 0  # answers that had been given before
+        self.brief, story = brief, self.parameters.story
         self._subjects = [
-            _Subject(
-                Wording.draw(brief.positions, generator, self.parameters.story),
-                int(generator.integers(2**31)),
-            )
-            for generator in brief.generators
+            _Subject(Wording.draw(brief.positions, each, story), int(each.integers(2**31)))
+            for each in brief.generators
         ]
+        self._replies = Replies(self._connect)
 
-    def _open_connections(self) -> None:
-        self._server: Server | None = None
-        self._replay, self._loop = replay(), SideBySide()
+    def _connect(self) -> Callable[[Request], Reply]:
+        try:
+            from openlock_learners.language.server import Server
+        except ImportError:
+            raise NotAvailableError(
+                "the learner llm needs the package openai, which is not installed; install it with "
+                "pip install 'causal-openlock[llm]'"
+            ) from None
+        chosen = self.parameters
+        return Server(chosen.base_url, chosen.seconds, chosen.retries).ask
 
     def __getstate__(self) -> dict[str, Any]:
-        """All but connections; the conversations are in it, and replies are stored elsewhere."""
-        connections = "_server", "_replay", "_loop"
-        return {name: part for name, part in vars(self).items() if name not in connections}
+        """The conversations: replies are stored elsewhere."""
+        return {name: part for name, part in vars(self).items() if name != "_replies"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Continue the conversations over new connections."""
+        """Continue the conversations."""
         vars(self).update(state)
-        self._open_connections()
-
-    # -- playing --------------------------------------------------------------------------------
+        self._replies = Replies(self._connect)
 
     def act(self, view: View) -> IntArray:
         """``[B]`` the action that each subject's model answers with."""
         playing = np.flatnonzero(view.playing).tolist()
-        for row in playing:
-            if not self._subjects[row].talk:
-                self._open(row, view)
         actions = np.zeros(self.brief.subjects, dtype=np.int64)
-        actions[playing] = self._loop.run([self._answer(row, view) for row in playing])
-        for row in playing:
-            self._subjects[row].chosen = int(actions[row])
+        with ThreadPoolExecutor(self.parameters.requests) as pool:
+            actions[playing] = [*pool.map(lambda row: self._answer(row, view), playing)]
         return actions
 
-    def _open(self, row: int, view: View) -> None:
-        words = self._subjects[row].words
-        how = HOW if self.parameters.tools else HOW_IN_TEXT
-        rules = words.instructions(self.brief.action_limit, self.brief.attempt_limit)
-        room = room_now(words, view, row, self.brief.trials)
-        self._subjects[row].tell(f"{rules}\n\n{how}\n\n{room}")
-
-    async def _answer(self, row: int, view: View) -> int:
-        subject, where = self._subjects[row], _where(view, row)
+    def _answer(self, row: int, view: View) -> int:
+        """Ask a subject until its model answers with an action, up to the limit."""
+        subject, tools = self._subjects[row], self.parameters.tools
+        self._open(row, view)
         for again in range(self.parameters.ask_again + 1):
             if again:
                 subject.tell(subject.words.no_action)
-            request = self._request(subject)
-            key, reply = await self._ask(subject, request)
-            size = sum(len(str(one["content"])) for one in request["messages"])
-            subject.sizes.append((size, reply["tokens"][0]))
-            answer = read_answer(
-                reply["message"], reply["finish"], subject.words, self.parameters.tools
+            line = self._ask(row, view, "action", subject.talk, subject.talk[subject.said :])
+            message, action, fault = read_answer(
+                line["reply"]["message"], line["reply"]["finish"], subject.words, tools
             )
-            subject.talk.append(answer.message)
-            action = None if answer.action is None else self.brief.action_names[answer.action]
-            read = {"action": action, "fault": answer.fault}
-            self._keep(subject, {**where, "asked": "action", **read}, key, reply)
-            subject.in_attempt = True
-            if answer.action is not None:
-                return answer.action
-            subject.faults.append(str(answer.fault))
+            subject.talk.append(message)
+            subject.said, subject.chosen = len(subject.talk), action
+            line["action"] = None if action is None else self.brief.action_names[action]
+            line["fault"] = fault or None
+            if action is not None:
+                return action
+            subject.faults[fault] += 1
         return self._spend(row, view)
+
+    def _open(self, row: int, view: View) -> None:
+        """Begin the conversation with the rules and the room, unless it has begun."""
+        subject = self._subjects[row]
+        if not subject.talk:
+            rules = subject.words.instructions(self.brief.action_limit, self.brief.attempt_limit)
+            how = HOW if self.parameters.tools else HOW_IN_TEXT
+            room = room_now(subject.words, view, row, self.brief.trials)
+            subject.tell(f"{rules}\n\n{how}\n\n{room}")
 
     def _spend(self, row: int, view: View) -> int:
         """Spend an unanswered action on something that changes nothing."""
         subject = self._subjects[row]
+        place = subject.words.order[0]
+        action = place if view.observation[row, place] else self.brief.positions + place
+        subject.chosen, subject.spent = action, True
+        subject.lines[-1]["unanswered"] = self.brief.action_names[action]
         subject.unanswered += 1
-        subject.spent = True
         if subject.unanswered > self.parameters.unanswered:
             raise LearnerError(
                 f"{self.parameters.model} left {counted(subject.unanswered, 'action')} unanswered "
-                f"as one subject ({_counts(subject.faults)}); "
-                + (_MORE_ROOM if "cut off" in subject.faults else "change how it is asked, or ")
-                + "raise unanswered"
+                f"as one subject ({_listed(subject.faults)}); change how it is asked, raise "
+                "unanswered, or give answers that are cut off more room (max_tokens in settings)"
             )
-        place = subject.words.order[0]
-        action = place if view.observation[row, place] else self.brief.positions + place
-        name = self.brief.action_names[action]
-        subject.lines.append({**_where(view, row), "unanswered": name})
-        return int(action)
+        return action
 
     def learn(self, step: Step) -> None:
         """Tell each subject what its action led to; ask about rooms that are over."""
         playing = np.flatnonzero(step.view.playing).tolist()
         for row in playing:
             self._put_in_place(row, step)
-        left = [row for row in playing if step.trial_over[row] and self.parameters.ask_structure]
-        self._loop.run([self._ask_structure(row, step) for row in left])
+        if self.parameters.ask_structure:
+            left = [row for row in playing if step.trial_over[row]]
+            with ThreadPoolExecutor(self.parameters.requests) as pool:
+                [*pool.map(lambda row: self._ask_structure(row, step), left)]
         for row in playing:
             subject = self._subjects[row]
-            text = feedback(subject.words, step, row, self.brief.trials)
-            if subject.spent:
-                text = (
-                    f"You gave no action again, so this one is spent and changes nothing.\n{text}"
-                )
-            subject.tell(text)
+            spent = "You gave no action again, so this one is spent and changes nothing.\n"
+            led_to = feedback(subject.words, step, row, self.brief.trials)
+            subject.tell(f"{spent if subject.spent else ''}{led_to}")
             subject.chosen, subject.spent = None, False
-            subject.in_attempt = not step.attempt_over[row]
 
     def _put_in_place(self, row: int, step: Step) -> None:
         """Have the conversation say what was done, where that is not the model's own answer.
@@ -279,149 +250,135 @@ class LanguageModel(Learner):
         Whoever scores the model gives it what another subject did, and does not always ask it.
         """
         subject, action = self._subjects[row], int(step.action[row])
-        if subject.chosen == action:
-            return
-        if not subject.talk:
+        if subject.chosen != action:
             self._open(row, step.view)
-        done = acting(subject.words, action, self.parameters.tools)
-        if subject.chosen is None:
-            subject.talk.append(done)
-        else:
-            subject.talk[-1] = done
-        subject.spent = False
+            if subject.chosen is not None:
+                subject.talk.pop()
+            subject.talk.append(acting(subject.words, action, self.parameters.tools))
+            subject.spent = False
 
-    # -- asking ---------------------------------------------------------------------------------
-
-    def _request(self, subject: _Subject) -> dict[str, Any]:
-        chosen = self.parameters
-        request = {
-            "model": chosen.model,
-            "messages": subject.messages(chosen.recent),
-            **chosen.settings,
-        }
-        if chosen.temperature is not None:
-            request["temperature"] = chosen.temperature
-        if chosen.send_seed:
-            request["seed"] = subject.seed
-        if chosen.tools:
-            request["tools"] = [act_tool(subject.words)]
-        return request
-
-    async def _ask(self, subject: _Subject, request: dict[str, Any]) -> tuple[str, Reply]:
-        key = key_of(request, subject.seed, len(subject.lines))
-        reply = self._replay.get(key)
-        self._repeated += reply is not None
-        if reply is None:
-            before = None if subject.in_attempt else self._replay.require_budget
-            reply = await self._connected().ask(_as_sent(request), before)
-            self._replay.put(key, reply)
-        return key, reply
-
-    def _connected(self) -> Server:
-        """The server; the first request looks for it, so that a repetition needs none."""
-        if self._server is None:
-            self._replay.require_place()  # or what is answered, and paid for, would be lost
-            try:
-                from openlock_learners.language.server import Server
-            except ImportError:
-                raise NotAvailableError(
-                    "the learner llm needs the package openai, which is not installed; install it "
-                    "with pip install 'causal-openlock[llm]'"
-                ) from None
-            chosen = self.parameters
-            self._server = Server(chosen.base_url, chosen.seconds, chosen.retries, chosen.requests)
-            self._loop.at_the_end.append(self._server.close)
-        return self._server
-
-    async def _ask_structure(self, row: int, step: Step) -> None:
+    def _ask_structure(self, row: int, step: Step) -> None:
         """Ask which lever enables which; the conversation itself stays without the question."""
-        subject = self._subjects[row]
-        words = subject.words
-        new, outcome = bool(step.new_solution[row]), step.outcome[row]
-        aside = replace(subject, talk=[*subject.talk], in_attempt=True)
-        aside.tell(f"{words.outcome(step.view.observation[row], outcome, new)}\n{words.question()}")
-        request = self._request(aside)
-        if "tools" in request:
+        subject, new = self._subjects[row], bool(step.new_solution[row])
+        words, nodes = subject.words, (*position_names(self.brief.positions), DOOR)
+        outcome = words.outcome(step.view.observation[row], step.outcome[row], new)
+        question = subject.message(f"{outcome}\n{words.question()}\n{STRUCTURE}")
+        line = self._ask(row, step.view, "structure", [*subject.talk, question], [question])
+        line["enables"] = read_structure(line["reply"]["message"], words, nodes)
+        line["fault"] = "malformed" if line["enables"] is None else None
+        subject.unreadable += line["enables"] is None
+
+    def _ask(
+        self, row: int, view: View, asked: str, talk: list[Message], told: list[Message]
+    ) -> dict[str, Any]:
+        """Ask for a reply, unless it is kept; the line of the transcript that holds it."""
+        chosen, subject = self.parameters, self._subjects[row]
+        request: Request = {
+            "model": chosen.model,
+            "messages": _last(talk, chosen.recent),
+            "temperature": chosen.temperature,
+            "seed": subject.seed if chosen.send_seed else None,
+        }
+        if chosen.tools:
+            request |= {"tools": [act_tool(subject.words)], "parallel_tool_calls": False}
+        request |= chosen.settings
+        if chosen.tools and asked == "structure":
             request["tool_choice"] = "none"
-        request["response_format"] = structure_format(words)
-        key, reply = await self._ask(aside, request)
-        nodes = (*position_names(self.brief.positions), DOOR)
-        pairs = read_structure(reply["message"], words, nodes)
-        fault = None if pairs is not None else "malformed"
-        subject.unreadable += pairs is None
-        what = {"asked": "structure", "told": aside.talk[-1:], "enables": pairs, "fault": fault}
-        self._keep(subject, {**_where(step.view, row), **what}, key, reply)
-
-    # -- what is kept ---------------------------------------------------------------------------
-
-    @staticmethod
-    def _keep(subject: _Subject, what: dict[str, Any], key: str, reply: Reply) -> None:
-        """Add a line to the transcript, with what has been told since the last one."""
-        if what["asked"] == "action":
-            what["told"] = subject.talk[subject.said : -1]
-            subject.said = len(subject.talk)
-        subject.lines.append({**what, "key": key, "reply": reply})
+        request = {name: value for name, value in request.items() if value is not None}
+        key = key_of(request, subject.seed, len(subject.lines))
+        reply, repeated = self._replies.reply(key, request)
+        subject.repeated += repeated
+        characters = sum(len(str(message["content"])) for message in request["messages"])
+        subject.sizes.append((characters, reply["tokens"][0]))
+        where = {"trial": int(view.trial[row]), "attempt": int(view.attempt[row])}
+        line = {**where, "asked": asked, "told": told, "key": key, "reply": reply}
+        subject.lines.append(line)
+        return line
 
     def account(self) -> Account:
-        """The transcripts, and a sentence if answers were not actions."""
-        chosen = self.parameters
+        """The transcripts, and what the user has to know of answers and of the server."""
         transcripts = []
         for subject in self._subjects:
-            replies = [line["reply"] for line in subject.lines if "reply" in line]
-            head = {
-                "model": chosen.model,
-                "base_url": chosen.base_url,
-                "temperature": chosen.temperature,
+            replies = [line["reply"] for line in subject.lines]
+            head: dict[str, Any] = {
+                "model": self.parameters.model,
+                "base_url": self.parameters.base_url,
+                "temperature": self.parameters.temperature,
                 "seed": subject.seed,
                 **asdict(subject.words),
                 "tokens": [sum(reply["tokens"][i] for reply in replies) for i in (0, 1)],
                 "latency": round(sum(reply["latency"] for reply in replies), 3),
                 "answers": len(replies),
-                "faults": dict(Counter(subject.faults)),
+                "faults": dict(subject.faults),
                 "unanswered": subject.unanswered,
                 "unreadable": subject.unreadable,
             }
             rest = {"told": subject.talk[subject.said :]}  # what came of the last answer
             transcripts.append([head, *subject.lines, rest])
-        faults = [fault for subject in self._subjects for fault in subject.faults]
-        remarks = []
-        if faults:
-            spent = sum(subject.unanswered for subject in self._subjects)
-            remarks.append(
-                f"{counted(len(faults), 'answer was', 'answers were')} no action "
-                f"({_counts(faults)}); {counted(spent, 'action')} stayed unanswered, and each was "
-                "spent on what changes nothing"
-            )
-        if unreadable := sum(subject.unreadable for subject in self._subjects):
-            remarks.append(
-                f"{counted(unreadable, 'answer')} to which lever enables which could not be read"
-            )
-        if "cut off" in faults:
-            remarks.append(_MORE_ROOM.removesuffix(", or "))
-        if cut := sum(was_cut(subject.sizes) for subject in self._subjects):
-            remarks.append(
-                f"the server seems to have read only a part of the conversations of "
-                f"{counted(cut, 'subject')}: they grew, and the tokens that it counts did not, so "
-                "the model may never have seen the rules; give the server a larger context, or set "
-                "recent (docs/howto/llm.md)"
-            )
-        if self._repeated:
-            remarks.append(
-                f"{counted(self._repeated, 'answer')} had been given before and came from "
-                f"{self._replay.folder}; no server was asked for them"
-            )
-        return Account(tuple(transcripts), tuple(remarks))
+        return Account(tuple(transcripts), tuple(text for many, text in self._remarks() if many))
+
+    def _remarks(self) -> Iterator[tuple[int, str]]:
+        """How often something happened, and what to say of it."""
+        subjects = self._subjects
+        faults = sum((subject.faults for subject in subjects), Counter[str]())
+        spent, no_action = sum(subject.unanswered for subject in subjects), faults.total()
+        yield (
+            no_action,
+            f"{counted(no_action, 'answer was', 'answers were')} no action ({_listed(faults)}); "
+            f"{counted(spent, 'action')} stayed unanswered, and each was spent on what changes "
+            "nothing",
+        )
+        more_room = "answers that are cut off have more room with a larger max_tokens in settings"
+        yield faults["cut off"], more_room
+        many = sum(subject.unreadable for subject in subjects)
+        yield many, f"{counted(many, 'answer')} to which lever enables which could not be read"
+        many = sum(not tokens for subject in subjects for _, tokens in subject.sizes)
+        yield many, f"the server did not count the tokens of {counted(many, 'question')}"
+        many = sum(was_cut(subject.sizes) for subject in subjects)
+        yield (
+            many,
+            "the server seems to have read only a part of the conversations of "
+            f"{counted(many, 'subject')}: they grew, and the tokens that it counts did not, so the "
+            "model may never have seen the rules; give the server a larger context, or set recent "
+            "(docs/howto/llm.md)",
+        )
+        many = sum(subject.repeated for subject in subjects)
+        yield (
+            many,
+            f"{counted(many, 'answer')} had been given before and came from "
+            f"{self._replies.folder}; no server was asked for them",
+        )
 
 
-def _where(view: View, row: int) -> dict[str, Any]:
-    return {"trial": int(view.trial[row]), "attempt": int(view.attempt[row])}
+def was_cut(sizes: list[tuple[int, int]]) -> bool:
+    """Whether a server seems to cut off its prompts: much longer ones have hardly more tokens.
+
+    Servers that count only what is new, and not what they remember, count few tokens of each
+    character; that does not count as a cut.
+
+    >>> was_cut([(2000, 500), (9000, 1000), (18000, 1000)]), was_cut([(2000, 500), (18000, 4400)])
+    (True, False)
+
+    Args:
+        sizes: Of each request in succession, its characters and the tokens of its prompt.
+    """
+    characters, tokens = max(sizes, default=(0, 0))
+    if characters < _LONG or tokens < 0.7 * max(of_each for _, of_each in sizes) or not tokens:
+        return False
+    # Of a short prompt that was read, a token has a few characters; otherwise nothing is counted.
+    whole = [(size, own) for size, own in sizes if size <= 0.6 * characters and size <= 10 * own]
+    return any(own >= 0.9 * tokens for _, own in whole)
 
 
-def _counts(faults: list[str]) -> str:
-    return joined([f"{many} {fault}" for fault, many in sorted(Counter(faults).items())])
+def _last(talk: list[Message], recent: int | None) -> list[Message]:
+    """The conversation with the last ``recent`` answers of the model; None for all."""
+    first, *rest = talk
+    if recent is None or len(rest) <= 2 * recent:
+        return talk
+    # An answer and what it led to always alternate, so what is left begins with an answer.
+    left_out = f"{first['content']}\n\n(What came then is left out here.)"
+    return [{**first, "content": left_out}, *rest[-2 * recent :]]
 
 
-def _as_sent(request: dict[str, Any]) -> dict[str, Any]:
-    """A request as the library takes it; what it does not know goes into the body."""
-    named = {name: request[name] for name in OURS if name in request}
-    return {**named, "extra_body": {k: v for k, v in request.items() if k not in OURS}}
+def _listed(faults: Counter[str]) -> str:
+    return joined([f"{many} {fault}" for fault, many in sorted(faults.items())])

@@ -18,7 +18,7 @@ from causal_openlock.experiment.session import Session
 from causal_openlock.testing import LearnerContract
 from causal_openlock.world.randomness import Streams, generators
 from support.places import ROOT
-from support.scripted_model import URL, ScriptedModel
+from support.scripted_model import NETWORK, URL, ScriptedModel
 
 pytestmark = pytest.mark.slow
 
@@ -200,7 +200,7 @@ class TestLanguageModel(LearnerContract):
         # One folder for all tests: what was asked in one of them is not asked in the next.
         folder = tmp_path_factory.getbasetemp() / "llm_contract"
         monkeypatch.setenv("OPENLOCK_LLM_REPLAY", str(folder))
-        monkeypatch.setattr("openlock_learners.language.server.TRANSPORT", ScriptedModel())
+        monkeypatch.setattr(NETWORK, ScriptedModel())
 
 
 OURS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"][

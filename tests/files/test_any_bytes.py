@@ -52,7 +52,8 @@ from causal_openlock.schemas.graphs import FORMATS, export_schema, read_schema
 from causal_openlock.scoring.scores import ACTIONS, FOLDER, Scores, score_learners
 from causal_openlock.scoring.teacher_forcing import recorded_subjects
 from causal_openlock.storage.store import Store
-from openlock_learners.language.kept_replies import Replay
+from openlock_learners.language.replies import FOLDER as REPLIES
+from openlock_learners.language.replies import Replies
 from openlock_learners.meta.training import MetaTraining, resume
 from openlock_learners.meta.training_file import TrainingFile, read_training
 from openlock_learners.networks.network_file import read_network, write_network
@@ -180,16 +181,17 @@ def readers(work):
 
     about = {"finish": "stop", "model": "m", "server": "s", "fingerprint": None, "retries": 0}
     said = {"content": "Push oak."}
-    replies = Replay(work / "replies")
-    replies.put("1", {"message": said, **about, "tokens": [90, 9], "latency": 0.5})
+    reply = {"message": said, **about, "tokens": [90, 9], "latency": 0.5}
+    (work / "replies").mkdir()
+    (work / "replies" / "1.jsonl").write_text(json.dumps({"key": "1", "reply": reply}) + "\n")
     counts = {"answers": 4, "tokens": [90, 9], "latency": 0.5, "faults": {"no action": 1}}
     lines = [{"subject": 0, "role": "assistant", **said}, {"subject": 0, **counts}]
     (work / "spoken.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
 
     def replayed(path):
-        found = Replay(path.parent)
-        found.refresh()
-        return found.get("1"), found.spent
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv(REPLIES, str(path.parent))
+            return Replies(dict)._kept
 
     def studied(path):
         found = read_study(path.parent)
@@ -222,7 +224,7 @@ def readers(work):
         "people/recruited.jsonl": lambda path: people(0).close(),
         "data.csv": imported,
         "data.json": imported,
-        next((work / "replies").iterdir()).relative_to(work).as_posix(): replayed,
+        "replies/1.jsonl": replayed,
         "spoken.jsonl": lambda path: list(_counts(path)),
     }
 

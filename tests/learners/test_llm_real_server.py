@@ -13,7 +13,7 @@ import pytest
 from causal_openlock.comparison.results import Results
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.running.runner import run
-from openlock_learners.language.kept_replies import BUDGET, FOLDER
+from openlock_learners.language.replies import FOLDER
 from support.places import ROOT
 from support.waiting import until
 
@@ -25,7 +25,6 @@ PROGRAM = shutil.which("transformers")
 def test_a_real_server_answers_and_a_repetition_needs_none(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv(FOLDER, str(tmp_path / "replay"))
-    monkeypatch.setenv(BUDGET, "1000000")  # it counts tokens
     python = Path(PROGRAM).with_name("python")
     subprocess.run([python, EXAMPLE / "tiny_model.py", "tiny"], check=True, capture_output=True)
     with socket.socket() as free:

@@ -1,18 +1,21 @@
-"""A language model that follows a script, behind a transport that stands for the network.
+"""A language model that follows a script, in the place of the network.
 
 A script gives, for the body of a request and its number, a message, an exception of the network, or
 ``(status, text, headers)`` of a reply.
 """
 
-import asyncio
 import json
+import time
 import zlib
+from threading import Lock
 from typing import Any
 
 import httpx2
 
 URL = "http://localhost:8000/v1"
+NETWORK = "httpx2.HTTPTransport.handle_request"
 Body = dict[str, Any]
+USAGE = {"prompt_tokens": 100, "completion_tokens": 5}
 
 
 def choices(body):
@@ -38,35 +41,40 @@ def some_action(body, _):
     return call(listed[zlib.crc32(json.dumps(body, sort_keys=True).encode()) % len(listed)])
 
 
-def completion(message, finish="stop", prompt=100):
+def completion(message, finish="stop", usage=USAGE):
     """A reply that holds a message, which ended for this reason."""
     reply = {
         "model": "scripted-1",
         "system_fingerprint": "fp_7",
         "choices": [{"index": 0, "message": message, "finish_reason": finish}],
-        "usage": {"prompt_tokens": prompt, "completion_tokens": 5},
+        "usage": usage,
     }
     return 200, json.dumps(reply), {"Server": "Scripted/1"}
 
 
-class ScriptedModel(httpx2.MockTransport):
-    """Keeps what was asked, and how many requests were under way at the same time."""
+class ScriptedModel:
+    """Keeps what was asked, and how many requests were under way at the same time.
+
+    Takes the place of the network: ``monkeypatch.setattr(NETWORK, ScriptedModel())``.
+    """
 
     def __init__(self, script=some_action):
-        super().__init__(self._answer)
         self.script = script
         self.asked: list[Body] = []
         self.requests: list[httpx2.Request] = []
         self.most = self._now = 0
+        self._lock = Lock()
 
-    async def _answer(self, request):
-        number = len(self.asked)
-        self.asked.append(json.loads(request.content))
-        self.requests.append(request)
-        self._now += 1
-        self.most = max(self.most, self._now)
-        await asyncio.sleep(0.001)
-        self._now -= 1
+    def __call__(self, request):
+        with self._lock:
+            number = len(self.asked)
+            self.asked.append(json.loads(request.content))
+            self.requests.append(request)
+            self._now += 1
+            self.most = max(self.most, self._now)
+        time.sleep(0.001)
+        with self._lock:
+            self._now -= 1
         said = self.script(self.asked[number], number)
         if isinstance(said, Exception):
             raise said

@@ -1,0 +1,130 @@
+"""Replies of models, kept by everything that they depend on, so that none is asked for twice.
+
+A comparison that is repeated finds every reply here: it needs no server and gives the same, byte
+for byte. One that was interrupted asks only for what is missing.
+
+The folder is the environment variable ``OPENLOCK_LLM_REPLAY``, by default
+``~/.cache/causal_openlock/llm``. It holds files of lines of JSON, one for each learner that asked;
+a line that is damaged, or that a kill has cut off, is ignored. A transcript in a results folder has
+the same lines, so ``OPENLOCK_LLM_REPLAY=results/transcripts`` repeats a comparison from its
+results.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import secrets
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Lock
+from typing import Annotated, Any
+
+from pydantic import BaseModel, Field, NonNegativeInt
+
+from causal_openlock.errors import NotAvailableError
+
+FOLDER = "OPENLOCK_LLM_REPLAY"
+"""Environment variable; not a parameter, since results do not depend on it."""
+Request = dict[str, Any]
+Reply = dict[str, Any]
+"""The fields of :class:`_Reply`."""
+
+
+class _Reply(BaseModel):
+    message: dict[str, Any]
+    finish: str | None
+    model: str | None = None
+    server: str | None = None
+    fingerprint: str | None = None
+    tokens: tuple[NonNegativeInt, NonNegativeInt]  # of the question, and of the answer
+    latency: Annotated[float, Field(ge=0, allow_inf_nan=False)]
+    retries: NonNegativeInt = 0
+
+
+def checked(reply: Any, secret: str = "") -> Reply:
+    """A reply that anybody may have written, as valid Unicode and JSON without the secret.
+
+    Raises:
+        ValueError, TypeError, RecursionError: If it is not a reply.
+    """
+    text = json.dumps(reply, ensure_ascii=False, allow_nan=False).encode("utf-8", "replace")
+    clean = text.replace(secret.encode(), b"[key]") if secret else text
+    return _Reply.model_validate_json(clean).model_dump(mode="json")
+
+
+def key_of(request: Request, seed: int, number: int) -> str:
+    """The key of a request, of a subject with this seed that gave so many answers before.
+
+    It holds no address and no secret. With a short memory, a request that comes again is another.
+    """
+    text = json.dumps({"request": request, "seed": seed, "number": number}, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+class Replies:
+    """The replies in a folder as it is now, and those that a server adds; threads may ask.
+
+    Args:
+        connect: Finds the server, for the first reply that is missing; what it returns is asked.
+    """
+
+    def __init__(self, connect: Callable[[], Callable[[Request], Reply]]) -> None:
+        self._connect, self._connecting = connect, Lock()
+        self._ask: Callable[[Request], Reply] | None = None
+        default = Path.home() / ".cache" / "causal_openlock" / "llm"
+        self.folder = Path(os.environ.get(FOLDER) or default)
+        self._own = self.folder / f"{secrets.token_hex(8)}.jsonl"
+        self._kept: dict[str, Reply] = {}
+        for path in sorted(self.folder.glob("*.jsonl")):
+            with _refusal(path, "read"), path.open("rb") as file:
+                for line in file:
+                    self._take(line)
+
+    def _take(self, line: bytes) -> None:
+        try:
+            kept = json.loads(line)
+            self._kept.setdefault(str(kept["key"]), checked(kept["reply"]))
+        except (LookupError, TypeError, ValueError, RecursionError):
+            pass  # a line of another kind, or a damaged one
+
+    def reply(self, key: str, request: Request) -> tuple[Reply, bool]:
+        """The reply to a request, and whether it is one that was given before.
+
+        Raises:
+            NotAvailableError: If nobody gives one, or it cannot be kept.
+        """
+        if key in self._kept:
+            return self._kept[key], True
+        with self._connecting:
+            if self._ask is None:
+                self._require_place()
+                self._ask = self._connect()
+        reply = self._kept[key] = self._ask(request)
+        line = json.dumps({"key": key, "reply": reply}) + "\n"
+        with _refusal(self._own, "written"), self._own.open("ab", buffering=0) as file:
+            file.write(line.encode())  # at once, whichever threads do so too
+        return reply, False
+
+    def _require_place(self) -> None:
+        """Make sure that what will be answered, and paid for, can be kept."""
+        if (self.folder.parent / "experiment.json").exists():
+            raise NotAvailableError(
+                f"{self.folder} belongs to results, to which no replies are added, and one is "
+                f"missing there; name a copy of it in {FOLDER}"
+            )
+        with _refusal(self._own, "written"):
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self._own.touch()
+
+
+@contextmanager
+def _refusal(path: Path, what: str) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise NotAvailableError(
+            f"{path} cannot be {what} ({error.strerror}); name another folder in {FOLDER}"
+        ) from None
