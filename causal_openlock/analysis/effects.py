@@ -1,4 +1,4 @@
-"""How large an effect is, and how many subjects it takes to see it.
+"""How large an effect is, and how likely chance alone makes one as large.
 
 Whether a difference is more than chance depends on the number of subjects; how large it is does
 not. Learners can be given as many subjects as one likes, so that the smallest difference becomes
@@ -12,8 +12,7 @@ half is often a single number, so that its interval would have no width where le
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -24,12 +23,6 @@ from causal_openlock.world.randomness import generators
 
 ALPHA = 0.05
 """Significance level."""
-
-POWER = 0.8
-"""Wanted probability of finding an effect that exists."""
-
-MOST_SUBJECTS = 1_000_000
-"""The largest group whose power is computed."""
 
 
 def hedges_g(d: float, df: int) -> float:
@@ -69,66 +62,6 @@ def holm(p: FloatArray) -> FloatArray:
     times = len(order) - np.arange(len(order))
     corrected[order] = np.minimum(np.maximum.accumulate(p[order] * times), 1.0)
     return corrected
-
-
-def power_of_t(d: float, subjects: int, alpha: float = ALPHA, paired: bool = False) -> float:
-    """Probability that a two-sided t test of two groups, at least 2 subjects each, finds Cohen's d.
-
-    >>> round(power_of_t(0.5, 64), 2)
-    0.8
-
-    If it is ``paired``, d is that of the differences in as many pairs.
-    """
-    from scipy.special import nctdtr, stdtrit
-
-    df, away = 2 * subjects - 2, abs(d) * np.sqrt(subjects / 2)
-    if paired:
-        df, away = subjects - 1, abs(d) * np.sqrt(subjects)
-    critical = stdtrit(df, 1 - alpha / 2)
-    if not np.isfinite(away):
-        return float("nan")
-    # SciPy has NaN for probabilities below 1e-15.
-    below, above = np.nan_to_num(nctdtr(df, away, [critical, -critical]))
-    return float(1 - below + above)
-
-
-def power_of_contrast(noncentrality: float, subjects: int, groups: int) -> float:
-    """Probability that the F test of a contrast, such as an interaction, finds an effect.
-
-    Args:
-        noncentrality: The F that the effect has on average for each subject of a group: F / n.
-        subjects: In each group, at least 2.
-        groups: How many groups the contrast is among.
-    """
-    from scipy.special import fdtri, ncfdtr
-
-    error = groups * (subjects - 1)
-    return float(1 - ncfdtr(1, error, noncentrality * subjects, fdtri(1, error, 1 - ALPHA)))
-
-
-def subjects_needed(d: float) -> int | None:
-    """The fewest subjects in each group with which a t test of Cohen's d has :data:`POWER`.
-
-    >>> subjects_needed(0.8)
-    26
-
-    None if that is beyond :data:`MOST_SUBJECTS`, as for no effect at all, or if d is NaN.
-    """
-    return None if np.isnan(d) else fewest_subjects(lambda n: power_of_t(d, n))
-
-
-def contrast_subjects_needed(noncentrality: float, groups: int) -> int | None:
-    """The fewest subjects in each group for a contrast; see :func:`power_of_contrast`."""
-    if np.isnan(noncentrality):
-        return None
-    return fewest_subjects(lambda n: power_of_contrast(noncentrality, n, groups))
-
-
-def fewest_subjects(power_at: Callable[[int], float], power: float = POWER) -> int | None:
-    """The fewest subjects with a power, which rises with them; None beyond the most."""
-    sizes = range(2, MOST_SUBJECTS + 1)
-    place = bisect_left(sizes, power, key=power_at)
-    return sizes[place] if place < len(sizes) else None
 
 
 class Difference(NamedTuple):

@@ -7,23 +7,22 @@ the probability that the test is significant if the difference is real. Two of t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from bisect import bisect_left
+from collections.abc import Sequence
 from numbers import Real
 from typing import NamedTuple
 
 import numpy as np
 
-from causal_openlock.analysis.effects import (
-    ALPHA,
-    MOST_SUBJECTS,
-    POWER,
-    fewest_subjects,
-    power_of_t,
-)
+from causal_openlock.analysis.effects import ALPHA
 from causal_openlock.errors import OpenLockError
 from causal_openlock.files.validation import whole_number
 
 LEAST_ALPHA = 1e-12
+POWER = 0.8
+"""Wanted probability of finding a difference that exists."""
+MOST_SUBJECTS = 1_000_000
+"""The largest group whose power is computed."""
 
 
 class SampleSize(NamedTuple):
@@ -74,21 +73,19 @@ def sample_size(
     Raises:
         OpenLockError: If numbers are missing or not possible, or more than a million are needed.
     """
+    from scipy.optimize import brentq
+
     spread = _spread(sd)
     if difference is None and subjects is None:
         raise OpenLockError("give the difference that matters, or the number of subjects")
     if None not in (difference, subjects, power):
         raise OpenLockError("difference, subjects and power: give two, and the third is returned")
+    distance = abs(difference) if isinstance(difference, Real) else difference
     for name, value, low, high in (
         ("sd", spread, 0, math.inf),
         ("alpha", alpha, LEAST_ALPHA, POWER if power is None else 1),
         ("power", power, alpha, 1),
-        (
-            "difference",
-            abs(difference) if isinstance(difference, Real) else difference,
-            0,
-            math.inf,
-        ),
+        ("difference", distance, 0, math.inf),
     ):
         needed = value is not None or name == "alpha"
         if needed and not (isinstance(value, Real) and low < value < high):
@@ -103,14 +100,42 @@ def sample_size(
 
     if difference is None:
         assert subjects is not None
-        return SampleSize(subjects, _smallest(power_at, subjects, wanted, spread), wanted)
-    found = subjects or fewest_subjects(lambda n: power_at(difference, n), wanted)
-    if found is None:
-        raise OpenLockError(
-            f"a difference of {difference:g} needs more than {MOST_SUBJECTS:,} subjects; ask for a "
-            "larger one"
-        )
-    return SampleSize(found, difference, power_at(difference, found))
+        known, high = subjects, spread
+        while power_at(high, known) < wanted:
+            high *= 2
+        smallest = brentq(lambda distance: power_at(distance, known) - wanted, 0.0, high)
+        return SampleSize(subjects, float(smallest), wanted)
+    if subjects is None:
+        sizes = range(2, MOST_SUBJECTS + 1)
+        place = bisect_left(sizes, wanted, key=lambda size: power_at(difference, size))
+        if place == len(sizes):
+            raise OpenLockError(
+                f"a difference of {difference:g} needs more than {MOST_SUBJECTS:,} subjects; ask "
+                "for a larger one"
+            )
+        subjects = sizes[place]
+    return SampleSize(subjects, difference, power_at(difference, subjects))
+
+
+def power_of_t(d: float, subjects: int, alpha: float = ALPHA, paired: bool = False) -> float:
+    """Probability that a two-sided t test of two groups, at least 2 subjects each, finds Cohen's d.
+
+    >>> round(power_of_t(0.5, 64), 2)
+    0.8
+
+    If it is ``paired``, d is that of the differences in as many pairs.
+    """
+    from scipy.special import nctdtr, stdtrit
+
+    df, away = 2 * subjects - 2, abs(d) * np.sqrt(subjects / 2)
+    if paired:
+        df, away = subjects - 1, abs(d) * np.sqrt(subjects)
+    critical = stdtrit(df, 1 - alpha / 2)
+    if not np.isfinite(away):
+        return float("nan")
+    # SciPy has NaN for probabilities below 1e-15.
+    below, above = np.nan_to_num(nctdtr(df, away, [critical, -critical]))
+    return float(1 - below + above)
 
 
 def _spread(sd: float | Sequence[float]) -> float:
@@ -119,18 +144,6 @@ def _spread(sd: float | Sequence[float]) -> float:
         values = np.asarray(sd, float).ravel()
     except (TypeError, ValueError):
         values = np.zeros(0)
-    if not len(values):
-        raise OpenLockError(f"sd is a number, or the values of a pilot study, not {sd!r}")
+    if len(values) < 2 and not isinstance(sd, Real):
+        raise OpenLockError(f"sd is a number, or the values of two or more subjects, not {sd!r}")
     return float(values.std(ddof=1) if len(values) > 1 else values[0])
-
-
-def _smallest(
-    power_at: Callable[[float, int], float], subjects: int, power: float, start: float
-) -> float:
-    """The difference at which a power is reached."""
-    from scipy.optimize import brentq
-
-    high = start
-    while power_at(high, subjects) < power:
-        high *= 2
-    return float(brentq(lambda one: power_at(one, subjects) - power, 0.0, high))

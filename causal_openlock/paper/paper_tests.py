@@ -19,16 +19,7 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.decisions import Decided
-from causal_openlock.analysis.effects import (
-    ALPHA,
-    POWER,
-    contrast_subjects_needed,
-    hedges_g,
-    partial_eta_squared,
-    power_of_contrast,
-    power_of_t,
-    subjects_needed,
-)
+from causal_openlock.analysis.effects import ALPHA, hedges_g, partial_eta_squared
 from causal_openlock.analysis.measures import at_places, by_subject
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
@@ -313,57 +304,8 @@ def section(material: Material, _: Decided) -> Section | None:
         for family in FAMILIES
         if (own["family"] == family).any()
     ]
-    conditions = {(test.family, test.name): len(test.conditions) for test in TESTS}
-    each = own["subjects"] / [
-        conditions[key] for key in zip(own["family"], own["test"], strict=True)
-    ]
-    subjects = max(2, round(each.min()))
-    power = power_table(subjects)
-    tables += [_power_table(power, subjects), _PROSE.table("paper_tests_all", tests, _NUMBERS)]
-    return _PROSE.section(
-        "paper_tests",
-        tables,
-        alpha=ALPHA,
-        subjects=subjects,
-        fewest=own.loc[each.idxmin(), "learner"],
-        weak=int((power["power_here"] < POWER).sum()),
-        effects=len(power),
-        power=POWER,
-    )
-
-
-def power_table(subjects: int) -> pd.DataFrame:
-    """Power of the paper's tests to find in a learner what they find in people.
-
-    The learner has ``subjects`` subjects in each condition, at least 2.
-
-    Returns:
-        A row for each test of two groups or of the interaction that the paper prints of baseline
-        and transfer: ``test``, ``effect``, ``effect_size`` (of people), ``power_here`` (with
-        ``subjects``), ``power_of_paper`` (with the paper's 40) and ``subjects_needed`` (in each
-        condition, for a power of 0.8).
-    """
-    of_people = printed_tests().set_index(["family", "test"])
-    rows = []
-    for test in TESTS:
-        if test.kind == "trials" or test.family == "training":
-            continue
-        row = of_people.loc[(test.family, test.name)]
-        if test.kind == "interaction":
-            each = row["value"] / _SUBJECTS_OF_PEOPLE
-            powers = [power_of_contrast(each, n, 4) for n in (subjects, _SUBJECTS_OF_PEOPLE)]
-            needed = contrast_subjects_needed(each, 4)
-            effect, size = "ηp²", row["effect_size"]
-        else:  # two groups of one or more conditions; F of two groups is t squared
-            t = row["value"] if test.kind == "t" else np.sqrt(row["value"])
-            merged = len(test.sides[0])
-            effect, size = "d", float(t * np.sqrt(2 / (merged * _SUBJECTS_OF_PEOPLE)))
-            powers = [power_of_t(size, merged * n) for n in (subjects, _SUBJECTS_OF_PEOPLE)]
-            both = subjects_needed(size)
-            needed = None if both is None else -(-both // merged)
-        rows.append((f"{FAMILIES[test.family]}: {test.name}", effect, size, *powers, needed))
-    columns = ["test", "effect", "effect_size", "power_here", "power_of_paper", "subjects_needed"]
-    return pd.DataFrame(rows, columns=columns)
+    tables.append(_PROSE.table("paper_tests_all", tests, _NUMBERS))
+    return _PROSE.section("paper_tests", tables, alpha=ALPHA)
 
 
 def _family_table(family: str, rows: pd.DataFrame, material: Material) -> Table:
@@ -416,20 +358,6 @@ def finding(test: PaperTest, rows: pd.DataFrame, family: str) -> dict[str, str]:
 
 def _listed(rows: pd.DataFrame) -> str:
     return ", ".join(rows["learner"]) or "–"
-
-
-def _power_table(power: pd.DataFrame, subjects: int) -> Table:
-    needed = f"n for a power of {POWER:g}"
-    names = {
-        "effect_size": "size in people",
-        "power_here": f"power with n = {subjects}",
-        "power_of_paper": f"power of the paper, n = {_SUBJECTS_OF_PEOPLE}",
-        "subjects_needed": needed,
-    }
-    if subjects == _SUBJECTS_OF_PEOPLE:
-        power = power.drop(columns="power_of_paper")
-    formats = {**dict.fromkeys(names.values(), ".2f"), needed: ",.0f"}
-    return _PROSE.table("paper_tests_power", power.rename(columns=names), formats, alpha=ALPHA)
 
 
 TOPIC = Topic("paper_tests", 70, section)

@@ -8,7 +8,6 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from causal_openlock.analysis.effects import power_of_t, subjects_needed
 from causal_openlock.analysis.measures import attempts_to_solve
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import Beside
@@ -18,7 +17,6 @@ from causal_openlock.paper.paper_tests import (
     TESTS,
     outcome_text,
     paper_tests,
-    power_table,
     printed_tests,
 )
 from causal_openlock.paper.references import people
@@ -151,13 +149,6 @@ def test_conditions_and_subjects_that_are_not_whole_are_left_out():
     pd.testing.assert_frame_equal(tests, whole)
 
 
-def test_power_is_that_of_the_size_in_people():
-    row = power_table(20).set_index("test").loc["Transfer test: CC4: CE3 − CC3"]
-    d = 2.62 * np.sqrt(2 / 40)
-    assert (row["effect_size"], row["power_here"]) == pytest.approx((d, power_of_t(d, 20)))
-    assert row["subjects_needed"] == subjects_needed(d) == 47
-
-
 # -- the section ----------------------------------------------------------------------------------
 
 
@@ -173,7 +164,7 @@ def tables(held):
 
 def test_the_section_has_a_table_for_each_family_with_people_first(played):
     found = tables(played)
-    assert list(found) == ["found", "baseline", "training", "transfer", "power", "all"]
+    assert list(found) == ["found", "baseline", "training", "transfer", "all"]
     for family in ("baseline", "training", "transfer"):
         assert found[family]["learner"].tolist() == ["People (printed)", *LEARNERS]
         assert found[family]["n"].tolist() == ["40", "12", "12", "12"]
@@ -227,5 +218,5 @@ def test_learners_that_did_something_else_are_not_tested(played):
     cells = {("good", "CC4", "human"), ("good", "CE4", "human")}
     beside = (Beside(people(), cells),)
     found = tables(Material(played.record, {}, played.trials, LEARNERS, beside, {}))
-    assert list(found) == ["found", "baseline", "power", "all"]
+    assert list(found) == ["found", "baseline", "all"]
     assert found["baseline"]["learner"].tolist() == ["People (printed)", "good"]
