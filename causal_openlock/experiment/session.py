@@ -30,7 +30,7 @@ from causal_openlock.errors import ExperimentError, LearnerError
 from causal_openlock.experiment.declare import Condition, Protocol
 from causal_openlock.experiment.plan import check_trial, plan
 from causal_openlock.experiment.record import AttemptLog, assemble
-from causal_openlock.schemas.fsm import BoolArray, IntArray, compile_schema
+from causal_openlock.schemas.fsm import BoolArray, IntArray
 from causal_openlock.world.kernel import (
     AFTER,
     ATTEMPTS_LEFT,
@@ -43,7 +43,7 @@ from causal_openlock.world.kernel import (
 )
 from causal_openlock.world.randomness import Streams, generators, unrelated_generators
 from causal_openlock.world.rewards import PAPER_REWARD, RewardForm, find_reward
-from causal_openlock.world.room import Layout, Room, action_names, positions_for
+from causal_openlock.world.room import Room, action_names, positions_for
 from causal_openlock.world.rooms import Outcome, Rooms, RoomTables
 
 if TYPE_CHECKING:
@@ -125,11 +125,9 @@ class Session:
             [(schema, protocol.actions_for(schema)) for schema in condition.schemas],
             max(positions_for(schema) for schema in condition.schemas),
         )
-        machines = {schema: compile_schema(schema) for schema in condition.schemas}
         met = {(id(visit.schema), visit.layout): visit for visit in chain(*visits)}
         self._met = tuple(
-            Room(machines[visit.schema], Layout.of(visit.schema, visit.layout, tables.positions))
-            for visit in met.values()
+            Room.of(visit.schema, visit.layout, tables.positions) for visit in met.values()
         )
         number = {place: i for i, place in enumerate(met)}
         self._room = np.array([[number[id(v.schema), v.layout] for v in row] for row in visits])

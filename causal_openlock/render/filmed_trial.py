@@ -16,7 +16,6 @@ from causal_openlock.errors import StoreError
 from causal_openlock.experiment.declare import SHOWN, Condition, LearnerSpec, Protocol
 from causal_openlock.experiment.plan import check_trial
 from causal_openlock.experiment.session import Session
-from causal_openlock.schemas.fsm import compile_schema
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.wording import nearest
 from causal_openlock.world.rewards import PAPER_REWARD, RewardFunction
@@ -82,7 +81,7 @@ class FilmedTrial:
     @property
     def room(self) -> Room:
         """The room."""
-        return Room(compile_schema(self.schema), self.layout)
+        return Room(self.schema, self.layout)
 
     @property
     def action_limit(self) -> int:

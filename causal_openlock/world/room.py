@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Literal
 
 import numpy as np
@@ -25,30 +25,21 @@ from numpy.typing import NDArray
 from causal_openlock.errors import ExperimentError
 from causal_openlock.schemas.fsm import FSM, BoolArray, FloatArray, IntArray, compile_schema
 from causal_openlock.schemas.schema import MAX_LEVERS, Schema
-from causal_openlock.wording import nearest
+from causal_openlock.wording import counted, nearest
 from causal_openlock.world.facts import room_facts
 
-PAPER_POSITIONS = (
-    "UPPERRIGHT",
-    "UPPER",
-    "UPPERLEFT",
-    "LEFT",
-    "LOWERLEFT",
-    "LOWER",
-    "LOWERRIGHT",
-)
+PAPER_POSITIONS = ("UPPERRIGHT", "UPPER", "UPPERLEFT", "LEFT", "LOWERLEFT", "LOWER", "LOWERRIGHT")
 RANDOM_LAYOUT: Literal["random"] = "random"
 
 
 def position_names(positions: int) -> tuple[str, ...]:
     """Names of the positions of a room: the paper's for seven, ``P0``... in larger rooms.
 
+    >>> position_names(7)[:3], position_names(8)[:3]
+    (('UPPERRIGHT', 'UPPER', 'UPPERLEFT'), ('P0', 'P1', 'P2'))
+
     Raises:
         ExperimentError: If no room can have this number of positions.
-
-    Example:
-        >>> position_names(7)[:3]
-        ('UPPERRIGHT', 'UPPER', 'UPPERLEFT')
     """
     if positions == len(PAPER_POSITIONS):
         return PAPER_POSITIONS
@@ -67,9 +58,8 @@ def positions_for(schema: Schema) -> int:
 def action_names(positions: int) -> tuple[str, ...]:
     """Names of the actions by index: pushes, pulls, and the push of the door.
 
-    Example:
-        >>> action_names(7)[0], action_names(7)[-1]
-        ('push_UPPERRIGHT', 'push_door')
+    >>> action_names(7)[0], action_names(7)[-1]
+    ('push_UPPERRIGHT', 'push_door')
     """
     names = position_names(positions)
     return (*(f"{verb}_{name}" for verb in ("push", "pull") for name in names), "push_door")
@@ -78,19 +68,19 @@ def action_names(positions: int) -> tuple[str, ...]:
 def action_index(action: str | int, positions: int) -> int:
     """An action by its index or its name; a position alone, and the door, are pushed.
 
+    >>> action_index("push_UPPER", 7), action_index("pull UPPER", 7), action_index("door", 7)
+    (1, 8, 14)
+
     Raises:
         ExperimentError: If there is no such action; the message names the nearest.
-
-    Example:
-        >>> action_index("push_UPPER", 7), action_index("pull UPPER", 7), action_index("door", 7)
-        (1, 8, 14)
     """
     names = action_names(positions)
     if isinstance(action, str):
-        index = {name.lower(): place for place, name in enumerate(names)}
+        lower = [name.lower() for name in names]
         asked = "_".join(action.lower().split())
-        if (name := asked if asked in index else f"push_{asked}") in index:
-            return index[name]
+        for name in (asked, f"push_{asked}"):
+            if name in lower:
+                return lower.index(name)
         written = names if "_" in action else [name.replace("_", " ") for name in names]
         raise ExperimentError(f"there is no action {action!r}; {nearest(action, written)}")
     is_number = isinstance(action, int | np.integer) and not isinstance(action, bool)
@@ -105,9 +95,8 @@ def position_coordinates(positions: int) -> NDArray[np.float64]:
     Seven positions are placed as in the paper's Figure 2a, with the door on the right, more on a
     circle with the same gap for the door.
 
-    Example:
-        >>> position_coordinates(8)[0].round(2)
-        array([2.42, 2.42])
+    >>> position_coordinates(8)[0].round(2)
+    array([2.42, 2.42])
     """
     if positions == len(PAPER_POSITIONS):
         return np.array([room_facts()["positions"][name] for name in PAPER_POSITIONS], dtype=float)
@@ -115,6 +104,19 @@ def position_coordinates(positions: int) -> NDArray[np.float64]:
     angles = math.pi / 4 + np.arange(positions) * (3 * math.pi / 2) / (positions - 1)
     radius = 3.0 * positions / len(PAPER_POSITIONS)
     return radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+
+
+@cache
+def _published() -> dict[str, tuple[int, ...]]:
+    """The layouts that the paper's authors published, by name."""
+    layouts = room_facts()["layouts"].items()
+    return {name: tuple(map(PAPER_POSITIONS.index, at.values())) for name, at in layouts}
+
+
+def published_layouts(schema: Schema) -> list[str]:
+    """Names of the layouts that the paper's authors published for this number of levers."""
+    levers = len(schema.levers)
+    return [name for name, places in _published().items() if len(places) == levers]
 
 
 @dataclass(frozen=True)
@@ -153,13 +155,13 @@ class Layout:
         layout: str | Mapping[str, str] | Sequence[int] | Layout,
         positions: int | None = None,
     ) -> Layout:
-        """A layout for a schema, from a published name, positions, or ``{lever: position name}``.
+        """A layout for a schema.
 
         Args:
             schema: The schema of the levers.
-            layout: ``trial1`` .. ``trial11``, or a mapping that names every lever once. A published
-                layout fits any schema with as many levers, in their order. Or the positions of the
-                levers in order: their indices, or their names in a text, as records have them.
+            layout: A published name, ``trial1`` .. ``trial11``, which fits any schema with as many
+                levers; ``{lever: position name}``; or the positions of the levers in order, by
+                index, or by name in a text, as records have them.
             positions: Size of the room; by default the smallest that holds the levers.
 
         Raises:
@@ -170,27 +172,18 @@ class Layout:
             >>> Layout.of(find_schema("CC3"), "trial1").as_mapping(find_schema("CC3"))
             {'L0': 'UPPERRIGHT', 'L1': 'LOWERLEFT', 'L2': 'UPPERLEFT'}
         """
-        own_size = layout.positions if isinstance(layout, Layout) else positions_for(schema)
-        positions, name = positions or own_size, ""
-        names = position_names(positions)
-        if isinstance(layout, str) and {*layout.split()} <= {*names}:
-            layout = [names.index(place) for place in layout.split()]
+        least = layout.positions if isinstance(layout, Layout) else positions_for(schema)
+        positions = positions or least
+        names, published = position_names(positions), _published()
+        name = ""
+        places: tuple[int, ...] = ()
         if isinstance(layout, Layout):
-            is_named_by_places = layout.name == cls(layout.places, layout.positions).name
-            places, name = layout.places, "" if is_named_by_places else layout.name
-        elif isinstance(layout, str):
-            published = room_facts()["layouts"]
-            if layout not in published:
-                raise ExperimentError(
-                    f"there is no layout {layout!r}; {nearest(layout, published)}"
-                )
-            places, name = tuple(map(PAPER_POSITIONS.index, published[layout].values())), layout
-        elif isinstance(layout, Mapping):
-            if {*layout} != {*schema.levers}:
-                raise ExperimentError(
-                    f"a layout of {schema.name} gives a position to each of "
-                    f"{', '.join(schema.levers)}, and this one to {', '.join(map(str, layout))}"
-                )
+            places, name = layout.places, layout.name if layout.name in published else ""
+        elif isinstance(layout, str) and layout in published:
+            places, name = published[layout], layout
+        elif isinstance(layout, str) and {*layout.split()} <= {*names}:
+            places = tuple(map(names.index, layout.split()))
+        elif isinstance(layout, Mapping) and {*layout} == {*schema.levers}:
             for lever, place in layout.items():
                 if place not in names:
                     raise ExperimentError(
@@ -199,17 +192,14 @@ class Layout:
             places = tuple(names.index(layout[lever]) for lever in schema.levers)
         elif isinstance(layout, list | tuple) and all(isinstance(place, int) for place in layout):
             places = tuple(layout)
-            trials = (cls.of(schema, trial, positions) for trial in published_layouts(schema))
-            name = next((trial.name for trial in trials if trial.places == places), "")
-        else:
-            raise ExperimentError(
-                f"{layout!r} is not a layout; give a name such as trial1, or {{lever: position}}"
-            )
+            name = next((name for name in published if published[name] == places), "")
         if len(places) != len(schema.levers):
-            fitting = ", ".join(published_layouts(schema)) or RANDOM_LAYOUT
+            does = f"places {counted(len(places), 'lever')}" if places else "does not"
+            fitting = nearest(str(layout), published_layouts(schema))
             raise ExperimentError(
-                f"the layout {name or layout} places {len(places)} levers and {schema.name} has "
-                f"{len(schema.levers)}; layouts that fit: {fitting}"
+                f"a layout of {schema.name} gives a position to each of "
+                f"{', '.join(schema.levers)}, and {layout!r} {does}; write {{lever: position}}, "
+                f"{RANDOM_LAYOUT}, or a published one; {fitting}"
             )
         return cls(places, positions, name)
 
@@ -227,6 +217,11 @@ class Layout:
         names = position_names(self.positions)
         return dict(zip(schema.levers, (names[place] for place in self.places), strict=True))
 
+    def lever_at(self) -> IntArray:
+        """``[P]`` the index of the lever at each position; inactive ones come after the active."""
+        inactive = [place for place in range(self.positions) if place not in self.places]
+        return np.argsort([*self.places, *inactive])
+
     def role_actions(self) -> IntArray:
         """``[2P + 1]`` the machine's action for each of the room's actions.
 
@@ -236,11 +231,6 @@ class Layout:
         lever, levers = self.lever_at(), len(self.places)
         push, pull = (np.where(lever < levers, lever + n, 2 * levers + 1) for n in (0, levers))
         return np.concatenate([push, pull, [2 * levers]])
-
-    def lever_at(self) -> IntArray:
-        """``[P]`` the index of the lever at each position; inactive ones come after the active."""
-        inactive = [place for place in range(self.positions) if place not in self.places]
-        return np.argsort([*self.places, *inactive])
 
     def observations(self, fsm: FSM, states: IntArray) -> NDArray[np.int8]:
         """``[len(states), 2P + 2]`` the observation in each of these states of the machine."""
@@ -256,18 +246,12 @@ def first_layout(schema: Schema) -> Layout:
     return Layout.of(schema, next(iter(published_layouts(schema)), [*range(len(schema.levers))]))
 
 
-def published_layouts(schema: Schema) -> list[str]:
-    """Names of the layouts that the paper's authors published for this number of levers."""
-    layouts = room_facts()["layouts"].items()
-    return [name for name, places in layouts if len(places) == len(schema.levers)]
-
-
 @dataclass(frozen=True, eq=False)
 class Room:
     """A schema in a layout: the machine's tables by position. S states, P positions.
 
     Attributes:
-        fsm: The machine.
+        schema: The schema.
         layout: The positions of its levers.
 
     Example:
@@ -277,7 +261,7 @@ class Room:
         [0, 4, 14]
     """
 
-    fsm: FSM
+    schema: Schema
     layout: Layout
 
     @classmethod
@@ -287,18 +271,18 @@ class Room:
         layout: str | Mapping[str, str] | Layout,
         positions: int | None = None,
     ) -> Room:
-        """Compile a schema and place its levers."""
-        return cls(compile_schema(schema), Layout.of(schema, layout, positions))
-
-    @property
-    def schema(self) -> Schema:
-        """The schema of the room."""
-        return self.fsm.schema
+        """Place the levers of a schema."""
+        return cls(schema, Layout.of(schema, layout, positions))
 
     @property
     def positions(self) -> int:
         """Number of positions, P."""
         return self.layout.positions
+
+    @cached_property
+    def fsm(self) -> FSM:
+        """The machine."""
+        return compile_schema(self.schema)
 
     @cached_property
     def next_state(self) -> IntArray:
@@ -320,7 +304,7 @@ class Room:
     @property
     def active(self) -> BoolArray:
         """``[P]`` whether the lever at each position is active (grey)."""
-        return self.layout.lever_at() < self.fsm.levers
+        return self.layout.lever_at() < len(self.schema.levers)
 
     def action_of(self, levers: Sequence[str]) -> list[int]:
         """The room's actions that push these levers and then the door."""

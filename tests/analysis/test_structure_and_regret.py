@@ -32,7 +32,6 @@ from causal_openlock.experiment.beside_record import (
 from causal_openlock.experiment.declare import PROTOCOLS, find_condition
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.files.checksums import read_table, table_bytes
-from causal_openlock.schemas.fsm import compile_schema
 from causal_openlock.schemas.schema import DOOR, Schema
 from causal_openlock.world.room import Room
 from support.fabricated_records import table, trial_rows
@@ -198,7 +197,7 @@ def rooms(names, number, seed):
     for index in range(number):
         schema = find_schema(names[index % len(names)])
         places = generator.permutation(7)[: len(schema.levers)].tolist()
-        found.append(Room(compile_schema(schema), Layout(tuple(places), 7)))
+        found.append(Room(schema, Layout(tuple(places), 7)))
     return found
 
 

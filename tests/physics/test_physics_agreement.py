@@ -68,7 +68,7 @@ def test_other_sequences_in_random_layouts_are_seen_as_in_the_tables(name, layou
     others = sorted({*product(range(15), repeat=3)} - {*effects(room, each=1)})
     generator = np.random.default_rng([2, 0])
     for index in np.random.default_rng(1).permutation(len(others))[:30].tolist():
-        elsewhere = Room(room.fsm, Layout.random(room.schema, generator))
+        elsewhere = Room(room.schema, Layout.random(room.schema, generator))
         play_and_compare(elsewhere, [others[index]])
 
 
