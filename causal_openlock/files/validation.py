@@ -89,14 +89,12 @@ def whole_number(value: Any, name: str, least: int = 0) -> int:
 
 def check_arguments(given: Iterable[str], function: Callable[..., Any], name: str) -> None:
     """Refuse keyword arguments that a function lacks; its first one is given otherwise."""
-    _, *known = signature(function).parameters.values()
-    names = [parameter.name for parameter in known]
-    if not any(parameter.kind is parameter.VAR_KEYWORD for parameter in known):
-        for argument in given:
-            if argument not in names:
-                raise OpenLockError(
-                    f"{name} has no argument {argument}; {nearest(argument, names)}"
-                )
+    _, *parameters = signature(function).parameters.values()
+    names = [parameter.name for parameter in parameters]
+    takes_any = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters)
+    for argument in () if takes_any else given:
+        if argument not in names:
+            raise OpenLockError(f"{name} has no argument {argument}; {nearest(argument, names)}")
 
 
 def known_arguments(function: Callable[P, T]) -> Callable[P, T]:
@@ -137,9 +135,7 @@ class Part:
 
     def as_dict(self) -> dict[str, Any]:
         """The part as plain data, which is what a results folder stores."""
-        kind: Any = type(self)
-        data: dict[str, Any] = plain(adapter(kind).dump_python(self))
-        return data
+        return dict(plain(adapter(type(self)).dump_python(self)))
 
 
 @cache
@@ -148,16 +144,13 @@ def adapter(kind: Any) -> TypeAdapter[Any]:
     return TypeAdapter(kind)
 
 
-def _in_a_line(json_schema: dict[str, Any]) -> None:
-    json_schema["description"] = json_schema["description"].partition("\n")[0]
-
-
 @dataclass_transform(frozen_default=True, field_specifiers=(field, Field))
 def part(*, kw_only: bool = False) -> Callable[[type[T]], type[T]]:
     """A frozen dataclass that Pydantic checks, in a program too, in sentences of ours."""
 
     def made(kind: type[T]) -> type[T]:
-        config = ConfigDict(extra="forbid", json_schema_extra=_in_a_line)
+        summary = {"description": (kind.__doc__ or "").partition("\n")[0]}
+        config = ConfigDict(extra="forbid", json_schema_extra=summary)
         checked: Any = dataclass(frozen=True, kw_only=kw_only, config=config)(kind)
         plain_init = checked.__init__
 

@@ -1,10 +1,8 @@
 """YAML files written by hand, with line and column for every fault.
 
-ruamel.yaml (YAML 1.2) gives a tree of nodes. A :class:`Document` keeps what they hold and where
-each of them stands, and a pydantic model checks it: faults of syntax, form or meaning become a
-:class:`~causal_openlock.errors.FileError`. What nobody writes by hand is refused: more than 128 kB,
-and the parts of YAML that are ambiguous or make a small file large (anchors, aliases, merge keys,
-tags, keys that are not names, several documents in one file).
+What nobody writes by hand is refused: more than 128 kB, and the parts of YAML 1.2 that are
+ambiguous or make a small file large (anchors, aliases, merge keys, tags, keys that are not names,
+several documents in one file).
 
 >>> Document("name: CC3").data["name"]
 'CC3'
@@ -17,14 +15,12 @@ import re
 import sys
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
+
+from pydantic import ValidationError
 
 from causal_openlock.errors import Fault, FileError, OpenLockError, together
-from causal_openlock.files.validation import Where as Where
-from causal_openlock.files.validation import adapter, described, errors_of
-
-if TYPE_CHECKING:
-    from pydantic import TypeAdapter
+from causal_openlock.files.validation import Where, adapter, described, errors_of
 
 Model = TypeVar("Model")
 
@@ -35,12 +31,8 @@ _KINDS = ("str", "int", "float", "bool", "null", "timestamp", "seq", "map")
 class Document:
     """A parsed YAML file that remembers the place of everything.
 
-    Args:
-        text: Its text.
-        path: What faults are reported against.
-
     Attributes:
-        path: The file.
+        path: The file, which faults name.
         data: Its content as dicts, lists and scalars.
         places: Line and column, from 1, by the path of keys and indices as texts; names in a list
             are known by their text as well.
@@ -54,7 +46,8 @@ class Document:
         from ruamel.yaml.error import MarkedYAMLError
         from ruamel.yaml.reader import ReaderError
 
-        self.path, self.places = Path(path), dict[tuple[str, ...], tuple[int, int]]()
+        self.path = Path(path)
+        self.places: dict[tuple[str, ...], tuple[int, int]] = {(): (1, 1)}
         self._yaml = YAML(typ="safe", pure=True)
         try:
             root = self._yaml.compose(text)
@@ -137,24 +130,22 @@ class Document:
             FileError: With one fault for every value that is refused.
             OpenLockError: The same, together with faults of other files, or of what is changed.
         """
-        from pydantic import ValidationError
-
-        reader: TypeAdapter[Model] = adapter(kind)  # type: ignore[arg-type]
         try:
-            return reader.validate_python(self.data if data is None else data, context=context)
+            content = self.data if data is None else data
+            model: Model = adapter(kind).validate_python(content, context=context)
+            return model
         except ValidationError as error:
             errors = errors_of(error, kind)
-        placed: list[Fault] = []
-        others: list[OpenLockError] = []
-        for fault in errors:
-            if isinstance(fault, FileError) or {*fault.at[:1]} & {*changed}:
-                others.append(fault)
-            else:
-                place = tuple(map(str, fault.at))
-                while place and place not in self.places:  # the deepest part that the file has
-                    place = place[:-1]
-                placed.append(Fault(*self.places.get(place, (1, 1)), str(fault)))
-        raise together([*others, *([FileError(self.path, placed)] if placed else [])])
+        elsewhere = [e for e in errors if isinstance(e, FileError) or {*e.at[:1]} & {*changed}]
+        here = [Fault(*self._place_of(e.at), str(e)) for e in errors if e not in elsewhere]
+        raise together([*elsewhere, *([FileError(self.path, here)] if here else [])])
+
+    def _place_of(self, at: Where) -> tuple[int, int]:
+        """Place of the deepest part of a path that the file has."""
+        path = tuple(map(str, at))
+        while path not in self.places:
+            path = path[:-1]
+        return self.places[path]
 
 
 def _place(mark: Any) -> tuple[int, int]:
@@ -179,12 +170,7 @@ def read_document(path: Path | str) -> Document:
 
 
 def read_text(path: Path | str) -> str:
-    """The text of a file written by hand.
-
-    Raises:
-        FileError: If it is too large or not UTF-8.
-        OpenLockError: If it cannot be read.
-    """
+    """The text of a file written by hand; refused are large files and other encodings."""
     try:
         with Path(path).open("rb") as file:
             content = file.read(MAX_BYTES + 1)
