@@ -17,32 +17,47 @@ from causal_openlock.files.yaml_file import Document, dump_yaml
 from causal_openlock.schemas.finding import bundled_schemas, find_schema, schema
 from causal_openlock.schemas.graphs import import_schema, write_schema
 from causal_openlock.schemas.one_line import parse_line
-from causal_openlock.schemas.schema import DOOR, Gate, Schema, schema_from_dict
+from causal_openlock.schemas.schema import DOOR, Gate, Schema
 from causal_openlock.testing import schemas
 
-# Lines of text, and the schema files that declare the same.
-SAME = {
-    "A -> B, C; B | C -> door": "levers: [A, B, C]\nedges: {A: [B, C], B: [door], C: [door]}",
-    "A -> B, C -> door": "levers: [A, B, C]\nedges: {A: [B, C], B: [door], C: [door]}",
-    "A -> door\n\nB -> door  # either\n": "levers: [A, B]\nedges: {A: [door], B: [door]}",
-    "A & B -> door": "levers: [A, B]\nedges: {A: [door], B: [door]}\ngates: {door: all}",
-    "2 of (A, B (.5), C) -> D -> door": (
+# What declares a schema, and the schema file that declares the same.
+HALF = "levers: [A, B]\nedges: {A: {B: 0.5}, B: [door]}"
+SAME = [
+    ("A -> B, C; B | C -> door", "levers: [A, B, C]\nedges: {A: [B, C], B: [door], C: [door]}"),
+    ("A -> B, C -> door", "levers: [A, B, C]\nedges: {A: [B, C], B: [door], C: [door]}"),
+    ("A -> door\n\nB -> door  # either\n", "levers: [A, B]\nedges: {A: [door], B: [door]}"),
+    ("A & B -> door", "levers: [A, B]\nedges: {A: [door], B: [door]}\ngates: {door: all}"),
+    (
+        "2 of (A, B (.5), C) -> D -> door",
         "levers: [A, B, C, D]\nedges: {A: [D], B: {D: {strength: 0.5}}, C: [D], D: [door]}\n"
-        "gates: {D: {at_least: 2}}"
+        "gates: {D: {at_least: 2}}",
     ),
-    "all of (A) -> B (8e-1), C; any of (B, C) -> door": (
+    (
+        "all of (A) -> B (8e-1), C; any of (B, C) -> door",
         "levers: [A, B, C]\nedges: {A: {B: {strength: 0.8}, C: {}}, B: [door], C: [door]}\n"
-        "gates: {B: all, C: all}"
+        "gates: {B: all, C: all}",
     ),
-    "B, A, inert; A -> B -> door; inert inert": (
-        "levers: [B, A, inert]\nedges: {A: [B], B: [door]}\ninert: [inert]"
+    (
+        "B, A, inert; A -> B -> door; inert inert",
+        "levers: [B, A, inert]\nedges: {A: [B], B: [door]}\ninert: [inert]",
     ),
-}
+    ([("A", "B", 0.5), ("B", "door")], HALF),
+    ({"A": {"B": 0.5}, "B": "door"}, HALF),
+    (nx.DiGraph({"A": {"B": {"strength": 0.5}}, "B": {"door": {}}}), HALF),
+    (
+        {
+            "name": "schema",
+            "levers": np.array(["B", "A"]),
+            "edges": {"A": {"door": {"strength": np.float32(0.5)}}, "B": np.array(["A"])},
+        },
+        "levers: [B, A]\nedges: {A: {door: 0.5}, B: [A]}",
+    ),
+]
 
 
-@pytest.mark.parametrize(("text", "file"), SAME.items())
-def test_a_line_of_text_is_what_the_file_is(text, file):
-    assert schema(text) == import_schema(f"name: schema\n{file}", "yaml")
+@pytest.mark.parametrize(("declared", "file"), SAME)
+def test_whatever_declares_a_schema_is_what_the_file_is(declared, file):
+    assert schema(declared) == import_schema(f"name: schema\n{file}", "yaml")
 
 
 PIECES = ["A", "B", "door", "->", ",", "|", "&", ";", "\n", "(", ")", "2", ".5", "9" * 5000, "of",
@@ -62,40 +77,13 @@ def test_any_line_is_a_schema_or_refused(pieces):
 @settings(max_examples=60, deadline=None)
 @given(drawn=schemas(max_levers=8, stochastic=True))
 def test_any_schema_comes_back_from_a_graph_and_from_edges(drawn):
-    gates = {node: drawn.gate(node) for node in [*drawn.levers, DOOR] if drawn.causes(node)}
     assert schema(nx.DiGraph(drawn.graph), inert=drawn.inert) == drawn
-    edges = {cause: {} for cause in drawn.levers}
-    for cause, effect, strength in drawn.graph.edges(data="strength"):
-        edges[cause][effect] = strength
-    ordered = nx.DiGraph()
-    ordered.add_nodes_from(drawn.levers)
-    ordered.add_edges_from((a, b, {"strength": p}) for a in edges for b, p in edges[a].items())
-    again = schema(ordered, gates=gates, inert=drawn.inert, name=drawn.name)
-    assert again == drawn
+    gates = {node: drawn.gate(node) for node in [*drawn.levers, DOOR] if drawn.causes(node)}
+    plain = nx.DiGraph()
+    plain.add_nodes_from(drawn.levers)
+    plain.add_edges_from(drawn.graph.edges(data=True))
+    assert schema(plain, gates=gates, inert=drawn.inert, name=drawn.name) == drawn
 
-
-def test_edges_are_pairs_or_mappings():
-    expected = Schema("schema", ["A", "B"], {"A": {"B": 0.5}, "B": ["door"]})
-    for edges in (
-        [("A", "B", 0.5), ("B", "door")],
-        {"A": {"B": 0.5}, "B": "door"},
-        nx.DiGraph({"A": {"B": {"strength": 0.5}}, "B": {"door": {}}}),
-    ):
-        assert schema(edges) == expected
-    both = schema([("A", "door"), ("B", "door")], gates={"door": "at_least 2"})
-    assert both.gate(DOOR) == Gate("at_least", 2)
-
-
-def test_what_a_schema_file_holds_is_a_schema_in_python_too():
-    data = {"name": "one", "levers": ["B", "A"], "edges": {"A": ["door"], "B": ["A"]}}
-    assert schema(data) == schema_from_dict(data)
-    assert schema(data).levers == ("B", "A")
-    edges = {"A": {"door": {"strength": np.float32(0.5)}}, "B": np.array(["A"])}
-    found = schema({"name": "one", "levers": np.array(["B", "A"]), "edges": edges})
-    assert found == Schema("one", ["B", "A"], {"A": {"door": 0.5}, "B": ["A"]})
-
-
-# -- schema files ----------------------------------------------------------------------------------
 
 # Spaces, signs that YAML heeds and line breaks that only Unicode knows, in texts of many lines.
 HARD = st.text(
@@ -132,20 +120,16 @@ def test_a_schema_is_written_as_one_writes_it_by_hand():
 @pytest.mark.parametrize(
     ("short", "long"),
     [
-        ("edges: {L0: {L1: 1}, L1: {door: {}}}", "edges: {L0: [L1], L1: [door]}"),
+        ("{L0: {L1: 1}, L1: {door: {}}}", "{L0: [L1], L1: [door]}"),
+        ("{L0: {L1: 0.5}, L1: [door]}", "{L0: {L1: {strength: 0.5}}, L1: {door: {}}}"),
         (
-            "edges: {L0: {L1: 0.5}, L1: [door]}",
-            "edges: {L0: {L1: {strength: 0.5}}, L1: {door: {}}}",
+            "{L0: [L1], L1: [door]}  # !\r\ngates: {L1: ANY, door: All}\n...",
+            "{L0: [L1], L1: [door]}\ngates: {door: all}",
         ),
-        (
-            "edges: {L0: [L1], L1: [door]}\ngates: {L1: ANY, door: All}\n...",
-            "edges: {L0: [L1], L1: [door]}\ngates: {door: all}",
-        ),
-        ("edges: {L0: [L1], L1: [door]}  # !\r\n", "edges: {L0: [L1], L1: [door]}"),
     ],
 )
 def test_what_may_be_written_in_two_ways(short, long):
-    one, other = (f"name: X\nlevers: [L0, L1]\n{edges}" for edges in (short, long))
+    one, other = (f"name: X\nlevers: [L0, L1]\nedges: {edges}" for edges in (short, long))
     assert import_schema(f"\ufeff---\n{one}", "yaml") == import_schema(other, "yaml")
 
 

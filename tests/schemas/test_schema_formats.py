@@ -49,9 +49,6 @@ def without_title(schema):
     return schema_from_dict({**schema.as_dict(), "title": ""})
 
 
-# -- there and back --------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("format", READABLE)
 @settings(max_examples=40, deadline=None)
 @given(
@@ -90,9 +87,6 @@ def test_every_format_is_read_wherever_a_schema_is_named(tmp_path):
     for condition in (f"{path}", ["CC3", path]):
         assert find_condition(condition).schemas[-1] == own
     assert find_schema(path.name, [tmp_path]) == schema(path) == room.settings.schema == own
-
-
-# -- files from elsewhere --------------------------------------------------------------------------
 
 
 def test_a_graph_from_elsewhere_gets_the_defaults(tmp_path):
@@ -169,36 +163,6 @@ def test_dagitty_as_its_web_page_writes_it():
     text = export_schema(BUNDLED["noisy_CC3"], "dagitty")
     for word in ('"L0" [exposure]', '"door" [outcome', '"L0" -> "L1" [beta="0.8"]'):
         assert word in text
-
-
-PIECES = [*" \n\t:,-?&*!|>%@`#[]{}'\"\\~=_0179", "\n  ", ": ", "- ", "<<: ", "*a", "&a ", "!!set "]
-PIECES += ["---\n", "null", "true", ".nan", "1e9", "door", "L2", "->", "\r\n", "\\u", "\ufeff"]
-
-
-@pytest.mark.parametrize("format", READABLE)
-@settings(max_examples=100, deadline=None)
-@given(data=st.data())
-def test_damaged_text_is_read_or_refused(format, data):
-    text = export_schema(data.draw(st.sampled_from([FULL, *BUNDLED.values()])), format)
-    for _ in range(data.draw(st.integers(1, 4))):
-        start = data.draw(st.integers(0, len(text)))
-        end = data.draw(st.integers(start, min(len(text), start + 30)))
-        piece = data.draw(st.text(max_size=3) | st.sampled_from([*PIECES, text[start:end] * 2]))
-        text = text[:start] + piece + text[end:]
-    try:
-        found = import_schema(text, format)
-    except OpenLockError as caught:
-        error = caught
-    else:
-        assert import_schema(export_schema(found, format), format) == found
-        return
-    lines = len(text.splitlines()) + 1
-    faults = getattr(error, "faults", [])
-    assert all(0 < fault.line <= lines and fault.column > 0 for fault in faults)
-    assert 0 < len(str(error)) < 200 * (len(faults) + 10)
-
-
-# -- the Bayesian network --------------------------------------------------------------------------
 
 
 def chance_of_the_door(rules, do, push):
