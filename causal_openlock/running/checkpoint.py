@@ -1,11 +1,10 @@
 """Checkpoints: a killed cell continues where it was.
 
-While a worker plays a cell, it keeps the state of session and learner next to the record, in
-``NAME.checkpoint``: a pickle, which is read only under the seal of this user's key
-(:mod:`causal_openlock.files.seal`). A checkpoint that is damaged, or was written by another user,
-for another cell or with other versions of packages, is passed over with a warning, and the cell
-begins again. Otherwise the record is that of a cell that was never interrupted, apart from wall
-times, which count the time played.
+While a worker plays a cell, it keeps the state of session and learner next to the record: a pickle,
+which is read only under the seal of this user's key (:mod:`causal_openlock.files.seal`). A
+checkpoint that is damaged, or was written by another user, for another cell or with other versions
+of packages, is passed over with a warning, and the cell begins again. Otherwise the record is that
+of a cell that was never interrupted, apart from wall times, which count the time played.
 """
 
 from __future__ import annotations
@@ -14,8 +13,8 @@ import io
 import pickle
 import threading
 import time
+from math import inf
 from pathlib import Path
-from typing import Any
 
 from causal_openlock.contract.checks import GlobalRandomness
 from causal_openlock.contract.learner import Learner
@@ -40,8 +39,7 @@ class Checkpoint:
     Args:
         record: Where the cell's record will be.
         made_with: What the record depends on: ``identity`` of the cell, versions of packages.
-        every: The least number of seconds between checkpoints. 0 takes one after every step,
-            however long that takes; infinity takes none.
+        every: Seconds between checkpoints; 0 takes one after every step, and infinity none.
 
     Attributes:
         warnings: What has gone wrong, a sentence each.
@@ -83,29 +81,23 @@ class Checkpoint:
     def keep(self, session: Session, learner: Learner, *, now: bool = False) -> None:
         """Take a checkpoint if one is due, or now; called after every step.
 
-        Errors become warnings, and the cell continues.
+        Errors become warnings, and the cell continues from the checkpoint before if it is killed.
         """
         begun = time.perf_counter()
-        if (begun < self._due and not (now and self.every < float("inf"))) or session.over:
+        if self.every == inf or session.over or (begun < self._due and not now):
             return
         try:
             self.save(session, learner)
         except CheckpointError:  # the worker says so when the cell is over
-            self.every = float("inf")
-        except OpenLockError as error:
+            self.every = inf
+        except OpenLockError as error:  # of the key, or the file
             if (warning := f"no checkpoint can be taken: {in_short(error)}") not in self.warnings:
                 self.warnings.append(warning)
         ended = time.perf_counter()
-        least = (ended - begun) / MOST_TIME if self.every else 0.0
-        self._due = ended + max(self.every, least)
+        self._due = ended + max(self.every, (ended - begun) / MOST_TIME if self.every else 0.0)
 
     def save(self, session: Session, learner: Learner) -> None:
-        """Take a checkpoint now.
-
-        Raises:
-            OpenLockError: If the learner's state, the key or the file cannot be stored; the
-                checkpoint before stays.
-        """
+        """Take a checkpoint now."""
         if not learner.resumable:
             raise CheckpointError("it says resumable = False")
         try:
@@ -124,15 +116,11 @@ def unresumable(learner: Learner) -> str:
         pickle.dumps(learner.__getstate__())
         return ""
     except Exception:  # a learner can hold anything
-        players = learner._players if isinstance(learner, PerSubjectAdapter) else [learner]
-    parts = [name for name, value in vars(players[0]).items() if not _can_be_pickled(value)]
-    what = f"its attribute {parts[0]}" if parts else "its state"
+        player = learner._players[0] if isinstance(learner, PerSubjectAdapter) else learner
+    what = "its state"
+    for name, value in vars(player).items():
+        try:
+            pickle.dumps(value)
+        except Exception:
+            what = f"its attribute {name}"
     return f"{what} cannot be pickled; let __getstate__ leave it out and __setstate__ make it anew"
-
-
-def _can_be_pickled(value: Any) -> bool:
-    try:
-        pickle.dumps(value)
-    except Exception:
-        return False
-    return True

@@ -30,15 +30,8 @@ from causal_openlock.files.validation import whole_number
 from causal_openlock.running import workers as workplaces
 from causal_openlock.running.cluster import in_cluster
 from causal_openlock.running.progress import Course, RunProgress, playing_in, work
-from causal_openlock.running.worker import Watching, play_cell, record_failure
-from causal_openlock.running.workers import (
-    Doing,
-    Done,
-    LostError,
-    ThisProcess,
-    TooLateError,
-    done_jobs,
-)
+from causal_openlock.running.worker import Watching, play_cell
+from causal_openlock.running.workers import Doing, LostError, ThisProcess, TooLateError, done_jobs
 from causal_openlock.storage.beside_cell import (
     AWAITED,
     checkpointed,
@@ -81,23 +74,19 @@ def run(
     Args:
         experiment: The experiment.
         folder: The results folder; if it holds some of the results, the others are added.
-        executor: Plays the cells; by default processes of this machine.
-        workers: The number of these processes; by default one for each core. With 0 this process
-            plays, one cell after another: small comparisons need not wait for another to start.
-        cluster: The address of a Dask scheduler, ``"tcp://host:8786"``, whose workers play the
-            cells, or ``"local:8"``, which starts eight workers here.
-        shard: A share of the cells, which alone is played; other shards may be played in the same
-            folder at the same time.
+        executor: Plays the cells; by default processes of this machine do.
+        workers: Number of these processes; by default one for each core. With 0 this process plays,
+            one cell after another.
+        cluster: Address of a Dask scheduler whose workers play, ``"tcp://host:8786"``; or
+            ``"local:8"``, which starts eight workers here.
+        shard: A share of the cells, which alone is played, while others may play in this folder.
         retry_failed: Whether cells that have failed three times are tried again.
-        allow_version: Whether a folder that was made with other versions of packages is completed
-            with those here.
-        warn: Called with a sentence for each cell that failed, each damaged file, whose cell is run
-            again, and each problem in a cell that did not stop it.
+        allow_version: Whether a folder that was made with other versions of packages is completed.
+        warn: Called with a sentence for each cell that failed or is damaged, and other problems.
         progress: Called with the progress every second, before the first cell and after the last.
         watching: How often checkpoints are taken inside a cell, and what is logged.
-        time_limit: Seconds after which a cell is ended, counted from its start or continuation. It
-            then counts as failed, and keeps its checkpoint. It is ignored with a ``cluster`` or an
-            ``executor``, and without workers: cells cannot be ended there.
+        time_limit: Seconds after which a cell is ended, counted from its start or continuation, by
+            a process of this machine. It counts as failed, and keeps its checkpoint.
         elsewhere: File names of cells that are not played, as their results are kept elsewhere.
 
     Raises:
@@ -132,19 +121,18 @@ def run(
         warn("the time limit is ignored: only worker processes of this machine can be ended")
     names = [name for spec in experiment.learners for name in (spec.learner, spec.reward.name)]
     definitions = b"" if workers == 0 else packed(names)
-    sources = {session_origin(n): session_source(n) for n in names if is_of_session(n)}
     if not experiment.cells():
         why = "; ".join(experiment.reasons)
         raise LearnerError(f"there is nothing to play ({why}); add a learner or a condition")
     cells = shard.of(experiment.cells()) if shard else experiment.cells()
     store = Store(folder)
     store.open(experiment, shard=shard)
-    course = _Run(store, Course(cells), warn, progress or (lambda standing: None))
     with ExitStack() as stack:
         stack.callback(store.close)
-        for origin, source in sources.items():
-            write_text(store.source(origin), source)
-        jobs = course.missing(cells, elsewhere, retry_failed)
+        for name in filter(is_of_session, names):
+            write_text(store.source(session_origin(name)), session_source(name))
+        playing = _Run(store, Course(cells), warn, progress or (lambda standing: None))
+        jobs = playing.missing(cells, elsewhere, retry_failed)
         if jobs and not allow_version:
             store.require_versions()
         place = store.folder.resolve()  # a worker may be in another directory
@@ -157,20 +145,23 @@ def run(
         if not jobs or (here and workers == 0):
             doing = done_jobs(ThisProcess(), do, jobs, lambda: 1)
         elif cluster:
-            doing = in_cluster(cluster, do, jobs, experiment, place, course.remark)
+            doing = in_cluster(cluster, do, jobs, experiment, place, playing.remark)
         elif executor:
             doing = done_jobs(executor, do, jobs)
         else:
             many = workers or workplaces.available_cores()
-            # Other people's code may change its process for the cells after it.
-            alone = lambda cell: not is_ours(cell.spec.learner)  # noqa: E731
-            pool = workplaces.Processes(many, alone=alone, time_limit=float(limit))
+            pool = workplaces.Processes(many, fresh=_is_of_others, time_limit=float(limit))
             doing = done_jobs(stack.enter_context(pool), do, jobs, lambda: many)
-        course.follow(stack.enter_context(closing(doing)))
-    if course.reasons:
-        named = (course.reasons.get(cell.file_name) for cell in cells)
+        playing.follow(stack.enter_context(closing(doing)))
+    if playing.reasons:
+        named = (playing.reasons.get(cell.file_name) for cell in cells)
         raise CellsFailed(filter(None, named), len(cells))
     return store
+
+
+def _is_of_others(cell: Cell) -> bool:
+    """Whether a learner is not ours: its code may change its process for the cells after it."""
+    return not is_ours(cell.spec.learner)
 
 
 def _checked(watching: Watching, limit: float) -> Watching:
@@ -211,21 +202,21 @@ class _Run:
         """The cells that have to be played."""
         missing = []
         for cell in cells:
-            fault = None if cell.file_name in elsewhere else self.store.check(cell)
             path = self.store.path(cell)
-            if retry_failed and fault:
-                failure_file(path).unlink(missing_ok=True)
+            fault = None if cell.file_name in elsewhere else self.store.check(cell)
             if fault is None:
                 self.is_done(cell)
                 continue
+            if retry_failed:
+                failure_file(path).unlink(missing_ok=True)
             failures, why = failures_of(path)
             if failures >= MOST_FAILURES:
                 often = f"it has failed {failures} times and is left out"
                 self.has_failed(cell, f"{why}; {often}, --retry-failed tries it again")
-            else:
-                missing.append(cell)
-                if fault != "missing":
-                    self.warn(f"{fault}; its cell is run again")
+                continue
+            if fault != "missing":
+                self.warn(f"{fault}; its cell is run again")
+            missing.append(cell)
         # What is stopped has some subjects of all, rather than all of some; and long cells come
         # first, so that no worker is left alone with one at the end.
         missing.sort(key=lambda cell: (cell.first_subject, -work(cell)))
@@ -233,11 +224,11 @@ class _Run:
         return self.jobs
 
     def follow(self, doing: Doing) -> None:
-        """Take note of the cells that are done, and report the progress every second."""
+        """Take note of the cells that are over, and report the progress every second."""
         looked = -inf
         for done in doing:
             if done is not None:
-                self.take(done)
+                self.take(done.job, done.result, done.error)
             if time.monotonic() >= looked + workplaces.LOOK_EVERY:
                 self.look()
                 looked = time.monotonic()
@@ -249,20 +240,19 @@ class _Run:
         given = [cell for name, cell in self.course.left.items() if name not in waiting]
         self.progress(self.course.standing(playing_in(self.store, given)))
 
-    def take(self, done: Done) -> None:
+    def take(self, cell: Cell, remarks: list[str], error: BaseException | None) -> None:
         """Take note of a cell that is done, has failed, or has lost its worker."""
-        cell, error = done.job, done.error
         if isinstance(error, LostError):
             self.has_lost(cell, error)
         elif isinstance(error, LearnerError):
+            # It has to be corrected, so its checkpoint is of no use.
+            remove_files_of(self.store.path(cell))
             self.has_failed(cell, str(error))
-        elif isinstance(error, OpenLockError):  # such as a full disk, which stops all of them
+        elif error:  # such as a full disk, which stops all of them
             raise error
-        elif error:
-            self.has_failed(cell, record_failure(self.store, cell, error))
         else:
-            for sentence in done.result or ():
-                self.remark(sentence)
+            for remark in remarks:
+                self.remark(remark)
             self.is_done(cell)
 
     def remark(self, sentence: str) -> None:

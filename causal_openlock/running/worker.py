@@ -1,8 +1,7 @@
 """A worker plays one cell, from its checkpoint if there is one, and saves the record.
 
 Meanwhile it takes checkpoints, reports its progress, and draws curves if they are wanted. None of
-that changes the results. When the run that a worker plays for has been stopped, it takes a
-checkpoint and ends.
+that changes the results.
 """
 
 from __future__ import annotations
@@ -24,12 +23,7 @@ from causal_openlock.experiment.declare import Cell, LearnerSpec
 from causal_openlock.experiment.session import Session
 from causal_openlock.running.checkpoint import Checkpoint, CheckpointError, unresumable
 from causal_openlock.running.tensorboard import curves
-from causal_openlock.storage.beside_cell import (
-    failure_file,
-    keep_failure,
-    remove_files_of,
-    report_progress,
-)
+from causal_openlock.storage.beside_cell import keep_failure, report_progress
 from causal_openlock.storage.store import Store
 from causal_openlock.storage.versions import versions
 from causal_openlock.usercode.own_files import is_users_own
@@ -117,17 +111,13 @@ def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = 
         is_users = in_main_thread and signal.getsignal(signal.SIGINT) is signal.default_int_handler
         if isinstance(error, KeyboardInterrupt) and is_users:  # else only the learner can raise it
             raise
-        # The learner has to be corrected, so its checkpoint is of no use.
-        remove_files_of(path)
-        raise LearnerError(record_failure(store, cell, error)) from None
+        raise LearnerError(_record_failure(store, cell, error)) from None
     store.write(cell, record, cautions)
-    remove_files_of(path)
-    failure_file(path).unlink(missing_ok=True)
     warnings = [*checkpoint.warnings, *account.remarks]
     return [*cautions, *(f"{cell.spec.name}: {warning}" for warning in warnings)]
 
 
-def record_failure(store: Store, cell: Cell, error: BaseException) -> str:
+def _record_failure(store: Store, cell: Cell, error: BaseException) -> str:
     """Save why a cell failed; returns a sentence with the reason."""
     what = in_short(error)
     if not isinstance(error, OpenLockError):

@@ -107,7 +107,7 @@ class Processes(futures.ThreadPoolExecutor):
     Args:
         workers: Number of processes.
         prepare: Called in each process before its first job.
-        alone: Whether a job with these arguments needs a process that does no other job.
+        fresh: Whether a job with these arguments needs a process that does no other job.
         time_limit: Seconds after which the process of a job is ended.
     """
 
@@ -115,11 +115,11 @@ class Processes(futures.ThreadPoolExecutor):
         self,
         workers: int,
         prepare: Callable[[], None] | None = None,
-        alone: Callable[..., bool] = lambda *_: False,
+        fresh: Callable[..., bool] = lambda *_: False,
         time_limit: float = inf,
     ) -> None:
         super().__init__(workers)
-        self._prepare, self._alone, self._time_limit = prepare, alone, time_limit
+        self._prepare, self._fresh, self._time_limit = prepare, fresh, time_limit
         self._processes: dict[int, _Process] = {}  # by the threads that wait for them
         self._is_over = False
 
@@ -129,7 +129,7 @@ class Processes(futures.ThreadPoolExecutor):
         The future raises LostError if the process ends meanwhile, TooLateError at the time limit,
         and OpenLockError if no process can be started.
         """
-        return super().submit(self._do, partial(fn, *args, **kwargs), self._alone(*args))
+        return super().submit(self._do, partial(fn, *args, **kwargs), self._fresh(*args))
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = True) -> None:
         """End the processes, with the jobs that they have."""
@@ -139,10 +139,10 @@ class Processes(futures.ThreadPoolExecutor):
             process.end()
         super().shutdown(wait=wait)
 
-    def _do(self, job: Callable[[], Any], alone: bool) -> Any:
+    def _do(self, job: Callable[[], Any], fresh: bool) -> Any:
         thread = threading.get_ident()
         process = self._processes.get(thread)
-        if process is None or process.is_over or alone:
+        if process is None or process.is_over or fresh:
             if process:
                 process.end()
             process = self._processes[thread] = _Process(self._prepare)
@@ -151,7 +151,7 @@ class Processes(futures.ThreadPoolExecutor):
         try:
             return process.do(job, self._time_limit)
         finally:
-            if alone:
+            if fresh:
                 process.end()
 
 

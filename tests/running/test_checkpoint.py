@@ -3,7 +3,9 @@
 What happens to whole folders is tested in ``tests/storage/test_folder_machine.py``.
 """
 
+import io
 import os
+import pickle
 import random
 import time
 from pathlib import Path
@@ -11,18 +13,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from causal_openlock import compare, open_results
+from causal_openlock import compare
 from causal_openlock.contract.one_subject import OneSubjectLearner
-from causal_openlock.errors import LearnerError, OpenLockError
+from causal_openlock.errors import CellsFailed, OpenLockError
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.session import Session
-from causal_openlock.files.seal import STATE
+from causal_openlock.files.seal import STATE, sealed, unsealed
 from causal_openlock.running import runner, worker
 from causal_openlock.running.checkpoint import Checkpoint
-from causal_openlock.running.worker import Watching, play_cell
+from causal_openlock.running.worker import Watching
 from causal_openlock.storage.beside_cell import reported_progress
 from causal_openlock.storage.store import Store
-from causal_openlock.storage.versions import versions
 from openlock_learners.random import RandomLearner
 from support.session_play import HUMAN, named
 
@@ -47,41 +48,52 @@ LEARNERS = {
     "bayes": "bayes",
     "ideal": "ideal",
     "sb3": "{learner: sb3, parameters: {algorithm: DQN, settings: {learning_starts: 4}}}",
+    "global": "test_checkpoint:Global",
 }
-AFTER_EVERY_STEP = Watching(checkpoint_every=0)
 
 
-def cell_of(folder, learner="random", condition="noisy_CC3-CE4"):
+def declared(folder, learner="random", condition="noisy_CC3-CE4"):
+    """An experiment of one cell."""
     text = TEXT.format(learner=LEARNERS.get(learner, learner), condition=condition)
     (folder / "experiment.yaml").write_text(text)
-    (cell,) = read_experiment(folder / "experiment.yaml").cells()
-    return cell
+    return read_experiment(folder / "experiment.yaml")
 
 
-def contents(cell, folder):
-    store = Store(folder)
-    return store.read(store.path(cell)).drop_columns(["wall_time"])
+def play(experiment, folder, checkpoint_every=0.0, **options):
+    """Play a cell in this process; returns what is said."""
+    said = []
+    watching = Watching(checkpoint_every, **options)
+    runner.run(experiment, folder, workers=0, watching=watching, warn=said.append)
+    return said
 
 
-def undisturbed(cell, folder):
-    play_cell(cell, str(folder / "undisturbed"), Watching())
-    return contents(cell, folder / "undisturbed")
+def contents(folder):
+    return Store(folder).record()[0].drop_columns(["wall_time"])
 
 
-def file_of(cell, folder, suffix):
-    return Store(folder).path(cell).with_suffix(suffix)
+def undisturbed(experiment, folder):
+    play(experiment, folder / "undisturbed", 60.0)
+    return contents(folder / "undisturbed")
 
 
 def suffixes(folder):
     return sorted(path.suffix for path in (folder / "cells").iterdir())
 
 
+def checkpoint_in(folder):
+    (path,) = (folder / "cells").glob("*.checkpoint")
+    return path
+
+
 class Killed(BaseException):
     """Stands for the end of a process."""
 
 
-def syncs(cell, folder, end=0, watching=AFTER_EVERY_STEP):
-    """Play a cell, until so many files were flushed; returns how many were, and what is said."""
+def syncs(experiment, folder, end=0, **options):
+    """Play a cell, until so many files were flushed; returns how many were, and what is said.
+
+    The first one of a folder is its experiment's, and the others are checkpoints and the record.
+    """
     taken, said = [0], None
 
     def sync(descriptor):
@@ -93,21 +105,22 @@ def syncs(cell, folder, end=0, watching=AFTER_EVERY_STEP):
         patch.setattr(os, "fsync", sync)
         if end:
             with pytest.raises(Killed):
-                play_cell(cell, str(folder), watching)
+                play(experiment, folder, **options)
         else:
-            said = play_cell(cell, str(folder), watching)
+            said = play(experiment, folder, **options)
     return taken[0], said
 
 
 @pytest.mark.parametrize("learner", [*LEARNERS])
 def test_a_killed_cell_continues_at_its_last_checkpoint(learner, tmp_path):
-    cell = cell_of(tmp_path, learner)
-    whole, _ = syncs(cell, tmp_path / "whole")
+    experiment = declared(tmp_path, learner)
+    whole, _ = syncs(experiment, tmp_path / "whole")
     for end in (7, 5):
-        syncs(cell, tmp_path / "killed", end)
-    taken, said = syncs(cell, tmp_path / "killed")
-    assert (taken, said) == (whole - 6 - 4, [])
-    assert contents(cell, tmp_path / "killed").equals(undisturbed(cell, tmp_path))
+        syncs(experiment, tmp_path / "killed", end)
+    taken, said = syncs(experiment, tmp_path / "killed")
+    assert taken == whole - 6 - 4
+    assert not said or learner == "global"
+    assert contents(tmp_path / "killed").equals(undisturbed(experiment, tmp_path))
     assert suffixes(tmp_path / "killed") == [".parquet"]
 
 
@@ -120,34 +133,35 @@ def flip(content):
     return content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
 
 
-@pytest.mark.parametrize("damage", [cut, flip, lambda content: b""])
-def test_a_damaged_checkpoint_is_named_and_its_cell_begins_again(damage, tmp_path):
-    cell = cell_of(tmp_path)
-    syncs(cell, tmp_path / "out", 25)
-    path = file_of(cell, tmp_path / "out", ".checkpoint")
-    path.write_bytes(damage(path.read_bytes()))
-    (said,) = play_cell(cell, str(tmp_path / "out"), Watching())
-    assert str(path) in said
-    assert contents(cell, tmp_path / "out").equals(undisturbed(cell, tmp_path))
+def made_with(**other):
+    """Change what a checkpoint says that it was made with."""
+
+    def change(content):
+        file = io.BytesIO(unsealed(content))
+        return sealed(pickle.dumps({**pickle.load(file), **other}) + file.read())
+
+    return change
 
 
 @pytest.mark.parametrize(
-    ("change", "named"),
-    [({"identity": "0"}, "identity 0"), ({"numpy": "0.1"}, "numpy 0.1")],
+    ("change", "why"),
+    [
+        (cut, "it is damaged"),
+        (flip, "it is damaged"),
+        (lambda content: b"", "it is damaged"),
+        (made_with(identity="0"), "identity 0"),
+        (made_with(numpy="0.1"), "numpy 0.1"),
+    ],
 )
-def test_a_checkpoint_of_something_else_is_not_used(change, named, tmp_path):
-    cell = cell_of(tmp_path)
-    path = file_of(cell, tmp_path / "out", ".checkpoint")
-    path.parent.mkdir(parents=True)
-    session, learner = worker.made(cell)
-    session.begin(learner)
-    session.step(learner.act(session.view))
-    made_with = {"identity": cell.identity, **versions(), **change}
-    Checkpoint(path, made_with, 0).save(session, learner)
-    (said,) = play_cell(cell, str(tmp_path / "out"), Watching())
+def test_a_checkpoint_that_does_not_fit_is_named_and_its_cell_begins_again(change, why, tmp_path):
+    experiment = declared(tmp_path)
+    syncs(experiment, tmp_path / "out", 25)
+    path = checkpoint_in(tmp_path / "out")
+    path.write_bytes(change(path.read_bytes()))
+    (said,) = play(experiment, tmp_path / "out")
     assert str(path) in said
-    assert named in said
-    assert contents(cell, tmp_path / "out").equals(undisturbed(cell, tmp_path))
+    assert why in said
+    assert contents(tmp_path / "out").equals(undisturbed(experiment, tmp_path))
 
 
 # -- time and progress ----------------------------------------------------------------------------
@@ -161,12 +175,11 @@ def test_wall_time_counts_the_time_played(tmp_path, monkeypatch):
         return now[0]
 
     monkeypatch.setattr(time, "perf_counter", clock)
-    cell = cell_of(tmp_path)
-    syncs(cell, tmp_path, 41)
+    experiment = declared(tmp_path)
+    syncs(experiment, tmp_path / "out", 41)
     now[0] += 1e6
-    play_cell(cell, str(tmp_path), Watching())
-    store = Store(tmp_path)
-    record = store.read(store.path(cell)).to_pandas()
+    play(experiment, tmp_path / "out")
+    record = Store(tmp_path / "out").record()[0].to_pandas()
     gaps = record.groupby("subject").wall_time.diff().dropna()
     assert (gaps >= 0).all()
     assert gaps.max() < 1e5
@@ -205,10 +218,9 @@ class Watched(OneSubjectLearner):
 
 def test_progress_inside_a_cell_is_reported(tmp_path, monkeypatch):
     monkeypatch.setattr(worker, "REPORT_EVERY", 0.0)
-    cell = cell_of(tmp_path, "test_checkpoint:Watched")
-    (tmp_path / "cells").mkdir()
-    Watched.record = Store(tmp_path).path(cell)
-    play_cell(cell, str(tmp_path), Watching())
+    experiment = declared(tmp_path, "test_checkpoint:Watched")
+    Watched.record = Store(tmp_path / "out").path(experiment.cells()[0])
+    play(experiment, tmp_path / "out")
     assert Watched.shares == sorted(Watched.shares)
     assert set(Watched.shares) == {0.0, 0.5}  # two trials
     assert reported_progress(Watched.record) is None
@@ -248,18 +260,18 @@ class Trapped(Noting):
 
 def test_a_checkpoint_is_unpickled_for_the_user_who_wrote_it_alone(tmp_path, monkeypatch):
     monkeypatch.setenv("MARK", str(tmp_path / "mark"))
-    cell = cell_of(tmp_path, "test_checkpoint:Trapped")
+    experiment = declared(tmp_path, "test_checkpoint:Trapped")
     for reader, runs in (("other", False), ("own", True)):
-        monkeypatch.setenv(STATE, str(tmp_path / "own"))
-        syncs(cell, tmp_path / reader, 25)
-        monkeypatch.setenv(STATE, str(tmp_path / reader))
-        said = play_cell(cell, str(tmp_path / reader), Watching())
+        monkeypatch.setenv(STATE, str(tmp_path / "key of own"))
+        syncs(experiment, tmp_path / reader, 25)
+        monkeypatch.setenv(STATE, str(tmp_path / f"key of {reader}"))
+        said = play(experiment, tmp_path / reader)
         assert (tmp_path / "mark").exists() == runs
-        assert ["by this user" in one for one in said] == [True] * (not runs)
-        assert contents(cell, tmp_path / reader).equals(undisturbed(cell, tmp_path))
-    key = tmp_path / "own" / "seal.key"
+        assert ["by this user" in sentence for sentence in said] == [True] * (not runs)
+        assert contents(tmp_path / reader).equals(undisturbed(experiment, tmp_path))
+    key = tmp_path / "key of own" / "seal.key"
     assert (key.stat().st_mode & 0o777, key.stat().st_size) == (0o600, 32)
-    assert (tmp_path / "other" / "seal.key").read_bytes() != key.read_bytes()
+    assert (tmp_path / "key of other" / "seal.key").read_bytes() != key.read_bytes()
 
 
 @pytest.mark.parametrize("content", [None, b"x" * 32, b""])
@@ -273,8 +285,7 @@ def test_without_a_key_there_is_no_checkpoint(tmp_path, monkeypatch, content):
         folder.mkdir()
         (folder / "seal.key").write_bytes(content)
         (folder / "seal.key").chmod(0o644 if content else 0o600)
-    cell = cell_of(tmp_path, "test_checkpoint:Noting")
-    (warning,) = play_cell(cell, str(tmp_path / "out"), AFTER_EVERY_STEP)
+    (warning,) = play(declared(tmp_path, "test_checkpoint:Noting"), tmp_path / "out")
     assert f"cannot be stored in {folder}" in warning
     assert STATE in warning
     assert suffixes(tmp_path / "out") == [".parquet"]
@@ -311,18 +322,14 @@ class Unwilling(Noting):
     ("learner", "named"),
     [("Odd", "drawn"), ("OddAtOnce", "drawn"), ("Unwilling", "resumable = False")],
 )
-def test_a_learner_that_cannot_be_stored_is_played_and_named(learner, named, tmp_path):
-    cell = cell_of(tmp_path, f"test_checkpoint:{learner}")
-    taken, (said,) = syncs(cell, tmp_path / "out")
-    assert taken == 1  # the record's
-    assert suffixes(tmp_path / "out") == [".parquet"]
-    assert contents(cell, tmp_path / "out").equals(undisturbed(cell, tmp_path))
-    compared = tmp_path / "compared"
+def test_a_learner_that_cannot_be_stored_is_played_and_named_once(learner, named, tmp_path):
+    taken, (said,) = syncs(declared(tmp_path, f"test_checkpoint:{learner}"), tmp_path / "out")
+    assert taken == 2  # the experiment's and the record's
+    assert (named in said, "begins again" in said) == (True, True)
     with pytest.warns(UserWarning, match="begins again") as caught:
-        compare(["CC3", "CE3"], f"test_checkpoint:{learner}", subjects=1, workers=0, out=compared)
+        results = compare(["CC3", "CE3"], f"test_checkpoint:{learner}", subjects=1, workers=0)
     assert [str(warning.message) for warning in caught] == [said]
-    warned = [warning for warning in open_results(compared).warnings if warning == said]
-    assert (len(warned), named in said, "begins again" in said) == (1, True, True)
+    assert results.warnings.count(said) == 1
 
 
 class Global(Noting):
@@ -330,15 +337,6 @@ class Global(Noting):
 
     def act(self, observation):
         return random.randrange(8) + np.random.randint(7)  # noqa: NPY002
-
-
-def test_a_learner_with_global_randomness_continues(tmp_path):
-    cell = cell_of(tmp_path, "test_checkpoint:Global")
-    syncs(cell, tmp_path / "out", 25)
-    taken, _ = syncs(cell, tmp_path / "out")
-    whole, _ = syncs(cell, tmp_path / "whole")
-    assert taken == whole - 24
-    assert contents(cell, tmp_path / "out").equals(undisturbed(cell, tmp_path))
 
 
 class Brittle(RandomLearner):
@@ -349,9 +347,9 @@ class Brittle(RandomLearner):
 
 
 def test_a_learner_that_failed_begins_again(tmp_path):
-    cell = cell_of(tmp_path, "test_checkpoint:Brittle")
-    with np.errstate(divide="raise"), pytest.raises(LearnerError, match="Brittle in noisy_CC3"):
-        play_cell(cell, str(tmp_path / "out"), AFTER_EVERY_STEP)
+    experiment = declared(tmp_path, "test_checkpoint:Brittle")
+    with np.errstate(divide="raise"), pytest.raises(CellsFailed, match="Brittle in noisy_CC3"):
+        play(experiment, tmp_path / "out")
     assert suffixes(tmp_path / "out") == []
 
 
@@ -375,11 +373,11 @@ OWN["ddqn"] = {*DEEP, "dead_units", "differing_pairs", "differing_transitions"}
 
 @pytest.mark.parametrize("learner", [*OWN])
 def test_curves_show_what_the_record_holds_and_change_nothing(learner, tmp_path):
-    cell = cell_of(tmp_path, learner, "noisy_CC3")
-    play_cell(cell, str(tmp_path / "watched"), Watching(tensorboard=str(tmp_path / "logs")))
-    assert contents(cell, tmp_path / "watched").equals(undisturbed(cell, tmp_path))
-    shown = curves(tmp_path / "logs" / cell.name)
-    record = contents(cell, tmp_path / "watched").to_pandas()
+    experiment = declared(tmp_path, learner, "noisy_CC3")
+    play(experiment, tmp_path / "watched", tensorboard=str(tmp_path / "logs"))
+    assert contents(tmp_path / "watched").equals(undisturbed(experiment, tmp_path))
+    shown = curves(tmp_path / "logs" / experiment.cells()[0].name)
+    record = contents(tmp_path / "watched").to_pandas()
     # One point for each attempt of the three subjects, here in step until one has finished.
     first = record[(record.trial == 1) & (record.attempt == 1)]
     assert shown["attempts/reward"][0] == (1, pytest.approx(first.reward.mean()))
@@ -390,19 +388,18 @@ def test_curves_show_what_the_record_holds_and_change_nothing(learner, tmp_path)
 
 
 def test_curves_continue_from_a_checkpoint(tmp_path):
-    cell = cell_of(tmp_path)
+    experiment = declared(tmp_path)
     whole, killed = tmp_path / "whole", tmp_path / "killed"
-    play_cell(cell, str(tmp_path / "a"), Watching(tensorboard=str(whole)))
-    syncs(cell, tmp_path / "b", 39, Watching(0, str(killed)))
+    play(experiment, tmp_path / "a", tensorboard=str(whole))
+    syncs(experiment, tmp_path / "b", 39, tensorboard=str(killed))
     time.sleep(1.1)  # logs are told apart by the second in which they begin
-    play_cell(cell, str(tmp_path / "b"), Watching(0, str(killed)))
-    assert curves(killed / cell.name) == curves(whole / cell.name)
+    play(experiment, tmp_path / "b", tensorboard=str(killed))
+    name = experiment.cells()[0].name
+    assert curves(killed / name) == curves(whole / name)
 
 
 def test_without_tensorboard_it_says_what_to_install(tmp_path, monkeypatch):
-    cell_of(tmp_path)
-    experiment = read_experiment(tmp_path / "experiment.yaml")
     monkeypatch.setattr(runner, "find_spec", lambda name: None)
     with pytest.raises(OpenLockError, match=r"pip install 'causal-openlock\[tensorboard\]'"):
-        runner.run(experiment, tmp_path / "out", watching=Watching(tensorboard="logs"))
+        play(declared(tmp_path), tmp_path / "out", tensorboard="logs")
     assert not (tmp_path / "out").exists()

@@ -266,13 +266,13 @@ def test_status_says_what_is_done_running_silent_and_failed(folder):
     cells = [cell for cell in experiment.cells() if store.check(cell)]
     for cell, age in zip(cells[:2], (0, 1000), strict=True):
         path = store.path(cell).with_suffix(".progress")
-        path.write_text("0.2500 10.0", encoding="utf-8")
+        path.write_text("0.2500 600.0", encoding="utf-8")
         os.utime(path, (time.time() - age,) * 2)
     keep_failure(store.path(cells[2]), cells[2], "failed: of itself", "")
     said = at_once("status", "out").stdout.splitlines()
     assert said[0].startswith("e: 4 of 8 cells done, 1 running, 1 failed, 2 waiting; ")
-    assert said[1:3] == ["running:", f"  {cells[0].in_words}: 25%, for 10 s"]
+    assert said[1:3] == ["running:", f"  {cells[0].in_words}: 25%, for 10 min"]
     assert f"  {cells[1].in_words}: no report for 17 min" in said
     assert f"  the learner {cells[2].in_words}, failed: of itself" in said
-    # Forty seconds for each of the cells, two and three quarters of which are left to one worker.
-    assert said[-1].startswith("over in about 2 min, at")
+    # Forty minutes for each of the cells, two and three quarters of which are left to one worker.
+    assert said[-1].startswith("over in about 1 h 50 min, at")
