@@ -41,14 +41,11 @@ from pydantic import (
     Field,
     InstanceOf,
     PlainSerializer,
-    SerializationInfo,
-    SerializerFunctionWrapHandler,
+    TypeAdapter,
     ValidationError,
     ValidationInfo,
     WrapValidator,
-    field_serializer,
     field_validator,
-    model_serializer,
 )
 from pydantic.json_schema import SkipJsonSchema
 
@@ -73,7 +70,6 @@ from causal_openlock.files.validation import (
 )
 from causal_openlock.schemas.finding import SUFFIXES, find_schema
 from causal_openlock.schemas.schema import JSON_SCHEMA_ID, NAME, Schema
-from causal_openlock.usercode.own_files import look_beside
 from causal_openlock.version import RESULTS_VERSION
 from causal_openlock.wording import counted, joined, nearest
 from causal_openlock.world.reward_code import OwnReward
@@ -106,13 +102,17 @@ NAME_FORM = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
 NAME_IN_WORDS = "letters, digits, underscores, dots and dashes, at most 64 in all"
 
 
-def _declares(info: ValidationInfo) -> bool:
-    """Whether something is declared: not recorded, nor made of parts that were checked before."""
-    return info.context is not None and not info.context.get("recorded")
+def _context(info: ValidationInfo) -> dict[str, Any]:
+    """What is known while a declaration is read.
+
+    ``folders`` to look for schemas in; ``protocols`` of the experiment's own; whether everything is
+    ``recorded`` in a results folder, so that no code is loaded; and names that are taken.
+    """
+    return {} if info.context is None else info.context
 
 
 def _well_formed(name: str, info: ValidationInfo) -> str:
-    if _declares(info) and not re.fullmatch(NAME_FORM, name):
+    if not re.fullmatch(NAME_FORM, name) and not _context(info).get("recorded"):
         raise ExperimentError(f"{name[:80]!r} is not a name here; it must have {NAME_IN_WORDS}")
     return name
 
@@ -128,53 +128,44 @@ ActionLimit = Annotated[int, Field(strict=True, ge=1, le=MAX_ACTION_LIMIT), Befo
 Seed = Annotated[int, Field(strict=True, ge=0, lt=2**63), BeforeValidator(plain)]
 
 
-def _any(values: Any, info: ValidationInfo) -> Any:
-    if _declares(info) and values in ([], ()):
+def _any(parts: Any, info: ValidationInfo) -> Any:
+    if not parts:
         raise ExperimentError(f"{info.field_name} needs at least 1; add one")
-    return values
+    return parts
 
 
-AT_LEAST_ONE = (BeforeValidator(_any), Field(json_schema_extra={"minItems": 1}))
+AT_LEAST_ONE = (AfterValidator(_any), Field(json_schema_extra={"minItems": 1}))
 
 
-# -- the short forms of others' things -------------------------------------------------------------
+# -- schemas and rewards in their short forms ------------------------------------------------------
 
 
-def _schema(value: Any, info: ValidationInfo) -> Schema:
-    """A schema, by its name or path, as a line of text, or as data."""
-    return find_schema(value, beside=(info.context or {}).get("folders", ()))
-
-
-def _schema_data(schema: Schema, info: SerializationInfo) -> Any:
-    """A schema whole; or, for a file, the path of its own file."""
-    return f"{info.context['schemas']}/{schema.name}.yaml" if info.context else schema.as_dict()
+def _schema(source: Any, info: ValidationInfo) -> Schema:
+    return find_schema(source, _context(info).get("folders", ()))
 
 
 AnySchema = Annotated[
     InstanceOf[Schema],
     BeforeValidator(_schema, json_schema_input_type=str),
-    PlainSerializer(_schema_data),
+    PlainSerializer(Schema.as_dict),
     Field(description="Name or path of a schema."),
 ]
 
 
 def _reward(value: Any, info: ValidationInfo) -> RewardFunction:
     """A reward in any form; a recorded one as it was, without its code."""
-    context = info.context or {}
-    if isinstance(value, Mapping) and context.get("recorded"):
-        recorded: Any = adapter(Reward | OwnReward | AuthorsReward).validate_python(value)
-        if unknown := {*getattr(recorded, "terms", ())} - {*TERMS}:
-            raise ExperimentError(f"there is no reward term {min(unknown)!r}")
-        return recorded
-    if isinstance(value, str) and ":" in value:
-        look_beside(*context.get("folders", ()))
-    return find_reward(value)
+    if not (isinstance(value, Mapping) and _context(info).get("recorded")):
+        return find_reward(value)
+    recorded: Any = adapter(Reward | OwnReward | AuthorsReward).validate_python(value)
+    if unknown := {*getattr(recorded, "terms", ())} - {*TERMS}:
+        raise ExperimentError(f"there is no reward term {min(unknown)!r}")
+    return recorded
 
 
 AnyReward = Annotated[
     InstanceOf[RewardFunction],
     BeforeValidator(_reward, json_schema_input_type=str | list[str] | RewardWeights),
-    PlainSerializer(lambda reward, info: reward.written() if info.context else reward.as_dict()),
+    PlainSerializer(lambda reward: reward.as_dict()),
 ]
 
 
@@ -261,10 +252,9 @@ def find_protocol(name: str, own: Mapping[str, Protocol] | None = None) -> Proto
 
 def _protocol(value: Any, info: ValidationInfo) -> Any:
     """A protocol by its name, or another one with some settings changed."""
-    context = info.context or {}
     if isinstance(value, str):
-        return find_protocol(value, context.get("protocols"))
-    if isinstance(value, Protocol) or context.get("recorded"):
+        return find_protocol(value, _context(info).get("protocols"))
+    if isinstance(value, Protocol) or _context(info).get("recorded"):
         return value
     if not isinstance(value, Mapping):
         raise ExperimentError(
@@ -287,25 +277,14 @@ def _protocol(value: Any, info: ValidationInfo) -> Any:
     return {**asdict(protocol), **settings, "name": name}
 
 
-def _protocol_data(protocol: Protocol, info: SerializationInfo) -> Any:
-    """A protocol whole; or, for a file, its name or how it differs from people's."""
-    if not info.context:
-        return asdict(protocol)
-    if PROTOCOLS.get(protocol.name) == protocol:
-        return protocol.name
-    return present(asdict(protocol))
-
-
 AnyProtocol = Annotated[
-    Protocol,
-    BeforeValidator(_protocol, json_schema_input_type=str | ProtocolChanges),
-    PlainSerializer(_protocol_data),
+    Protocol, BeforeValidator(_protocol, json_schema_input_type=str | ProtocolChanges)
 ]
 
 
 def _own_protocol(value: Any, read: Callable[[Any], Protocol], info: ValidationInfo) -> Protocol:
     """A protocol of an experiment's own; those below may be based on it."""
-    known = (info.context or {}).get("protocols", {})
+    known = _context(info).get("protocols", {})
     known[value["name"]] = PROTOCOLS[HUMAN_PROTOCOL]  # a faulty one is said to be so once
     known[value["name"]] = protocol = read(value)
     return protocol
@@ -320,10 +299,9 @@ def _with_names(protocols: Any) -> Any:
 
 # -- conditions ------------------------------------------------------------------------------------
 
-ListedLayout = Annotated[
-    InstanceOf[Layout],
-    BeforeValidator(lambda layout, info: Layout.of(info.context["of"], layout)),
-]
+
+def _places(layouts: Any) -> Any:
+    return [[*layout.places] for layout in layouts] if isinstance(layouts, tuple) else layouts
 
 
 @part()
@@ -340,6 +318,7 @@ class Trials(Part):
     schema: AnySchema
     layouts: Annotated[
         tuple[Layout, ...] | LayoutSource | None,
+        PlainSerializer(_places),
         Field(description="Where the levers stand; the protocol decides if this is left out."),
     ] = None
     number: Annotated[Count | None, Field(validation_alias=AliasChoices("trials", "number"))] = None
@@ -359,14 +338,8 @@ class Trials(Part):
             raise ExperimentError(
                 f"layouts are 'published', 'random' or a list, not {layouts!r:.200}"
             )
-        return adapter(tuple[ListedLayout, ...]).validate_python(layouts, context={"of": schema})
-
-    @field_serializer("layouts")
-    def _layouts_data(self, layouts: Any, info: SerializationInfo) -> Any:
-        """The places of listed layouts; or, for a file, their names."""
-        if not isinstance(layouts, tuple):
-            return layouts
-        return [layout.name if info.context else [*layout.places] for layout in layouts]
+        fitting = BeforeValidator(lambda layout: Layout.of(schema, layout))
+        return TypeAdapter(tuple[Annotated[Layout, fitting], ...]).validate_python(layouts)
 
     def __post_init__(self) -> None:
         if isinstance(self.layouts, tuple) and (self.number or 0) > len(self.layouts):
@@ -375,32 +348,28 @@ class Trials(Part):
                 f"{len(self.layouts)} are given"
             )
 
-    @model_serializer(mode="wrap")
-    def _data(self, handler: SerializerFunctionWrapHandler, info: SerializationInfo) -> Any:
-        return present(handler(self)) if info.context else handler(self)
+    def as_file(self, schemas: str) -> dict[str, Any]:
+        """The trials as an experiment file has them, with schemas in files of that folder."""
+        data = {**self.as_dict(), "schema": f"{schemas}/{self.schema.name}.yaml"}
+        if isinstance(self.layouts, tuple):
+            data["layouts"] = [layout.name for layout in self.layouts]
+        return present(data)
 
 
-def _names_schema(value: Any) -> bool:
-    return isinstance(value, str | Path | Schema)
-
-
-def _listed(value: Any) -> Any:
-    return value if isinstance(value, list | tuple) else [value]
-
-
-def _trials(value: Any) -> list[Any]:
+def _trials(value: Any, info: ValidationInfo) -> Any:
     """Trials in a list; a schema alone stands for trials in its rooms."""
-    trials = _listed(value)
-    shown = [group for group in trials if isinstance(group, Mapping) and SHOWN in group]
-    if isinstance(value, Mapping) or shown:
+    if isinstance(value, Mapping) and info.field_name == "train":
+        return adapter(Shown).validate_python(value, context=info.context).shown
+    groups = value if isinstance(value, list | tuple) else [value]
+    if isinstance(value, Mapping) or any(isinstance(g, Mapping) and SHOWN in g for g in groups):
         raise ExperimentError(
             "write a schema by name or path, or a list of trials; what is shown is the whole of "
             "train, as in train: {shown: CC3}"
         )
-    return [group if isinstance(group, Mapping | Trials) else {"schema": group} for group in trials]
+    return [group if isinstance(group, Mapping | Trials) else {"schema": group} for group in groups]
 
 
-ListOfTrials = Annotated[list[Trials], Field(min_length=1)]
+SomeTrials = Annotated[tuple[Trials, ...], *AT_LEAST_ONE]
 
 
 @part()
@@ -408,28 +377,18 @@ class Shown(Part):
     """Training that is shown: each solution of each room once."""
 
     shown: Annotated[
-        tuple[Trials, ...],
-        *AT_LEAST_ONE,
-        BeforeValidator(_trials, json_schema_input_type=str | ListOfTrials),
+        SomeTrials, BeforeValidator(_trials, json_schema_input_type=str | list[Trials])
     ]
 
 
-def _training(value: Any, info: ValidationInfo) -> Any:
-    if isinstance(value, Mapping):
-        return adapter(Shown).validate_python(value, context=info.context).shown
-    return _trials(value)
-
-
-def _room(layout: Any, info: ValidationInfo) -> Layout:
+def _recorded_room(layout: Any, info: ValidationInfo) -> Layout:
     """A layout of the trials that come before in a condition, by the number of its levers."""
     trials = (*info.data.get("train", ()), *info.data.get("test", ()))
     fitting = {len(group.schema.levers): group.schema for group in trials}
     return layout if isinstance(layout, Layout) else Layout.of(fitting[len(layout)], layout)
 
 
-RecordedRoom = Annotated[
-    InstanceOf[Layout], BeforeValidator(_room), PlainSerializer(lambda layout: [*layout.places])
-]
+RecordedRoom = Annotated[InstanceOf[Layout], BeforeValidator(_recorded_room)]
 
 
 @part()
@@ -450,23 +409,30 @@ class Condition(Part):
         ['CC3', 'CC4']
     """
 
-    name: Name
+    name: Name = ""
     train: Annotated[
-        tuple[Trials, ...],
-        *AT_LEAST_ONE,
-        BeforeValidator(_training, json_schema_input_type=str | ListOfTrials | Shown),
-    ]
+        SomeTrials, BeforeValidator(_trials, json_schema_input_type=str | list[Trials] | Shown)
+    ] = Field()  # type: ignore[misc]  # required, as names are not
     test: Annotated[
         tuple[Trials, ...], BeforeValidator(_trials, json_schema_input_type=str | list[Trials])
     ] = ()
     rooms: Annotated[
-        dict[Annotated[int, PlainSerializer(str)], tuple[RecordedRoom, ...]],
+        dict[
+            Annotated[int, PlainSerializer(str)],
+            Annotated[tuple[RecordedRoom, ...], PlainSerializer(_places)],
+        ],
         SkipJsonSchema(),
         Field(exclude_if=lambda rooms: not rooms),
     ] = field(default_factory=dict, compare=False)
     shown: Annotated[bool, SkipJsonSchema(), Field(exclude_if=lambda shown: not shown)] = False
 
     def __post_init__(self) -> None:
+        trials = (*self.train, *self.test)
+        if not self.name:
+            if any(group != Trials(group.schema) for group in trials):
+                raise ExperimentError("name: is missing; add it")
+            names = [*([SHOWN] if self.shown else []), *(group.schema.name for group in trials)]
+            object.__setattr__(self, "name", read(Name, "-".join(names)))
         if not self.shown:
             return
         if not self.test:
@@ -489,42 +455,26 @@ class Condition(Part):
         return tuple(dict.fromkeys(trials.schema for trials in (*self.train, *self.test)))
 
 
-@part(kw_only=True)
-class UnnamedCondition(Condition):
-    """A condition; without a name, it has that of its schemas, where they alone are declared."""
-
-    name: Name = ""
-
-
-def _condition(value: Any, info: ValidationInfo) -> Any:
+def _condition(value: Any) -> Any:
     """``CC4``, ``CC3-CC4``, ``shown-CC3-CC4``, a path, a schema, a list of these, or a mapping."""
-    if isinstance(value, Condition):
-        return value
     if isinstance(value, str | Path):
-        value = _halves(str(value))
-    schemas = [value] if isinstance(value, Schema) else value
-    if isinstance(schemas, list | tuple) and schemas and all(map(_names_schema, schemas)):
-        first, *others = schemas
-        value = {"train": [first, *others[:-1]], "test": others[-1:]}
-    if not isinstance(value, Mapping):
+        value = _named(str(value))
+    elif isinstance(value, Schema):
+        value = {"train": value}
+    elif isinstance(value, list | tuple) and value:
+        first, *others = value
+        if all(isinstance(schema, str | Path | Schema) for schema in value):
+            value = {"train": [first, *others[:-1]], "test": others[-1:]}
+    if not isinstance(value, Condition | Mapping):
         raise ExperimentError(
             f"{value!r:.200} is not a condition; give a name such as CC4 or CC3-CC4, a list of "
             "schemas whose last one is the test, or a mapping with name, train and test"
         )
-    train, test = value.get("train"), value.get("test") or []
-    if shown := isinstance(train, Mapping):
-        value, train = {**value, "shown": True}, train.get(SHOWN)
-    schemas = [schema for group in (train, test) for schema in _listed(group)]
-    if "name" in value or not all(map(_names_schema, schemas)):
-        return value
-    try:
-        names = [_schema(schema, info).name for schema in schemas]
-    except ValueError:
-        names = ["unnamed"]  # what is wrong is said of train or test
-    return {**value, "name": "-".join([*([SHOWN] if shown else []), *names])}
+    is_shown = isinstance(value, Mapping) and isinstance(value.get("train"), Mapping)
+    return {**value, "shown": True} if is_shown else value
 
 
-def _halves(text: str) -> dict[str, Any]:
+def _named(text: str) -> dict[str, Any]:
     """What a condition's name says: one schema for a baseline, two for a transfer."""
     if "->" in text or text.lower().endswith(SUFFIXES):
         return {"train": text}
@@ -534,32 +484,31 @@ def _halves(text: str) -> dict[str, Any]:
             f"{text!r:.200} is not a condition; write one schema for a baseline (CC4), two for a "
             "transfer (CC3-CC4), or a list where one is a file: [CC3, my/vault.yaml]"
         )
-    train: Any = {SHOWN: first} if text.startswith(f"{SHOWN}-") else first
-    return {"train": train, "test": others}
+    return {"train": {SHOWN: first} if text.startswith(f"{SHOWN}-") else first, "test": others}
 
 
-def _once(thing: Any, info: ValidationInfo) -> Any:
+def _once(part: Any, info: ValidationInfo) -> Any:
     """Refuse a second condition or learner of a name, and a second schema of one."""
-    if not _declares(info) or info.context is None:
-        return thing
-    kind = (info.field_name or "learners").removesuffix("s")
-    for named in _listed(thing):
-        names: set[str] = info.context.setdefault(kind, set())
-        if named.name in names:
+    context = _context(info)
+    if info.context is None or context.get("recorded"):
+        return part
+    kind = "condition" if isinstance(part, Condition) else "learner"
+    for named in part if isinstance(part, list) else [part]:
+        if named.name in context.setdefault(kind, {}):
             raise ExperimentError(
                 f"the {kind} {named.name} is listed twice; remove one of them, or give it another "
                 "name (name: in a file; in Python learner(..., label=...), schema(..., name=...))"
             )
-        names.add(named.name)
-    for schema in thing.schemas if isinstance(thing, Condition) else ():
-        if info.context.setdefault(f"schema {schema.name}", schema) != schema:
+        context[kind][named.name] = named
+    for schema in part.schemas if isinstance(part, Condition) else ():
+        if context.setdefault("schema", {}).setdefault(schema.name, schema) != schema:
             raise ExperimentError(f"two different schemas are called {schema.name}; rename one")
-    return thing
+    return part
 
 
 AnyCondition = Annotated[
     Condition,
-    BeforeValidator(_condition, json_schema_input_type=str | list[str] | UnnamedCondition),
+    BeforeValidator(_condition, json_schema_input_type=str | list[str] | Condition),
 ]
 
 
@@ -656,8 +605,6 @@ class LearnerSpec(Part):
     @classmethod
     def _is_there(cls, learner: str, info: ValidationInfo) -> str:
         if not info.data.get("recorded"):
-            if ":" in learner:
-                look_beside(*(info.context or {}).get("folders", ()))
             learner_class(learner)
         return learner
 
@@ -680,6 +627,13 @@ class LearnerSpec(Part):
         if self.origin.prior_attempts is None:
             origin["prior_attempts"] = "unknown"
         return {**super().as_dict(), **present(origin)}
+
+    def as_file(self) -> dict[str, Any]:
+        """The learner as an experiment file has it."""
+        protocol = present(self.protocol.as_dict())
+        if PROTOCOLS.get(self.protocol.name) == self.protocol:
+            protocol = self.protocol.name
+        return {**super().as_dict(), "protocol": protocol, "reward": self.reward.written()}
 
     @cached_property
     def origin(self) -> Origin:
@@ -707,7 +661,7 @@ def _learner(value: Any, info: ValidationInfo) -> Any:
         )
     for_all = ("protocol", "reward", "subjects")
     entry = {**{key: info.data[key] for key in for_all if key in (info.data or {})}, **entry}
-    return _from_record(entry) if (info.context or {}).get("recorded") else entry
+    return _from_record(entry) if _context(info).get("recorded") else entry
 
 
 def _from_record(entry: dict[str, Any]) -> dict[str, Any]:
@@ -916,8 +870,12 @@ class Experiment(Part):
         Args:
             schemas: The folder next to the file that has each schema as ``NAME.yaml``.
         """
-        data = plain(adapter(Experiment).dump_python(self, context={"schemas": schemas}))
-        return {key: value for key, value in data.items() if key not in ("version", "command")}
+        data = self.as_dict()
+        del data["version"], data["command"]
+        for condition, entry in zip(self.conditions, data["conditions"], strict=True):
+            entry["train"] = [trials.as_file(schemas) for trials in condition.train]
+            entry["test"] = [trials.as_file(schemas) for trials in condition.test]
+        return {**data, "learners": [spec.as_file() for spec in self.learners]}
 
     def warnings(self) -> list[str]:
         """A sentence for each schema that cannot be solved under a protocol."""

@@ -40,6 +40,7 @@ from causal_openlock.experiment.declare import SHOWN, Experiment
 from causal_openlock.experiment.making import Changes, declared
 from causal_openlock.files.yaml_file import read_document
 from causal_openlock.schemas.finding import bundled, bundled_schemas
+from causal_openlock.usercode.own_files import look_beside
 from causal_openlock.wording import nearest
 
 LONGEST_NAMES = 28
@@ -77,8 +78,10 @@ def read_experiment(
         data = changes.applied({"title": name if isinstance(name, str) else "", **data})
         folder = document.path.resolve().parent
         typed = {form for form in changes.learners or () if isinstance(form, str)}
-        named = [(name, role) for name, role in _code_named(data) if name not in typed]
-        runs = {file_that_runs(name, folder, role) for name, role in named}
+        named = [*_code_named(data)]
+        if named:
+            look_beside(folder)
+        runs = {file_that_runs(name, folder, role) for name, role in named if name not in typed}
         for sentence in sorted(filter(None, runs)) if tell else ():
             tell(sentence)  # type: ignore[misc]
     experiment = declared(data, document, changes.given)

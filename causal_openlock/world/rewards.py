@@ -262,9 +262,10 @@ def _weighted(asked: RewardWeights) -> Reward:
     """A reward with changed weights; a weight of a term that it does not have adds the term."""
     if {"preset", "terms"} <= asked.model_fields_set:
         raise ExperimentError("a reward is based on a preset or on terms; leave one of them out")
-    base = find_reward(asked.terms if "terms" in asked.model_fields_set else asked.preset)
-    if not isinstance(base, Reward):
-        raise ExperimentError(f"the reward {base.name} has no weights; base it on another preset")
+    form = asked.terms if "terms" in asked.model_fields_set else asked.preset
+    is_code = ":" in form  # of which nobody was told, so it does not run
+    if is_code or not isinstance(base := find_reward(form), Reward):
+        raise ExperimentError(f"the reward {form} has no weights; base it on another preset")
     term_of = {name: name if name in TERMS else "basic" for name in Weights.model_fields}
     given = [name for name in term_of if name in asked.model_fields_set]
     added = [
