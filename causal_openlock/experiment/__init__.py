@@ -1,15 +1,14 @@
 """Experiments: conditions, protocols, sessions, and the record of what was done.
 
-==================== ==============================================================================
-``declare``          What an experiment is: protocols, conditions, learners, cells.
-``making``           Declaring one in Python, and changing what a file declares.
-``file``             Experiment files: YAML in.
-``json_schemas``     The JSON Schemas that editors use.
-``origin``           The code of a learner, by which results are told apart.
-``plan``             The trials of a subject, drawn from its condition and protocol.
-``session``          B subjects play the trials of a condition.
-``record``           The record: one row for each attempt.
-``beside_record``    What people said and how long they took: tables next to the record.
-``paper_conditions`` Which conditions are the paper's, by their rooms.
-==================== ==============================================================================
+================= =================================================================================
+``declare``       What an experiment is: protocols, conditions, learners, cells.
+``making``        Declaring one in Python, and changing what a file declares.
+``file``          Experiment files: YAML in.
+``json_schemas``  The JSON Schemas that editors use.
+``origin``        The code of a learner, by which results are told apart.
+``plan``          The trials of a subject, drawn from its condition and protocol.
+``session``       B subjects play the trials of a condition.
+``record``        The record: one row for each attempt.
+``beside_record`` What people said and how long they took: tables next to the record.
+================= =================================================================================
 """

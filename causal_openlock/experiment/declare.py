@@ -2,19 +2,12 @@
 
 Files, programs and results folders are read by the same classes, which take *short forms* of their
 parts: ``CC3-CC4`` is a condition, ``rl`` a protocol, ``ddqn`` a learner, ``paper`` a reward.
-Pydantic gathers the faults, each with the path to it. ``as_dict`` is what a results folder stores
-and identities are made of; ``as_file`` is what a user would write.
+``as_dict`` is what a results folder stores and identities are made of; ``as_file`` is what a user
+would write.
 
-A *condition* is a sequence of trials: first those to train on, then perhaps those to test on.
-``CC4`` is a baseline (rooms of the schema CC4), ``CC3-CC4`` a transfer (six rooms of CC3, then
-CC4). In ``shown-CC3-CC4`` the training is *shown*: in each of its rooms the subject watches every
-solution once and does nothing itself; then it plays the test.
-
-A *protocol* defines how a condition is played: how many attempts and trials there are, and when a
-trial ends. ``human`` and ``rl`` are the paper's ("Materials and Procedure", "Model Results"; where
-its figures show other numbers, these follow its text), ``rl_2020`` that of *Theory-based Causal
-Transfer* (Edmonds et al., AAAI 2020) for learners by reinforcement, with the reward
-``unique_solutions``.
+A *condition* is a sequence of trials: ``CC4`` is a baseline (rooms of the schema CC4), ``CC3-CC4``
+a transfer (six rooms of CC3, then CC4). In ``shown-CC3-CC4`` the training is *shown*: in each of
+its rooms the subject watches every solution once and does nothing itself; then it plays the test.
 
 A *cell* is the unit of work: one learner in one condition with at most ``cell_size`` subjects. Its
 identity is a hash of everything that determines its record, so a finished cell is never played
@@ -42,33 +35,26 @@ from pydantic import (
     InstanceOf,
     PlainSerializer,
     TypeAdapter,
-    ValidationError,
     ValidationInfo,
     WrapValidator,
     field_validator,
 )
 from pydantic.json_schema import SkipJsonSchema
 
-from causal_openlock.contract.registry import (
-    learner_class,
-    name_of,
-    parse_parameters,
-)
+from causal_openlock.contract.registry import learner_class, name_of, parse_parameters
 from causal_openlock.errors import ExperimentError, LearnerError, OpenLockError, together
-from causal_openlock.experiment.origin import Origin, answer_of, origin_of
+from causal_openlock.experiment.origin import NOTES, Origin, answer_of, origin_of
 from causal_openlock.files.digest import digest
 from causal_openlock.files.validation import (
     MOST,
     Part,
-    Where,
     adapter,
-    errors_of,
     part,
     plain,
     present,
     read,
 )
-from causal_openlock.schemas.finding import SUFFIXES, find_schema
+from causal_openlock.schemas.finding import SUFFIXES, bundled_schemas, find_schema
 from causal_openlock.schemas.schema import JSON_SCHEMA_ID, NAME, Schema
 from causal_openlock.version import RESULTS_VERSION
 from causal_openlock.wording import counted, joined, nearest
@@ -111,8 +97,13 @@ def _context(info: ValidationInfo) -> dict[str, Any]:
     return {} if info.context is None else info.context
 
 
+def _declares(info: ValidationInfo) -> bool:
+    """Whether something is declared: not recorded, nor made of parts that were checked before."""
+    return info.context is not None and not info.context.get("recorded")
+
+
 def _well_formed(name: str, info: ValidationInfo) -> str:
-    if not re.fullmatch(NAME_FORM, name) and not _context(info).get("recorded"):
+    if _declares(info) and not re.fullmatch(NAME_FORM, name):
         raise ExperimentError(f"{name[:80]!r} is not a name here; it must have {NAME_IN_WORDS}")
     return name
 
@@ -129,7 +120,7 @@ Seed = Annotated[int, Field(strict=True, ge=0, lt=2**63), BeforeValidator(plain)
 
 
 def _any(parts: Any, info: ValidationInfo) -> Any:
-    if not parts:
+    if _declares(info) and not parts:
         raise ExperimentError(f"{info.field_name} needs at least 1; add one")
     return parts
 
@@ -235,11 +226,14 @@ class ProtocolChanges(Protocol):
     based_on: str = HUMAN_PROTOCOL
 
 
+# Those of the paper ("Materials and Procedure", "Model Results"; where its figures show other
+# numbers, these follow its text), and that of "Theory-based Causal Transfer" (AAAI 2020).
 PROTOCOLS = {
     "human": Protocol("human", 30, True),
     "rl": Protocol("rl", 300, False, 5, 6, 5, baseline_loops=10, train_loops=100, test_loops=10),
     "rl_2020": Protocol("rl_2020", 700, True, 5, 6, 5, 200, 200, 200),
 }
+HUMAN, PAPER = PROTOCOLS[HUMAN_PROTOCOL], PRESETS[PAPER_REWARD]
 
 
 def find_protocol(name: str, own: Mapping[str, Protocol] | None = None) -> Protocol:
@@ -260,13 +254,12 @@ def _protocol(value: Any, info: ValidationInfo) -> Any:
         raise ExperimentError(
             f"{value!r:.200} is not a protocol; give its name, or settings: {{attempt_limit: 10}}"
         )
-    settings = {**value}
-    if settings.get("test_layout"):
+    if value.get("test_layout"):
         raise ExperimentError(
             "test_layout belongs to conditions now, as in test: [{schema: CC4, layouts: [trial7]}]"
         )
-    fields = [key for key in ProtocolChanges.__dataclass_fields__ if key in settings]
-    settings = {key: settings[key] for key in [*fields, *settings]}  # in an order that names it
+    fields = [key for key in ProtocolChanges.__dataclass_fields__ if key in value]
+    settings = {key: value[key] for key in [*fields, *value]}  # in an order that names it
     base = settings.pop("based_on", HUMAN_PROTOCOL)
     protocol = adapter(AnyProtocol).validate_python(base, context=info.context)
     name = settings.pop("name", None) or label_of(protocol.name, settings, "_")
@@ -285,7 +278,7 @@ AnyProtocol = Annotated[
 def _own_protocol(value: Any, read: Callable[[Any], Protocol], info: ValidationInfo) -> Protocol:
     """A protocol of an experiment's own; those below may be based on it."""
     known = _context(info).get("protocols", {})
-    known[value["name"]] = PROTOCOLS[HUMAN_PROTOCOL]  # a faulty one is said to be so once
+    known[value["name"]] = HUMAN  # a faulty one is said to be so once
     known[value["name"]] = protocol = read(value)
     return protocol
 
@@ -454,6 +447,17 @@ class Condition(Part):
         """The condition's schemas, each once, in order."""
         return tuple(dict.fromkeys(trials.schema for trials in (*self.train, *self.test)))
 
+    @property
+    def is_of_paper(self) -> bool:
+        """Whether the rooms, too, are the paper's: any schema may be called ``CC4``."""
+        if self.name not in PAPER_CONDITIONS:
+            return False
+        papers = [bundled_schemas()[name] for name in self.name.split("-")]
+        rooms = [[trials.schema.as_dict() for trials in phase] for phase in (self.train, self.test)]
+        untitled = [[{**schema, "title": ""} for schema in phase] for phase in rooms]
+        first, *others = [{**schema.as_dict(), "title": ""} for schema in papers]
+        return untitled == [[first], others]
+
 
 def _condition(value: Any) -> Any:
     """``CC4``, ``CC3-CC4``, ``shown-CC3-CC4``, a path, a schema, a list of these, or a mapping."""
@@ -489,9 +493,9 @@ def _named(text: str) -> dict[str, Any]:
 
 def _once(part: Any, info: ValidationInfo) -> Any:
     """Refuse a second condition or learner of a name, and a second schema of one."""
-    context = _context(info)
-    if info.context is None or context.get("recorded"):
+    if not _declares(info):
         return part
+    context = _context(info)
     kind = "condition" if isinstance(part, Condition) else "learner"
     for named in part if isinstance(part, list) else [part]:
         if named.name in context.setdefault(kind, {}):
@@ -564,13 +568,6 @@ def points(entry: Mapping[str, Any]) -> list[dict[str, Any]]:
     ]
 
 
-_NOTES = ("prior_attempts", "informed", "about")  # of a learner's origin: they follow from its code
-_ORIGIN = {
-    **{"class": "class_name", "package": "package", "material": "artifact_hash"},
-    **{name: name for name in _NOTES},
-}
-
-
 @part(kw_only=True)
 class LearnerSpec(Part):
     """A learner of an experiment.
@@ -596,8 +593,8 @@ class LearnerSpec(Part):
     parameters: Annotated[dict[str, Any], Field(validate_default=True)] = field(
         default_factory=dict
     )
-    protocol: AnyProtocol = field(default_factory=lambda: PROTOCOLS[HUMAN_PROTOCOL])
-    reward: AnyReward = field(default_factory=lambda: PRESETS[PAPER_REWARD])
+    protocol: AnyProtocol = field(default_factory=lambda: HUMAN)
+    reward: AnyReward = field(default_factory=lambda: PAPER)
     subjects: Subjects = 40
     cell_size: Annotated[Count | None, Field(exclude_if=lambda size: size is None)] = None
 
@@ -623,10 +620,7 @@ class LearnerSpec(Part):
 
     def as_dict(self) -> dict[str, Any]:
         """The learner as plain data, with its origin, which no file says."""
-        origin = {key: getattr(self.origin, name) or None for key, name in _ORIGIN.items()}
-        if self.origin.prior_attempts is None:
-            origin["prior_attempts"] = "unknown"
-        return {**super().as_dict(), **present(origin)}
+        return {**super().as_dict(), **self.origin.as_dict()}
 
     def as_file(self) -> dict[str, Any]:
         """The learner as an experiment file has it."""
@@ -640,10 +634,18 @@ class LearnerSpec(Part):
         """The learner's recorded origin, or that of the installed code."""
         return self.recorded or origin_of(self.learner, self.parameters)
 
-    @property
-    def is_random(self) -> bool:
-        """Whether the learner draws every action at random."""
-        return self.learner == "random" or self.origin.class_name == RANDOM_CLASS
+    def cannot_play(self, condition: Condition) -> str:
+        """Why the learner cannot play a condition, in a sentence; empty if it can."""
+        if self.recorded is not None:  # its code need not be installed
+            return ""
+        if condition.shown and not learner_class(self.learner).learns_from_others:
+            return f"{self.name} learns from its own actions alone, so nothing can be shown to it"
+        parameters = parse_parameters(self.learner, self.parameters)
+        for schema in condition.schemas:
+            limit = self.protocol.actions_for(schema)
+            if why := answer_of(self.learner, "cannot_play", str, parameters, schema, limit):
+                return f"{self.name} cannot play in rooms of {schema.name}: {why}"
+        return ""
 
 
 def _learner(value: Any, info: ValidationInfo) -> Any:
@@ -661,18 +663,9 @@ def _learner(value: Any, info: ValidationInfo) -> Any:
         )
     for_all = ("protocol", "reward", "subjects")
     entry = {**{key: info.data[key] for key in for_all if key in (info.data or {})}, **entry}
-    return _from_record(entry) if _context(info).get("recorded") else entry
-
-
-def _from_record(entry: dict[str, Any]) -> dict[str, Any]:
-    """An entry of a results folder, its origin apart."""
-    known = {name: entry.pop(key) for key, name in _ORIGIN.items() if key in entry}
-    if known.get("prior_attempts") == "unknown":
-        known["prior_attempts"] = None
-    if known["package"].startswith("causal-openlock 0.2."):
-        # The package of the bundled learners has another name now.
-        known["class_name"] = re.sub(r"^learners\.", "openlock_learners.", known["class_name"])
-    return {**entry, "recorded": Origin(**known)}
+    if _context(info).get("recorded"):
+        entry["recorded"] = Origin.taken_from(entry)
+    return entry
 
 
 def _family(spec: LearnerSpec, info: ValidationInfo) -> list[LearnerSpec]:
@@ -687,18 +680,18 @@ def _family(spec: LearnerSpec, info: ValidationInfo) -> list[LearnerSpec]:
     if twice := sweep.keys() & spec.parameters.keys():
         key = min(twice)
         raise LearnerError(f"{key} is in parameters and in sweep; leave one out", ("sweep", key))
-    errors: dict[Where, OpenLockError] = {}
+    faults = {}
     for point in points({key: getattr(spec, key) for key in spec.__dataclass_fields__}):
         try:
-            learners.append(adapter(LearnerSpec).validate_python(point, context=info.context))
-        except ValidationError as error:
-            for fault in errors_of(error, LearnerSpec):
-                part_of, swept = map(str, (*fault.at, "", "")[:2])
-                if part_of == "parameters" and swept in sweep:
-                    fault.at = ("sweep", swept, sweep[swept].index(point["parameters"][swept]))
-                errors.setdefault(fault.at, fault)
-    if errors:
-        raise together([*errors.values()])
+            learners.append(read(LearnerSpec, point, info.context))
+        except OpenLockError as error:
+            for fault in error.parts:
+                match fault.at:
+                    case ("parameters", str(key), *_) if key in sweep:
+                        fault.at = ("sweep", key, sweep[key].index(point["parameters"][key]))
+                faults.setdefault(fault.at, fault)
+    if faults:
+        raise together([*faults.values()])
     return learners
 
 
@@ -732,27 +725,24 @@ class Cell:
                 "version": RESULTS_VERSION,
                 "experiment": self.experiment,
                 "seed": self.seed,
-                "entry": _deciding(self.spec.as_dict(), "subjects", "cell_size"),
+                "entry": _deciding(self.spec, "subjects", "cell_size"),
                 "condition": self.condition.as_dict(),
                 "subjects": [self.first_subject, self.subjects],
             }
         )
 
     @property
-    def _numbers(self) -> str:
-        return f"{self.first_subject}-{self.first_subject + self.subjects - 1}"
-
-    @property
     def in_words(self) -> str:
         """The cell in words, such as ``ddqn in CC4, subjects 0-19``."""
-        alone = self.subjects == 1
-        numbers = f"subject {self.first_subject}" if alone else f"subjects {self._numbers}"
+        first, last = self.first_subject, self.first_subject + self.subjects - 1
+        numbers = f"subject {first}" if first == last else f"subjects {first}-{last}"
         return f"{self.spec.name} in {self.condition.name}, {numbers}"
 
     @property
     def name(self) -> str:
         """The cell as a part of a file name."""
-        return f"{self.spec.name}_{self.condition.name}_{self._numbers}"
+        last = self.first_subject + self.subjects - 1
+        return f"{self.spec.name}_{self.condition.name}_{self.first_subject}-{last}"
 
     @property
     def file_name(self) -> str:
@@ -784,12 +774,8 @@ class Experiment(Part):
         BeforeValidator(_with_names, json_schema_input_type=dict[str, ProtocolChanges]),
         Field(validation_alias=AliasChoices("protocols", "own_protocols"), exclude=True),
     ] = field(default_factory=dict)
-    protocol: Annotated[AnyProtocol, Field(exclude=True)] = field(
-        default_factory=lambda: PROTOCOLS[HUMAN_PROTOCOL]
-    )
-    reward: Annotated[AnyReward, Field(exclude=True)] = field(
-        default_factory=lambda: PRESETS[PAPER_REWARD]
-    )
+    protocol: Annotated[AnyProtocol, Field(exclude=True)] = field(default_factory=lambda: HUMAN)
+    reward: Annotated[AnyReward, Field(exclude=True)] = field(default_factory=lambda: PAPER)
     subjects: Annotated[Subjects, Field(exclude=True)] = 40
     conditions: Annotated[tuple[Annotated[AnyCondition, AfterValidator(_once)], ...], *AT_LEAST_ONE]
     learners: Annotated[
@@ -824,19 +810,15 @@ class Experiment(Part):
         """Reasons, in a sentence, why learners cannot play conditions, by learner and condition."""
         reasons: dict[str, dict[str, str]] = {}
         for spec, condition in product(self.learners, self.conditions):
-            for schema in condition.schemas:
-                if why := _cannot_play(spec, condition, schema):
-                    reasons.setdefault(spec.name, {})[condition.name] = why
+            if why := spec.cannot_play(condition):
+                reasons.setdefault(spec.name, {})[condition.name] = why
         return reasons
 
     def without_any(self, protocol: str) -> list[str]:
         """Labels of the learners under a protocol that can play none of the conditions."""
-        return [
-            spec.name
-            for spec in self.learners
-            if spec.protocol.name == protocol
-            and len(self.not_applicable.get(spec.name, {})) == len(self.conditions)
-        ]
+        labels = [spec.name for spec in self.learners if spec.protocol.name == protocol]
+        impossible = {name: len(reasons) for name, reasons in self.not_applicable.items()}
+        return [name for name in labels if impossible.get(name) == len(self.conditions)]
 
     @property
     def reasons(self) -> tuple[str, ...]:
@@ -857,12 +839,12 @@ class Experiment(Part):
     @property
     def random_learners(self) -> set[str]:
         """Labels of the learners that draw every action at random."""
-        return {spec.name for spec in self.learners if spec.is_random}
+        return {spec.name for spec in self.learners if spec.origin.class_name == RANDOM_CLASS}
 
     def as_dict(self) -> dict[str, Any]:
         """The experiment as plain data, schemas and defaults included."""
-        data = plain(adapter(Experiment).dump_python(self))
-        return {**data, "learners": [spec.as_dict() for spec in self.learners]}
+        learners = [spec.as_dict() for spec in self.learners]
+        return {**plain(adapter(Experiment).dump_python(self)), "learners": learners}
 
     def as_file(self, schemas: str = "schemas") -> dict[str, Any]:
         """The experiment as an experiment file has it; reading it gives the same identity.
@@ -890,47 +872,30 @@ class Experiment(Part):
     @cached_property
     def identity(self) -> str:
         """A hash of everything in :meth:`as_dict` that determines the results."""
-        decides = self.as_dict()
-        del decides["title"], decides["command"]
-        return _digest({**decides, "learners": list(map(_deciding, decides["learners"]))})
+        learners = [_deciding(spec) for spec in self.learners]
+        return _digest({**self.as_dict(), "learners": learners}, "title", "command")
 
     @cached_property
     def declaration(self) -> str:
         """A hash of what is asked for: :attr:`identity` apart from the versions of packages."""
-        asked = self.as_dict()
-        del asked["title"], asked["command"], asked["version"]
         learners = [  # a file of one's own is no version of a package
-            _deciding(learner, *([] if ":" in learner["learner"] else ["package"]))
-            for learner in asked["learners"]
+            _deciding(spec, *([] if ":" in spec.learner else ["package"])) for spec in self.learners
         ]
-        return _digest({**asked, "learners": learners})
+        return _digest({**self.as_dict(), "learners": learners}, "title", "command", "version")
 
 
-def _cannot_play(spec: LearnerSpec, condition: Condition, schema: Schema) -> str:
-    """Reason why a learner cannot play a condition's rooms of a schema; empty if it can."""
-    if spec.recorded is not None:  # its code need not be installed
-        return ""
-    if condition.shown and not learner_class(spec.learner).learns_from_others:
-        return f"{spec.name} learns from its own actions alone, so nothing can be shown to it"
-    limit = spec.protocol.actions_for(schema)
-    parameters = parse_parameters(spec.learner, spec.parameters)
-    why = answer_of(spec.learner, "cannot_play", str, parameters, schema, limit)
-    return why and f"{spec.name} cannot play in rooms of {schema.name}: {why}"
-
-
-def _deciding(learner: dict[str, Any], *without: str) -> dict[str, Any]:
+def _deciding(spec: LearnerSpec, *without: str) -> dict[str, Any]:
     """Part of a learner's description that determines its results and identity."""
-    decides = {key: value for key, value in learner.items() if key not in (*_NOTES, *without)}
+    data = {key: value for key, value in spec.as_dict().items() if key not in (*NOTES, *without)}
     # The hashes of published studies were made when the package of the bundled learners was called
     # "learners", and "double" was no parameter.
-    name = learner["class"].removeprefix("openlock_")
-    parameters = {k: v for k, v in learner["parameters"].items() if (k, v) != ("double", True)}
-    return {**decides, "class": name, "parameters": parameters}
+    parameters = {k: v for k, v in data["parameters"].items() if (k, v) != ("double", True)}
+    return {**data, "class": data["class"].removeprefix("openlock_"), "parameters": parameters}
 
 
-def _digest(data: Any) -> str:
-    text = json.dumps(data, sort_keys=True, default=str)
-    return hashlib.sha256(text.encode()).hexdigest()
+def _digest(data: Mapping[str, Any], *without: str) -> str:
+    decides = {key: value for key, value in data.items() if key not in without}
+    return hashlib.sha256(json.dumps(decides, sort_keys=True, default=str).encode()).hexdigest()
 
 
 def json_schema() -> dict[str, Any]:

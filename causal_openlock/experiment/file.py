@@ -1,28 +1,21 @@
 """Experiment files: YAML to an :class:`Experiment`, with line numbers for faults.
 
-An experiment file looks like this; only ``name``, ``conditions`` and ``learners`` are required::
+Only ``name``, ``conditions`` and ``learners`` are required; editors check files by the JSON Schema
+``experiments/schema.json``::
 
     name: first_look
-    title: Random against the oracle
-    seed: 2018
-    protocol: human               # or rl, or one defined below
-    subjects: 40
+    protocol: short               # or human, or rl
     reward: paper                 # a preset, a list of terms, weights, or module:function
-    conditions: [CC4, CC3-CC4, chain3]
+    conditions:
+      - CC3-CC4
+      - name: keys_then_chain
+        train: [{schema: two_keys, layouts: random, trials: 4}]
+        test: [{schema: chain3, layouts: [trial1, {L0: LEFT, L1: UPPER, L2: LOWER}]}]
     learners:
       - random
-      - oracle
       - {learner: ddqn, name: ddqn_slow, parameters: {learning_rate: 0.0001}, subjects: 10}
     protocols:
       short: {based_on: rl, attempt_limit: 60, train_loops: 2}
-
-Any other condition than ``A`` or ``A-B`` is a sequence of schemas and layouts::
-
-    - name: keys_then_chain
-      train: [{schema: two_keys, layouts: random, trials: 4}]
-      test: [{schema: chain3, layouts: [trial1, {L0: LEFT, L1: UPPER, L2: LOWER}]}]
-
-Editors check files by the JSON Schema ``experiments/schema.json``.
 """
 
 from __future__ import annotations
@@ -36,7 +29,7 @@ from typing import Any
 
 from causal_openlock.contract.registry import file_that_runs
 from causal_openlock.errors import OpenLockError
-from causal_openlock.experiment.declare import SHOWN, Experiment
+from causal_openlock.experiment.declare import SHOWN, Condition, Experiment, LearnerSpec
 from causal_openlock.experiment.making import Changes, declared
 from causal_openlock.files.yaml_file import read_document
 from causal_openlock.schemas.finding import bundled, bundled_schemas
@@ -76,13 +69,12 @@ def read_experiment(
             raise OpenLockError(f"{path} is a schema; play it with: compare --condition {path}")
         name = data.get("name")
         data = changes.applied({"title": name if isinstance(name, str) else "", **data})
-        folder = document.path.resolve().parent
-        typed = {form for form in changes.learners or () if isinstance(form, str)}
-        named = [*_code_named(data)]
-        if named:
+        folder, sentences = document.path.resolve().parent, set()
+        for code, role in _code_named(data):
             look_beside(folder)
-        runs = {file_that_runs(name, folder, role) for name, role in named if name not in typed}
-        for sentence in sorted(filter(None, runs)) if tell else ():
+            if code not in (changes.learners or ()):  # or who typed it knows
+                sentences.add(file_that_runs(code, folder, role))
+        for sentence in sorted(filter(None, sentences)) if tell else ():
             tell(sentence)  # type: ignore[misc]
     experiment = declared(data, document, changes.given)
     chosen = [*(changes.conditions or ()), *(changes.learners or ())]
@@ -91,15 +83,15 @@ def read_experiment(
     command = shlex.join(words) if can_be_typed else ""
     if not chosen:
         return replace(experiment, command=command)
-    players = _in_short([spec.name for spec in experiment.learners], "learners")
-    places = _in_short([condition.name for condition in experiment.conditions], "conditions")
+    players = _in_short(experiment.learners, "learners")
+    places = _in_short(experiment.conditions, "conditions")
     return replace(experiment, name=f"{players}_in_{places}", title="", command=command)
 
 
-def _in_short(names: Sequence[str], what: str) -> str:
-    """Names as a part of a name, or their number if they are too long."""
-    short = re.sub(r"[^A-Za-z0-9_.-]+", "_", "_".join(names)).strip("_.-")
-    return short if 0 < len(short) <= LONGEST_NAMES else f"{len(names)}_{what}"
+def _in_short(parts: Sequence[LearnerSpec] | Sequence[Condition], what: str) -> str:
+    """Names of learners or conditions as a part of a name, or their number if they are too long."""
+    names = re.sub(r"[^A-Za-z0-9_.-]+", "_", "_".join(part.name for part in parts)).strip("_.-")
+    return names if 0 < len(names) <= LONGEST_NAMES else f"{len(parts)}_{what}"
 
 
 def _code_named(data: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

@@ -1,8 +1,4 @@
-"""The JSON Schemas with which editors check and complete schema and experiment files.
-
-In a checkout, ``python -m causal_openlock.experiment.json_schemas`` writes them next to the files
-that they describe.
-"""
+"""The JSON Schemas of schema and experiment files: run in a checkout, it writes them anew."""
 
 from __future__ import annotations
 
@@ -14,8 +10,7 @@ from causal_openlock.schemas import schema
 from causal_openlock.schemas.finding import bundled
 
 if __name__ == "__main__":
-    schemas, experiments = schema.json_schema(), declare.json_schema()
-    for kind, made in (("schemas", schemas), ("experiments", experiments)):
+    for kind, module in (("schemas", schema), ("experiments", declare)):
         path = bundled(kind) / "schema.json"
-        write_text(path, json.dumps(made, indent=2) + "\n")
+        write_text(path, json.dumps(module.json_schema(), indent=2) + "\n")
         print(path)

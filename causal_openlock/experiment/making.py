@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from itertools import chain, product
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -62,25 +62,24 @@ class Changes(Part):
     @property
     def given(self) -> dict[str, Any]:
         """What is changed, by name."""
-        return present({key: getattr(self, key) for key in self.__dataclass_fields__})
+        return present(vars(self))
 
     @property
     def options(self) -> list[str]:
         """The equivalent options of the command line."""
-        words = [str(word) for name in self.conditions or () for word in ("--condition", name)]
-        words += [str(word) for name in self.learners or () for word in ("--learner", name)]
-        for option in ("protocol", "subjects", "seed"):
-            if (value := getattr(self, option)) is not None:
-                words += [f"--{option}", str(value)]
-        return words
+        named = [("--condition", name) for name in self.conditions or ()]
+        named += [("--learner", name) for name in self.learners or ()]
+        others = ("protocol", "subjects", "seed")
+        named += [(f"--{key}", self.given[key]) for key in others if key in self.given]
+        return [str(word) for option in named for word in option]
 
     def applied(self, data: Mapping[str, Any]) -> dict[str, Any]:
         """The data of an experiment file, changed; the file's entries are chosen by name."""
         changed = {**data, **self.given}
         for key in {"conditions", "learners"} & self.given.keys():
-            changed[key] = list(chain(*(_chosen(form, data.get(key)) for form in self.given[key])))
-        overruled = {"protocol", "subjects"} & self.given.keys()
+            changed[key] = [entry for form in self.given[key] for entry in _chosen(form, data, key)]
         if isinstance(changed.get("learners"), list):
+            overruled = {"protocol", "subjects"} & self.given.keys()
             changed["learners"] = [
                 {key: entry[key] for key in entry if key not in overruled}
                 if isinstance(entry, Mapping)
@@ -90,11 +89,11 @@ class Changes(Part):
         return changed
 
 
-def _chosen(form: Any, entries: Any) -> list[Any]:
+def _chosen(form: Any, data: Mapping[str, Any], key: str) -> list[Any]:
     """What a form stands for: entries of its name or label in a file, or else itself."""
-    in_file = entries if isinstance(entries, list) else []
+    in_file = data[key] if isinstance(data.get(key), list) else []
     spelled = [entry for entry in in_file if isinstance(entry, Mapping)]
-    named = chain(*([entry, *points(entry)] for entry in spelled))
+    named = [part for entry in spelled for part in (entry, *points(entry))]
     chosen = [entry for entry in named if form == (entry.get("name") or entry.get("learner"))]
     return chosen or [form]
 
@@ -115,10 +114,11 @@ def declared(
     """
     folder = document.path.resolve().parent if document else Path.cwd()
     context = {"folders": [folder], "protocols": {}}
-    if document:
-        experiment: Experiment = document.validate(Experiment, data, context, changed)
-    else:
-        experiment = read(Experiment, data, context)
+    experiment: Experiment = (
+        document.validate(Experiment, data, context, changed)
+        if document
+        else read(Experiment, data, context)
+    )
     errors = []
     for spec, condition in product(experiment.learners, experiment.conditions):
         once = replace(spec.protocol, baseline_loops=1, train_loops=1, test_loops=1)
@@ -148,15 +148,12 @@ def make_experiment(
     """An experiment from names and objects; an experiment file declares the same in YAML.
 
     Args:
-        conditions: A condition or several: each a name (``CC4``, ``CC3-CC4``, ``my.yaml``), a
-            schema, a sequence of schemas whose last one is the test, a :class:`Condition`, or a
-            mapping as in an experiment file.
+        conditions: A condition or several, each in any form (:data:`ConditionForm`).
         learners: A learner or several: each a name, a class, or what :func:`learner` returns.
         name: A short name.
         title: A line for the report; by default who plays what.
         seed: All randomness comes from it.
-        protocol: The protocol of learners that have none of their own: its name, a
-            :class:`Protocol`, or settings as in an experiment file, ``{"test_trials": 2}``.
+        protocol: The protocol of learners that have none of their own.
         attempt_limit: Attempts in a trial, if another number than the protocol's.
         subjects: Subjects of each learner in each condition.
         reward: The reward of actions, as in an experiment file.
@@ -170,12 +167,11 @@ def make_experiment(
         >>> [cell.in_words for cell in made.cells()]
         ['oracle in CC3, subjects 0-9', 'oracle in CC3-CC4, subjects 0-9']
     """
+    data = {"name": name, "title": title, "seed": seed, "subjects": subjects, "reward": reward}
     if attempt_limit is not None:
         protocol = {"based_on": protocol, "attempt_limit": attempt_limit}
-    settings = {"name": name, "title": title, "seed": seed, "cell_size": cell_size}
-    for_all = {"protocol": protocol, "reward": reward, "subjects": subjects}
     players = {"conditions": listed(conditions), "learners": listed(learners)}
-    return declared({**settings, **for_all, **players})
+    return declared({**data, "protocol": protocol, "cell_size": cell_size, **players})
 
 
 def listed(forms: Any) -> list[Any]:
@@ -205,13 +201,13 @@ def learner(
     Args:
         learner: Its registered name, ``module:Class``, its class, or another :func:`learner`.
         label: What tables call it; by default its name.
-        subjects: How many subjects it plays; by default as many as the others.
-        protocol: The protocol that it plays under; by default that of the others.
-        reward: The reward of its actions, as in an experiment file; by default that of the others.
+        subjects: How many subjects it plays.
+        protocol: The protocol that it plays under.
+        reward: The reward of its actions, as in an experiment file.
         **parameters: Its hyper-parameters that differ from their defaults.
 
     Returns:
-        What an experiment file says of it.
+        What an experiment file says of it; what is not given is as for the other learners.
 
     Raises:
         LearnerError: If there is no such learner or parameter (the message has the nearest name),
@@ -237,13 +233,7 @@ def sweep(
 ) -> list[dict[str, Any]]:
     """A learner once for each value of a parameter, or for each combination of several.
 
-    Args:
-        learner_: As in :func:`learner`, like the following.
-        label: What labels begin with; by default the learner's name.
-        subjects: How many subjects each of them plays.
-        protocol: The protocol that they play under.
-        reward: The reward of their actions.
-        **parameters: Hyper-parameters: lists are swept, and everything else is the same for all.
+    Arguments are those of :func:`learner`, but lists of values of hyper-parameters are swept.
 
     Raises:
         LearnerError: As for :func:`learner`, or if there is no list.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -10,6 +11,13 @@ from causal_openlock.contract.learner import InformedLearner
 from causal_openlock.contract.registry import learner_class, origin, parse_parameters
 from causal_openlock.errors import LearnerError, OpenLockError, in_short
 from causal_openlock.wording import first_line
+
+NOTES = ("prior_attempts", "informed", "about")
+"""What follows from the code, and does not identify it."""
+_STORED = {
+    **{"class": "class_name", "package": "package", "material": "artifact_hash"},
+    **{name: name for name in NOTES},
+}
 
 
 @dataclass(frozen=True)
@@ -33,11 +41,28 @@ class Origin:
     informed: bool = False
     about: str = ""
 
+    def as_dict(self) -> dict[str, Any]:
+        """The origin as a results folder stores it with its learner."""
+        data = {key: getattr(self, name) for key, name in _STORED.items()}
+        if self.prior_attempts is None:
+            data["prior_attempts"] = "unknown"
+        return {key: value for key, value in data.items() if value}
+
+    @classmethod
+    def taken_from(cls, entry: dict[str, Any]) -> Origin:
+        """The origin in the stored entry of a learner, which is left without it."""
+        known = {name: entry.pop(key) for key, name in _STORED.items() if key in entry}
+        if known.get("prior_attempts") == "unknown":
+            known["prior_attempts"] = None
+        if known["package"].startswith("causal-openlock 0.2."):
+            # The package of the bundled learners has another name now.
+            known["class_name"] = re.sub(r"^learners\.", "openlock_learners.", known["class_name"])
+        return cls(**known)
+
 
 def origin_of(learner: str, parameters: Mapping[str, Any]) -> Origin:
     """The code of a learner with some parameters."""
-    kind = learner_class(learner)
-    given = parse_parameters(learner, parameters)
+    kind, given = learner_class(learner), parse_parameters(learner, parameters)
     return Origin(
         class_name=f"{kind.__module__}:{kind.__qualname__}",
         package=origin(learner),

@@ -41,7 +41,6 @@ from causal_openlock.analysis.statistics import SEED, bootstrap_interval
 from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.experiment.declare import PROTOCOLS, Experiment, Protocol
-from causal_openlock.experiment.paper_conditions import is_of_paper
 from causal_openlock.paper.published import paper_ddqn
 from causal_openlock.schemas.fsm import FloatArray
 
@@ -292,7 +291,7 @@ def section(material: Material, _: Decided) -> Section | None:
     """
     visited = going_on(material.trials, material.experiment)
     going = set(visited["protocol"])
-    paper = [one.name for one in material.experiment.conditions if is_of_paper(one)]
+    paper = [one.name for one in material.experiment.conditions if one.is_of_paper]
     visited = visited[
         visited["condition"].isin(paper)
         & ~visited["learner"].isin(material.experiment.random_learners)

@@ -13,7 +13,6 @@ import pandas as pd
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import POINT_COLUMNS, Beside, Reference
 from causal_openlock.experiment.declare import HUMAN_PROTOCOL, PROTOCOLS, Condition, LearnerSpec
-from causal_openlock.experiment.paper_conditions import is_of_paper
 from causal_openlock.paper import published
 
 PEOPLE = "people"
@@ -75,7 +74,7 @@ def did_what_people_did(spec: LearnerSpec, condition: Condition) -> bool:
     train = human.training_trials if condition.test else human.baseline_trials
     return (
         spec.protocol == human
-        and is_of_paper(condition)
+        and condition.is_of_paper
         and all(
             trials.layouts in (None, "published")
             and trials.number in (None, number)
@@ -87,4 +86,4 @@ def did_what_people_did(spec: LearnerSpec, condition: Condition) -> bool:
 
 
 def _in_the_papers_rooms(spec: LearnerSpec, condition: Condition) -> bool:
-    return spec.protocol.name != HUMAN_PROTOCOL and is_of_paper(condition)
+    return spec.protocol.name != HUMAN_PROTOCOL and condition.is_of_paper

@@ -10,7 +10,6 @@ from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.summary import headline_table, summary_table
 from causal_openlock.experiment.declare import PAPER_CONDITIONS
 from causal_openlock.experiment.file import read_experiment
-from causal_openlock.experiment.paper_conditions import is_of_paper
 from causal_openlock.paper.references import people
 from causal_openlock.schemas.schema import schema_from_dict
 from support.fabricated_records import table, trial_rows
@@ -98,7 +97,7 @@ def test_the_title_of_a_schema_makes_no_difference_and_its_gates_do(tmp_path, ch
     schema = schema_from_dict({**first.train[0].schema.as_dict(), **change})
     own = replace(first, train=(replace(first.train[0], schema=schema),))
     kept = PAPER_CONDITIONS if "title" in change else PAPER_CONDITIONS[1:]
-    assert {one.name for one in (own, *rest) if is_of_paper(one)} == set(kept)
+    assert {one.name for one in (own, *rest) if one.is_of_paper} == set(kept)
 
 
 def test_tables_and_figures_leave_out_people_beside_other_rooms(tmp_path):

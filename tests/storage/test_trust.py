@@ -139,7 +139,7 @@ def members(path="out.zip"):
         return bundle.namelist()
 
 
-@pytest.mark.parametrize("name", ["../../evil", "/evil", "C:\\evil", "..", "", "CON", "a\r\nb"])
+@pytest.mark.parametrize("name", ["../../evil", "/evil", "C:\\evil", "..", "CON", "a\r\nb"])
 def test_whatever_things_are_called_a_bundle_unpacks_into_its_own_folder(folder, name, monkeypatch):
     network = folder.parent / "net.npz"
     shutil.copy(BUNDLED, network)

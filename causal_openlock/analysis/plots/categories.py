@@ -23,7 +23,6 @@ from causal_openlock.analysis.plots.panels import Names, draws_results, in_rows,
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.errors import NothingToDrawError, OpenLockError
 from causal_openlock.experiment.declare import HUMAN_PROTOCOL
-from causal_openlock.experiment.paper_conditions import is_of_paper
 from causal_openlock.experiment.record import CATEGORIES
 from causal_openlock.wording import nearest
 
@@ -49,7 +48,7 @@ def counts_like_ddqn(
     if kind not in KINDS:
         raise OpenLockError(f"no categories of kind {kind}; {nearest(kind, KINDS)}")
     names, phase = KINDS[kind]
-    alike = {one.name for one in results.experiment.conditions if is_of_paper(one)} & {*names}
+    alike = {one.name for one in results.experiment.conditions if one.is_of_paper} & {*names}
     counts = rows_of(results, results.counts.blocks, learners, conditions)
     return counts[
         (counts["protocol"] != HUMAN_PROTOCOL)

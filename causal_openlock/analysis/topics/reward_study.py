@@ -65,7 +65,8 @@ def reward_terms(reward: RewardFunction) -> frozenset[str]:
 
 def rewards_of(experiment: Experiment) -> dict[str, RewardFunction]:
     """The reward of every learner by its label, but of those that act at random."""
-    return {spec.name: spec.reward for spec in experiment.learners if not spec.is_random}
+    by_chance = experiment.random_learners
+    return {spec.name: spec.reward for spec in experiment.learners if spec.name not in by_chance}
 
 
 def study(table: pd.DataFrame, rewards: Mapping[str, RewardFunction]) -> pd.DataFrame:
