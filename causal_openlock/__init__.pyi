@@ -52,7 +52,6 @@ from .analysis.plots.belief import plot_trace as plot_trace
 from .paper.knowledge import knowledge_steps as knowledge_steps
 from .paper.knowledge import plot_knowledge_steps as plot_knowledge_steps
 from .analysis.plots.style import plot_style as plot_style
-from .analysis.results.probe import probe_structure as probe_structure
 from .paper.published import people as people
 from .analysis.sample_size import sample_size as sample_size
 

@@ -8,10 +8,8 @@ import pyarrow as pa
 import pytest
 from matplotlib.figure import Figure
 
-import causal_openlock as ol
 from causal_openlock import Layout, Session, find_schema
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.probe import Probe, true_edges
 from causal_openlock.analysis.results.structure_errors import structure_distance
 from causal_openlock.analysis.topic import sections_of
 from causal_openlock.analysis.topics.regret import WORTH, regret, regret_by_condition
@@ -23,7 +21,7 @@ from causal_openlock.belief.observer import Observer, observer_of
 from causal_openlock.belief.placements import TooLargeError
 from causal_openlock.contract.learner import Structure
 from causal_openlock.contract.registry import create
-from causal_openlock.errors import LearnerError, OpenLockError, StoreError
+from causal_openlock.errors import LearnerError, StoreError
 from causal_openlock.experiment.beside_record import (
     Answer,
     read_answers,
@@ -33,7 +31,6 @@ from causal_openlock.experiment.declare import PROTOCOLS, find_condition
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.files.checksums import read_table, table_bytes
 from causal_openlock.schemas.schema import DOOR, Schema
-from causal_openlock.world.room import Room
 from support.fabricated_records import table, trial_rows
 from support.made_up_experiments import experiment_of
 from support.played_results import played
@@ -186,55 +183,6 @@ def test_what_people_say_is_kept_and_compared(tmp_path):
         write_bytes(path, table_bytes(pa.Table.from_pylist(rows)))
         with pytest.raises(StoreError, match=r"one\.parquet is damaged"):
             read_answers(tmp_path)
-
-
-# -- a linear probe on memories -------------------------------------------------------------------
-
-
-def rooms(names, number, seed):
-    generator = np.random.default_rng(seed)
-    found = []
-    for index in range(number):
-        schema = find_schema(names[index % len(names)])
-        places = generator.permutation(7)[: len(schema.levers)].tolist()
-        found.append(Room(schema, Layout(tuple(places), 7)))
-    return found
-
-
-def test_what_a_memory_holds_linearly_is_read_in_other_rooms():
-    """Memories say how often a lever is a cause and an effect; others say nothing."""
-    generator = np.random.default_rng(1)
-
-    def memory(room):
-        edges = true_edges(room)
-        each = np.stack([edges[:, :7].any(axis=1), edges[:, :7].any(axis=0), edges[:, 7]], axis=1)
-        return each @ np.array([[1.0, 2.0], [-1.0, 0.5], [0.3, -1.0]]), generator.normal(size=2)
-
-    own, other = rooms(["CC4", "CE4"], 60, 2), rooms(["CC4", "CE4"], 20, 3)
-    probe = Probe([memory(room) for room in own], own)
-    blind = Probe([(generator.normal(size=(7, 2)), np.zeros(0)) for _ in own], own)
-    for room in other:
-        edges = true_edges(room)
-        found = probe.structure(memory(room))
-        assert ((found.edges > 0.5) == edges).all()
-        assert np.isnan(found.gates).all()
-        guessed = blind.structure((generator.normal(size=(7, 2)), np.zeros(0))).edges
-        assert not ((guessed > 0.5) == edges).all()
-
-
-@pytest.mark.slow
-def test_the_memory_of_rl2_is_read_beside_its_controls():
-    probed = ol.probe_structure("rl2", ["CC3", "CE3"], ["CC4", "CE4"], subjects=6)
-    assert len(probed) == 4 * 2 * 6 * 5
-    shd = probed.groupby("probe")["shd"].mean()
-    assert shd["memory"] < 0.5 < shd["untrained"] < shd["rates"]
-    assert set(probed["schema"]) == {"CC4", "CE4"}
-    assert probed.equals(ol.probe_structure("rl2", ["CC3", "CE3"], ["CC4", "CE4"], subjects=6))
-    few = ol.probe_structure("rl2", ["CC3"], subjects=4)  # rooms that are read are not fitted in
-    assert 0 < len(few) < 4 * 4 * 5
-    for asked, named in ((("random", ["CC3"]), "random"), (("rl2", [], ["CC3"]), "play more")):
-        with pytest.raises(OpenLockError, match=named):
-            ol.probe_structure(*asked, subjects=1)
 
 
 # -- regret ---------------------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import runpy
 import tracemalloc
 from pathlib import Path
 
@@ -12,18 +13,21 @@ import torch
 
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError
-from causal_openlock.experiment.declare import PROTOCOLS, Protocol, find_condition
+from causal_openlock.experiment.declare import PROTOCOLS, find_condition
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.finding import bundled
 from openlock_learners.meta.training_file import TrainingFile, read_training
-from openlock_learners.networks.network_file import BUNDLED, read_network, write_network
+from openlock_learners.networks.network_file import (
+    BUNDLED,
+    read_network,
+    stored_name,
+    write_network,
+)
 from openlock_learners.networks.recurrent_policy import Sizes, make_policy
 from openlock_learners.rl2 import RL2, RL2Parameters
-from support.small_policies import weights_of
+from support.places import ROOT
 
 pytestmark = pytest.mark.slow
-
-PROTOCOL = Protocol("t", attempt_limit=12, stop_when_solved=False, baseline_trials=3)
 
 
 @pytest.fixture(autouse=True)
@@ -75,7 +79,7 @@ class Forgetful(RL2):
     """The control: its memory is empty before every action."""
 
     def act(self, view):
-        self._hidden_state[:] = 0
+        self.hidden_state[:] = 0
         return super().act(view)
 
 
@@ -83,24 +87,12 @@ def test_without_its_memory_it_is_lost():
     assert min(attempts(Forgetful(), "CC4", 20).values()) > 15
 
 
-@pytest.mark.parametrize("learns", [False, True])
-def test_a_subject_is_as_it_would_be_alone_and_its_weights_change_only_if_it_learns(learns):
-    settings = RL2Parameters(learns=learns, unroll=7, reset="trial" if learns else "condition")
-    courses = []
-    for subjects in ([0, 1, 2, 3, 4], [1], [2, 3, 1]):
-        session = Session(find_condition("CC3"), PROTOCOL, subjects)
-        learner = RL2(settings)
-        learner.begin(session.brief)
-        me = subjects.index(1)
-        before, course = weights_of(learner.network, me * learns), []
-        while not session.over:
-            learner.act(session.view)
-            course += [*learner._logits[me], *learner._next_hidden_state[me]]
-            learner.learn(session.step(np.full(len(subjects), len(course) % 15)))
-        after = weights_of(learner.network, me * learns)
-        assert torch.equal(before, after) != learns
-        courses.append([*course, *after])
-    assert all(course == courses[0] for course in courses)
+def test_a_probe_reads_the_structure_off_its_memory(capsys):
+    runpy.run_path(str(ROOT / "examples" / "probe_rl2.py"))
+    memory, untrained = (
+        float(line.split()[1]) for line in capsys.readouterr().out.split("\n")[2:4]
+    )
+    assert memory < 0.5 < 1 < untrained
 
 
 # -- files of networks, which may be anybody's ----------------------------------------------------
@@ -109,7 +101,7 @@ SIZES = Sizes(lever=2, room=3, reader=2)
 
 
 def network():
-    return make_policy(SIZES, 7, [np.random.default_rng(0)])
+    return make_policy(SIZES, 7, np.random.default_rng(0))
 
 
 def refused(path, content):
@@ -161,7 +153,8 @@ def forged(about=None, arrays=None):
     """A file that says what it likes of itself; arrays may be replaced."""
     told = {"format": 1, "sizes": SIZES.model_dump(), "positions": 7}
     text = np.array(json.dumps(told | about)) if isinstance(about, dict) else np.array(about)
-    held = {name: tensor[0].numpy() for name, tensor in network().state_dict().items()}
+    weights = network().state_dict()
+    held = {stored_name(name): np.atleast_2d(part.numpy().T) for name, part in weights.items()}
     file = io.BytesIO()
     np.savez_compressed(file, **{"about": text, **held, **(arrays or {})})
     return file.getvalue()

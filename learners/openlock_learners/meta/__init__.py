@@ -5,6 +5,7 @@
 ``command``        ``causal-openlock train``.
 ``training_file``  What is declared of it in YAML (``experiments/meta_training/``).
 ``rooms``          The rooms that it draws, thousands at once.
+``ppo``            The policy gradient that improves its network.
 ``random_schemas`` The schemas that it draws.
 ================== ================================================================================
 """

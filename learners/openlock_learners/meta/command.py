@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -23,7 +22,6 @@ def train(
 
     A training that was stopped is continued by the same command.
     """
-    os.environ["OPENBLAS_NUM_THREADS"] = str(threads)  # read when compiled loops load the library
     import torch
 
     from causal_openlock.cli.stopping import resumable

@@ -10,7 +10,7 @@ each of the others in another room of the same schema, or now and then of anothe
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -22,75 +22,62 @@ from causal_openlock.world.kernel import ATTEMPTS_LEFT, PAYER, SOLUTIONS_LEFT
 from causal_openlock.world.rewards import find_reward
 from causal_openlock.world.room import PAPER_POSITIONS, action_names
 from causal_openlock.world.rooms import Rooms, RoomTables
+from openlock_learners.meta.training_file import RoomsFile, excluded_places
 
 POSITIONS = len(PAPER_POSITIONS)
 
 
-@dataclass(frozen=True)
-class Distribution:
-    """The distribution of rooms that a :class:`~.training_file.RoomsFile` declares."""
-
-    schemas: tuple[Schema, ...]
-    weights: tuple[float, ...]  # how often each schema is drawn, relative to the others
-    rewards: tuple[str, ...] = ("unique_solutions",)  # a life perceives one of these
-    attempt_limit: int = 30
-    trials: tuple[int, int] = (1, 7)  # the fewest and the most in a life
-    change: float = 0.15
-    excluded: frozenset[frozenset[int]] = frozenset()  # sets of positions of grey levers
-    placements: int | None = None  # ways to place any number of levers; None: all
-
-
 class MetaRooms:
-    """B endless sequences of rooms, drawn from a distribution by a generator.
+    """B endless sequences of rooms, drawn by a generator.
+
+    Args:
+        file: What is declared of the rooms.
+        schemas: How often each schema is drawn, relative to the others.
+        rooms: B.
+        generator: What draws them.
 
     Attributes:
         brief: What a learner knows before it starts.
         view: What is perceived now.
         life_over: ``[B]`` whether the memory's life ended with the last step.
-        last_schema: ``[B]`` index of the schema of the room in which the last step was taken.
         last_solved: ``[B]`` whether everything was found in that room.
     """
 
     def __init__(
-        self, distribution: Distribution, rooms: int, generator: np.random.Generator
+        self,
+        file: RoomsFile,
+        schemas: Mapping[Schema, float],
+        rooms: int,
+        generator: np.random.Generator,
     ) -> None:
-        self.distribution, self.generator = distribution, generator
-        self._levers = np.array([len(schema.levers) for schema in distribution.schemas])
-        self._tables = RoomTables.of(
-            [(schema, default_action_limit(schema)) for schema in distribution.schemas], POSITIONS
-        )
-        weights = np.array(distribution.weights, dtype=float)
+        self.file, self.generator = file, generator
+        self._levers = np.array([len(schema.levers) for schema in schemas])
+        weights = np.array([*schemas.values()])
         self._reached = np.cumsum(weights / weights.sum())
-        self._rooms = Rooms(
-            self._tables,
-            [find_reward(name) for name in distribution.rewards],
-            rooms,
-            distribution.attempt_limit,
+        self._tables = RoomTables.of(
+            [(schema, default_action_limit(schema)) for schema in schemas], POSITIONS
         )
+        rewards = [find_reward(name) for name in file.rewards]
+        self._rooms = Rooms(self._tables, rewards, rooms, file.attempt_limit)
         self._forbidden = np.zeros(1 << POSITIONS, dtype=bool)
-        for places in distribution.excluded:
+        for places in excluded_places(file.excluded_layouts):
             self._forbidden[sum(1 << place for place in places)] = True
-        # By the number of levers, if there are only so many placements: [8, placements, 7].
-        counts = np.repeat(np.arange(POSITIONS + 1), distribution.placements or 0)
-        self._known_places = self._new_places(counts).reshape(POSITIONS + 1, -1, POSITIONS)
         self.brief = Brief(
             subjects=rooms,
             positions=POSITIONS,
             action_names=action_names(POSITIONS),
             action_limit=int(self._tables.actions_left.max()),
-            attempt_limit=distribution.attempt_limit,
-            trials=distribution.trials[1],
+            attempt_limit=file.attempt_limit,
+            trials=file.trials[1],
             generators=(),
         )
-        self._everyone = np.arange(rooms)
         self._schema = np.zeros(rooms, dtype=np.int64)
         self._trial = np.ones(rooms, dtype=np.int64)
         self._trials = np.ones(rooms, dtype=np.int64)
         self._playing = np.ones(rooms, dtype=bool)
         self.life_over = np.zeros(rooms, dtype=bool)
         self.last_solved = np.zeros(rooms, dtype=bool)
-        self.last_schema = self._schema.copy()
-        self._new_trials(self._everyone, self._everyone >= 0)
+        self._new_trials(np.arange(rooms), self._playing)
         self.view = self._perceive()
 
     @property
@@ -106,13 +93,12 @@ class MetaRooms:
 
     def _new_trials(self, who: IntArray, lives: BoolArray) -> None:
         """Begin a trial in the rooms ``who``, and in those of ``lives`` also a new life."""
-        known, generator = self.distribution, self.generator
-        least, most = known.trials
+        generator, (least, most) = self.generator, self.file.trials
         drawn = np.searchsorted(self._reached, generator.random(len(who)), side="right")
-        changes = lives | (generator.random(len(who)) < known.change)
+        changes = lives | (generator.random(len(who)) < self.file.change)
         schema = np.where(changes, np.minimum(drawn, len(self._levers) - 1), self._schema[who])
         length = generator.integers(least, most + 1, len(who))
-        reward = generator.integers(len(known.rewards), size=len(who))
+        reward = generator.integers(len(self.file.rewards), size=len(who))
         self._schema[who] = schema
         self._trials[who] = np.where(lives, length, self._trials[who])
         payer = self._rooms.state.situation[:, PAYER]
@@ -122,12 +108,6 @@ class MetaRooms:
         self._rooms.begin_trials(who, schema, places.argsort(axis=1))
 
     def _places(self, levers: IntArray) -> IntArray:
-        """``[n, 7]`` positions for rooms, by their numbers of levers ``[n]``."""
-        if (known := self._known_places.shape[1]) == 0:
-            return self._new_places(levers)
-        return self._known_places[levers, self.generator.integers(known, size=len(levers))]
-
-    def _new_places(self, levers: IntArray) -> IntArray:
         """``[n, 7]`` random positions; the first ``levers`` of each row are not an excluded set."""
         places = np.empty((len(levers), POSITIONS), dtype=np.int64)
         due = np.arange(len(levers))
@@ -144,7 +124,7 @@ class MetaRooms:
             observation=self._rooms.observation,
             console=Console(*console.T.copy()),
             trial=self._trial.copy(),
-            attempt=self.distribution.attempt_limit + 1 - console[:, ATTEMPTS_LEFT],
+            attempt=self.file.attempt_limit + 1 - console[:, ATTEMPTS_LEFT],
             playing=self._playing,
         )
 
@@ -153,7 +133,6 @@ class MetaRooms:
         view = self.view
         luck = self.generator.random(len(action)) if self._tables.stochastic else None
         outcome = self._rooms.step(action, luck, seen=True)
-        self.last_schema = self._schema.copy()
         self.last_solved = self._rooms.console[:, SOLUTIONS_LEFT] == 0
         self.life_over = outcome.trial_over & (self._trial >= self._trials)
         over = np.flatnonzero(outcome.trial_over)

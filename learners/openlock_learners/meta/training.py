@@ -25,31 +25,19 @@ import pickle
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor
 
-from causal_openlock.contract.learner import View
 from causal_openlock.errors import ExperimentError, in_short
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.files.seal import SealError, sealed, unsealed
-from causal_openlock.schemas.fsm import BoolArray
+from openlock_learners.meta.ppo import PPO, PPOSettings, Rollout, log_prob, sample_actions
 from openlock_learners.meta.rooms import MetaRooms
 from openlock_learners.meta.training_file import TrainingFile
-from openlock_learners.networks.lever_policy_compiled import CompiledLeverPolicy, CompiledPPO
 from openlock_learners.networks.network_file import write_network
 from openlock_learners.networks.perception import Perception
-from openlock_learners.networks.ppo import (
-    PPO,
-    Floats,
-    PPOSettings,
-    Rollout,
-    log_prob,
-    sample_actions,
-)
-from openlock_learners.networks.recurrent_policy import RecurrentPolicy, make_policy
+from openlock_learners.networks.recurrent_policy import make_policy
 
 LOG_EVERY = 10.0
 """Seconds between two lines of progress, and between two checkpoints of the training."""
@@ -64,14 +52,10 @@ class MetaTraining:
     def __init__(self, file: TrainingFile, beside: Path = Path()) -> None:
         self.file = file
         weights, rooms, policy, order = np.random.default_rng(file.seed).spawn(4)
-        self.rooms = MetaRooms(file.distribution(beside), file.at_once, rooms)
-        positions, sizes = self.rooms.brief.positions, file.network
-        self.network: RecurrentPolicy = (
-            CompiledLeverPolicy(sizes, [weights])
-            if sizes.kind == "levers"
-            else make_policy(sizes, positions, [weights])
-        )
-        self.trainer = (CompiledPPO if sizes.kind == "levers" else PPO)(
+        self.rooms = MetaRooms(file.rooms, file.schemas(beside), file.at_once, rooms)
+        positions = self.rooms.brief.positions
+        self.network = make_policy(file.network, positions, weights)
+        self.trainer = PPO(
             self.network,
             PPOSettings(
                 learning_rate=file.learning_rate,
@@ -83,13 +67,12 @@ class MetaTraining:
             ),
         )
         self.perception = Perception(self.rooms.brief)
-        size = self.network.state_size(self.rooms.brief.positions)
-        self._hidden_state = torch.zeros(1, file.at_once, size)
-        self._fresh = np.zeros(file.at_once, dtype=bool)
+        self._hidden_state = torch.zeros(file.at_once, self.network.state_size(positions))
+        self._fresh = torch.zeros(file.at_once, dtype=torch.bool)
         self._policy, self._order = policy, order
         self.updates = 0
-        # By schema: trials that ended, how many of them were solved, their attempts.
-        self.tally = np.zeros((3, len(self.rooms.distribution.schemas)))
+        self.tally = np.zeros(3)
+        """Trials that ended, how many of them were solved, and their attempts."""
 
     @property
     def actions(self) -> int:
@@ -101,64 +84,45 @@ class MetaTraining:
         """Whether the training budget is used up."""
         return self.actions >= self.file.actions
 
-    def _evaluate(self, inputs: Floats) -> tuple[Tensor, Tensor, Tensor]:
-        """``[1, B, A]`` logits, ``[1, B]`` values and ``[1, B, S]`` the next hidden state."""
-        seen, fresh = (torch.from_numpy(part)[None] for part in (inputs, self._fresh))
-        return self.network.step(seen, self._hidden_state, fresh)
-
+    @torch.no_grad()
     def rollout(self) -> Rollout:
         """Play some steps in all rooms."""
-        file, rooms = self.file, self.rooms
-        state = self._hidden_state
-        steps: list[dict[str, Any]] = []
+        file, rooms, before = self.file, self.rooms, self._hidden_state
+        steps = []
         for _ in range(file.steps):
             view = rooms.view
-            inputs = self.perception.inputs(view)
-            found, value, self._hidden_state = self._evaluate(inputs)
-            logits = found[0].numpy()
-            action = sample_actions(logits, self._policy.random(file.at_once))
-            step = rooms.step(action)
-            self._count(step.trial_over, view)
-            steps.append(
-                {
-                    "inputs": inputs,
-                    "fresh": self._fresh,
-                    "action": action,
-                    "log_prob": log_prob(logits, action),
-                    "value": value.numpy()[0],
-                    "reward": (step.new_solution - file.action_cost).astype(np.float32),
-                    "done": rooms.life_over if file.credit == "life" else step.trial_over,
-                }
-            )
+            inputs = torch.from_numpy(self.perception.inputs(view))
+            state = self._hidden_state * ~self._fresh[:, None]
+            logits, value, self._hidden_state = self.network.step(inputs, state)
+            action = sample_actions(logits, torch.from_numpy(self._policy.random(file.at_once)))
+            step = rooms.step(action.numpy())
+            over = step.trial_over
+            self.tally += over.sum(), (rooms.last_solved & over).sum(), view.attempt[over].sum()
+            reward = torch.from_numpy(step.new_solution - file.action_cost).float()
+            done = torch.from_numpy(rooms.life_over if file.credit == "life" else over)
+            chance = log_prob(logits, action)
+            steps.append((inputs, self._fresh, action, chance, value, reward, done))
             self.perception.note(step)
             self.perception.forget(rooms.life_over)
-            self._fresh = rooms.life_over
-        _, bootstrap, _ = self._evaluate(self.perception.inputs(rooms.view))
-        stacked = Rollout.stacked(steps, networks=1)
-        mask = torch.ones_like(stacked["done"])
-        return Rollout(**stacked, state=state, mask=mask, bootstrap=bootstrap)
+            self._fresh = torch.from_numpy(rooms.life_over)
+        inputs = torch.from_numpy(self.perception.inputs(rooms.view))
+        _, following, _ = self.network.step(inputs, self._hidden_state * ~self._fresh[:, None])
+        return Rollout(*map(torch.stack, zip(*steps, strict=True)), before, following)
 
-    def _count(self, over: BoolArray, view: View) -> None:
-        rooms = self.rooms
-        for row, worth in enumerate((over, rooms.last_solved & over, over * view.attempt)):
-            self.tally[row] += np.bincount(
-                rooms.last_schema, weights=worth, minlength=self.tally.shape[1]
-            )
-
-    def update(self) -> dict[str, float]:
-        """One rollout and the updates by it; returns the means of :meth:`PPO.update`."""
+    def update(self) -> float:
+        """One rollout and the updates by it; returns the mean entropy of the policy."""
         file = self.file
         course = min(self.actions / file.actions, 1.0)
         entropy = file.entropy_start + (file.entropy_end - file.entropy_start) * course
         for group in self.trainer.optimizer.param_groups:
             group["lr"] = file.learning_rate * (1.0 - 0.9 * course)
-        metrics = self.trainer.update(self.rollout(), entropy, self._order)
+        found = self.trainer.update(self.rollout(), entropy, self._order)
         self.updates += 1
-        return metrics
+        return found
 
     def progress(self) -> str:
         """A line on the trials since this was last called."""
-        trials, solved, attempts = self.tally.sum(axis=1)
+        trials, solved, attempts = self.tally.tolist()
         self.tally[:] = 0.0
         share = f"{self.actions / 1e6:.1f} of {self.file.actions / 1e6:.1f} million actions"
         if not trials:
@@ -203,12 +167,12 @@ def run_training(training: MetaTraining, out: Path, log: Callable[[str], None]) 
     began = logged = time.monotonic()
     before = training.actions
     while not training.over:
-        metrics = training.update()
+        entropy = training.update()
         now = time.monotonic()
         if now - logged >= LOG_EVERY or training.over:
             logged = now
             speed = (training.actions - before) / (now - began)
-            log(f"{training.progress()}, entropy {metrics['entropy']:.2f}, {speed:,.0f} actions/s")
+            log(f"{training.progress()}, entropy {entropy:.2f}, {speed:,.0f} actions/s")
             state = pickle.dumps(training.file.model_dump_json()) + pickle.dumps(vars(training))
             try:
                 write_bytes(interrupted, sealed(state))

@@ -13,12 +13,11 @@ from causal_openlock.errors import ExperimentError
 from causal_openlock.files.validation import StrictModel
 from causal_openlock.files.yaml_file import read_document
 from causal_openlock.schemas.finding import find_schema
+from causal_openlock.schemas.schema import Schema
 from causal_openlock.wording import nearest
 from causal_openlock.world.facts import room_facts
-from causal_openlock.world.rewards import find_reward
 from causal_openlock.world.room import PAPER_POSITIONS
 from openlock_learners.meta.random_schemas import random_schemas
-from openlock_learners.meta.rooms import Distribution
 from openlock_learners.networks.recurrent_policy import Sizes
 
 
@@ -50,9 +49,6 @@ class RoomsFile(StrictModel):
         Literal["published"] | list[str],
         Field(description="Layouts; levers never stand at exactly the positions of one."),
     ] = "published"
-    placements: Annotated[
-        Count | None, Field(description="Number of sets of positions that occur; null: all.")
-    ] = None
     attempt_limit: Count = 30
     trials: Annotated[
         list[Count],
@@ -91,33 +87,20 @@ class TrainingFile(StrictModel):
     entropy_start: Annotated[float, Field(ge=0)] = 0.01
     entropy_end: Annotated[float, Field(ge=0)] = 0.001
 
-    def distribution(self, beside: Path) -> Distribution:
-        """The distribution of rooms, with every name resolved."""
-        rooms = self.rooms
+    def schemas(self, beside: Path) -> dict[Schema, float]:
+        """How often each schema is drawn; a name is searched in the folder ``beside`` first."""
+        rooms, drawn = self.rooms, self.rooms.random_schemas
         weights = {find_schema(name, [beside]): weight for name, weight in rooms.schemas.items()}
-        drawn = rooms.random_schemas
         if drawn:
             others = [find_schema(name, [beside]) for name in drawn.excluded]
             seed = self.seed if drawn.seed is None else drawn.seed
             made = random_schemas(drawn.number, drawn.levers, seed, others, drawn.solutions)
-            for schema in made:
-                weights[schema] = drawn.weight / drawn.number
+            weights |= dict.fromkeys(made, drawn.weight / drawn.number)
         if not weights:
             raise ExperimentError("there is no schema to train with; add one under rooms: schemas:")
         if rooms.trials[0] > rooms.trials[1]:
             raise ExperimentError("rooms: trials: are the fewest and the most; write [1, 7]")
-        for name in rooms.rewards:
-            find_reward(name)
-        return Distribution(
-            schemas=tuple(weights),
-            weights=tuple(weights.values()),
-            rewards=tuple(rooms.rewards),
-            attempt_limit=rooms.attempt_limit,
-            trials=(rooms.trials[0], rooms.trials[1]),
-            change=rooms.change,
-            excluded=excluded_places(rooms.excluded_layouts),
-            placements=rooms.placements,
-        )
+        return weights
 
 
 def excluded_places(names: str | Sequence[str]) -> frozenset[frozenset[int]]:

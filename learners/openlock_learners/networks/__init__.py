@@ -1,8 +1,8 @@
 """The networks of the deep learners, and how they are trained.
 
 One cell trains many subjects at once, each with a network, a replay buffer and randomness of its
-own. N networks of one shape are a single stack of ``[N, in, out]`` weights, and everything here is
-written for such stacks; no agent's numbers depend on which others are in the stack.
+own. N networks of one shape are a single stack of ``[N, in, out]`` weights, and no agent's numbers
+depend on which others are in the stack. ``rl2`` has a single network, which is frozen.
 
 =========================  =========================================================================
 ``double_q``               Stacked perceptrons, double Q-learning in torch, for ``ddqn`` on a GPU.
@@ -13,9 +13,6 @@ written for such stacks; no agent's numbers depend on which others are in the st
 ``recurrent_q``            Double Q-learning on sequences (R2D2), for ``recurrent``.
 ``sequence_buffer``        The sequences it learns from.
 ``recurrent_policy``       Recurrent networks with a policy and a value, for ``rl2``.
-``lever_policy_compiled``  A single one on a CPU, by the loops of ``lever_policy_kernels``.
-``lever_policy_kernels``   These loops.
-``ppo``                    Proximal policy optimization of these, also for meta-training.
 ``network_file``           A trained policy as a file.
 ``perception``             What learners with a memory perceive, as numbers.
 ``denormals``              Denormal numbers are flushed to zero during training.

@@ -17,13 +17,14 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import torch
 from pydantic import Field
+from torch import Tensor
 
 from causal_openlock.errors import LearnerError, in_short
 from causal_openlock.files.atomic import replacing
 from causal_openlock.files.validation import StrictModel
 from causal_openlock.schemas.schema import MAX_LEVERS
 from causal_openlock.world.room import PAPER_POSITIONS
-from openlock_learners.networks.recurrent_policy import RecurrentPolicy, Sizes, make_policy
+from openlock_learners.networks.recurrent_policy import RecurrentPolicy, Sizes, empty_policy
 
 MOST_BYTES = 1 << 27
 """Most bytes that a file of a network may have."""
@@ -31,6 +32,13 @@ HEADER, _MOST_ABOUT = 1 << 14, 1 << 20
 """Most bytes before the numbers of an array, and of the description."""
 BUNDLED = Path(__file__).parents[1] / "checkpoints" / "rl2.npz"
 """The checkpoint that comes with the package."""
+STORED_NAMES = {
+    "weight_ih": "input_weight",
+    "weight_hh": "hidden_weight",
+    "bias_ih": "input_bias",
+    "bias_hh": "hidden_bias",
+}
+"""Names in files of the weights of a ``GRUCell``; all weights are stored as ``[in, out]``."""
 
 
 class About(StrictModel, extra="ignore"):
@@ -45,18 +53,21 @@ class About(StrictModel, extra="ignore"):
 def write_network(
     path: Path | str, network: RecurrentPolicy, positions: int, about: dict[str, Any]
 ) -> None:
-    """Write a single network (N = 1), whole or not at all, with the positions of its rooms.
+    """Write a network, whole or not at all, with the positions of its rooms.
 
     ``about`` is anything else to write about it, as plain data.
     """
     about = {"format": 1, "sizes": network.sizes.model_dump(), "positions": positions, **about}
-    weights = {name: tensor[0].numpy() for name, tensor in network.state_dict().items()}
+    weights = {
+        stored_name(name): torch.atleast_2d(tensor.t()).numpy()
+        for name, tensor in network.state_dict().items()
+    }
     with replacing(path) as file:
         np.savez_compressed(file, about=np.array(json.dumps(about)), **weights)
 
 
-def read_network(path: Path | str, copies: int = 1) -> tuple[RecurrentPolicy, dict[str, Any]]:
-    """Read a network, in ``copies`` equal copies, and its description.
+def read_network(path: Path | str) -> tuple[RecurrentPolicy, dict[str, Any]]:
+    """Read a network and its description.
 
     Raises:
         LearnerError: If there is no such file, or it holds something else.
@@ -65,15 +76,11 @@ def read_network(path: Path | str, copies: int = 1) -> tuple[RecurrentPolicy, di
         with _archive(path) as archive:
             about = _about(archive)
             checked = About.model_validate(about)
-            sizes, positions = checked.sizes, checked.positions
-            # A stack of no networks has all shapes and takes no memory.
-            expected = make_policy(sizes, positions, []).state_dict()
-            if {*archive} != {"about", *expected}:
+            network = empty_policy(checked.sizes, checked.positions)
+            expected = network.state_dict()
+            if {*archive} != {"about", *map(stored_name, expected)}:
                 raise ValueError("it does not hold the weights of a network of its sizes")
-            weights = {
-                name: _weights(archive, name, tuple(tensor.shape[1:]))
-                for name, tensor in expected.items()
-            }
+            weights = {name: _weights(archive, name, part) for name, part in expected.items()}
     except FileNotFoundError:
         raise LearnerError(
             f"there is no checkpoint {path}; make it with causal-openlock train, or "
@@ -84,9 +91,7 @@ def read_network(path: Path | str, copies: int = 1) -> tuple[RecurrentPolicy, di
             f"{path} is not a checkpoint of rl2 ({in_short(error)}); make one with "
             "causal-openlock train"
         ) from None
-    network = make_policy(sizes, positions, [np.random.default_rng(0)] * copies)
-    for name, tensor in network.state_dict().items():
-        tensor.copy_(torch.from_numpy(weights[name]).expand_as(tensor))
+    network.load_state_dict(weights, assign=True)
     return network, about
 
 
@@ -100,6 +105,16 @@ def trained_actions(path: Path | str) -> int:
             return About.model_validate(_about(archive)).actions
     except Exception:
         return 0
+
+
+def stored_name(name: str) -> str:
+    """Name in files of a weight.
+
+    >>> stored_name("room.weight_ih"), stored_name("moves.bias")
+    ('room.input_weight', 'moves.bias')
+    """
+    layer, _, weight = name.partition(".")
+    return f"{layer}.{STORED_NAMES.get(weight, weight)}"
 
 
 def _archive(path: Path | str) -> Any:
@@ -120,11 +135,12 @@ def _about(archive: Any) -> Any:
     return json.loads(str(_unpacked(archive, "about", 0, _MOST_ABOUT)).encode("ascii"))
 
 
-def _weights(archive: Any, name: str, shape: tuple[int, ...]) -> Any:
-    least = 4 * math.prod(shape)
+def _weights(archive: Any, name: str, expected: Tensor) -> Tensor:
+    """A weight of the network, if it has the shape of the expected one and its numbers are."""
+    name, least = stored_name(name), 4 * math.prod(expected.shape)
     weights = _unpacked(archive, name, least, least + HEADER)
-    if weights.shape != shape or weights.dtype != np.float32:
+    if weights.shape != torch.atleast_2d(expected.t()).shape or weights.dtype != np.float32:
         raise ValueError(f"it does not fit its own sizes at {name}")
     if not np.isfinite(weights).all():
         raise ValueError(f"not all numbers in {name} are finite")
-    return weights
+    return torch.from_numpy(weights).t().reshape(expected.shape).contiguous()

@@ -2,7 +2,6 @@
 
 import pickle
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,11 +25,15 @@ from causal_openlock.world.kernel import PAYER
 from causal_openlock.world.room import PAPER_POSITIONS, Layout
 from openlock_learners.meta.command import train
 from openlock_learners.meta.random_schemas import behaviour, random_schemas
-from openlock_learners.meta.rooms import Distribution, MetaRooms
+from openlock_learners.meta.rooms import MetaRooms
 from openlock_learners.meta.training import MetaTraining
-from openlock_learners.meta.training_file import TrainingFile, excluded_places, read_training
+from openlock_learners.meta.training_file import (
+    RoomsFile,
+    TrainingFile,
+    excluded_places,
+    read_training,
+)
 from openlock_learners.networks.network_file import read_network
-from support.small_policies import rng
 
 pytestmark = pytest.mark.slow
 
@@ -43,16 +46,20 @@ def one_thread():
     torch.set_num_threads(1)
 
 
+def rng(seed=0):
+    return np.random.default_rng(seed)
+
+
 # -- rooms ----------------------------------------------------------------------------------------
 
 
-REWARDS = ("unique_solutions", "paper", "negative_repeat")
+REWARDS = ["unique_solutions", "paper", "negative_repeat"]
 
 
 def test_its_rooms_are_as_the_environment_in_the_same_layouts():
     schemas = (CC3, CE4, *random_schemas(4, [3, 4], seed=2))
-    known = Distribution(schemas, (1.0,) * 6, REWARDS, attempt_limit=4, trials=(1, 3))
-    rooms, generator = MetaRooms(known, 30, rng()), rng(1)
+    declared = RoomsFile(rewards=REWARDS, attempt_limit=4, trials=[1, 3])
+    rooms, generator = MetaRooms(declared, dict.fromkeys(schemas, 1.0), 30, rng()), rng(1)
 
     def beside(room):
         schema = schemas[rooms.schema[room]]
@@ -102,8 +109,8 @@ def test_no_room_has_its_levers_where_a_published_layout_has_them():
         for layout in room_facts()["layouts"].values()
     }
     assert excluded_places("published") == published
-    known = Distribution((CC3, CE4), (1, 1), attempt_limit=1, excluded=frozenset(published))
-    rooms, met = MetaRooms(known, 300, rng()), set()
+    declared = RoomsFile(rewards=REWARDS, attempt_limit=1)
+    rooms, met = MetaRooms(declared, {CC3: 1.0, CE4: 1.0}, 300, rng()), set()
     for _ in range(60):
         rooms.step(np.full(300, 14))
         met |= grey_sets(rooms)
@@ -112,32 +119,21 @@ def test_no_room_has_its_levers_where_a_published_layout_has_them():
     assert len(met) == 70 - len(published)
 
 
-def test_where_levers_stand_in_few_ways_they_stand_in_no_others():
-    known = Distribution((CC3, CE4), (1, 1), attempt_limit=1, placements=2)
-    rooms, met = MetaRooms(known, 50, rng()), set()
-    for _ in range(60):
-        rooms.step(np.full(50, 14))
-        met |= {tuple(row) for row in rooms.layout.tolist()}
-    assert sorted(max(row) + 1 for row in met) == [3, 3, 4, 4]
-
-
 def test_the_bundled_training_leaves_out_every_layout_that_is_tested():
     file = read_training(bundled("experiments") / "meta_training" / "rl2.yaml")
-    known = file.distribution(Path())
     tested = {
         frozenset(layout.places)
         for schema in (CC3, CE4)
         for visit in [Trials(schema)]
         for layout in draw_layouts(visit, rng(), 10, "published")
     }
-    assert tested <= known.excluded
+    assert tested <= excluded_places(file.rooms.excluded_layouts)
 
 
 def test_a_life_keeps_its_schema_unless_it_changes():
-    schemas = (CC3, CE4)
     for change, expected in ((0.0, 0.0), (1.0, 0.5)):
-        known = Distribution(schemas, (1, 1), attempt_limit=1, trials=(3, 3), change=change)
-        rooms = MetaRooms(known, 400, rng())
+        declared = RoomsFile(rewards=REWARDS, attempt_limit=1, trials=[3, 3], change=change)
+        rooms = MetaRooms(declared, {CC3: 1.0, CE4: 1.0}, 400, rng())
         changed, ends = [], []
         for number in range(1, 19):
             before, layout = rooms.schema, rooms.layout
@@ -257,11 +253,9 @@ def test_schemas_can_be_drawn_by_the_seed_of_the_training(tmp_path):
     path = small(tmp_path)
     path.write_text(path.read_text().replace("levers: [3]}", "levers: [3], seed: null}"))
     declared = read_training(path)
-    drawn = [
-        declared.model_copy(update={"seed": seed}).distribution(tmp_path).schemas for seed in (1, 2)
-    ]
-    assert list(drawn[0][1:]) == random_schemas(5, [3], 1)
-    assert list(drawn[1][1:]) == random_schemas(5, [3], 2) != list(drawn[0][1:])
+    drawn = [declared.model_copy(update={"seed": seed}).schemas(tmp_path) for seed in (1, 2)]
+    assert [*drawn[0]][1:] == random_schemas(5, [3], 1)
+    assert [*drawn[1]][1:] == random_schemas(5, [3], 2) != [*drawn[0]][1:]
 
 
 def test_meta_training_improves_its_play():

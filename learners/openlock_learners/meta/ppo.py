@@ -1,0 +1,122 @@
+"""Proximal policy optimization (PPO: Schulman et al., 2017) of a recurrent policy.
+
+Actions that turned out better than expected are made likelier and others less likely, but no
+action's probability moves far from what it was when it was taken. What was expected is a value that
+the network learns along with its policy; the advantage of an action is estimated over many steps
+(GAE: Schulman et al., 2016).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from openlock_learners.networks.recurrent_policy import RecurrentPolicy
+
+
+def sample_actions(logits: Tensor, uniform: Tensor) -> Tensor:
+    """``[M]`` actions drawn from the policy, each with one uniform number."""
+    reached = torch.softmax(logits.double(), dim=-1).cumsum(dim=-1)
+    return (reached < uniform[:, None] * reached[:, -1:]).sum(dim=-1)
+
+
+def log_prob(logits: Tensor, action: Tensor) -> Tensor:
+    """Logarithms of the probabilities of these actions; logits have one more dimension."""
+    return torch.log_softmax(logits, dim=-1).gather(-1, action[..., None]).squeeze(-1)
+
+
+class Rollout(NamedTuple):
+    """T steps in M rooms; tensors are ``[T, M]`` where no shape is given."""
+
+    inputs: Tensor  # [T, M, in]
+    fresh: Tensor  # the hidden state was reset before the step
+    action: Tensor
+    log_prob: Tensor  # of the action, under the policy that took it
+    value: Tensor
+    reward: Tensor
+    done: Tensor  # nothing that follows counts for the step
+    state: Tensor  # [M, S] hidden state before the first step
+    bootstrap: Tensor  # [M] value of what follows the last step
+
+
+def advantages(rollout: Rollout, gamma: float, gae_lambda: float) -> Tensor:
+    """``[T, M]`` how much better each action was than expected (GAE).
+
+    A lambda of 0 trusts the values after one step, 1 only what was earned.
+    """
+    advantage = torch.zeros_like(rollout.value)
+    following, ahead = rollout.bootstrap, torch.zeros_like(rollout.bootstrap)
+    for step in range(len(advantage) - 1, -1, -1):
+        continues = ~rollout.done[step]
+        error = rollout.reward[step] + gamma * continues * following - rollout.value[step]
+        ahead = error + gamma * gae_lambda * continues * ahead
+        following = rollout.value[step]
+        advantage[step] = ahead
+    return advantage
+
+
+@dataclass(frozen=True)
+class PPOSettings:
+    """Settings of proximal policy optimization."""
+
+    learning_rate: float = 0.001
+    gamma: float = 0.97
+    gae_lambda: float = 0.95
+    clip: float = 0.2  # how far an action's probability may move, as a share of what it was
+    value_weight: float = 0.5  # of the squared error of the values
+    epochs: int = 2
+    minibatches: int = 4  # parts of the rooms, learned from one after another
+    max_grad_norm: float = 0.5
+
+
+class PPO:
+    """Improves a policy from its rollouts."""
+
+    def __init__(self, network: RecurrentPolicy, settings: PPOSettings) -> None:
+        self.network, self.settings = network, settings
+        self.optimizer = torch.optim.Adam(network.parameters(), lr=settings.learning_rate, eps=1e-5)
+
+    def update(
+        self, rollout: Rollout, entropy_weight: float, generator: np.random.Generator
+    ) -> float:
+        """Learn from a rollout, whose rooms the generator mixes; returns the mean entropy."""
+        settings, entropies = self.settings, []
+        advantage = advantages(rollout, settings.gamma, settings.gae_lambda)
+        returns = advantage + rollout.value
+        advantage = (advantage - advantage.mean()) / (advantage.std(correction=0) + 1e-6)
+        rooms = advantage.shape[1]
+        for _ in range(settings.epochs):
+            order = torch.from_numpy(generator.permutation(rooms))
+            for part in order.tensor_split(min(settings.minibatches, rooms)):
+                loss, entropy = self.loss(rollout, advantage, returns, part, entropy_weight)
+                self.optimizer.zero_grad()
+                loss.backward()  # type: ignore[no-untyped-call]
+                nn.utils.clip_grad_norm_(self.network.parameters(), settings.max_grad_norm)
+                self.optimizer.step()
+                entropies.append(float(entropy))
+        return float(np.mean(entropies))
+
+    def loss(
+        self,
+        rollout: Rollout,
+        advantage: Tensor,
+        returns: Tensor,
+        part: Tensor,
+        entropy_weight: float,
+    ) -> tuple[Tensor, Tensor]:
+        """The mean loss in a ``part`` of the rooms, ``[m]``, and the mean entropy there."""
+        settings = self.settings
+        inputs, fresh, action, before = (tensor[:, part] for tensor in rollout[:4])
+        advantage, returns = advantage[:, part], returns[:, part]
+        logits, values, _ = self.network(inputs, rollout.state[part], fresh)
+        ratio = (log_prob(logits, action) - before).exp()
+        clipped = ratio.clamp(1 - settings.clip, 1 + settings.clip)
+        gain = torch.minimum(ratio * advantage, clipped * advantage)
+        log_probs = torch.log_softmax(logits, dim=-1)
+        entropy = -(log_probs.exp() * log_probs).sum(dim=-1)
+        loss = settings.value_weight * (values - returns) ** 2 - gain - entropy_weight * entropy
+        return loss.mean(), entropy.detach().mean()
