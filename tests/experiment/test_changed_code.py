@@ -13,11 +13,11 @@ from causal_openlock.running.workers import ThisProcess
 from causal_openlock.storage.store import Store
 from support.command import at_once, modules_of
 
-MINE = """\
+FILES = {
+    "a_mine.py": """\
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from causal_openlock import OneSubjectLearner
 from a_base import Base
 from a_helper import FIRST
 
@@ -29,26 +29,21 @@ class Mine(Base):
 class Settings:
     table: str = "table.txt"
 
-class Reads(OneSubjectLearner):
+class Reads(Base):
     Parameters = Settings
 
     @classmethod
     def artifact_hash(cls, parameters):
         return sha256(Path(parameters.table).read_bytes()).hexdigest()
 
-    def begin(self):
-        self.first = int(Path(self.parameters.table).read_text())
-
     def act(self, observation):
-        return self.first
+        return int(Path(self.parameters.table).read_text())
 
-class Odd(Reads):
+class Odd(Mine):
     @classmethod
     def artifact_hash(cls, parameters):
         return 3
-"""
-FILES = {
-    "a_mine.py": MINE,
+""",
     "a_base.py": "import causal_openlock\n\n"
     "class Base(causal_openlock.OneSubjectLearner):\n    more = 0\n",
     "a_helper.py": "FIRST = 7\n",
@@ -59,10 +54,10 @@ EXPERIMENT = """\
 name: e
 subjects: 1
 conditions: [CC3]
-protocols: {short: {attempt_limit: 2, baseline_trials: 1}}
-protocol: short
+protocol: {attempt_limit: 2, baseline_trials: 1}
 learners: [LEARNER]
 """
+MINE, READS, PAID = "'a_mine:Mine'", "'a_mine:Reads'", "{learner: oracle, reward: 'a_reward:pay'}"
 CHANGED = "FIRST = 3 + 5\n"
 """Of another length: in the same second Python would not notice a change else."""
 
@@ -77,34 +72,29 @@ def folder(tmp_path, monkeypatch):
         yield tmp_path
 
 
-def declare(folder, learner):
+def compared(folder, learner):
     (folder / "e.yaml").write_text(EXPERIMENT.replace("LEARNER", learner))
-
-
-def played(folder, learner, column):
-    """The largest value that a column has after a comparison, the same command each time."""
-    declare(folder, learner)
     with modules_of(folder):
-        done = at_once("compare", "e.yaml", "-o", "out")
-    assert done.status == 0, done.stderr
-    values = Store(folder / "out").record([column])[0][column].to_pylist()
-    return max(values) if column == "reward" else max(one for own in values for one in own)
+        return at_once("compare", "e.yaml", "-o", "out")
 
 
 @pytest.mark.parametrize(
     ("learner", "column", "file", "text"),
     [
-        ("'a_mine:Mine'", "actions", "a_helper.py", CHANGED),
-        ("'a_mine:Mine'", "actions", "a_base.py", FILES["a_base.py"].replace("= 0", "= 1 + 0")),
-        ("'a_mine:Reads'", "actions", "table.txt", "8"),
-        ("{learner: oracle, reward: 'a_reward:pay'}", "reward", "a_helper.py", CHANGED),
+        (MINE, "actions", "a_helper.py", CHANGED),
+        (MINE, "actions", "a_base.py", FILES["a_base.py"].replace("= 0", "= 1 + 0")),
+        (READS, "actions", "table.txt", "8"),
+        (PAID, "reward", "a_helper.py", CHANGED),
     ],
     ids=["helper", "base class", "data", "reward"],
 )
 def test_what_has_changed_is_played_as_it_is_now(folder, learner, column, file, text):
-    assert played(folder, learner, column) == 7
-    (folder / file).write_text(text)
-    assert played(folder, learner, column) == 8
+    for largest in (7, 8):
+        done = compared(folder, learner)
+        assert done.status == 0, done.stderr
+        values = Store(folder / "out").record([column])[0][column].to_pandas()
+        assert values.explode().max() == largest
+        (folder / file).write_text(text)
 
 
 @pytest.mark.parametrize(
@@ -115,29 +105,28 @@ def test_what_has_changed_is_played_as_it_is_now(folder, learner, column, file, 
     ],
 )
 def test_a_hash_that_cannot_be_made_is_refused(folder, learner, named):
-    declare(folder, learner)
-    done = at_once("compare", "e.yaml", "-o", "out")
+    done = compared(folder, learner)
     assert done.status == 2
     assert named in done.stderr
 
 
 def test_a_process_that_imported_other_code_does_not_play(folder):
-    declare(folder, "'a_mine:Mine'")
+    compared(folder, MINE)
     assert origin("a_mine:Mine") == origin("a_mine:Mine", imported=True)
     (folder / "a_helper.py").write_text(CHANGED)
     experiment = read_experiment(folder / "e.yaml")
     with pytest.raises(CellsFailed, match="it was changed meanwhile"):
-        run(experiment, folder / "out", executor=ThisProcess())
+        run(experiment, folder / "new", executor=ThisProcess())
     importlib.reload(sys.modules["a_helper"])
     importlib.reload(sys.modules["a_mine"])
-    run(experiment, folder / "out", executor=ThisProcess())
+    run(experiment, folder / "new", executor=ThisProcess())
 
 
 def test_a_reward_that_was_changed_after_it_was_declared_does_not_play(folder):
-    declare(folder, "{learner: oracle, reward: 'a_reward:pay'}")
+    compared(folder, PAID)
     experiment = read_experiment(folder / "e.yaml")
     (folder / "a_helper.py").write_text(CHANGED)
     importlib.reload(sys.modules["a_helper"])
     importlib.reload(sys.modules["a_reward"])
     with pytest.raises(CellsFailed, match=r"the code of a_reward:pay is .* was changed meanwhile"):
-        run(experiment, folder / "out", executor=ThisProcess())
+        run(experiment, folder / "new", executor=ThisProcess())

@@ -3,18 +3,23 @@
 What faults there are stands in ``tests/refusals/experiment.txt``.
 """
 
+import json
+import tempfile
+from pathlib import Path
+
 import numpy as np
 import pytest
+from hypothesis import given, settings
 
 from causal_openlock.contract.registry import registry
 from causal_openlock.errors import FileError
-from causal_openlock.experiment.declare import (
-    PAPER_CONDITIONS,
-    find_condition,
-)
+from causal_openlock.experiment.declare import PAPER_CONDITIONS, Condition, find_condition
 from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.making import Changes, learner, make_experiment
+from causal_openlock.files.yaml_file import dump_yaml
 from causal_openlock.schemas.finding import find_schema
+from causal_openlock.storage.stored import parse_experiment
+from support.any_experiment import experiments
 
 SMALL = """\
 name: small
@@ -26,12 +31,6 @@ learners:
   - random
   - {learner: ddqn, name: slow, parameters: {learning_rate: 0.0001}, subjects: 3}
 """
-GATE = """\
-name: gate
-levers: [A, B]
-edges: {A: [door], B: [door]}
-gates: {door: all}
-"""
 
 
 def written(folder, text, name="experiment.yaml"):
@@ -40,15 +39,27 @@ def written(folder, text, name="experiment.yaml"):
     return path
 
 
-def identities(path):
-    return [cell.identity for cell in read_experiment(path).cells()]
+def names(parts):
+    return [part.name for part in parts]
+
+
+@settings(max_examples=25, deadline=None)
+@given(experiments())
+def test_an_experiment_is_the_same_from_its_file_and_from_its_folder(drawn):
+    with tempfile.TemporaryDirectory() as folder:
+        for schema in drawn.schemas:
+            written(Path(folder), schema.to_yaml(), f"{schema.name}.yaml")
+        path = written(Path(folder), dump_yaml(drawn.as_file(folder)))
+        assert read_experiment(path).identity == drawn.identity
+    kept = {"identity": drawn.identity, **drawn.as_dict(), "cells": []}
+    assert parse_experiment(json.loads(json.dumps(kept))).as_dict() == drawn.as_dict()
 
 
 # -- cells -----------------------------------------------------------------------------------------
 
 
 def test_cells_cover_every_subject_of_every_learner_and_condition_once(tmp_path):
-    cells = [*read_experiment(written(tmp_path, SMALL)).cells()]
+    cells = read_experiment(written(tmp_path, SMALL)).cells()
     assert [(c.spec.name, c.condition.name, c.first_subject, c.subjects) for c in cells] == [
         *(("random", "CC3", first, many) for first, many in [(0, 2), (2, 2), (4, 1)]),
         *(("random", "CC3-CE4", first, many) for first, many in [(0, 2), (2, 2), (4, 1)]),
@@ -59,39 +70,37 @@ def test_cells_cover_every_subject_of_every_learner_and_condition_once(tmp_path)
 
 
 def test_a_cell_is_another_cell_as_soon_as_anything_that_matters_changes(tmp_path):
-    def changed(text):
-        return identities(written(tmp_path, text))
+    def identities(text):
+        return [cell.identity for cell in read_experiment(written(tmp_path, text)).cells()]
 
-    before = changed(SMALL)
-    assert changed(SMALL) == changed(SMALL + "title: another title\n") == before
+    before = identities(SMALL)
+    assert identities(SMALL + "title: another title\n") == before
     # The seed, the reward and the protocol concern every cell; a parameter, its learner's.
-    for text in (
-        *(SMALL + "reward: basic\n", SMALL + "protocol: rl\n"),
-        SMALL.replace("seed: 7", "seed: 8"),
-    ):
-        assert not set(changed(text)) & set(before)
-    slower = changed(SMALL.replace("0.0001", "0.0002"))
+    for text in ("reward: basic\n", "protocol: rl\n"):
+        assert not {*identities(SMALL + text)} & {*before}
+    assert not {*identities(SMALL.replace("seed: 7", "seed: 8"))} & {*before}
+    slower = identities(SMALL.replace("0.0001", "0.0002"))
     assert [a == b for a, b in zip(before, slower, strict=True)] == [True] * 6 + [False] * 4
     # More subjects leave the full cells as they are.
-    more = changed(SMALL.replace("subjects: 5", "subjects: 6"))
-    assert set(before) - set(more) == {before[2], before[5]}
+    more = identities(SMALL.replace("subjects: 5", "subjects: 6"))
+    assert {*before} - {*more} == {before[2], before[5]}
     # Nor does it matter whether the size of a cell is that of all or its learner's own.
     alone = SMALL.replace("subjects: 3", "subjects: 3, cell_size: 1")
-    own = changed(alone)
+    own = identities(alone)
     assert [own[:6], len(own)] == [before[:6], 12]
-    assert own[6:] == changed(alone.replace("cell_size: 2", "cell_size: 1"))[-6:]
+    assert own[6:] == identities(alone.replace("cell_size: 2", "cell_size: 1"))[-6:]
 
 
 # -- conditions ------------------------------------------------------------------------------------
 
 
 def test_schemas_are_found_beside_the_experiment_and_where_one_works(tmp_path, monkeypatch):
-    text = "name: e\nconditions: [gate, gate-CC3]\nlearners: [random]\n"
-    written(tmp_path, GATE, "gate.yaml")
+    written(tmp_path, "name: gate\nlevers: [A, B]\nedges: {A: [door], B: [door]}\n", "gate.yaml")
     (tmp_path / "elsewhere").mkdir()
     for folder in (tmp_path, tmp_path / "elsewhere"):
-        conditions = read_experiment(written(folder, text)).conditions
-        assert [condition.name for condition in conditions] == ["gate", "gate-CC3"]
+        path = written(folder, "name: e\nconditions: [gate, gate-CC3]\nlearners: [random]\n")
+        conditions = read_experiment(path).conditions
+        assert names(conditions) == ["gate", "gate-CC3"]
         assert conditions[0].train[0].schema.levers == ("A", "B")
         monkeypatch.chdir(tmp_path)
 
@@ -100,7 +109,6 @@ def test_a_condition_can_be_any_sequence_of_schemas_and_layouts(tmp_path):
     text = """\
 name: own
 conditions:
-  - [CC3, CE3, CC4]
   - name: sequence
     train:
       - {schema: CC3, layouts: [trial2, {L0: LEFT, L1: UPPER, L2: LOWER}], shuffle: false}
@@ -108,42 +116,46 @@ conditions:
     test:
       - {schema: CE4, layouts: published, trials: 2}
 learners: [random]
-protocols:
-  long: {based_on: human, attempt_limit: 99}
-protocol: long
 """
-    experiment = read_experiment(written(tmp_path, text))
-    listed, condition = experiment.conditions
-    assert (listed.name, len(listed.train), len(listed.test)) == ("CC3-CE3-CC4", 2, 1)
+    (condition,) = read_experiment(written(tmp_path, text)).conditions
     first, second = condition.train
     assert [layout.places for layout in first.layouts] == [(3, 5, 1), (3, 1, 5)]
     assert (first.shuffle, second.layouts, second.number) == (False, "random", 3)
     assert condition.test[0].number == 2
-    assert experiment.learners[0].protocol.attempt_limit == 99
-    assert experiment.learners[0].protocol.stop_when_solved
 
 
-def test_a_condition_in_python_has_many_forms():
-    cc3 = find_schema("CC3")
-    forms = {
-        "CC3": ["CC3", cc3, [cc3], {"train": "CC3"}],
-        "CC3-CC4": ["CC3-CC4", ["CC3", "CC4"], [cc3, "CC4"], {"train": "CC3", "test": "CC4"}],
-    }
-    for name, every in forms.items():
-        expected = find_condition(name)
-        for form in every:
-            assert make_experiment([form], ["random"]).conditions == (expected,), form
-    single = make_experiment(cc3, learner("random"), subjects=np.int64(3))
-    assert single.conditions == (find_condition("CC3"),)
-    assert [one.name for one in single.learners] == ["random"]
-    assert single.title == "random in CC3"
-    assert single.command == ""
-    three = make_experiment([["CC3", "CE3", "CC4"]], ["random"]).conditions[0]
-    assert [len(three.train), len(three.test), three.name] == [2, 1, "CC3-CE3-CC4"]
-    (line,) = make_experiment("A -> B -> door", ["random"]).conditions
-    assert line.train[0].schema.levers == ("A", "B")
-    spelled = {"name": "own", "train": [{"schema": "CC3"}]}
-    assert make_experiment(spelled, ["random"]).conditions[0].name == "own"
+def test_a_condition_has_many_forms_and_the_name_of_its_schemas(tmp_path):
+    cc3, folder = find_schema("CC3"), tmp_path / "my-own-schemas"
+    folder.mkdir()
+    path = written(folder, "name: one\nlevers: [A]\nedges: {A: [door]}\n", "with-dashes.yaml")
+    written(folder, find_schema("CE4").to_yaml(), "CC3-CC4.yaml")
+    trials = find_condition("CC3").train
+    assert find_condition("CC3") == Condition("CC3", trials) == Condition("", trials)
+    for name, train, test, *forms in (
+        ("CC3", ["CC3"], [], "CC3", cc3, [cc3], {"train": "CC3"}),
+        ("CC3-CC4", ["CC3"], ["CC4"], "CC3-CC4", [cc3, "CC4"], {"train": "CC3", "test": "CC4"}),
+        ("CC3-CE3-CC4", ["CC3", "CE3"], ["CC4"], ["CC3", "CE3", "CC4"]),
+        ("one", ["one"], [], path, str(path), "one: A -> door"),
+        ("CC3-one", ["CC3"], ["one"], ("CC3", path)),
+        ("one-CC3", ["one"], ["CC3"], (str(path), "CC3")),
+        ("CE4", ["CE4"], [], f"{folder}/CC3-CC4.yaml"),  # a file of the whole name comes first
+        ("own", ["CC3"], [], {"name": "own", "train": [{"schema": "CC3"}]}),
+        ("shown-CC3-CC4", ["CC3"], ["CC4"], "shown-CC3-CC4"),
+        ("shown-CC3-CC4", ["CC3"], ["CC4"], {"train": {"shown": "CC3"}, "test": "CC4"}),
+        ("own", ["CC3"], ["CC4"], {"name": "own", "train": {"shown": "CC3"}, "test": "CC4"}),
+    ):
+        for form in forms:
+            (condition,) = make_experiment([form], ["random"]).conditions
+            assert condition.name == name, form
+            assert names(group.schema for group in condition.train) == train
+            assert names(group.schema for group in condition.test) == test
+            assert condition.shown == ("shown" in str(form))
+
+
+def test_a_single_condition_and_learner_need_no_lists():
+    made = make_experiment(find_schema("CC3"), learner("random"), subjects=np.int64(3))
+    assert made.conditions == (find_condition("CC3"),)
+    assert (made.title, made.command) == ("random in CC3", "")
 
 
 # -- faults ----------------------------------------------------------------------------------------
@@ -186,13 +198,15 @@ def test_a_file_with_no_name_has_no_other_fault(line, tmp_path):
     assert "name" in fault.message
 
 
-def test_trials_with_more_solutions_than_attempts_are_warned_about(tmp_path):
-    text = "name: e\nconditions: [two_of_four, CC3]\nlearners: [random]\nprotocol: tight\n"
-    text += "protocols: {tight: {attempt_limit: 5}}\n"
-    (caution,) = read_experiment(written(tmp_path, text)).warnings()
-    for word in ("two_of_four", "6", "tight", "5"):
-        assert word in caution
-    assert not read_experiment(written(tmp_path, text.replace("5}", "6}"))).warnings()
+def test_trials_with_more_solutions_than_attempts_are_warned_about():
+    def warnings(attempt_limit):
+        made = make_experiment(["two_of_four", "CC3"], "random", attempt_limit=attempt_limit)
+        return made.warnings()
+
+    (warning,) = warnings(5)
+    for word in ("two_of_four", "6 solutions", "5 attempts"):
+        assert word in warning
+    assert not warnings(6)
 
 
 # -- changes ---------------------------------------------------------------------------------------
@@ -202,19 +216,18 @@ def test_the_command_line_changes_what_the_file_says(tmp_path):
     path = written(tmp_path, SMALL)
     changes = Changes(conditions=["CE4"], learners=["slow", "oracle"], subjects=2, seed=1)
     experiment = read_experiment(path, changes)
-    assert [condition.name for condition in experiment.conditions] == ["CE4"]
-    assert [entry.name for entry in experiment.learners] == ["slow", "oracle"]
+    assert (names(experiment.conditions), experiment.seed) == (["CE4"], 1)
+    assert names(experiment.learners) == ["slow", "oracle"]
     assert experiment.learners[0].parameters["learning_rate"] == 0.0001
-    assert {entry.subjects for entry in experiment.learners} == {2}
-    assert experiment.seed == 1
+    assert {spec.subjects for spec in experiment.learners} == {2}
     zero = read_experiment(path, Changes(seed=0))
     assert (zero.seed, zero.cell_size, zero.learners[0].subjects) == (0, 2, 5)
     text = SMALL.replace("subjects: 3}", "protocol: human}").replace(
         "[CC3,", "[{name: mix, train: [{schema: CE3}]},"
     )
     chosen = read_experiment(written(tmp_path, text), Changes(conditions=["mix"], protocol="rl"))
-    assert [condition.name for condition in chosen.conditions] == ["mix"]
-    assert {entry.protocol.name for entry in chosen.learners} == {"rl"}
+    assert names(chosen.conditions) == ["mix"]
+    assert {spec.protocol.name for spec in chosen.learners} == {"rl"}
 
 
 def test_the_command_that_runs_it_again_says_what_was_changed(tmp_path):
@@ -232,18 +245,19 @@ def test_a_choice_of_ones_own_has_a_name_that_says_what_it_is(tmp_path):
     """What is not what the file declares does not go by the file's name."""
     text = "name: mine\nconditions: [CC3, CE3, CC4, CE4]\nlearners: [random, oracle, bayes]\n"
     path = written(tmp_path, text)
-
-    def name(**changes):
-        return read_experiment(path, Changes(**changes)).name
-
-    assert name() == name(subjects=3, seed=2, protocol="rl") == "mine"
-    assert name(learners=["oracle", "random"], conditions=["CC3-CC4"]) == "oracle_random_in_CC3-CC4"
-    assert name(conditions=["CC4"]) == "random_oracle_bayes_in_CC4"
-    assert name(learners=["oracle"]) == "oracle_in_CC3_CE3_CC4_CE4"
     crowd = ["random", "oracle", "ideal", "bayes", "ddqn"]
-    assert name(learners=crowd, conditions=["CC3-CC4", "CC3-CE4", "CE3-CC4", "CE3-CE4"]) == (
-        "5_learners_in_4_conditions"
-    )
+    for name, changes in {
+        "mine": {"subjects": 3, "seed": 2, "protocol": "rl"},
+        "oracle_random_in_CC3-CC4": {
+            "learners": ["oracle", "random"], "conditions": ["CC3-CC4"]
+        },
+        "random_oracle_bayes_in_CC4": {"conditions": ["CC4"]},
+        "oracle_in_CC3_CE3_CC4_CE4": {"learners": ["oracle"]},
+        "5_learners_in_4_conditions": {
+            "learners": crowd, "conditions": ["CC3-CC4", "CC3-CE4", "CE3-CC4", "CE3-CE4"]
+        },
+    }.items():  # fmt: skip
+        assert read_experiment(path, Changes(**changes)).name == name
 
 
 # -- what comes with the package -------------------------------------------------------------------
@@ -254,12 +268,12 @@ def test_a_choice_of_ones_own_has_a_name_that_says_what_it_is(tmp_path):
 )
 def test_every_learner_plays_where_people_were(name, without):
     experiment = read_experiment(find_experiment(name))
-    ours = {name for name, one in registry().items() if one.module.startswith("openlock_")}
+    ours = {name for name, entry in registry().items() if entry.module.startswith("openlock_")}
     # What is left out needs a server, or an extra.
-    assert {entry.learner for entry in experiment.learners} == ours - without
-    assert {entry.protocol.name for entry in experiment.learners} == {"human"}
+    assert {spec.learner for spec in experiment.learners} == ours - without
+    assert {spec.protocol.name for spec in experiment.learners} == {"human"}
     if name == "default":
-        assert tuple(condition.name for condition in experiment.conditions) == PAPER_CONDITIONS
-        assert all(entry.subjects >= 10 for entry in experiment.learners)
+        assert tuple(names(experiment.conditions)) == PAPER_CONDITIONS
+        assert all(spec.subjects >= 10 for spec in experiment.learners)
     else:
-        assert {entry.subjects for entry in experiment.learners} == {40}
+        assert {spec.subjects for spec in experiment.learners} == {40}

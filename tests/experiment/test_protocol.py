@@ -2,37 +2,22 @@
 
 from collections import Counter
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 
 from causal_openlock.experiment.declare import (
     PAPER_CONDITIONS,
-    PROTOCOLS,
     Condition,
     Protocol,
     Trials,
-    find_condition,
     find_protocol,
 )
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.making import Changes, learner, make_experiment
 from causal_openlock.experiment.plan import plan
-from causal_openlock.schemas.finding import bundled_schemas
-from causal_openlock.schemas.graphs import write_schema
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.room import Layout
-
-SCHEMAS = bundled_schemas()
-HUMAN, RL = PROTOCOLS["human"], PROTOCOLS["rl"]
-THREE = {f"trial{number}" for number in range(1, 7)}
-FOUR = {f"trial{number}" for number in range(7, 12)}
-ONE = Schema("one", ["A"], {"A": ["door"]})
-
-
-@cache
-def named(name):
-    return find_condition(name)
+from support.session_play import HUMAN, RL, SCHEMAS, named
 
 
 def visits_of(condition, protocol, subject=0):
@@ -61,16 +46,14 @@ def test_people_have_30_attempts_and_stop_when_everything_is_found():
         assert [visit.schema.name for visit in visits] == schemas + tested
 
 
-def test_defaults_of_a_protocol():
-    assert Protocol("mine", 3, True).as_dict() == {
+def test_a_protocol_has_defaults_and_is_found_by_its_name():
+    mine = Protocol("mine", np.int64(3), True)
+    assert mine.as_dict() == {
         "name": "mine", "attempt_limit": 3, "stop_when_solved": True, "baseline_trials": 5,
         "training_trials": 6, "test_trials": 1, "baseline_loops": 1, "train_loops": 1,
         "test_loops": 1, "layouts": "published", "test_layout": None, "action_limit": None,
     }  # fmt: skip
     assert Protocol(**RL.as_dict()) == RL
-    many = replace(HUMAN, attempt_limit=np.int64(7))
-    assert type(many.attempt_limit) is int
-    mine = Protocol("mine", attempt_limit=3, stop_when_solved=True)
     assert find_protocol("mine", {"mine": mine}) is mine
     assert find_protocol("rl", {"mine": mine}) is RL
 
@@ -78,11 +61,9 @@ def test_defaults_of_a_protocol():
 def test_attempts_have_three_actions_or_as_many_as_the_schema_needs():
     expected = {"CC4": 3, "chain3": 4, "seven": 4, "two_keys": 3}
     assert {name: HUMAN.actions_for(SCHEMAS[name]) for name in expected} == expected
-    assert HUMAN.actions_for(ONE) == 3
-    assert replace(HUMAN, action_limit=9).actions_for(SCHEMAS["chain3"]) == 9
-    assert replace(HUMAN, action_limit=4).actions_for(SCHEMAS["chain3"]) == 4
-    assert replace(HUMAN, action_limit=63).action_limit == 63
-    assert visits_of("CC3-CC4", replace(HUMAN, action_limit=3))
+    assert HUMAN.actions_for(Schema("one", ["A"], {"A": ["door"]})) == 3
+    for limit in (4, 9, 63):
+        assert replace(HUMAN, action_limit=limit).actions_for(SCHEMAS["chain3"]) == limit
 
 
 # -- which layouts ---------------------------------------------------------------------------------
@@ -160,28 +141,6 @@ def test_a_subject_on_record_has_the_rooms_that_are_on_record():
     assert condition.as_dict()["rooms"] == {"3": [list(rooms[3][0].places)] * 2}
 
 
-def test_a_condition_is_one_schema_or_two_by_name_or_a_path(tmp_path):
-    folder = tmp_path / "my-own-schemas"
-    folder.mkdir()
-    write_schema(ONE, folder / "with-dashes.yaml")
-    write_schema(SCHEMAS["CE4"], folder / "CC3-CC4.yaml")
-    path = f"{folder}/with-dashes.yaml"
-    for given, name, train, test in (
-        ("chain3", "chain3", "chain3", []),
-        ("chain3-seven", "chain3-seven", "chain3", ["seven"]),
-        ("shown-CC3-CC4", "shown-CC3-CC4", "CC3", ["CC4"]),
-        (path, "one", "one", []),
-        (("CC3", path), "CC3-one", "CC3", ["one"]),
-        ((path, "CC3"), "one-CC3", "one", ["CC3"]),
-        (f"{folder}/CC3-CC4.yaml", "CE4", "CE4", []),  # a file of the whole name comes first
-    ):
-        condition = named(given)
-        assert condition.name == name
-        assert [group.schema.name for group in condition.train] == [train]
-        assert [group.schema.name for group in condition.test] == test
-        assert condition.shown == ("shown" in given)
-
-
 def test_a_protocol_may_be_settings_as_a_file_has_them(tmp_path):
     path = tmp_path / "e.yaml"
     path.write_text(
@@ -189,24 +148,22 @@ def test_a_protocol_may_be_settings_as_a_file_has_them(tmp_path):
         "protocols: {short: {based_on: rl, attempt_limit: 9, stop_when_solved: true}}\n"
     )
     settings = {"based_on": "rl", "attempt_limit": 9, "stop_when_solved": True}
-    expected = replace(RL, name="short", attempt_limit=9, stop_when_solved=True)
+    every = {"test_trials": 3, "train_loops": 2, "baseline_loops": 4, "test_loops": 5}
     for options, name in (
-        ({"protocol": {**settings, "name": "short"}}, "short"),
         ({"protocol": settings}, "rl_attempt_limit_9_stop_when_solved_True"),
         ({"protocol": RL, "attempt_limit": 9}, "rl_attempt_limit_9"),
         ({"attempt_limit": 9, "protocol": {"test_trials": 2, "name": "a"}}, "a_attempt_limit_9"),
+        ({"protocol": {**settings, **every}}, "rl_9431237b"),  # too many settings for a name
     ):
         (made,) = make_experiment(["CC3"], ["random"], **options).protocols
         assert (made.name, made.attempt_limit) == (name, 9)
-        assert name != "short" or made == expected
-    assert read_experiment(path).protocols == (expected,)
+    short = replace(RL, name="short", attempt_limit=9, stop_when_solved=True)
+    named_so = {**settings, "name": "short"}
+    assert make_experiment(["CC3"], ["random"], protocol=named_so).protocols == (short,)
+    assert read_experiment(path).protocols == (short,)
     changes = Changes(protocol={"based_on": "short", "test_trials": 3})
     (changed,) = read_experiment(path, changes).protocols
-    assert changed == replace(expected, name="short_test_trials_3", test_trials=3)
-    every = {"test_trials": 3, "train_loops": 2, "baseline_loops": 4, "test_loops": 5}
-    (long,) = make_experiment(["CC3"], ["random"], protocol={**settings, **every}).protocols
-    assert long.name.startswith("rl_")
-    assert len(long.name) <= 64
+    assert changed == replace(short, name="short_test_trials_3", test_trials=3)
     own = learner("random", protocol="rl", label="own")  # it has a protocol of its own
     both = make_experiment(["CC3"], ["random", own], attempt_limit=9)
-    assert [one.protocol.name for one in both.learners] == ["human_attempt_limit_9", "rl"]
+    assert [spec.protocol.name for spec in both.learners] == ["human_attempt_limit_9", "rl"]

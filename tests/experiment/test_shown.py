@@ -7,7 +7,6 @@ import pytest
 
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import OpenLockError
-from causal_openlock.experiment.declare import Condition
 from causal_openlock.experiment.making import make_experiment
 from causal_openlock.experiment.session import Session
 from openlock_learners.random import RandomLearner
@@ -76,11 +75,3 @@ def test_who_learns_from_its_own_actions_alone_is_shown_nothing():
     made = make_experiment([SHOWN, "CC3-CC4"], ["random", Alone], subjects=1)
     ((who, left_out),) = made.not_applicable.items()
     assert (who, [*left_out]) == ("Alone", [SHOWN])
-
-
-def test_a_mapping_declares_the_condition_that_has_its_name():
-    declared = {"train": {"shown": "CC3"}, "test": "CC4"}
-    (made,) = make_experiment([declared], ["random"]).conditions
-    assert made == named(SHOWN)
-    (own,) = make_experiment([{"name": "own", **declared}], ["random"]).conditions
-    assert own == Condition("own", made.train, made.test, shown=True)

@@ -7,12 +7,8 @@ from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.making import Changes
 
 GRID = "sweep: {lapse: [0.0, 0.1], policy: [thompson, solve_and_learn]}"
-LABELS = [
-    "bayes-lapse-0-policy-thompson",
-    "bayes-lapse-0-policy-solve_and_learn",
-    "bayes-lapse-0.1-policy-thompson",
-    "bayes-lapse-0.1-policy-solve_and_learn",
-]
+POLICIES = ("thompson", "solve_and_learn")
+LABELS = [f"bayes-lapse-{lapse}-policy-{policy}" for lapse in ("0", "0.1") for policy in POLICIES]
 
 
 def read(folder, learners, changes=None):
@@ -21,24 +17,25 @@ def read(folder, learners, changes=None):
     return read_experiment(path, changes)
 
 
+def names(parts):
+    return [part.name for part in parts]
+
+
 def test_a_file_and_a_program_declare_the_same_grid(tmp_path):
     entry = f"{{learner: bayes, parameters: {{noise: 0.2}}, subjects: 3, {GRID}}}"
     in_file = read(tmp_path, entry).learners
-    policies = ("thompson", "solve_and_learn")
-    swept = ol.sweep("bayes", lapse=[0.0, 0.1], policy=policies, noise=0.2, subjects=3)
+    swept = ol.sweep("bayes", lapse=[0.0, 0.1], policy=POLICIES, noise=0.2, subjects=3)
     for given in (["random", *swept], ["random", swept]):
         assert ol.make_experiment(["CC3"], given).learners == in_file
-    assert [one["name"] for one in swept] == LABELS
-    assert [one.name for one in in_file] == ["random", *LABELS]
-    values = [(one.parameters["lapse"], one.parameters["policy"]) for one in in_file[1:]]
-    assert values == [(lapse, policy) for lapse in (0.0, 0.1) for policy in policies]
-    assert {one.parameters["noise"] for one in in_file[1:]} == {0.2}
-    assert {one.subjects for one in in_file[1:]} == {3}
+    assert names(in_file) == ["random", *LABELS]
+    values = [(spec.parameters["lapse"], spec.parameters["policy"]) for spec in in_file[1:]]
+    assert values == [(lapse, policy) for lapse in (0.0, 0.1) for policy in POLICIES]
+    assert {(spec.parameters["noise"], spec.subjects) for spec in in_file[1:]} == {(0.2, 3)}
 
 
 def test_labels_show_values_as_they_are_written():
     swept = ol.sweep("bayes", label="mine", lapse=np.linspace(0, 0.3, 4), strength_alpha=[1e-9])
-    assert [one["name"] for one in swept][1::2] == [
+    assert [entry["name"] for entry in swept][1::2] == [
         "mine-lapse-0.1-strength_alpha-1e-09",
         "mine-lapse-0.3-strength_alpha-1e-09",
     ]
@@ -52,10 +49,9 @@ def test_a_sweep_or_one_of_its_learners_can_be_chosen_by_name(tmp_path):
         return read(tmp_path, entry, Changes(learners=[name]))
 
     entry, every = f"{{learner: bayes, name: b, {GRID}}}", [f"b{label[5:]}" for label in LABELS]
-    assert [one.name for one in chosen(entry, "b").learners] == every
-    one = chosen(entry, every[2])
-    assert [spec.name for spec in one.learners] == [every[2]]
-    assert one.command.endswith(f"e.yaml --learner {every[2]}")
+    assert names(chosen(entry, "b").learners) == every
+    single = chosen(entry, every[2])
+    assert names(single.learners) == [every[2]]
+    assert single.command.endswith(f"e.yaml --learner {every[2]}")
     two = "{learner: bayes, sweep: {lapse: [0.1]}}\n  - {learner: bayes, sweep: {noise: [0.2]}}"
-    names = [one.name for one in chosen(two, "bayes").learners]
-    assert names == ["bayes-lapse-0.1", "bayes-noise-0.2"]
+    assert names(chosen(two, "bayes").learners) == ["bayes-lapse-0.1", "bayes-noise-0.2"]
