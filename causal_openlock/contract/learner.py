@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,12 +23,14 @@ from numpy.typing import NDArray
 from causal_openlock.errors import LearnerError
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.schemas.schema import Schema
+from causal_openlock.world.kernel import ATTEMPTS_LEFT
 from causal_openlock.world.room import Room
 
 if TYPE_CHECKING:
-    from causal_openlock.world.rooms import Outcome
+    from causal_openlock.world.rooms import Outcome, Rooms
 
 Observations = NDArray[np.int8]
+Told = TypeVar("Told")
 
 
 @dataclass(frozen=True)
@@ -75,6 +77,14 @@ class View:
     attempt: IntArray  #: ``[B]`` number of the attempt in the trial, from 1
     playing: BoolArray  #: ``[B]`` who still plays; actions of the others are ignored
 
+    @classmethod
+    def of(cls, rooms: Rooms, trial: IntArray, playing: BoolArray) -> View:
+        """What is perceived in rooms, in arrays that nobody can write to."""
+        console = rooms.console.T.astype(np.int64)
+        console.setflags(write=False)
+        attempt = rooms.attempt_limit + 1 - console[ATTEMPTS_LEFT]
+        return _read_only(cls(rooms.observation, Console(*console), trial, attempt, playing))
+
 
 @dataclass(frozen=True)
 class Step:
@@ -91,17 +101,17 @@ class Step:
 
     @classmethod
     def of(cls, view: View, action: IntArray, outcome: Outcome, next: View) -> Step:
-        """What an action in rooms led to, as learners get it."""
-        return cls(
-            view=view,
-            action=action,
-            outcome=outcome.seen,
-            reward=outcome.reward,
-            attempt_over=outcome.attempt_over,
-            trial_over=outcome.trial_over,
-            new_solution=outcome.new_solution,
-            next=next,
-        )
+        """What an action in rooms led to, in arrays that nobody can write to."""
+        reward, attempt_over, trial_over, new_solution, seen = outcome
+        step = cls(view, action, seen, reward, attempt_over, trial_over, new_solution, next)
+        return _read_only(step)
+
+
+def _read_only(told: Told) -> Told:
+    for value in vars(told).values():
+        if isinstance(value, np.ndarray):
+            value.setflags(write=False)
+    return told
 
 
 @dataclass(frozen=True)

@@ -80,17 +80,17 @@ def record_schema() -> pa.Schema:
 
 
 def compact(record: pa.Table) -> pa.Table:
-    """The same values with names coded in fewer bytes, for an analysis of many cells.
+    """The same values with most names coded in two bytes, for an analysis of many cells.
 
-    The number of bytes depends on the column and not on the values, so that compact records of any
-    cells can be concatenated: four for layouts, of which there can be many, and two for others.
+    Which columns have them does not depend on the values, so that compact records of any cells can
+    be concatenated. There can be many layouts; they keep four bytes.
     """
     import pyarrow as pa
 
-    codes = {"layout": pa.int32()}
+    short = pa.dictionary(pa.int16(), pa.string())
     fields = [
-        field.with_type(pa.dictionary(codes.get(field.name, pa.int16()), pa.string()))
-        if pa.types.is_dictionary(field.type)
+        field.with_type(short)
+        if pa.types.is_dictionary(field.type) and field.name != "layout"
         else field
         for field in record.schema
     ]
@@ -102,7 +102,7 @@ def with_times(record: pa.Table, seconds: Sequence[float | None]) -> pa.Table:
     import pyarrow as pa
 
     where = record.schema.get_field_index("wall_time")
-    times = pa.array([one or 0.0 for one in seconds], pa.float32())
+    times = pa.array([time or 0.0 for time in seconds], pa.float32())
     return record.set_column(where, record.schema.field(where), times)
 
 
@@ -160,8 +160,7 @@ class AttemptLog:
 
     def since(self, row: int) -> NDArray[np.void]:
         """The attempts from a row on, as a structured array."""
-        joined = b"".join(block.data for block in self._blocks)
-        self._blocks = [np.frombuffer(joined, self.dtype)]
+        self._blocks = [np.concatenate([np.zeros(0, self.dtype), *self._blocks])]
         return self._blocks[0][row:]
 
 

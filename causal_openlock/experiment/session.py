@@ -3,9 +3,6 @@
 The session steps all subjects at once, whatever trial each of them is in, gives a learner only what
 subjects perceive, and keeps the record. :mod:`causal_openlock.world.rooms` decides when attempts
 and trials end and which solutions are new.
-
-:meth:`Session.play` runs a learner to the end, :meth:`Session.steps` step by step. With
-``Session.view`` and :meth:`Session.step`, the caller takes the steps, as for a person.
 """
 
 from __future__ import annotations
@@ -13,38 +10,21 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from itertools import chain
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from causal_openlock.contract.learner import (
-    Brief,
-    Console,
-    InformedLearner,
-    Learner,
-    Step,
-    Truth,
-    View,
-)
+from causal_openlock.contract.learner import Brief, InformedLearner, Learner, Step, Truth, View
 from causal_openlock.errors import ExperimentError, LearnerError
 from causal_openlock.experiment.declare import Condition, Protocol
 from causal_openlock.experiment.plan import check_trial, plan
 from causal_openlock.experiment.record import AttemptLog, assemble
 from causal_openlock.schemas.fsm import BoolArray, IntArray
-from causal_openlock.world.kernel import (
-    AFTER,
-    ATTEMPTS_LEFT,
-    CHANGED,
-    EVENT,
-    ROW,
-    SOLUTIONS_FOUND,
-    SOLUTIONS_LEFT,
-    UNLOCKED,
-)
+from causal_openlock.world import kernel
 from causal_openlock.world.randomness import Streams, generators, unrelated_generators
 from causal_openlock.world.rewards import PAPER_REWARD, RewardForm, find_reward
 from causal_openlock.world.room import Room, action_names, positions_for
-from causal_openlock.world.rooms import Outcome, Rooms, RoomTables
+from causal_openlock.world.rooms import Rooms, RoomTables
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -55,11 +35,12 @@ CHANGING = ("_visit", "_attempts", "_luck")
 AT_ONCE = 40
 """Number of recorded subjects replayed in one batch."""
 
-Told = TypeVar("Told", View, Step)
-
 
 class Session:
     """B subjects in one condition under one protocol.
+
+    :meth:`play` runs a learner to the end, :meth:`steps` step by step. With ``view`` and
+    :meth:`step` the caller takes the steps, as for a person.
 
     Args:
         condition: The trials.
@@ -102,28 +83,22 @@ class Session:
         experiment: str = "session",
     ) -> None:
         numbers = range(subjects) if isinstance(subjects, int) else subjects
-        self.condition, self.protocol = condition, protocol
-        self.subjects = len(numbers)
         if not numbers or len(set(numbers)) < len(numbers):
             raise ExperimentError(
                 "a session needs at least one subject, and each subject only once"
             )
-        self._constants = {
-            "experiment": experiment,
-            "learner": learner,
-            "condition": condition.name,
-            "protocol": protocol.name,
-            "seed": seed,
-            "subjects": np.array(numbers, dtype=np.int32),
-        }
+        self.condition, self.protocol, self.subjects = condition, protocol, len(numbers)
         environment = generators(seed, f"environment/{condition.name}", numbers)
         visits = [
             plan(condition, protocol, generator, subject)
             for subject, generator in zip(numbers, environment, strict=True)
         ]
+        self._visits = visits
+        self.shown_trials = sum(bool(visit.order) for visit in visits[0])
+        schemas = condition.schemas
         self._tables = tables = RoomTables.of(
-            [(schema, protocol.actions_for(schema)) for schema in condition.schemas],
-            max(positions_for(schema) for schema in condition.schemas),
+            [(schema, protocol.actions_for(schema)) for schema in schemas],
+            max(map(positions_for, schemas)),
         )
         met = {(id(visit.schema), visit.layout): visit for visit in chain(*visits)}
         self._met = tuple(
@@ -131,18 +106,9 @@ class Session:
         )
         number = {place: i for i, place in enumerate(met)}
         self._room = np.array([[number[id(v.schema), v.layout] for v in row] for row in visits])
-        self._schema = np.array([condition.schemas.index(room.schema) for room in self._met])
+        self._schema = np.array([schemas.index(room.schema) for room in self._met])
         self._lever = np.array([room.layout.lever_at() for room in self._met])
         self.solutions = tables.solutions[self._schema].astype(np.int16)[self._room]
-        names = [(room.schema.name, room.layout.name) for room in self._met]
-        schemas, layouts = np.array(names, dtype=object).T[:, self._room]
-        self._visits = {
-            name: np.array([[getattr(visit, name) for visit in row] for row in visits], kind)
-            for name, kind in (("phase", object), ("loop", np.int32), ("trial", np.int32))
-        }
-        self._visits |= {"schema": schemas, "layout": layouts, "solutions": self.solutions}
-        self._orders = [[visit.order for visit in row if visit.order] for row in visits]
-        self.shown_trials = len(self._orders[0])
         self._luck = Streams(environment) if tables.stochastic else None
         self._rooms = Rooms(
             tables,
@@ -162,6 +128,14 @@ class Session:
                 seed, f"learner/{learner}/{condition.name}/{protocol.name}", numbers
             ),
         )
+        self._constants = {
+            "experiment": experiment,
+            "learner": learner,
+            "condition": condition.name,
+            "protocol": protocol.name,
+            "seed": seed,
+            "subjects": np.array(numbers, dtype=np.int32),
+        }
         self.log = AttemptLog(self.brief.action_limit)
         self._clock = time.perf_counter()
         self._visit = np.zeros(self.subjects, dtype=np.int64)
@@ -196,10 +170,10 @@ class Session:
         """
         if not self.shown_trials or self._visit.min() >= self.shown_trials:
             return None
-        actions, used = [], self._tables.used[self._rooms.now(ROW)]
+        actions, used = [], self._tables.used[self._rooms.now(kernel.ROW)]
         for subject, number in enumerate(self._room_now()):
-            room, orders = self._met[number], self._orders[subject]
-            which = orders[self._visit[subject]][self.view.attempt[subject] - 1]
+            room, visit = self._met[number], self._visits[subject][self._visit[subject]]
+            which = visit.order[self.view.attempt[subject] - 1]
             actions.append(room.action_of(room.schema.solutions[which])[used[subject]])
         return np.array(actions)
 
@@ -209,17 +183,7 @@ class Session:
         return Truth(rooms=self._met, room=self._room_now())
 
     def _perceive(self) -> View:
-        console = self._rooms.console.astype(np.int64)
-        console.setflags(write=False)
-        return _read_only(
-            View(
-                observation=self._rooms.observation,
-                console=Console(*console.T),
-                trial=self._visit + 1,
-                attempt=self.protocol.attempt_limit + 1 - console[:, ATTEMPTS_LEFT],
-                playing=self._visit < self.brief.trials,
-            )
-        )
+        return View.of(self._rooms, self._visit + 1, self._visit < self.brief.trials)
 
     # -- the loop -------------------------------------------------------------------------------
 
@@ -284,14 +248,10 @@ class Session:
         return shown
 
     def following(self, done: Sequence[IntArray]) -> Iterator[tuple[BoolArray, Step]]:
-        """Take the actions that are known to have been taken.
+        """Take the actions that each subject is known to have taken, in order.
 
-        Args:
-            done: For each of the B subjects its actions, in the order of time. One that has fewer
-                than others continues with actions that mean nothing.
-
-        Yields:
-            ``[B]`` whose actions these are, and the step.
+        One that has fewer than others continues with actions that mean nothing; ``[B]`` whose
+        actions count is yielded with each step.
         """
         actions, exists = padded(done)
         for now, acts in zip(actions.T, exists.T, strict=True):
@@ -306,25 +266,28 @@ class Session:
         Raises:
             LearnerError: If there are not B integers, or one is outside the action space.
         """
-        tables, view, attempts = self._tables, self.view, self._attempts
+        tables, rooms, view = self._tables, self._rooms, self.view
         action = self._checked(action)
-        done = np.where(view.playing, action, tables.waits)
-        moment = tables.used[self._rooms.now(ROW)]
-        outcome = self._rooms.step(done, self._luck.uniform() if self._luck else None, seen=True)
-        event = self._rooms.now(EVENT)
+        moment = tables.used[rooms.now(kernel.ROW)]
+        luck = self._luck.uniform() if self._luck else None
+        outcome = rooms.step(np.where(view.playing, action, tables.waits), luck, seen=True)
+        event, attempts = rooms.now(kernel.EVENT), self._attempts
         attempts["actions"][self._everyone, moment] = action
-        attempts["moved"][self._everyone, moment] = event & CHANGED != 0
-        attempts["unlocked"] |= event & UNLOCKED != 0
+        attempts["moved"][self._everyone, moment] = event & kernel.CHANGED != 0
+        attempts["unlocked"] |= event & kernel.UNLOCKED != 0
         attempts["reward"] += outcome.reward
         if self.shown_trials and outcome.new_solution.any():
             # Whatever the protocol says, a shown trial ends with its last solution.
-            seen_all = self._rooms.console[:, SOLUTIONS_LEFT] == 0
+            seen_all = rooms.console[:, kernel.SOLUTIONS_LEFT] == 0
             over = outcome.trial_over | (seen_all & (self._visit < self.shown_trials))
             outcome = outcome._replace(trial_over=over)
         if outcome.attempt_over.any():
-            self._end_attempts(outcome)
+            self._log_attempts(np.flatnonzero(outcome.attempt_over), outcome.new_solution)
+        if outcome.trial_over.any():
+            self._visit += outcome.trial_over
+            self._begin_trials(np.flatnonzero(outcome.trial_over))
         self.view = self._perceive()
-        return _read_only(Step.of(view, action, outcome, self.view))
+        return Step.of(view, action, outcome, self.view)
 
     def _checked(self, action: Any) -> IntArray:
         try:
@@ -341,24 +304,21 @@ class Session:
             )
         return chosen
 
-    def _end_attempts(self, outcome: Outcome) -> None:
-        """Log the attempts that ended, and begin the trials that follow."""
-        tables, rooms = self._tables, self._rooms
-        ended = np.flatnonzero(outcome.attempt_over)
-        row = rooms.now(AFTER)[ended]
-        opened = tables.opened[row]
-        attempts = self._attempts[ended]
+    def _log_attempts(self, ended: IntArray, new_solution: BoolArray) -> None:
+        """Log the attempts of subjects, which have ended, and get ready for others."""
+        tables, rooms, attempts = self._tables, self._rooms, self._attempts[ended]
+        row, opened = (
+            rooms.now(kernel.AFTER)[ended],
+            rooms.now(kernel.EVENT)[ended] & kernel.OPENS != 0,
+        )
         attempts["visit"], attempts["attempt"] = self._visit[ended], self.view.attempt[ended]
         attempts["used"], attempts["opened"] = tables.used[row], opened
         attempts["solution"] = np.where(opened, tables.solution[row], -1)
-        attempts["new_solution"] = outcome.new_solution[ended]
-        attempts["solutions_found"] = rooms.console[ended, SOLUTIONS_FOUND]
+        attempts["new_solution"] = new_solution[ended]
+        attempts["solutions_found"] = rooms.console[ended, kernel.SOLUTIONS_FOUND]
         attempts["wall_time"] = self.seconds
         self.log.extend(attempts)
         self._attempts["unlocked"][ended], self._attempts["reward"][ended] = False, 0.0
-        if len(finished := np.flatnonzero(outcome.trial_over)):
-            self._visit[finished] += 1
-            self._begin_trials(finished)
 
     @property
     def progress(self) -> float:
@@ -387,15 +347,13 @@ class Session:
 
     def record(self) -> pa.Table:
         """The attempts so far as a record, sorted by subject and time."""
-        return assemble(self.log, self._visits, self._constants)
-
-
-def _read_only(told: Told) -> Told:
-    """The same, with arrays that a learner cannot write to: the session uses them later."""
-    for value in vars(told).values():
-        if type(value) is np.ndarray:
-            value.setflags(write=False)
-    return told
+        trials = {
+            name: np.array([[getattr(visit, name) for visit in row] for row in self._visits], kind)
+            for name, kind in (("phase", object), ("loop", np.int32), ("trial", np.int32))
+        }
+        names = [(room.schema.name, room.layout.name) for room in self._met]
+        trials["schema"], trials["layout"] = np.array(names, dtype=object).T[:, self._room]
+        return assemble(self.log, {**trials, "solutions": self.solutions}, self._constants)
 
 
 def padded(done: Sequence[IntArray]) -> tuple[IntArray, BoolArray]:

@@ -14,11 +14,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from causal_openlock.contract.learner import Brief, Console, Step, View
+from causal_openlock.contract.learner import Brief, Step, View
 from causal_openlock.experiment.declare import default_action_limit
 from causal_openlock.schemas.fsm import BoolArray, IntArray
 from causal_openlock.schemas.schema import Schema
-from causal_openlock.world.kernel import ATTEMPTS_LEFT, PAYER, SOLUTIONS_LEFT
+from causal_openlock.world.kernel import PAYER, SOLUTIONS_LEFT
 from causal_openlock.world.rewards import find_reward
 from causal_openlock.world.room import PAPER_POSITIONS, action_names
 from causal_openlock.world.rooms import Rooms, RoomTables
@@ -119,14 +119,7 @@ class MetaRooms:
         return places
 
     def _perceive(self) -> View:
-        console = self._rooms.console.astype(np.int64)
-        return View(
-            observation=self._rooms.observation,
-            console=Console(*console.T.copy()),
-            trial=self._trial.copy(),
-            attempt=self.file.attempt_limit + 1 - console[:, ATTEMPTS_LEFT],
-            playing=self._playing,
-        )
+        return View.of(self._rooms, self._trial.copy(), self._playing)
 
     def step(self, action: IntArray) -> Step:
         """Take one action, ``[B]``, in each room."""
