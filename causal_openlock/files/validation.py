@@ -135,7 +135,8 @@ class Part:
 
     def as_dict(self) -> dict[str, Any]:
         """The part as plain data, which is what a results folder stores."""
-        return dict(plain(adapter(type(self)).dump_python(self)))
+        kind: Any = type(self)
+        return dict(plain(adapter(kind).dump_python(self)))
 
 
 @cache
@@ -149,7 +150,7 @@ def part(*, kw_only: bool = False) -> Callable[[type[T]], type[T]]:
     """A frozen dataclass that Pydantic checks, in a program too, in sentences of ours."""
 
     def made(kind: type[T]) -> type[T]:
-        summary = {"description": (kind.__doc__ or "").partition("\n")[0]}
+        summary: Any = {"description": (kind.__doc__ or "").partition("\n")[0]}
         config = ConfigDict(extra="forbid", json_schema_extra=summary)
         checked: Any = dataclass(frozen=True, kw_only=kw_only, config=config)(kind)
         plain_init = checked.__init__

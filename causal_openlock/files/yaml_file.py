@@ -132,8 +132,8 @@ class Document:
         """
         try:
             content = self.data if data is None else data
-            model: Model = adapter(kind).validate_python(content, context=context)
-            return model
+            checked: Model = adapter(kind).validate_python(content, context=context)  # type: ignore[arg-type]
+            return checked
         except ValidationError as error:
             errors = errors_of(error, kind)
         elsewhere = [e for e in errors if isinstance(e, FileError) or {*e.at[:1]} & {*changed}]

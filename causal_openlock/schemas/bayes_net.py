@@ -32,12 +32,6 @@ def to_bayesian_network(
         schema: The levers and the door.
         push_probability: Probability that a lever is pushed, independent of the others.
         lock: Whether the door's state is instead that it is unlocked, whatever its strengths.
-
-    Returns:
-        A checked model whose nodes are the schema's and have the states 0 and 1.
-
-    Raises:
-        OpenLockError: If ``push_probability`` is not a probability.
     """
     from pgmpy.models import DiscreteBayesianNetwork
 
@@ -49,15 +43,13 @@ def to_bayesian_network(
     network.add_edges_from(schema.graph.edges)
     for node in schema.graph.nodes:
         causes = schema.causes(node)
-        bits = [schema.mask([cause]) for cause in causes]
         # pgmpy counts through the causes' states with the first cause slowest.
         states = product((0, 1), repeat=len(causes))
-        moved = np.array([sum(compress(bits, each)) for each in states], dtype=np.int64)
+        moved = np.array([schema.mask(compress(causes, state)) for state in states])
         chance = gate_chance(schema, node, moved)
         if lock and node == DOOR:
             chance = (np.bitwise_count(moved) >= schema.threshold(DOOR)).astype(float)
-        # Rounding may leave a sum of probabilities just above 1.
-        chance = chance * (1.0 if node == DOOR else push_probability)
+        chance = chance if node == DOOR else chance * push_probability
         network.add_cpds(binary_cpd(node, chance, causes))
     network.check_model()
     return network
@@ -70,14 +62,8 @@ def binary_cpd(node: str, chance: FloatArray, causes: Sequence[str] = ()) -> Tab
     """
     from pgmpy.factors.discrete import TabularCPD
 
-    return TabularCPD(
-        node,
-        2,
-        [1.0 - chance, chance],
-        evidence=list(causes),
-        evidence_card=[2] * len(causes),
-        state_names={each: [0, 1] for each in (node, *causes)},
-    )
+    names = {name: [0, 1] for name in (node, *causes)}
+    return TabularCPD(node, 2, [1.0 - chance, chance], causes, [2] * len(causes), names)
 
 
 def bif_text(schema: Schema) -> str:

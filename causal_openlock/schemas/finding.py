@@ -124,8 +124,9 @@ def schema(
     """
     given = {"name": name, "gates": gates, "inert": inert}
     changes = {key: value for key, value in given.items() if value}
-    is_whole = isinstance(source, Mapping) and {"levers", "edges"} <= source.keys()
-    if not (is_whole or isinstance(source, str | os.PathLike | Schema)):
+    if not isinstance(source, str | os.PathLike | Schema) and not (
+        isinstance(source, Mapping) and {"levers", "edges"} <= source.keys()
+    ):
         graph = source if isinstance(source, nx.Graph) else _graph(source)
         return schema_of_graph(graph, "schema", changes)
     if gates or inert:

@@ -5,9 +5,8 @@ A *state* says which levers are pushed and whether the door is open: bit *i* of 
 door; with *n* levers, actions 0..n-1 push, n..2n-1 pull, and 2n pushes the door. Levers have roles
 here and no positions; :mod:`causal_openlock.world.room` adds the positions.
 
-An attempt is short, so it reaches few of the states. :func:`unroll` lists those: one row for each
-state after each number of actions. So everything that depends on the number of actions used (the
-first action, the last) is a property of the row.
+An attempt is short, so it reaches few of the states: :func:`unroll` has a row for each of them
+after each number of actions.
 """
 
 from __future__ import annotations
@@ -203,26 +202,19 @@ def unroll(fsm: FSM, action_limit: int) -> Attempt:
     for _ in range(action_limit):
         playing = layers[-1][~fsm.opened[layers[-1]]]
         layers.append(np.union1d(playing, fsm.next_state[playing].ravel()))
-    first_row = np.cumsum([0, *map(len, layers)])
     state = np.concatenate(layers)
     used = np.repeat(np.arange(action_limit + 1), list(map(len, layers)))
     over = (used == action_limit) | fsm.opened[state]
 
-    # The last column is an action that moves nothing.
-    after = np.column_stack([fsm.next_state[state], state])
-    effect = np.tile(np.arange(len(state))[:, None], (1, after.shape[1]))
-    for moment in range(action_limit):
-        rows = np.flatnonzero((used == moment) & ~over)
-        where = np.searchsorted(layers[moment + 1], after[rows])
-        effect[rows] = first_row[moment + 1] + where
+    # Rows are in the order of their keys. The last column is an action that moves nothing.
+    key = used * fsm.states + state
+    key_after = (used[:, None] + 1) * fsm.states + np.column_stack([fsm.next_state[state], state])
+    row = np.arange(len(state))[:, None]
+    effect = np.where(over[:, None], row, np.searchsorted(key, key_after))
 
-    # If as many levers are pushed as actions were used, every action was a push that took effect.
+    # If as many bits are set as actions were used, every action was a push that took effect.
     pushes_only = np.bitwise_count(state) == used
     solutions = np.array([fsm.schema.mask(levers) for levers in fsm.schema.solutions])
-    begins = pushes_only[:, None] & (state[:, None] & ~solutions == 0)
-    opened = fsm.opened[state]
-    complete = np.bitwise_count(solutions) + 1 == used[:, None]
-    begins |= (
-        opened[:, None] & complete & (fsm.solution[state][:, None] == np.arange(len(solutions)))
-    )
-    return Attempt(fsm, action_limit, state, used, effect, over, begins)
+    opened = solutions | 1 << fsm.levers
+    begins = (state[:, None] & ~solutions == 0) | (state[:, None] == opened)
+    return Attempt(fsm, action_limit, state, used, effect, over, begins & pushes_only[:, None])
