@@ -1,21 +1,17 @@
 """Counts of a record: attempts to solve each trial, and attempts in each category.
 
-A record has a row for every attempt, perhaps millions; a trial is a run of such rows. The first
-step finds the runs with NumPy, in one pass over the columns, and everything after it works on a
-table with one row for each trial. Rows are sorted by their values (phase, loop, trial, attempt), so
-the order in which cells are read makes no difference.
+A record has a row for every attempt, perhaps millions, and a trial is a group of such rows. What
+comes after this module works on a table with one row for each trial. Rows are sorted by their
+values (phase, loop, trial, attempt), so the order in which cells are read makes no difference.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
-from pandas.api.types import is_numeric_dtype, union_categoricals
 
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.declare import PAPER_CONDITIONS
@@ -38,6 +34,15 @@ SUBJECT = ["experiment", "seed", "subject"]
 VISIT = ["phase", "loop", "trial"]
 """Columns that identify a trial of a subject, in the order of time."""
 
+PHASE = [*CELL, *SUBJECT, "phase"]
+"""Columns that identify a phase of a subject."""
+
+TRIAL = [*CELL, *SUBJECT, *VISIT, "schema", "layout"]
+"""Columns that identify a trial, and its room."""
+
+NAMES = [*CELL, "experiment", "phase", "schema", "layout", "category"]
+"""Columns of names."""
+
 SOLUTIONS = ("first", "second", "third")
 """Columns with what each solution cost, in the order in which solutions were found."""
 
@@ -53,7 +58,18 @@ _FIRST = {
     "phase": PHASES,
     "category": CATEGORIES,
 }
-_NEVER = np.iinfo(np.int32).max
+_WHOLE = dict.fromkeys(
+    [
+        *("seed", "subject", "loop", "trial", "attempts", "first_solution", "last_attempt"),
+        *("solutions_found", "solutions", *CATEGORIES, "opened_at_start"),
+    ],
+    np.int64,
+)
+COLUMNS = [
+    *(*TRIAL, "attempts", *SOLUTIONS, "first_solution", "last_attempt", "solved"),
+    *("solutions_found", "solutions", *CATEGORIES, "opened_at_start"),
+]
+"""Columns of :func:`attempts_to_solve`."""
 
 
 def attempts_to_solve(record: pa.Table) -> pd.DataFrame:
@@ -88,7 +104,7 @@ def attempts_to_solve(record: pa.Table) -> pd.DataFrame:
     Raises:
         StoreError: If a trial has attempts missing or twice.
     """
-    return _Trials.of(played(record)).table
+    return _trials(_attempts(_named(played(record))))[0]
 
 
 def category_counts(record: pa.Table, blocks: int = 5) -> pd.DataFrame:
@@ -113,43 +129,9 @@ def category_counts(record: pa.Table, blocks: int = 5) -> pd.DataFrame:
         StoreError: If a trial has attempts missing or twice.
         ValueError: If ``blocks`` is not positive.
     """
-    return trials_and_categories(record, blocks)[1]
-
-
-def trials_and_categories(record: pa.Table, blocks: int = 5) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """:func:`attempts_to_solve` and :func:`category_counts` in one go."""
     if blocks < 1:
         raise ValueError(f"blocks is {blocks}; it must be at least 1")
-    record = played(record)
-    trials = _Trials.of(record)
-    table, row_trial = trials.table, trials.row_trial
-    phases = table.groupby([*CELL, "phase"], observed=True, sort=True)
-    groups = phases.size().reset_index()[[*CELL, "phase"]]
-    phase = phases.ngroup().to_numpy()
-    by_subject = table.groupby([*CELL, *SUBJECT, "phase"], observed=True, sort=False)
-    lengths = by_subject["last_attempt"]
-    before = (lengths.cumsum() - table["last_attempt"]).to_numpy()
-    total = lengths.transform("sum").to_numpy()  # attempts of a subject in a phase
-    first = np.flatnonzero(by_subject.cumcount() == 0)
-
-    # In the order of time, attempt i of n is in block floor(i * blocks / n).
-    time = before[row_trial] + record["attempt"].to_numpy() - 1
-    block = time * blocks // total[row_trial]
-    code = (phase[row_trial] * blocks + block) * len(CATEGORIES) + trials.category
-    counts = np.bincount(code, minlength=len(groups) * blocks * len(CATEGORIES))
-
-    subjects = np.bincount(phase[first], minlength=len(groups))
-    mean_total = np.bincount(phase[first], total[first], len(groups)) / np.maximum(subjects, 1)
-    until = np.outer(mean_total, np.arange(1, blocks + 1) / blocks).ravel()
-    category_codes = np.tile(np.arange(len(CATEGORIES)), len(groups) * blocks)
-    each = groups.loc[groups.index.repeat(blocks * len(CATEGORIES))].reset_index(drop=True)
-    return table, each.assign(
-        block=np.tile(np.repeat(np.arange(1, blocks + 1), len(CATEGORIES)), len(groups)),
-        category=pd.Categorical.from_codes(category_codes, list(CATEGORIES)),
-        count=counts,
-        subjects=np.repeat(subjects, blocks * len(CATEGORIES)),
-        until=np.repeat(until, len(CATEGORIES)),
-    )
+    return count(record, record.num_rows, blocks).blocks
 
 
 class Counts(NamedTuple):
@@ -159,7 +141,7 @@ class Counts(NamedTuple):
     blocks: pd.DataFrame
 
 
-def count(record: pa.Table, at_once: int = AT_ONCE) -> Counts:
+def count(record: pa.Table, at_once: int = AT_ONCE, blocks: int = 5) -> Counts:
     """Count the trials of a record and the categories of its attempts, in little memory.
 
     A few cells are counted at a time, roughly ``at_once`` attempts, since a trial is within one
@@ -169,19 +151,11 @@ def count(record: pa.Table, at_once: int = AT_ONCE) -> Counts:
     Raises:
         StoreError: If a trial has attempts missing or twice.
     """
-    pieces = list(_pieces(record, at_once))
-    if len(pieces) > 1:
-        try:
-            trial_tables, block_tables = zip(*map(trials_and_categories, pieces), strict=True)
-        except StoreError:
-            # A trial is in several pieces: one that does not begin it has attempts missing.
-            pass
-        else:
-            trials = _joined(trial_tables, [*CELL, *SUBJECT, *VISIT])
-            # Blocks are shares of a subject's phase, which must not be cut apart either.
-            if _phases(trials) == sum(map(_phases, trial_tables)):
-                return Counts(trials, _added(block_tables))
-    return Counts(*trials_and_categories(record))
+    record = _named(played(record))
+    try:
+        return _together([_count(piece, blocks) for piece in _pieces(record, at_once)], blocks)
+    except StoreError:  # a trial in several pieces has attempts missing in each
+        return _together([_count(record, blocks)], blocks)
 
 
 def _pieces(record: pa.Table, at_once: int) -> Iterator[pa.Table]:
@@ -196,33 +170,115 @@ def _pieces(record: pa.Table, at_once: int) -> Iterator[pa.Table]:
         yield record.slice(start)
 
 
-def _phases(trials: pd.DataFrame) -> int:
-    """How many phases of subjects there are."""
-    return int(trials.groupby([*CELL, *SUBJECT, "phase"], observed=True).ngroups)
+def _named(record: pa.Table) -> pa.Table:
+    """A record whose columns of text are codes, of the same names in every chunk."""
+    import pyarrow as pa
+
+    for name in NAMES:
+        column = record[name]
+        if not pa.types.is_dictionary(column.type):
+            place = record.schema.get_field_index(name)
+            record = record.set_column(place, name, column.dictionary_encode())
+    return record.unify_dictionaries()
 
 
-def _joined(tables: Sequence[pd.DataFrame], by: list[str]) -> pd.DataFrame:
-    """Tables under one another, sorted, with the names of all of them as categories."""
-    columns = {}
-    for name in tables[0].columns:
-        parts = [table[name] for table in tables]
-        if isinstance(parts[0].dtype, pd.CategoricalDtype):
-            joined = union_categoricals(parts)
-            names = list(ordered(joined.categories, _FIRST.get(name, ())))
-            columns[name] = joined.reorder_categories(names)
-        else:
-            columns[name] = pd.concat(parts, ignore_index=True)
-    return pd.DataFrame(columns).sort_values(by, kind="stable", ignore_index=True)
+def _attempts(record: pa.Table) -> pd.DataFrame:
+    """A row for each attempt; names are categories, the paper's first."""
+    frame = record.select([*TRIAL, "attempt", "category", "solutions_found", "solutions"])
+    frame = frame.to_pandas()
+    for name in NAMES:
+        held = frame[name].cat.categories
+        known = CATEGORIES if name == "category" else ordered(held, _FIRST.get(name, ()))
+        if unknown := {*held}.difference(known):
+            raise StoreError(
+                f"the record's column {name} holds {min(unknown)!r}, which is not one of "
+                f"{', '.join(known)}; was it written by another version?"
+            )
+        frame[name] = frame[name].cat.set_categories(list(known))
+    return frame
 
 
-def _added(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
-    """Counts of different subjects, added up; where a block ends is averaged over subjects."""
-    by = [*CELL, "phase", "block", "category"]
-    joined = _joined(tables, by)
-    joined["until"] *= joined["subjects"]
-    sums = joined.groupby(by, observed=True, sort=True)[["count", "subjects", "until"]].sum()
-    sums["until"] /= sums["subjects"]
-    return sums.reset_index()[list(tables[0].columns)]
+def _trials(frame: pd.DataFrame) -> tuple[pd.DataFrame, IntArray]:
+    """The trials of attempts, sorted, and ``[N]`` the trial of each attempt."""
+    attempt, found = frame["attempt"], frame["solutions_found"]
+    reached = {"solved_at": attempt.where(found >= frame["solutions"])}
+    reached |= {name: attempt.where(found >= many) for many, name in enumerate(SOLUTIONS, 1)}
+    grouped = frame.assign(**reached).groupby(TRIAL, observed=True, sort=True)
+    trial = grouped.ngroup().to_numpy()
+    trials = grouped.agg(
+        last_attempt=("attempt", "max"),
+        rows=("attempt", "size"),
+        solutions_found=("solutions_found", "max"),
+        solutions=("solutions", "max"),
+        **{name: (name, "min") for name in reached},
+    ).reset_index()
+    _check_complete(trials)
+    last = trials["last_attempt"]
+    size = len(CATEGORIES)
+    codes = frame["category"].cat.codes.to_numpy().astype(np.int64)
+    counts = np.bincount(trial * size + codes, minlength=len(trials) * size).reshape(-1, size)
+    at_start = attempt.to_numpy() <= np.maximum(last // START, 1).to_numpy()[trial]
+    opened = trial[at_start & (codes >= CATEGORIES.index("open1"))]
+    trials = trials.assign(
+        attempts=trials["solved_at"].fillna(last),
+        first_solution=trials["first"].fillna(last),
+        second=trials["second"] - trials["first"],
+        third=trials["third"] - trials["second"],
+        solved=trials["solved_at"].notna(),
+        **dict(zip(CATEGORIES, counts.T, strict=True)),
+        opened_at_start=np.bincount(opened, minlength=len(trials)),
+    )
+
+    return trials[COLUMNS].astype(_WHOLE), trial
+
+
+def _count(record: pa.Table, blocks: int) -> Counts:
+    """Trials, and how many attempts of each category each block has, where it has some."""
+    frame = _attempts(record)
+    trials, trial = _trials(frame)
+    lengths = trials.groupby(PHASE, observed=True, sort=False)["last_attempt"]
+    before = (lengths.cumsum() - trials["last_attempt"]).to_numpy()
+    total = lengths.transform("sum").to_numpy()
+    # In the order of time, attempt i of n is in block floor(i * blocks / n).
+    time = before[trial] + frame["attempt"].to_numpy() - 1
+    frame = frame.assign(block=time * blocks // total[trial] + 1)
+    outcomes = frame.groupby([*CELL, "phase", "block", "category"], observed=True).size()
+    return Counts(trials, outcomes)
+
+
+def _check_complete(trials: pd.DataFrame) -> None:
+    wrong = trials[trials["rows"] != trials["last_attempt"]]
+    if len(wrong):
+        trial = wrong.iloc[0]
+        where = ", ".join(f"{column} {trial[column]}" for column in [*CELL, "subject", *VISIT])
+        raise StoreError(
+            f"the record has attempts missing or twice in {counted(len(wrong), 'trial')}, "
+            f"first in {where}: "
+            f"{trial['rows']} rows for {trial['last_attempt']} attempts; read every cell once"
+        )
+
+
+def _together(pieces: Sequence[Counts], blocks: int) -> Counts:
+    """The counts of pieces of a record, added up."""
+    trials = pd.concat([piece.trials for piece in pieces], ignore_index=True)
+    trials = trials.sort_values([*CELL, *SUBJECT, *VISIT], kind="stable", ignore_index=True)
+    phases = trials.groupby(PHASE, observed=True)["last_attempt"].sum()
+    # Blocks are shares of a subject's phase, which must not be cut apart.
+    if len(phases) < sum(piece.trials.groupby(PHASE, observed=True).ngroups for piece in pieces):
+        raise StoreError("the attempts of a subject are in several pieces")
+    by = [*CELL, "phase"]
+    outcomes = pd.concat([piece.blocks for piece in pieces])
+    outcomes = outcomes.groupby([*by, "block", "category"], observed=True).sum()
+    wide = outcomes.unstack(["block", "category"], fill_value=0)
+    every = pd.MultiIndex.from_product(
+        [range(1, blocks + 1), pd.CategoricalIndex(CATEGORIES, CATEGORIES)],
+        names=["block", "category"],
+    )
+    counts = wide.reindex(columns=every, fill_value=0).stack(["block", "category"])
+    table = counts.rename("count").reset_index()
+    lengths = phases.groupby(by, observed=True).agg(subjects="size", until="mean").reset_index()
+    table = table.merge(lengths, on=by)
+    return Counts(trials, table.assign(until=table["until"] * table["block"] / blocks))
 
 
 def by_subject(trials: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
@@ -244,14 +300,11 @@ def by_subject(trials: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
         :data:`SUBJECT`, with the means ``attempts`` and ``solved`` (a share) and ``visits``, the
         number of trials averaged.
     """
-    names = [*CELL, *by, *SUBJECT]
-    first, group = numbered(trials, names)
-    visits = np.bincount(group, minlength=len(first))
-    means = {
-        name: np.bincount(group, trials[name].to_numpy(float), len(first)) / visits
-        for name in ("attempts", "solved")
-    }
-    return trials[names].iloc[first].reset_index(drop=True).assign(**means, visits=visits)
+    grouped = trials.groupby([*CELL, *by, *SUBJECT], observed=True, sort=True)
+    means = grouped.agg(
+        attempts=("attempts", "mean"), solved=("solved", "mean"), visits=("attempts", "size")
+    )
+    return means.reset_index()
 
 
 def at_places(
@@ -264,28 +317,12 @@ def at_places(
         by: What makes up a place.
         value: The column; NaN where a subject was not at a place.
     """
-    subjects, subject = numbered(each, SUBJECT)
-    places, place = numbered(each, by)
-    found = np.full((len(subjects), len(places)), np.nan)
+    subject = each.groupby(SUBJECT, observed=True).ngroup().to_numpy()
+    place = each.groupby(list(by), observed=True).ngroup().to_numpy()
+    places = each[list(by)].drop_duplicates().sort_values(list(by))
+    found = np.full((subject.max(initial=-1) + 1, len(places)), np.nan)
     found[subject, place] = each[value].to_numpy(float)
-    return found, [*zip(*(each[name].iloc[places] for name in by), strict=True)]
-
-
-def numbered(frame: pd.DataFrame, names: Sequence[str]) -> tuple[IntArray, IntArray]:
-    """The first row of each group of equal values, in their order, and each row's group."""
-    codes = [_sortable(frame[name]) for name in names]
-    order = np.lexsort(codes[::-1])
-    starts = _starts([column[order] for column in codes])
-    group = np.empty(len(order), np.int64)
-    group[order] = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(order)))
-    return order[starts], group
-
-
-def _sortable(column: pd.Series) -> NDArray[Any]:
-    """The column as numbers in the order of its values, of names in that of their categories."""
-    if isinstance(column.dtype, pd.CategoricalDtype):
-        return column.cat.codes.to_numpy()
-    return column.to_numpy() if is_numeric_dtype(column) else pd.factorize(column, sort=True)[0]
+    return found, [*places.itertuples(index=False, name=None)]
 
 
 def mean_by_trial(trials: pd.DataFrame, by: Sequence[str] = ("phase", "trial")) -> pd.DataFrame:
@@ -331,117 +368,6 @@ def measured(table: pd.DataFrame) -> list[str]:
     ]
 
 
-@dataclass(frozen=True)
-class _Trials:
-    """The trials of a record, and of each row the number of its trial and its category."""
-
-    table: pd.DataFrame
-    row_trial: IntArray
-    category: IntArray
-
-    @classmethod
-    def of(cls, record: pa.Table) -> _Trials:
-        key: dict[str, NDArray[Any]] = {}
-        names: dict[str, tuple[str, ...]] = {}
-        for column in [*CELL, *SUBJECT, *VISIT, "schema", "layout"]:
-            if column in {"seed", "subject", "loop", "trial"}:
-                key[column] = record[column].to_numpy()
-            else:
-                key[column], names[column] = _encode(record, column)
-        attempt = record["attempt"].to_numpy()
-        found = record["solutions_found"].to_numpy()
-        solutions = record["solutions"].to_numpy()
-
-        # Runs of equal rows are whole trials where the record is sorted, which it mostly is;
-        # only the runs need sorting, and runs of one trial that lay apart are joined.
-        identity = [key[column] for column in [*CELL, *SUBJECT, *VISIT]]
-        starts = _starts(identity)
-        order = np.lexsort([column[starts] for column in reversed(identity)])
-        sorted_key = {column: values[starts][order] for column, values in key.items()}
-        joins = _starts([sorted_key[column] for column in [*CELL, *SUBJECT, *VISIT]])
-
-        def reduce(how: np.ufunc, values: NDArray[Any]) -> NDArray[Any]:
-            """Reduce values of each trial: first within its runs, then over its runs in order."""
-            if not len(starts):
-                return values[:0]
-            reduced: NDArray[Any] = how.reduceat(how.reduceat(values, starts)[order], joins)
-            return reduced
-
-        last = reduce(np.maximum, attempt)
-        solved_at = reduce(np.minimum, np.where(found >= solutions, attempt, _NEVER))
-        found_at = [
-            reduce(np.minimum, np.where(found > number, attempt, _NEVER))
-            for number in range(len(SOLUTIONS))
-        ]
-        length = np.diff(starts, append=len(attempt))
-        rows = np.add.reduceat(length[order], joins) if len(starts) else length
-        table = pd.DataFrame(
-            {
-                **{
-                    column: pd.Categorical.from_codes(values[joins], list(names[column]))
-                    if column in names
-                    else values[joins].astype(np.int64)
-                    for column, values in sorted_key.items()
-                },
-                "attempts": np.minimum(solved_at, last).astype(np.int64),
-                **{
-                    name: np.where(now == _NEVER, np.nan, now - before)
-                    for name, now, before in zip(SOLUTIONS, found_at, [0, *found_at], strict=False)
-                },
-                "first_solution": np.minimum(found_at[0], last).astype(np.int64),
-                "last_attempt": last.astype(np.int64),
-                "solved": solved_at != _NEVER,
-                "solutions_found": reduce(np.maximum, found).astype(np.int64),
-                "solutions": reduce(np.maximum, solutions).astype(np.int64),
-            }
-        )
-        _check_complete(table, rows)
-
-        run_trial = np.empty(len(starts), np.int64)
-        run_trial[order] = np.repeat(np.arange(len(joins)), np.diff(joins, append=len(starts)))
-        row_trial = np.repeat(run_trial, length)
-        category, _ = _encode(record, "category", CATEGORIES)
-        size = len(CATEGORIES)
-        counts = np.bincount(row_trial * size + category, minlength=len(table) * size)
-        start = np.maximum(last // START, 1)[row_trial]
-        opened = category >= CATEGORIES.index("open1")
-        early = row_trial[opened & (attempt <= start)]
-        counted = dict(zip(CATEGORIES, counts.reshape(-1, size).T, strict=True))
-        counted["opened_at_start"] = np.bincount(early, minlength=len(table))
-        return cls(table.assign(**counted), row_trial, category)
-
-
-def _check_complete(table: pd.DataFrame, rows: IntArray) -> None:
-    wrong = np.flatnonzero(rows != table["last_attempt"].to_numpy())
-    if len(wrong):
-        trial = table.iloc[wrong[0]]
-        where = ", ".join(f"{column} {trial[column]}" for column in [*CELL, "subject", *VISIT])
-        raise StoreError(
-            f"the record has attempts missing or twice in {counted(len(wrong), 'trial')}, "
-            f"first in {where}: "
-            f"{rows[wrong[0]]} rows for {trial['last_attempt']} attempts; read every cell once"
-        )
-
-
-def _encode(
-    record: pa.Table, column: str, known: tuple[str, ...] = ()
-) -> tuple[IntArray, tuple[str, ...]]:
-    """``[N]`` codes of a text column, and their names, in a fixed order."""
-    import pyarrow as pa
-
-    values = record[column]
-    if not pa.types.is_dictionary(values.type):
-        values = values.dictionary_encode()
-    held = values.unify_dictionaries().to_pandas().cat
-    names = known or ordered(held.categories, _FIRST.get(column, ()))
-    if unknown := set(held.categories).difference(names):
-        raise StoreError(
-            f"the record's column {column} holds {min(unknown)!r}, which is not "
-            f"one of {', '.join(names)}; was it written by another version?"
-        )
-    return held.set_categories(list(names)).cat.codes.to_numpy(), names
-
-
 def ordered(names: Iterable[str], first: Sequence[str] = PAPER_CONDITIONS) -> tuple[str, ...]:
     """Names in the order of tables and figures: those in ``first``, then the rest by alphabet.
 
@@ -453,14 +379,3 @@ def ordered(names: Iterable[str], first: Sequence[str] = PAPER_CONDITIONS) -> tu
         *(name for name in dict.fromkeys(first) if name in have),
         *sorted(have.difference(first)),
     )
-
-
-def _starts(columns: Iterable[NDArray[Any]]) -> IntArray:
-    """Rows that differ from the row before in any of the columns."""
-    changed: Any = None
-    for column in columns:
-        if changed is None:
-            changed = np.zeros(len(column), dtype=bool)
-            changed[:1] = True
-        changed[1:] |= column[1:] != column[:-1]
-    return np.flatnonzero(changed)

@@ -22,7 +22,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from causal_openlock.analysis.decisions import Decided
-from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT, numbered, ordered
+from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT, ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, draws_results, in_rows, panels, rows_of
 from causal_openlock.analysis.prose import Prose
@@ -109,10 +109,9 @@ def cost_of_learning(
         to the end of the last room that could have been.
     """
     rooms = trials[["condition", "protocol", "phase"]]
-    first, group = numbered(rooms, [*rooms])
-    keys = rooms.iloc[first].astype(str).itertuples(index=False, name=None)
-    bound = np.array([bounds[key].attempts if key in bounds else np.nan for key in keys], float)
-    rows = trials.assign(bound=bound[group]).sort_values([*CELL, *SUBJECT, *VISIT], kind="stable")
+    bound = pd.Series({key: bound.attempts for key, bound in bounds.items()}, dtype=float)
+    rows = trials.assign(bound=bound.reindex(pd.MultiIndex.from_frame(rooms.astype(str))).array)
+    rows = rows.sort_values([*CELL, *SUBJECT, *VISIT], kind="stable")
     whole = rows.groupby([*CELL, *SUBJECT], observed=True, sort=False)
     made = whole["last_attempt"].cumsum()
     room = [*CELL, *SUBJECT, "schema", "layout"]
@@ -213,11 +212,9 @@ def draw_costs(table: pd.DataFrame, learners: Sequence[str], ax: Any = None) -> 
 def _rows(table: pd.DataFrame) -> NDArray[np.object_]:
     """Names of rows: of learners, with the protocol where one of them has several."""
     several = table.groupby("learner", observed=True)["protocol"].nunique()
-    first, group = numbered(table, ["learner", "protocol"])
-    played = table[["learner", "protocol"]].iloc[first].itertuples(index=False, name=None)
+    played = zip(table["learner"], table["protocol"], strict=True)
     names = [f"{who} ({how})" if several[who] > 1 else str(who) for who, how in played]
-    found: NDArray[np.object_] = np.array(names, dtype=object)[group]
-    return found
+    return np.array(names, dtype=object)
 
 
 def _scale(axes: Axes, names: Sequence[str], limits: tuple[float, float, float]) -> None:

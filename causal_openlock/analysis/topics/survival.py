@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from causal_openlock.analysis.decisions import Decided
-from causal_openlock.analysis.measures import CELL, SUBJECT, judged, numbered, ordered
+from causal_openlock.analysis.measures import CELL, SUBJECT, judged, ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import (
     Names,
@@ -53,7 +53,7 @@ def unsolved_after(trials: pd.DataFrame) -> pd.DataFrame:
     """
     parts = []
     for key, own in judged(trials).groupby(CELL, observed=True, sort=True):
-        _, subject = numbered(own, SUBJECT)
+        subject = own.groupby(SUBJECT, observed=True).ngroup().to_numpy()
         ended, solved = own["attempts"].to_numpy(), own["solved"].to_numpy()
         size, length = subject.max() + 1, ended.max() + 1
         events = np.zeros((size, length))  # whole numbers, whose products BLAS adds exactly
