@@ -13,11 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from causal_openlock.belief.beliefs import Belief, Beliefs
-from causal_openlock.belief.marginals import (
-    believed_structure,
-    edge_probabilities,
-    most_probable,
-)
+from causal_openlock.belief.marginals import believed_structure, model_of, most_probable
 from causal_openlock.belief.planning import Objective, Planner, Situation
 from causal_openlock.contract.learner import Brief, Learner, Step, Structure, View
 from causal_openlock.errors import LearnerError
@@ -70,11 +66,11 @@ class BeliefLearner(Learner):
 
     def classes(self, subject: int) -> FloatArray:
         """``[C + 1]`` a subject's probability of each schema class; the last is the free form."""
-        return self.beliefs.knowledge.classes(np.array([subject]))[0]
+        return self.beliefs.knowledge.classes(subject)
 
     def edges(self, subject: int) -> FloatArray:
         """``[P, P + 1]`` probability that a lever enables another, or the door, by position."""
-        return edge_probabilities(self.belief(subject), self.classes(subject))
+        return believed_structure(self.belief(subject), self.classes(subject)).edges
 
     def structure(self, subject: int) -> Structure | None:
         """Probabilities of edges and gates, of the room that a subject is in or has just left."""
@@ -92,8 +88,6 @@ class BeliefLearner(Learner):
 
     def model(self, subject: int) -> Model:
         """A subject's belief as objects of pgmpy."""
-        from causal_openlock.belief.marginals import model_of
-
         return model_of(self.belief(subject), self.classes(subject))
 
     def gains(self, subject: int, view: View) -> FloatArray:

@@ -5,10 +5,6 @@ subject with a perfect memory drops every hypothesis that is ruled out. One that
 at the end of each attempt, by a share ``lost``, towards a baseline: its prior at the start of the
 trial or, if it forgets failures alone, that prior conditioned on its successful attempts.
 
-An update multiplies the weight of each hypothesis by the likelihood of what its subject observed.
-Subjects whose rooms look alike share their hypotheses, so all their (subject, hypothesis) pairs are
-updated as one flat array.
-
 Without noise, evidence rules hypotheses out for good. By default a subject starts by expecting no
 noise. Once every hypothesis is ruled out it concludes that levers may fail to move, and conditions
 hypotheses of unknown strength on all events of the trial. That is Bayesian inference in the limit
@@ -18,28 +14,17 @@ of a vanishing prior probability of noise.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
 from causal_openlock.belief.catalogue import FREE_FORM_LEVERS
 from causal_openlock.belief.hypotheses import RoomSight, Space, enumerate_space, strengths
 from causal_openlock.belief.knowledge import Knowledge, Prior
-from causal_openlock.belief.likelihoods import (
-    DOOR,
-    Event,
-    Events,
-    informative,
-    likelihood,
-    observed,
-)
-from causal_openlock.belief.sampling import LISTED_CAUSES, Sampler, listed, sampled, with_sampled
-from causal_openlock.belief.structures import Structures
+from causal_openlock.belief.likelihoods import Event, likelihood, observed
+from causal_openlock.belief.sampling import LISTED_CAUSES, Sampler, sampled, with_sampled
 from causal_openlock.contract.learner import Brief, Step, View
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 
@@ -49,11 +34,6 @@ REDRAWS = 2
 """Times that a subject samples again before it concludes that levers may fail."""
 FEW_DRAWS = 40
 """Draws up to which all structures are taken to be drawn: sampling again finds no others."""
-SAVED = ("slots", "which", "weight", "start", "found", "possible")
-"""Fields of a belief that a checkpoint holds as they are; none of them is changed in place."""
-CACHED_EVENTS = 1000
-"""Events whose likelihood is kept for a space, each with a byte for every hypothesis."""
-_ALLOWED: WeakKeyDictionary[Space, dict[Event, BoolArray]] = WeakKeyDictionary()
 
 
 @dataclass(eq=False, repr=False)
@@ -111,6 +91,48 @@ class Belief:
         weight = self.weight[self.weight > 0]
         return float(-(weight * np.log2(weight)).sum())
 
+    def observe(self, event: Event) -> bool:
+        """Update by Bayes' rule; False, and nothing changes, if no hypothesis explains the event.
+
+        Hypotheses that are ruled out are dropped, unless the subject forgets.
+        """
+        weight = self.weight * self._likelihood(event)
+        total = weight.sum()
+        if not total > 0:
+            return False
+        weight /= total
+        if self.start is None:
+            kept = weight > 0
+            self.which, weight = self.which[kept], weight[kept]
+        self.weight = weight
+        return True
+
+    def _likelihood(self, event: Event) -> FloatArray:
+        """``[E]`` likelihood of an event."""
+        return likelihood(self.space.hypotheses, self.which, self.space.strengths, event)
+
+    def explain(self, events: Mapping[Event, int]) -> None:
+        """Condition a new belief on all events of a trial, and how often each was observed."""
+        with np.errstate(divide="ignore"):
+            log_prob = np.log(self.weight)
+            for event, times in events.items():
+                log_prob += times * np.log(self._likelihood(event))
+        best = log_prob.max(initial=-np.inf)
+        self.possible = bool(np.isfinite(best))
+        if self.possible:
+            weight = np.exp(log_prob - best)
+            kept = weight > 0 if self.start is None else np.ones(len(weight), dtype=bool)
+            self.which, self.weight = self.which[kept], weight[kept] / weight.sum()
+
+    def remember(self, events: Iterable[Event]) -> None:
+        """Make events part of the baseline, unless no hypothesis explains them."""
+        assert self.start is not None, "the subject forgets"
+        weight = self.start.copy()
+        for event in events:
+            weight *= self._likelihood(event)
+        total = weight.sum()
+        self.start = weight / total if total > 0 else self.start
+
     def forget(self, lost: float, keeps: bool) -> None:
         """Lose a part of the trial's evidence at the end of an attempt.
 
@@ -120,46 +142,10 @@ class Belief:
         if self.start is None:
             return
         if keeps:
-            self.start = conditioned(self.space, self.which, self.start, self.attempt)
+            self.remember(self.attempt)
             self.kept += self.attempt
         self.attempt = ()
         self.weight = (1.0 - lost) * self.weight + lost * self.start
-
-
-def conditioned(
-    space: Space, which: IntArray, prior: FloatArray, events: Iterable[Event]
-) -> FloatArray:
-    """``[E]`` posterior of the hypotheses ``which``, by Bayes' rule.
-
-    If no hypothesis explains the events, the prior, ``[E]``, is returned.
-    """
-    weight = prior.copy()
-    for event in events:
-        weight *= likelihood(space.hypotheses, which, space.strengths, event)
-    total = weight.sum()
-    return weight / total if total > 0 else prior
-
-
-def _likelihood_of_all(space: Space, event: Event) -> NDArray[Any]:
-    """``[H]`` likelihood of one event under every hypothesis of a space; cached without noise."""
-    if len(space.strengths) > 1:
-        return likelihood(space.hypotheses, np.arange(len(space)), space.strengths, event)
-    # The solutions found before matter to the door alone.
-    return _allows(space, event if event.slot == DOOR else event._replace(found=()))
-
-
-def _allows(space: Space, event: Event) -> BoolArray:
-    """``[H]`` which hypotheses of a space without noise allow an event.
-
-    Subjects that forget rule nothing out, and meet the same events again and again.
-    """
-    known = _ALLOWED.setdefault(space, {})
-    if event not in known:
-        if len(known) >= CACHED_EVENTS:
-            known.clear()
-        every = np.arange(len(space))
-        known[event] = likelihood(space.hypotheses, every, space.strengths, event) > 0
-    return known[event]
 
 
 class Beliefs:
@@ -208,65 +194,55 @@ class Beliefs:
         """Form the prior of subjects that have just come into a room."""
         new = [b for b in np.flatnonzero(view.playing).tolist() if self.of[b] is None]
         is_grey = view.observation[:, self.positions : 2 * self.positions] == 1
-        groups: dict[tuple[RoomSight, bool], list[int]] = {}
         for subject in new:
+            grey = is_grey[subject]
             sight = RoomSight(
                 self.positions,
-                int(is_grey[subject].sum()),
+                int(grey.sum()),
                 int(view.console.solutions_left[subject]),
                 int(view.console.actions_left[subject]),
             )
-            groups.setdefault((sight, bool(self.unsure[subject])), []).append(subject)
-        for (sight, unsure), members in groups.items():
-            order = np.argsort(~is_grey[members], axis=1, kind="stable")
-            space = self._space(sight, unsure)
-            if sight.grey > FREE_FORM_LEVERS:
-                for row, subject in enumerate(members):
-                    self.of[subject] = self._sampled(subject, space, np.argsort(order[row]), {})
-                continue
-            weights = self._weights(space, np.array(members), order)
-            for row, subject in enumerate(members):
-                self.of[subject] = self._fresh(space, np.argsort(order[row]), weights[row])
+            slots = np.argsort(np.argsort(~grey, kind="stable"))
+            self.of[subject] = self._prior_belief(subject, sight, slots, {})
 
     def _space(self, sight: RoomSight, unsure: bool) -> Space:
         how = self._unsure if unsure else self._certain
         return enumerated(sight, how, self.prior.simplicity, self.prior.hypothesis_limit)
 
-    def _weights(self, space: Space, subjects: IntArray, order: IntArray) -> FloatArray:
-        """``[len(subjects), H]`` prior probabilities of the hypotheses about a room."""
+    def _prior_belief(
+        self, subject: int, sight: RoomSight, slots: IntArray, events: Mapping[Event, int]
+    ) -> Belief:
+        """A belief before anything is observed.
+
+        Where there are too many structures to list, ``events``, what was observed so far and how
+        often, decides which are sampled.
+        """
+        space, drawn = self._space(sight, bool(self.unsure[subject])), 0
+        if sight.grey > FREE_FORM_LEVERS:
+            of_gates: Counter[Event] = Counter()
+            for event, times in events.items():  # solutions say nothing about single gates
+                of_gates[event._replace(new=False, found=())] += times
+            prior, strength = self.prior, space.strengths.typical
+            sampler = Sampler(sight.grey, prior.simplicity, strength, of_gates.items())
+            generator = self._generators[subject]
+            sample = sampled(sampler, sight, prior.particles, generator, prior.effort)
+            space, drawn = with_sampled(space, sample), len(sample)
+        weight = self._weights(subject, space, slots)
+        which = np.flatnonzero(weight > 0)
+        share = weight[which] / weight[which].sum()
+        start = share if self.prior.forgetting else None
+        return Belief(space, slots, which, share, start, drawn=drawn)
+
+    def _weights(self, subject: int, space: Space, slots: IntArray) -> FloatArray:
+        """``[H]`` prior probabilities of the hypotheses about a room."""
         known = self.knowledge
-        places = np.take_along_axis(known.places(subjects), order, axis=1)
-        noisy = len(space.strengths) > 1
-        strength = known.strengths[subjects] if noisy else np.ones((len(subjects), 1))
-        weights = space.prior(known.classes(subjects), known.rules[subjects], places, strength)
+        places = known.places(subject)[np.argsort(slots)]
+        strength = known.strengths[subject] if len(space.strengths) > 1 else np.ones(1)
+        weights = space.prior(known.classes(subject), known.rules[subject], places, strength)
         if self.prior.directness:
             direct = np.bitwise_count(space.hypotheses.causes[:, -1])
             weights *= np.exp(self.prior.directness * direct)
         return weights
-
-    def _fresh(self, space: Space, slots: IntArray, weight: FloatArray) -> Belief:
-        which = np.flatnonzero(weight > 0)
-        share = weight[which] / weight[which].sum()
-        return Belief(space, slots, which, share, share if self.prior.forgetting else None)
-
-    def _sampled(
-        self, subject: int, space: Space, slots: IntArray, events: dict[Event, int]
-    ) -> Belief:
-        """A belief over what is enumerated and over draws from the free form's posterior.
-
-        ``events`` is what was observed so far, and how often.
-        """
-        of_gates: Counter[Event] = Counter()
-        for event, times in events.items():  # solutions say nothing about single gates
-            of_gates[event._replace(new=False, found=())] += times
-        prior, sight = self.prior, space.sight
-        sampler = Sampler(sight.grey, prior.simplicity, space.strengths.typical, of_gates.items())
-        drawn = sampled(sampler, sight, prior.particles, self._generators[subject], prior.effort)
-        whole = with_sampled(space, drawn)
-        weight = self._weights(whole, np.array([subject]), np.argsort(slots)[None])[0]
-        fresh = self._fresh(whole, slots, weight)
-        fresh.drawn = len(drawn)
-        return fresh
 
     def leave(self, subject: int) -> None:
         """Update what is carried between rooms, and forget the room."""
@@ -279,67 +255,36 @@ class Beliefs:
 
     def update(self, step: Step) -> None:
         """Update the posteriors with what the subjects' actions led to."""
-        subjects = informative(step)
-        beliefs = [self._belief(subject) for subject in subjects.tolist()]
-        slots = np.array([belief.slots for belief in beliefs], dtype=np.int64)
-        slots = slots.reshape(-1, self.positions)
-        events = observed(step, subjects, slots, [belief.found for belief in beliefs])
-        spaces: dict[int, list[int]] = {}
-        for row, belief in enumerate(beliefs):
-            event = events.single(row, belief.found)
-            belief.events[event] += 1
-            if belief.start is not None:
-                belief.attempt = (*belief.attempt, event)
-            if belief.start is None or not belief.whole:
-                spaces.setdefault(id(belief.space), []).append(row)
-                continue
-            weight = belief.weight * _likelihood_of_all(belief.space, event)
-            if (total := weight.sum()) > 0:
-                belief.weight = weight / total
-            else:
-                self._reconsider(int(subjects[row]))
-        for rows in spaces.values():
-            self._update(subjects[rows], events[np.array(rows)])
-        for row in np.flatnonzero(events.new).tolist():
-            belief = self._belief(subjects[row])
-            belief.found = (*belief.found, int(events.pushed[row]))
-        if self.prior.forgetting:
-            for subject in np.flatnonzero(step.attempt_over & step.view.playing).tolist():
+        for subject in np.flatnonzero(step.view.playing).tolist():
+            belief = self._belief(subject)
+            event = observed(step, subject, belief.slots, belief.found)
+            if event is not None:
+                self._observe(subject, event)
+            belief = self._belief(subject)
+            if self.prior.forgetting and step.attempt_over[subject]:
                 keeps = bool(step.new_solution[subject]) and self.prior.forgets == "failures"
-                self._belief(subject).forget(self.prior.forgetting, keeps)
-        for subject in np.flatnonzero(step.trial_over & step.view.playing).tolist():
-            self.leave(subject)
+                belief.forget(self.prior.forgetting, keeps)
+            if step.trial_over[subject]:
+                self.leave(subject)
+
+    def _observe(self, subject: int, event: Event) -> None:
+        belief = self._belief(subject)
+        belief.events[event] += 1
+        if belief.start is not None:
+            belief.attempt = (*belief.attempt, event)
+        if not belief.observe(event):
+            self._reconsider(subject)
+        elif belief.drawn > FEW_DRAWS and self._depleted(belief):
+            fresh = self._rebuilt(subject)
+            self.of[subject] = fresh if fresh.possible else belief
+        if event.new:
+            belief = self._belief(subject)
+            belief.found = (*belief.found, event.pushed)
 
     def _belief(self, subject: int) -> Belief:
         belief = self.of[subject]
         assert belief is not None, "the subject is in no room"
         return belief
-
-    def _update(self, subjects: IntArray, events: Events) -> None:
-        """One event for each of some subjects that share a space."""
-        beliefs = [self._belief(subject) for subject in subjects]
-        sizes = [len(belief.which) for belief in beliefs]
-        of = np.repeat(np.arange(len(subjects)), sizes)
-        which = np.concatenate([belief.which for belief in beliefs])
-        weight = np.concatenate([belief.weight for belief in beliefs])
-        space = beliefs[0].space
-        weight *= likelihood(space.hypotheses, which, space.strengths, events[of])
-        total = np.bincount(of, weight, minlength=len(subjects))
-        ends = np.cumsum([0, *sizes])
-        for row, belief in enumerate(beliefs):
-            own = slice(ends[row], ends[row + 1])
-            if total[row] <= 0:
-                self._reconsider(int(subjects[row]))
-                continue
-            share = weight[own] / total[row]
-            if belief.start is None:
-                kept = share > 0
-                belief.which, belief.weight = which[own][kept], share[kept]
-            else:
-                belief.weight = share
-            if belief.drawn > FEW_DRAWS and self._depleted(belief):
-                fresh = self._rebuilt(int(subjects[row]))
-                self.of[subjects[row]] = fresh if fresh.possible else belief
 
     # -- when too few hypotheses are left --------------------------------------------------------
 
@@ -366,75 +311,10 @@ class Beliefs:
     def _rebuilt(self, subject: int) -> Belief:
         """The posterior over other hypotheses, given everything observed in this trial."""
         past = self._belief(subject)
-        sight = past.space.sight
-        space = self._space(sight, bool(self.unsure[subject]))
-        if sight.grey > FREE_FORM_LEVERS:
-            fresh = self._sampled(subject, space, past.slots, past.events)
-        else:
-            weight = self._weights(space, np.array([subject]), past.positions[None])[0]
-            fresh = self._fresh(space, past.slots, weight)
+        fresh = self._prior_belief(subject, past.space.sight, past.slots, past.events)
         fresh.events, fresh.found = past.events, past.found
         fresh.attempt, fresh.kept = past.attempt, past.kept
-        hypotheses, strengths_ = fresh.space.hypotheses, fresh.space.strengths
-        with np.errstate(divide="ignore"):
-            log_prob = np.log(fresh.weight)
-            for event, times in past.events.items():
-                chance = likelihood(hypotheses, fresh.which, strengths_, event)
-                log_prob += times * np.log(chance)
-        best = log_prob.max(initial=-np.inf)
-        fresh.possible = bool(np.isfinite(best))
-        if fresh.possible:
-            weight = np.exp(log_prob - best)
-            kept = weight > 0 if fresh.start is None else np.ones(len(weight), dtype=bool)
-            fresh.which, fresh.weight = fresh.which[kept], weight[kept] / weight.sum()
-            if fresh.start is not None:
-                fresh.start = conditioned(fresh.space, fresh.which, fresh.start, fresh.kept)
+        fresh.explain(past.events)
+        if fresh.possible and fresh.start is not None:
+            fresh.remember(fresh.kept)
         return fresh
-
-    # -- checkpoints ----------------------------------------------------------------------------
-
-    def state_dict(self) -> dict[str, Any]:
-        """The whole state; of enumerated hypotheses only how to enumerate them."""
-        return {
-            "knowledge": self.knowledge.state_dict(),
-            "unsure": self.unsure.copy(),
-            "generators": [generator.bit_generator.state for generator in self._generators],
-            "of": [None if belief is None else self._saved(belief) for belief in self.of],
-        }
-
-    @staticmethod
-    def _saved(belief: Belief) -> dict[str, Any]:
-        drawn = belief.space.blocks[-1].catalogue if belief.drawn else None
-        return {
-            "sight": tuple(belief.space.sight),
-            "unsure": len(belief.space.strengths) > 1,
-            "sampled": drawn and (drawn.members.causes, drawn.members.threshold, drawn.chance),
-            **{name: getattr(belief, name) for name in SAVED},
-            "events": [(tuple(event), times) for event, times in belief.events.items()],
-            "attempt": tuple(map(tuple, belief.attempt)),
-            "kept": tuple(map(tuple, belief.kept)),
-        }
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Continue from a checkpoint."""
-        self.knowledge.load_state_dict(state["knowledge"])
-        self.unsure = state["unsure"].copy()
-        for generator, saved in zip(self._generators, state["generators"], strict=True):
-            generator.bit_generator.state = saved
-        self.of = [None if saved is None else self._restored(saved) for saved in state["of"]]
-
-    def _restored(self, saved: dict[str, Any]) -> Belief:
-        space = self._space(RoomSight(*saved["sight"]), saved["unsure"])
-        drawn = 0
-        if saved["sampled"]:
-            causes, threshold, chance = saved["sampled"]
-            own = listed(Structures(causes, threshold), chance)
-            space, drawn = with_sampled(space, own), len(own)
-        return Belief(
-            space,
-            **{name: saved[name] for name in SAVED},
-            drawn=drawn,
-            events=Counter({Event(*event): times for event, times in saved["events"]}),
-            attempt=tuple(Event(*event) for event in saved["attempt"]),
-            kept=tuple(Event(*event) for event in saved["kept"]),
-        )

@@ -65,10 +65,9 @@ class Catalogue:
         return int(self.behaviour[-1]) + 1 if len(self.behaviour) else 0
 
     def prior(self, classes: FloatArray) -> FloatArray:
-        """``[B, U]`` probability of each behaviour, given ``[B, C + 1]`` that of each class."""
-        pairs = classes[:, self.kind] * self.chance
+        """``[U]`` probability of each behaviour, given ``[C + 1]`` that of each class."""
         starts = np.searchsorted(self.behaviour[self.member], np.arange(len(self)))
-        return np.add.reduceat(pairs, starts, axis=1)
+        return np.add.reduceat(classes[self.kind] * self.chance, starts)
 
     def pairs_given_behaviour(self, classes: FloatArray) -> FloatArray:
         """``[G]`` probability of structure and class, given the behaviour; for one subject."""

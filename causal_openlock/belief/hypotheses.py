@@ -172,46 +172,41 @@ class Space:
         return np.cumsum(sizes)
 
     def marked(self, places: FloatArray) -> FloatArray:
-        """``[B, V, 3]`` probability of each set of active levers under each rule.
+        """``[V, 3]`` probability of each set of active levers under each rule.
 
-        ``places``, ``[B, P]``, is the probability that each slot is active, under the rule by
+        ``places``, ``[P]``, is the probability that each slot is active, under the rule by
         position.
         """
         positions, grey = self.sight.positions, self.sight.grey
-        bits = (self.active[:, None] >> np.arange(positions) & 1).astype(bool)
-        by_place = np.where(bits, places[:, None], 1.0 - places[:, None]).prod(axis=2)
+        bits = self.active[:, None] >> np.arange(positions) & 1 == 1
+        by_place = np.where(bits, places, 1.0 - places).prod(axis=1)
         all_grey = (1 << grey) - 1
         all_white = (1 << positions) - 1 - all_grey
-        by_colour = [np.broadcast_to(self.active == colour, by_place.shape)
-                     for colour in (all_grey, all_white)]  # fmt: skip
-        return np.stack([*by_colour, by_place], axis=2).astype(float)
+        return np.stack([self.active == all_grey, self.active == all_white, by_place], axis=1)
 
     def prior(
         self, classes: FloatArray, rules: FloatArray, places: FloatArray, strengths: FloatArray
     ) -> FloatArray:
-        """``[B, H]`` prior probability of each hypothesis for B subjects.
+        """``[H]`` prior probability of each hypothesis.
 
-        Rows add up to less than one: the rest is the probability that the console shows something
+        They add up to less than one: the rest is the probability that the console shows something
         else, and that of hypotheses that are not enumerated.
 
         Args:
-            classes: ``[B, C + 1]`` of each schema class.
-            rules: ``[B, 3]`` of each rule.
-            places: ``[B, P]`` that the lever in each slot is active, under the rule by position.
-            strengths: ``[B, G]`` of each strength.
+            classes: ``[C + 1]`` of each schema class.
+            rules: ``[3]`` of each rule.
+            places: ``[P]`` that the lever in each slot is active, under the rule by position.
+            strengths: ``[G]`` of each strength.
         """
-        marked = (self.marked(places) * rules[:, None]).sum(axis=2)
-        known: dict[int, FloatArray] = {}
+        behaviours: dict[int, FloatArray] = {}
         parts = []
-        for index, block in enumerate(self.blocks):
-            own = block.catalogue
-            if id(own) not in known:
-                possible = classes * feasible(own.members.levers)
-                possible /= possible.sum(axis=1, keepdims=True)
-                known[id(own)] = own.prior(possible)
-            of_block = known[id(own)] * marked[:, [index]]
-            parts.append((of_block[:, :, None] * strengths[:, None]).reshape(len(of_block), -1))
-        return np.concatenate(parts, axis=1)
+        for block, marked in zip(self.blocks, self.marked(places) @ rules, strict=True):
+            levers = len(block.slots)
+            if id(block.catalogue) not in behaviours:
+                possible = classes * feasible(levers)
+                behaviours[id(block.catalogue)] = block.catalogue.prior(possible / possible.sum())
+            parts.append(np.outer(behaviours[id(block.catalogue)] * marked, strengths).ravel())
+        return np.concatenate(parts)
 
 
 def enumerate_space(sight: RoomSight, strengths: Strengths, simplicity: float, limit: int) -> Space:

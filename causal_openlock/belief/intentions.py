@@ -10,7 +10,7 @@ exact, and nothing is drawn.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -20,8 +20,6 @@ from causal_openlock.belief.planning import Situation, fitting_solutions
 from causal_openlock.belief.structures import Hypotheses
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 
-DENSE = 4096
-"""Number of plan codes up to which they need no sorting."""
 Plan = tuple[int, ...] | None
 """Slots to push, in order; None where there is none."""
 
@@ -37,60 +35,26 @@ class Intention(NamedTuple):
     plan: Plan = None
     tried: int = 0
 
+    def missing(self, pushed: int) -> list[int]:
+        """The levers of the plan that are not pushed yet."""
+        return [slot for slot in self.plan or () if not pushed >> slot & 1]
 
-class Course(NamedTuple):
-    """A continuation of an intention.
+    def failed(self, pushed: int) -> bool:
+        """Whether there is no plan, or the lever tried last is not pushed."""
+        return self.plan is None or len(self.plan) - len(self.missing(pushed)) < self.tried
 
-    Attributes:
-        chance: Its probability.
-        slot: What is pushed; P is the door.
-        then: What the subject has in mind after it.
-    """
-
-    chance: float
-    slot: int
-    then: Intention
-
-
-def courses(
-    intention: Intention,
-    situation: Situation,
-    positions: int,
-    draw: Callable[[], Iterable[tuple[float, Plan]]],
-) -> Iterator[Course]:
-    """The continuations of an intention.
-
-    Args:
-        intention: What the subject has in mind.
-        situation: Where its attempt stands.
-        positions: Slots of the room, P.
-        draw: What it may draw if it has no plan, or if its plan has failed; with probabilities.
-    """
-    plan, tried = intention
-    missing = _missing(plan, situation)
-    # If the lever tried last is not pushed, the plan has failed.
-    if plan is None or len(plan) - len(missing) < tried:
-        for chance, new in draw():
-            yield from _on(chance, Intention(new), list(new or ()), situation, positions)
-    else:
-        yield from _on(1.0, intention, missing, situation, positions)
-
-
-def _missing(plan: Plan, situation: Situation) -> list[int]:
-    return [slot for slot in plan or () if not situation.pushed >> slot & 1]
-
-
-def _on(
-    chance: float, mind: Intention, missing: list[int], situation: Situation, positions: int
-) -> Iterator[Course]:
-    if mind.plan is None or not (missing or situation.unlocked):
-        for slot in range(positions):  # any lever
-            yield Course(chance / positions, slot, Intention())
-    elif not missing:
-        yield Course(chance, positions, mind)
-    else:
-        tried = len(mind.plan) - len(missing) + 1
-        yield Course(chance, missing[0], Intention(mind.plan, tried))
+    def continued(
+        self, situation: Situation, positions: int
+    ) -> Iterator[tuple[float, int, Intention]]:
+        """What may come next: its probability, the slot pushed (P is the door), what is in mind."""
+        missing = self.missing(situation.pushed)
+        if self.plan is None or not (missing or situation.unlocked):
+            for slot in range(positions):  # any lever
+                yield 1.0 / positions, slot, Intention()
+        elif missing:
+            yield 1.0, missing[0], Intention(self.plan, len(self.plan) - len(missing) + 1)
+        else:
+            yield 1.0, positions, self
 
 
 class Intentions:
@@ -103,56 +67,58 @@ class Intentions:
 
     def __init__(self, lapse: float, actions: int) -> None:
         self._lapse, self._actions = lapse, actions
-        self._known: Mapping[Intention, float] = {Intention(): 1.0}
-        self._courses: list[tuple[Intention, Course]] = []
+        self._shares: Mapping[Intention, float] = {Intention(): 1.0}
+        self._courses: list[tuple[Intention, float, int, Intention]] = []
 
     def next(
-        self, situation: Situation, positions: int, draw: Callable[[], Iterable[tuple[float, Plan]]]
+        self, situation: Situation, positions: int, draw: Callable[[], list[tuple[float, Plan]]]
     ) -> FloatArray:
-        """``[P + 1]`` the probability of pushing each slot, and the door, but for lapses."""
+        """``[P + 1]`` the probability of pushing each slot, and the door, but for lapses.
+
+        ``draw`` gives what the subject may draw if it has no plan, or if its plan has failed.
+        """
         drawn: list[tuple[float, Plan]] = []
-
-        def once() -> list[tuple[float, Plan]]:
-            drawn.extend(draw() if not drawn else ())
-            return drawn
-
-        self._courses = [
-            (mind, Course(share * course.chance, course.slot, course.then))
-            for mind, share in self._known.items()
-            for course in courses(mind, situation, positions, once)
-        ]
+        self._courses = []
+        for mind, share in self._shares.items():
+            carried_out = [(1.0, mind)]
+            if mind.failed(situation.pushed):
+                drawn = drawn or draw()
+                carried_out = [(chance, Intention(plan)) for chance, plan in drawn]
+            for chance, intention in carried_out:
+                for then, slot, after in intention.continued(situation, positions):
+                    self._courses.append((mind, share * chance * then, slot, after))
         odds = np.zeros(positions + 1)
-        for _, course in self._courses:
-            odds[course.slot] += course.chance
+        for _, chance, slot, _ in self._courses:
+            odds[slot] += chance
         return odds
 
     def acted(self, slot: int | None, over: bool) -> None:
         """Update by an action: a push of a slot, or another; and by whether the attempt is over."""
-        known: defaultdict[Intention, float] = defaultdict(float)
-        if not over:
-            for mind, course in self._courses:
-                if course.slot == slot:
-                    known[course.then] += (1.0 - self._lapse) * course.chance
-                if self._lapse:
-                    known[mind] += self._lapse / self._actions * course.chance
-        total = sum(known.values())
+        shares: defaultdict[Intention, float] = defaultdict(float)
+        for mind, chance, pushed, after in self._courses if not over else ():
+            if pushed == slot:
+                shares[after] += (1.0 - self._lapse) * chance
+            if self._lapse:
+                shares[mind] += self._lapse / self._actions * chance
+        total = sum(shares.values())
         # What no intention leads to leaves none.
-        self._known = (
-            {mind: share / total for mind, share in known.items()} if total else {Intention(): 1.0}
-        )
+        self._shares = {Intention(): 1.0}
+        if total:
+            self._shares = {mind: share / total for mind, share in shares.items()}
         self._courses = []
 
 
 def drawn_solutions(
     hypotheses: Hypotheses, weight: FloatArray, situation: Situation, by_weight: bool
 ) -> list[tuple[float, Plan]]:
-    """The plans that :func:`~causal_openlock.belief.planning.sample_solution` draws, with chances.
+    """The plans that a subject may draw, with their probabilities.
 
     Args:
         hypotheses: ``[h]`` the possible hypotheses.
         weight: ``[h]`` their probabilities.
         situation: Where the attempt stands.
-        by_weight: As there.
+        by_weight: Whether it draws a hypothesis by its probability and then a solution of it, or
+            any solution that some hypothesis allows.
     """
     fitting = fitting_solutions(hypotheses, weight, situation)
     if fitting is None:
@@ -169,30 +135,16 @@ def drawn_solutions(
         values, number = np.unique(solution, return_inverse=True)
         chance = weight[which] / np.bincount(number, weight[which])[number] / len(values)
     orders = in_order(hypotheses, which, solution, situation.pushed)
-    # The rows as numbers: sorting these takes a hundredth of the time, and few need no sorting.
+    # The orders as numbers: sorting these takes a hundredth of the time.
     base = hypotheses.causes.shape[1] + 1
-    wide = np.int64 if base ** len(orders) < 2**62 else object
-    code = (base ** np.arange(len(orders), dtype=wide)) @ (orders + 1).astype(wide)
-    if base ** len(orders) <= DENSE:
-        codes, number = np.arange(base ** len(orders)), code
-    else:
-        codes, number = np.unique(code, return_inverse=True)
-    chances = np.bincount(number, chance, len(codes)) / chance.sum()
-    some = np.flatnonzero(chances)
-    return [(float(chances[place]), _decoded(int(codes[place]), base)) for place in some.tolist()]
-
-
-def _decoded(code: int, base: int) -> tuple[int, ...]:
-    """The slots of a plan, from its number.
-
-    >>> _decoded(1 + 8 * 4, 8)
-    (0, 3)
-    """
-    slots = []
-    while code:
-        code, digit = divmod(code, base)
-        slots.append(digit - 1)
-    return tuple(slots)
+    code = (base ** np.arange(len(orders))) @ (orders + 1).astype(np.int64)
+    _, first, number = np.unique(code, return_index=True, return_inverse=True)
+    chances = np.bincount(number, chance) / chance.sum()
+    return [
+        (share, tuple(slot for slot in order if slot >= 0))
+        for share, order in zip(chances.tolist(), orders.T[first].tolist(), strict=True)
+        if share > 0
+    ]
 
 
 def in_order(
@@ -211,15 +163,12 @@ def in_order(
     causes, threshold = hypotheses.causes.T[:-1, which], hypotheses.threshold.T[:-1, which]
     done = np.full(len(which), pushed, dtype=np.uint16)
     orders = np.zeros((most, len(which)), dtype=np.int8)
-    for place, order in enumerate(orders, start=1):
-        open_ = missing
-        if place < most:  # of the last there is one at most
-            ready = np.zeros_like(missing)
-            for slot in range(len(causes)):
-                able = np.bitwise_count(causes[slot] & done) >= threshold[slot]
-                ready |= able.astype(np.uint16) << np.uint16(slot)
-            ready &= missing
-            open_ = np.where(ready, ready, missing)
+    for order in orders:
+        ready = np.zeros_like(missing)
+        for slot in range(len(causes)):
+            able = np.bitwise_count(causes[slot] & done) >= threshold[slot]
+            ready |= able.astype(np.uint16) << np.uint16(slot)
+        open_ = np.where(ready & missing, ready & missing, missing)
         first = open_ & (~open_ + np.uint16(1))  # the lowest bit
         order[:] = np.where(first, np.bitwise_count(first - np.uint16(1)), -1)
         missing, done = missing & ~first, done | first

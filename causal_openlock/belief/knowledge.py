@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -111,14 +111,14 @@ class Knowledge:
         self.visits: FloatArray = np.zeros(subjects)
         self.strengths: FloatArray = np.tile(strengths.prior, (subjects, 1))
 
-    def classes(self, subjects: IntArray) -> FloatArray:
-        """``[len(subjects), C + 1]`` probability of each class in the next room."""
-        counts = self.rooms[subjects] + self._counts
-        return counts / counts.sum(axis=1, keepdims=True)
+    def classes(self, subject: int) -> FloatArray:
+        """``[C + 1]`` probability of each class in the subject's next room."""
+        counts = self.rooms[subject] + self._counts
+        return counts / counts.sum()
 
-    def places(self, subjects: IntArray) -> FloatArray:
-        """``[len(subjects), P]`` probability that the lever at each position is active."""
-        return (self.active[subjects] + 1.0) / (self.visits[subjects, None] + 2.0)
+    def places(self, subject: int) -> FloatArray:
+        """``[P]`` probability that the lever at each position is active."""
+        return (self.active[subject] + 1.0) / (self.visits[subject] + 2.0)
 
     def absorb(
         self, subject: int, space: Space, which: IntArray, weight: FloatArray, slots: IntArray
@@ -132,11 +132,10 @@ class Knowledge:
             weight: ``[E]`` their probabilities.
             slots: ``[P]`` the slot of each position.
         """
-        rows = np.array([subject])
         many = len(space.strengths)
         in_block = np.searchsorted(space.ends, which, side="right")
         blocks = np.bincount(in_block, weight, minlength=len(space.blocks))
-        by_rule = space.marked(self.places(rows)[:, np.argsort(slots)])[0] * self.rules[subject]
+        by_rule = space.marked(self.places(subject)[np.argsort(slots)]) * self.rules[subject]
         total = by_rule.sum(axis=1, keepdims=True)
         shares = np.divide(by_rule, total, out=np.zeros_like(by_rule), where=total > 0)
         rules = blocks @ shares
@@ -150,25 +149,15 @@ class Knowledge:
         if many > 1:
             self.strengths[subject] = np.bincount(which % many, weight, minlength=many)
 
-        classes = self.classes(rows)[0]
+        classes = self.classes(subject)
         starts = np.concatenate([[0], space.ends[:-1]])
         counts = np.zeros_like(classes)
         for index in np.flatnonzero(blocks > 0):
-            own = space.blocks[index].catalogue
+            listed = space.blocks[index].catalogue
             of_block = in_block == index
             behaviour = (which[of_block] - starts[index]) // many
-            held = np.bincount(behaviour, weight[of_block], minlength=len(own))
-            possible = classes * feasible(own.members.levers)
-            pairs = own.pairs_given_behaviour(possible) * held[own.behaviour[own.member]]
-            counts += np.bincount(own.kind, pairs, minlength=len(counts))
+            held = np.bincount(behaviour, weight[of_block], minlength=len(listed))
+            possible = classes * feasible(listed.members.levers)
+            pairs = listed.pairs_given_behaviour(possible) * held[listed.behaviour[listed.member]]
+            counts += np.bincount(listed.kind, pairs, minlength=len(counts))
         self.rooms[subject] += counts
-
-    def state_dict(self) -> dict[str, Any]:
-        """The whole state, for a checkpoint."""
-        names = ("rooms", "rules", "active", "visits", "strengths")
-        return {name: getattr(self, name).copy() for name in names}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Continue from a checkpoint."""
-        for name, value in state.items():
-            setattr(self, name, value.copy())

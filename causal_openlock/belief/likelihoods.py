@@ -13,14 +13,12 @@ while it is locked) carry no information and make no event.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from causal_openlock.belief.hypotheses import Strengths
-from causal_openlock.belief.structures import Hypotheses, Masks, Rows
+from causal_openlock.belief.structures import Hypotheses
 from causal_openlock.contract.learner import Step
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 
@@ -47,93 +45,42 @@ class Event(NamedTuple):
     new: bool
     found: tuple[int, ...] = ()
 
-    def repeated(self, count: int) -> Events:
-        """Repeat an event ``count`` times, to compare it with that number of hypotheses."""
-        return Events(
-            np.full(count, self.slot),
-            np.full(count, self.pushed, dtype=np.uint16),
-            np.full(count, self.took_effect, dtype=bool),
-            np.full(count, self.unlocked, dtype=bool),
-            np.full(count, self.new, dtype=bool),
-            np.tile(np.array(self.found, dtype=np.uint16), (count, 1)),
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Events(Rows):
-    """E events: the fields of :class:`Event`, each an array ``[E]``; ``found`` is ``[E, F]``.
-
-    Rows of ``found`` are padded with 0, which is not a solution: no empty set unlocks the door.
-    """
-
-    slot: IntArray
-    pushed: Masks
-    took_effect: BoolArray
-    unlocked: BoolArray
-    new: BoolArray
-    found: Masks
-
-    def single(self, row: int, found: tuple[int, ...]) -> Event:
-        """One of the events, with the solutions found before it."""
-        return Event(
-            int(self.slot[row]),
-            int(self.pushed[row]),
-            bool(self.took_effect[row]),
-            bool(self.unlocked[row]),
-            bool(self.new[row]),
-            found,
-        )
-
-
-def informative(step: Step) -> IntArray:
-    """The subjects whose action could do something: only these observe an event."""
-    seen = step.view.observation
-    positions = seen.shape[1] // 2 - 1
-    is_pushed = seen[np.arange(len(seen)), step.action % positions] == 1
-    able = np.where(
-        step.action == 2 * positions, seen[:, -2] == 0, (step.action >= positions) == is_pushed
-    )
-    return np.flatnonzero(step.view.playing & able)
-
 
 def observed(
-    step: Step, subjects: IntArray, slots: IntArray, found: Sequence[tuple[int, ...]]
-) -> Events:
-    """The events that some subjects observed.
+    step: Step, subject: int, slots: IntArray, found: tuple[int, ...] = ()
+) -> Event | None:
+    """The event that a subject observed; None if its action could not do anything.
 
     Args:
-        step: What their actions led to.
-        subjects: ``[E]`` some of the :func:`informative` ones.
-        slots: ``[E, P]`` the slot of each position in the room of each.
-        found: The solutions that each had found before.
+        step: What the actions of all subjects led to.
+        subject: Number of the subject; it still plays.
+        slots: ``[P]`` the slot of each position in its room.
+        found: The solutions that it had found before.
     """
-    seen, outcome = step.view.observation[subjects], step.outcome[subjects]
-    action, rows = step.action[subjects], np.arange(len(subjects))
-    positions = slots.shape[1]
-    door, lever = action == 2 * positions, action % positions
-    padded = np.zeros((len(subjects), max(map(len, found), default=0)), dtype=np.uint16)
-    for row, sets in enumerate(found):
-        padded[row, : len(sets)] = sets
-    return Events(
-        slot=np.where(door, DOOR, slots[rows, lever]),
-        pushed=(seen[:, :positions].astype(np.int64) << slots).sum(axis=1).astype(np.uint16),
-        took_effect=np.where(door, outcome[:, -1] == 1, seen[rows, lever] != outcome[rows, lever]),
-        unlocked=outcome[:, -2] == 0,
-        new=step.new_solution[subjects],
-        found=padded,
-    )
+    before, after = step.view.observation[subject], step.outcome[subject]
+    verb, position = divmod(int(step.action[subject]), len(slots))
+    pushed = int((before[: len(slots)].astype(np.int64) << slots).sum())
+    unlocked, new = bool(after[-2] == 0), bool(step.new_solution[subject])
+    if verb == 2:
+        if before[-2]:  # the door is locked
+            return None
+        return Event(DOOR, pushed, bool(after[-1]), unlocked, new, found)
+    if before[position] != verb:  # a lever that is pushed already, or pulled back already
+        return None
+    moved = bool(before[position] != after[position])
+    return Event(int(slots[position]), pushed, moved, unlocked, new, found)
 
 
 def likelihood(
-    hypotheses: Hypotheses, which: IntArray, strengths: Strengths, events: Event | Events
+    hypotheses: Hypotheses, which: IntArray, strengths: Strengths, event: Event
 ) -> FloatArray:
-    """``[E]`` likelihood of events, each under one hypothesis.
+    """``[E]`` likelihood of an event under each of some hypotheses.
 
     Args:
         hypotheses: H hypotheses.
-        which: ``[E]`` the hypothesis of each pair.
+        which: ``[E]`` some of them.
         strengths: What their strengths stand for.
-        events: The event of each pair, or one event for all of them.
+        event: What was observed.
 
     Example:
         A lever that nothing enables can always be pushed; the door is unlocked by it alone.
@@ -147,40 +94,33 @@ def likelihood(
         >>> [float(likelihood(alone, one, certain, event)[0]) for event in (pushed, stuck)]
         [1.0, 0.0]
     """
-    if isinstance(events, Event):
-        events = events.repeated(len(which))
+    slot, pushed, took_effect, unlocked, new, found = event
     door = hypotheses.causes.shape[1] - 1
-    node = np.where(events.slot == DOOR, door, events.slot)
-    chance = takes_effect(hypotheses, which, strengths, node, events.pushed)
-    result: FloatArray = np.where(events.took_effect, chance, 1.0 - chance)
-    of_lever = events.slot != DOOR
-    bit = np.left_shift(np.uint16(1), np.where(of_lever, events.slot, 0).astype(np.uint16))
-    after = np.where(events.took_effect & of_lever, events.pushed ^ bit, events.pushed)
-    live = np.bitwise_count(hypotheses.causes[which, door] & after)
-    result *= (live >= hypotheses.threshold[which, door]) == events.unlocked
-    opened = np.flatnonzero(events.took_effect & ~of_lever)
-    if len(opened):
-        new = completes(hypotheses, which[opened], events.pushed[opened], events.found[opened])
-        result[opened] *= new == events.new[opened]
+    chance = takes_effect(hypotheses, which, strengths, door if slot == DOOR else slot, pushed)
+    result: FloatArray = chance if took_effect else 1.0 - chance
+    after = pushed ^ 1 << slot if took_effect and slot != DOOR else pushed
+    live = np.bitwise_count(hypotheses.causes[which, door] & np.uint16(after))
+    result *= (live >= hypotheses.threshold[which, door]) == unlocked
+    if slot == DOOR and took_effect:
+        result *= completes(hypotheses, which, pushed, found) == new
     return result
 
 
 def takes_effect(
-    hypotheses: Hypotheses,
-    which: IntArray,
-    strengths: Strengths,
-    node: IntArray,
-    pushed: Masks,
+    hypotheses: Hypotheses, which: IntArray, strengths: Strengths, node: int, pushed: int
 ) -> FloatArray:
     """``[E]`` probability that a lever moves, or that the unlocked door opens."""
-    live = np.bitwise_count(hypotheses.causes[which, node] & pushed)
+    live = np.bitwise_count(hypotheses.causes[which, node] & np.uint16(pushed))
     return strengths.chance[hypotheses.strength[which], live, hypotheses.threshold[which, node]]
 
 
-def completes(hypotheses: Hypotheses, which: IntArray, pushed: Masks, found: Masks) -> BoolArray:
+def completes(
+    hypotheses: Hypotheses, which: IntArray, pushed: int, found: tuple[int, ...]
+) -> BoolArray:
     """``[E]`` whether opening the door with these levers pushed completes a new solution."""
     relevant = ~hypotheses.inert[which]
-    done = pushed & relevant
-    credited = (hypotheses.solutions[which] == done[:, None]).any(axis=1)
-    before = ((found & relevant[:, None]) == done[:, None]).any(axis=1)
-    return credited & ~before
+    solution = np.uint16(pushed) & relevant
+    new: BoolArray = (hypotheses.solutions[which] == solution[:, None]).any(axis=1)
+    for earlier in found:
+        new &= np.uint16(earlier) & relevant != solution
+    return new

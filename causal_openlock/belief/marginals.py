@@ -18,16 +18,8 @@ holds, and the edges from its causes are cut. An intervention has three parts:
   effects, and moves if its gate holds (see
   :func:`~causal_openlock.schemas.bayes_net.to_bayesian_network`).
 
-Three examples, with levers A and B and others:
-
-* *Is the door unlocked if A and B are pushed?* ``pushed=[A, B]``; the others stay pulled. The lock
-  is a function of the levers' states, so strengths do not matter.
-* *Is it, after attempts to push A and B?* ``pulled`` are all the others, with
-  ``push_probability=1``: A moves only if its gate holds, with the probability of its strength.
-* *Is it, if A is forced and every other lever is tried?* ``pushed=[A]``, ``push_probability=1``.
-
-pgmpy is imported only when needed: posteriors are updated as plain arrays, thousands of times
-faster.
+pgmpy is imported only for :attr:`Model.network`: posteriors are updated as plain arrays, thousands
+of times faster.
 """
 
 from __future__ import annotations
@@ -47,7 +39,7 @@ from causal_openlock.belief.structure_schemas import schema_of
 from causal_openlock.belief.structures import Hypotheses, Structures
 from causal_openlock.contract.learner import Structure
 from causal_openlock.errors import OpenLockError
-from causal_openlock.schemas.bayes_net import binary_cpd, to_bayesian_network
+from causal_openlock.schemas.bayes_net import to_bayesian_network
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.schemas.schema import DOOR, Schema
 from causal_openlock.wording import nearest
@@ -56,65 +48,6 @@ from causal_openlock.world.room import position_names
 if TYPE_CHECKING:
     import pandas as pd
     from pgmpy.models import DiscreteBayesianNetwork
-
-
-def edge_probabilities(belief: Belief, classes: FloatArray) -> FloatArray:
-    """``[P, P + 1]`` probability that the lever at a position enables another, or the door (last).
-
-    ``classes``, ``[C + 1]``, is the subject's probability of each schema class; so everywhere here.
-    """
-    return believed_structure(belief, classes).edges
-
-
-def believed_structure(belief: Belief, classes: FloatArray) -> Structure:
-    """Probabilities of edges and gates, of the room that a belief is about."""
-    parts = structure_posteriors(belief, classes)
-    each = ((part.positions, part.structures, part.probability.sum(axis=1)) for part in parts)
-    return expected_structure(each, belief.space.sight.positions)
-
-
-def expected_structure(
-    parts: Iterable[tuple[IntArray, Structures | Hypotheses, FloatArray]], positions: int
-) -> Structure:
-    """Probabilities of edges and gates, of structures with these probabilities.
-
-    Args:
-        parts: ``[n]`` where some levers are, M structures on them, and ``[M]`` their probabilities;
-            of all parts together these add up to 1.
-        positions: Positions of the room, P.
-    """
-    edges = np.zeros((positions, positions + 1))
-    several, all_of_them = np.zeros(positions + 1), np.zeros(positions + 1)
-    for at, own, probability in parts:
-        to = np.append(at, positions)
-        for lever, position in enumerate(at):
-            causes = (own.causes >> np.uint16(lever) & 1).astype(float)
-            edges[position, to] += probability @ causes
-        many = np.bitwise_count(own.causes)
-        several[to] += probability @ (many > 1)
-        all_of_them[to] += probability @ ((many > 1) & (own.threshold >= many))
-    gates = np.divide(all_of_them, several, out=np.full(positions + 1, np.nan), where=several > 0)
-    return Structure(edges, gates)
-
-
-def most_probable(belief: Belief, classes: FloatArray) -> tuple[Schema, float]:
-    """The most probable behaviour: a schema that has it, and its probability (MAP).
-
-    The schema is the most probable structure with that behaviour, and the probability is that of
-    all structures with it, whatever their strength. Levers are named by position; those without
-    effect on the door are inert.
-    """
-    best, found = -1.0, None
-    for part in structure_posteriors(belief, classes):
-        each = part.probability.sum(axis=1)
-        alike = np.bincount(part.behaviour, each)
-        index = int(np.where(part.behaviour == alike.argmax(), each, -1.0).argmax())
-        if alike.max() > best:
-            best, found = float(alike.max()), (part, index)
-    assert found is not None, "a belief has a possible hypothesis"
-    part, index = found
-    strength = float(part.strengths.value[part.probability[index].argmax()])
-    return schema_of(part.structures[np.array([index])], part.names, strength), best
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +91,10 @@ class StructurePosterior:
 
 
 def structure_posteriors(belief: Belief, classes: FloatArray) -> tuple[StructurePosterior, ...]:
-    """The posterior over structures, one part for each possible set of active levers."""
+    """The posterior over structures, one part for each possible set of active levers.
+
+    ``classes``, ``[C + 1]``, is the subject's probability of each schema class; so everywhere here.
+    """
     space = belief.space
     many = len(space.strengths)
     names = position_names(space.sight.positions)
@@ -185,6 +121,57 @@ def structure_posteriors(belief: Belief, classes: FloatArray) -> tuple[Structure
             )
         )
     return tuple(parts)
+
+
+def believed_structure(belief: Belief, classes: FloatArray) -> Structure:
+    """Probabilities of edges and gates, of the room that a belief is about."""
+    parts = [
+        (part.positions, part.structures, part.probability.sum(axis=1))
+        for part in structure_posteriors(belief, classes)
+    ]
+    return expected_structure(parts, belief.space.sight.positions)
+
+
+def expected_structure(
+    parts: Iterable[tuple[IntArray, Structures | Hypotheses, FloatArray]], positions: int
+) -> Structure:
+    """Probabilities of edges and gates, of structures with these probabilities.
+
+    Args:
+        parts: ``[n]`` where some levers are, M structures on them, and ``[M]`` their probabilities;
+            of all parts together these add up to 1.
+        positions: Positions of the room, P.
+    """
+    edges = np.zeros((positions, positions + 1))
+    several, all_of_them = np.zeros(positions + 1), np.zeros(positions + 1)
+    for at, own, probability in parts:
+        to = np.append(at, positions)
+        for lever, position in enumerate(at):
+            causes = (own.causes >> np.uint16(lever) & 1).astype(float)
+            edges[position, to] += probability @ causes
+        many = np.bitwise_count(own.causes)
+        several[to] += probability @ (many > 1)
+        all_of_them[to] += probability @ ((many > 1) & (own.threshold >= many))
+    gates = np.divide(all_of_them, several, out=np.full(positions + 1, np.nan), where=several > 0)
+    return Structure(edges, gates)
+
+
+def most_probable(belief: Belief, classes: FloatArray) -> tuple[Schema, float]:
+    """The most probable behaviour: a schema that has it, and its probability (MAP).
+
+    The schema is the most probable structure with that behaviour, and the probability is that of
+    all structures with it, whatever their strength. Levers are named by position; those without
+    effect on the door are inert.
+    """
+    parts = structure_posteriors(belief, classes)
+    behaviours = [np.bincount(part.behaviour, part.probability.sum(axis=1)) for part in parts]
+    at = int(np.argmax([alike.max() for alike in behaviours]))
+    part, alike = parts[at], behaviours[at]
+    having = np.flatnonzero(part.behaviour == alike.argmax())
+    best = having[part.probability[having].sum(axis=1).argmax()]
+    strength = float(part.strengths.value[part.probability[best].argmax()])
+    schema = schema_of(part.structures[best : best + 1], part.names, strength)
+    return schema, float(alike.max())
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,31 +207,19 @@ class Model:
                     graph.add_edge(cause, effect, probability=float(probability))
         return graph
 
-    def unlocked(
-        self,
-        pushed: Iterable[str] = (),
-        pulled: Iterable[str] = (),
-        push_probability: float = 0.0,
-    ) -> float:
-        """P(door unlocked | do) under the most probable structure; see the head of this module.
-
-        Raises:
-            OpenLockError: If there is no such position, or one is set both ways.
-        """
-        up, down = _checked(self.edges.index, pushed, pulled, push_probability)
-        levers = set(self.schema.levers)  # setting any other has no effect
-        return probability_unlocked(self.schema, up & levers, down & levers, push_probability)
-
     def expected_unlocked(
         self,
         pushed: Iterable[str] = (),
         pulled: Iterable[str] = (),
         push_probability: float = 0.0,
     ) -> float:
-        """P(door unlocked | do) averaged over the posterior; else as :meth:`unlocked`.
+        """P(door unlocked | do), averaged over the posterior; see the head of this module.
 
         The average is over structures and not over behaviours, as ``do`` can set levers in ways
-        that no attempt can.
+        that no attempt can. For the most probable structure alone, ask :attr:`network`.
+
+        Raises:
+            OpenLockError: If there is no such position, or one is set both ways.
         """
         up, down = _checked(self.edges.index, pushed, pulled, push_probability)
         total = sum(part.unlocked(up, down, push_probability) for part in self.parts)
@@ -258,48 +233,12 @@ def model_of(belief: Belief, classes: FloatArray) -> Model:
     schema, probability = most_probable(belief, classes)
     names = position_names(belief.space.sight.positions)
     edges = pd.DataFrame(
-        edge_probabilities(belief, classes),
+        believed_structure(belief, classes).edges,
         index=pd.Index(names, name="cause"),
         columns=pd.Index([*names, DOOR], name="effect"),
     )
     parts = structure_posteriors(belief, classes)
     return Model(schema, probability, to_bayesian_network(schema), edges, parts)
-
-
-def probability_unlocked(
-    schema: Schema,
-    pushed: Iterable[str] = (),
-    pulled: Iterable[str] = (),
-    push_probability: float = 0.0,
-) -> float:
-    """P(door unlocked | do) under a schema, by pgmpy; see the head of this module.
-
-    Edges into the levers that are set are cut, and their states made certain. (Conditioning on
-    their states fails if these had probability 0 before, and pgmpy's ``CausalInference.query`` is
-    wrong where levers that cause one another are set together.)
-
-    Raises:
-        OpenLockError: If there is no such lever, or one is set both ways.
-
-    Example:
-        >>> chain = Schema("chain", ["A", "B"], {"A": ["B"], "B": ["door"]})
-        >>> probability_unlocked(chain, pushed=["A"])
-        0.0
-        >>> probability_unlocked(chain, pushed=["A"], push_probability=0.5)
-        0.5
-    """
-    from pgmpy.inference import VariableElimination
-
-    up, down = _checked(schema.levers, pushed, pulled, push_probability)
-    states = {**dict.fromkeys(up, 1), **dict.fromkeys(down, 0)}
-    network = to_bayesian_network(schema, push_probability, lock=True)
-    if states:
-        network = network.do(list(states))
-    for lever, state in states.items():
-        network.remove_cpds(lever)
-        network.add_cpds(binary_cpd(lever, np.array([float(state)])))
-    answer = VariableElimination(network).query([DOOR], show_progress=False)
-    return float(answer.get_value(**{DOOR: 1}))
 
 
 def _checked(

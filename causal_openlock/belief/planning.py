@@ -32,7 +32,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from causal_openlock.belief.hypotheses import Strengths
-from causal_openlock.belief.likelihoods import completes
+from causal_openlock.belief.likelihoods import completes, takes_effect
 from causal_openlock.belief.structures import NEVER, Hypotheses
 from causal_openlock.contract.learner import View
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
@@ -118,7 +118,7 @@ class Planner:
         """
         self._seen: dict[tuple[bytes, int, int], float] = {}
         self._solvable: dict[tuple[int, int], BoolArray] = {}
-        self._found = np.array(situation.found, dtype=np.uint16)
+        self._found = situation.found
         self._door = self.hypotheses.causes.shape[1] - 1
         self._uncertain = len(self.strengths) > 1
         alive = np.flatnonzero(weight > 0)
@@ -214,19 +214,16 @@ class Planner:
     def _optimistic(self, alive: IntArray, weight: FloatArray, pushed: int, left: int) -> float:
         """Upper bound of the chance to solve: its value if the truth were known from here on."""
         if (pushed, left) not in self._solvable:
-            able = achievable(self.hypotheses, pushed, left, self._found.tolist())
+            able = achievable(self.hypotheses, pushed, left, self._found)
             self._solvable[pushed, left] = np.asarray(able.any(axis=1))
         return self.objective.beta * float(weight[self._solvable[pushed, left][alive]].sum())
 
     def _open(self, alive: IntArray, weight: FloatArray, pushed: int, left: int) -> float:
         """The value of pushing the unlocked door."""
         own = self.hypotheses
-        live = np.bitwise_count(own.causes[alive, self._door] & np.uint16(pushed))
-        chance = self.strengths.chance[own.strength[alive], live, own.threshold[alive, self._door]]
-        many = np.full(len(alive), pushed, dtype=np.uint16)
-        found = np.broadcast_to(self._found, (len(alive), len(self._found)))
+        chance = takes_effect(own, alive, self.strengths, self._door, pushed)
         opens = weight * chance
-        new = float((opens * completes(own, alive, many, found)).sum())
+        new = float((opens * completes(own, alive, pushed, self._found)).sum())
         total, opening = weight.sum(), float(opens.sum())
         outcomes = np.array([total - opening, opening - new, new])
         gain = _bits(total) - _bits(outcomes).sum() - self._noise(weight, chance[:, None])[0]

@@ -122,8 +122,8 @@ def listed_schemas(
     kinds, first, place = np.unique(kind[1:], return_index=True, return_inverse=True)
     chance: FloatArray = np.full(len(kinds), 1.0 / len(kinds))
     if known_rooms is not None:
-        classes = _classes(known_rooms)[None] * feasible(len(schema.levers))
-        weight = every.prior(classes / classes.sum())[0]
+        classes = _classes(known_rooms) * feasible(len(schema.levers))
+        weight = every.prior(classes / classes.sum())
         chance = np.bincount(place, weight / weight.sum()).astype(float)
     names = [f"L{lever}" for lever in range(len(schema.levers))]
     found = [
@@ -147,7 +147,7 @@ def _classes(known_rooms: Iterable[Schema]) -> FloatArray:
         space = Space(sight, certain, (block,), every.behaviours)
         which = np.flatnonzero(group[1:] == group[0])
         knowledge.absorb(0, space, which, np.ones(1), np.arange(FREE_FORM_LEVERS))
-    return knowledge.classes(np.array([0]))[0]
+    return knowledge.classes(0)
 
 
 def _catalogue(schema: Schema, action_limit: int) -> Catalogue:

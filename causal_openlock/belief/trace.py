@@ -20,7 +20,7 @@ import numpy as np
 
 from causal_openlock.belief.belief_learner import BeliefLearner
 from causal_openlock.belief.beliefs import Belief
-from causal_openlock.belief.likelihoods import informative, likelihood, observed
+from causal_openlock.belief.likelihoods import likelihood, observed
 from causal_openlock.belief.structure_schemas import (
     behave_alike,
     by_position,
@@ -352,10 +352,9 @@ def _outcome(step: Step) -> str:
 
 def _chance(belief: Belief, step: Step) -> float:
     """The predictive probability of what was observed; 1 if the action could not do anything."""
-    subjects = informative(step)
-    if not len(subjects):
+    event = observed(step, 0, belief.slots, belief.found)
+    if event is None:
         return 1.0
-    event = observed(step, subjects, belief.slots[None], [belief.found]).single(0, belief.found)
     space = belief.space
     return float(belief.weight @ likelihood(space.hypotheses, belief.which, space.strengths, event))
 

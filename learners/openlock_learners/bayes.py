@@ -32,7 +32,7 @@ from pydantic import Field
 from causal_openlock.belief.belief_learner import BeliefLearner
 from causal_openlock.belief.beliefs import Belief, Beliefs
 from causal_openlock.belief.hypotheses import Space
-from causal_openlock.belief.intentions import Intentions, drawn_solutions
+from causal_openlock.belief.intentions import Intentions, Plan, drawn_solutions
 from causal_openlock.belief.knowledge import Prior
 from causal_openlock.belief.planning import (
     TIE,
@@ -41,7 +41,6 @@ from causal_openlock.belief.planning import (
     Situation,
     thinned,
 )
-from causal_openlock.belief.structures import Hypotheses
 from causal_openlock.contract.learner import Brief, Step, View
 from causal_openlock.contract.parameters import Count, Share
 from causal_openlock.schemas.fsm import FloatArray
@@ -88,14 +87,45 @@ class Bayes(BeliefLearner):
             "learn_action": Objective(1.0, 0.0, horizon=1),
         }
 
+    def probabilities(self, view: View) -> FloatArray:
+        """``[B, A]`` the policy mixed with lapses, averaged over possible intentions."""
+        self.beliefs.enter(view)
+        positions, lapse = self.brief.positions, self.parameters.lapse
+        chances = np.full((self.brief.subjects, self.brief.actions), lapse / self.brief.actions)
+        for subject in np.flatnonzero(view.playing).tolist():
+            belief = self.belief(subject)
+            situation = Situation.of(view, subject, belief.slots, belief.found)
+            if self.parameters.policy in ("thompson", "random_consistent"):
+                odds = self._intended(subject, belief, situation)
+            else:
+                odds = self._odds(self._values(belief, situation))
+            odds = (1.0 - lapse) * odds / odds.sum()
+            chances[subject, belief.positions] += odds[:positions]
+            chances[subject, -1] += odds[-1]
+        return chances
+
+    def _intended(self, subject: int, belief: Belief, situation: Situation) -> FloatArray:
+        """``[P + 1]`` the probability of each slot, and the door, after what was done so far."""
+        if subject not in self._intentions:
+            self._intentions[subject] = Intentions(self.parameters.lapse, self.brief.actions)
+
+        def draw() -> list[tuple[float, Plan]]:
+            possible = belief.space.hypotheses
+            if not belief.whole:
+                possible = possible[belief.which]
+            by_weight = self.parameters.policy == "thompson"
+            return drawn_solutions(possible, belief.weight, situation, by_weight)
+
+        return self._intentions[subject].next(situation, self.brief.positions, draw)
+
     def _odds(self, values: FloatArray) -> FloatArray:
         """``[P + 1]`` how likely each lever is pushed, and the door, by softmax."""
-        best = values.max()
-        if self.parameters.temperature > 0:
-            with np.errstate(over="ignore"):  # at very low temperatures
-                odds: FloatArray = np.exp((values - best) / self.parameters.temperature)
-                return odds
-        return (values >= best - TIE).astype(float)
+        best, temperature = values.max(), self.parameters.temperature
+        if not temperature:
+            return (values >= best - TIE).astype(float)
+        with np.errstate(over="ignore"):  # at very low temperatures
+            odds: FloatArray = np.exp((values - best) / temperature)
+        return odds
 
     def _values(self, belief: Belief, situation: Situation) -> FloatArray:
         """``[P + 1]`` value of pushing each lever, and the door, under the policy."""
@@ -106,42 +136,6 @@ class Bayes(BeliefLearner):
             if values.max() < TIE or to_solve[-1] > 0:
                 return to_solve
         return values
-
-    @property
-    def _by_weight(self) -> bool:
-        return self.parameters.policy == "thompson"
-
-    def _possible(self, belief: Belief) -> Hypotheses:
-        hypotheses = belief.space.hypotheses
-        return hypotheses if belief.whole else hypotheses[belief.which]
-
-    def probabilities(self, view: View) -> FloatArray:
-        """``[B, A]`` the policy mixed with lapses, averaged over possible intentions."""
-        self.beliefs.enter(view)
-        positions, lapse = self.brief.positions, self.parameters.lapse
-        found = np.full((self.brief.subjects, self.brief.actions), lapse / self.brief.actions)
-        for subject in np.flatnonzero(view.playing).tolist():
-            belief = self.belief(subject)
-            situation = Situation.of(view, subject, belief.slots, belief.found)
-            if self.parameters.policy in ("thompson", "random_consistent"):
-                odds = self._intended(subject, belief, situation)
-            else:
-                odds = self._odds(self._values(belief, situation))
-            odds = (1.0 - lapse) * odds / odds.sum()
-            found[subject, belief.positions] += odds[:positions]
-            found[subject, -1] += odds[-1]
-        return found
-
-    def _intended(self, subject: int, belief: Belief, situation: Situation) -> FloatArray:
-        """``[P + 1]`` the probability of each slot, and the door, after what was done so far."""
-        if subject not in self._intentions:
-            self._intentions[subject] = Intentions(self.parameters.lapse, self.brief.actions)
-
-        def draw() -> list[tuple[float, tuple[int, ...] | None]]:
-            possible = self._possible(belief), belief.weight, situation
-            return drawn_solutions(*possible, self._by_weight)
-
-        return self._intentions[subject].next(situation, self.brief.positions, draw)
 
     def _plan(self, belief: Belief, situation: Situation, objective: Objective) -> FloatArray:
         space = belief.space
@@ -156,17 +150,15 @@ class Bayes(BeliefLearner):
             plans[key] = planner.values(weight, situation)
         return plans[key]
 
-    def _slot(self, subject: int, action: int) -> int | None:
-        """Node that an action pushes: a slot, P for the door, or None for a pulled lever."""
-        positions = self.brief.positions
-        if action < positions:
-            return int(self.belief(subject).slots[action])
-        return positions if action == 2 * positions else None
-
     def learn(self, step: Step) -> None:
         """Update the posteriors with what was observed."""
+        positions = self.brief.positions
         for subject, intentions in self._intentions.items():
             if step.view.playing[subject]:
-                slot = self._slot(subject, int(step.action[subject]))
+                action, slot = int(step.action[subject]), None
+                if action < positions:
+                    slot = int(self.belief(subject).slots[action])
+                elif action == 2 * positions:
+                    slot = positions  # the door
                 intentions.acted(slot, bool(step.attempt_over[subject]))
         self.beliefs.update(step)

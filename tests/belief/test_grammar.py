@@ -210,7 +210,7 @@ def test_a_catalogue_lists_each_behaviour_once_with_all_that_stands_behind_it(
     for _, key, chance in of_classes(prior, levers, simplicity):
         if fits(key, solutions, action_limit):
             by_hand[seen_of(key, action_limit, strength)] += chance
-    ours = own.prior(prior[None])[0]
+    ours = own.prior(prior)
     first = [seen[index] for index in np.unique(own.behaviour, return_index=True)[1]]
     assert set(first) == by_hand.keys()
     assert ours == pytest.approx([by_hand[behaviour] for behaviour in first], abs=1e-12)

@@ -75,10 +75,7 @@ def learn(knowledge, schema, slots=None):
 def expected(knowledge, schema):
     """How probable it is that the next room, of so many levers and solutions, acts like this."""
     space, found = alike(schema)
-    who = np.array([0])
-    weight = space.prior(
-        knowledge.classes(who), knowledge.rules[who], knowledge.places(who), np.ones((1, 1))
-    )[0]
+    weight = space.prior(knowledge.classes(0), knowledge.rules[0], knowledge.places(0), np.ones(1))
     grey = slice(0, int(space.ends[0]))
     return float(weight[list(found)].sum() / weight[grey].sum())
 
@@ -117,7 +114,7 @@ def test_every_room_of_a_class_counts_for_it():
         hopes.append(expected(knowledge, SCHEMAS["CC4"]))
     gained = np.diff(counts).tolist()
     assert gained == sorted(gained)  # the more probable the class, the larger its share
-    assert knowledge.classes(np.array([0]))[0].argmax() == COMMON_CAUSE
+    assert knowledge.classes(0).argmax() == COMMON_CAUSE
     assert hopes == sorted(hopes)
     assert hopes[-1] > 0.9
 
@@ -135,7 +132,7 @@ def test_transfer_from_two_levers_to_three_is_that_of_enumeration(concentration)
     assert knowledge.rooms[0] == pytest.approx(counts, abs=1e-12)
 
     classes = (counts + concentration * prior) / (1 + concentration)
-    assert knowledge.classes(np.array([0]))[0] == pytest.approx(classes, abs=1e-12)
+    assert knowledge.classes(0) == pytest.approx(classes, abs=1e-12)
     behaviours = defaultdict(float)
     for _, key, chance in of_classes(classes, 3, SIMPLICITY):
         if fits(key, 2, 3):
@@ -196,7 +193,7 @@ def test_levers_of_both_colours_that_are_active_speak_for_places():
         assert knowledge.rules[0, 2] == pytest.approx(1 - RULE_CHANGES * 0.9)
         assert knowledge.active[0].tolist() == [visit, visit, 0, 0, 0, 0, 0]
         often, never = (visit + 1) / (visit + 2), 1 / (visit + 2)
-        assert knowledge.places(np.array([0]))[0] == pytest.approx([often] * 2 + [never] * 5)
+        assert knowledge.places(0) == pytest.approx([often] * 2 + [never] * 5)
 
 
 def test_in_a_session_every_finished_room_counts_once():

@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 
 from causal_openlock.belief.beliefs import STRENGTH_NODES
 from causal_openlock.belief.grammar import class_prior
-from causal_openlock.belief.hypotheses import strengths
-from causal_openlock.belief.marginals import edge_probabilities, model_of, probability_unlocked
+from causal_openlock.belief.hypotheses import Strengths, at_least, strengths
+from causal_openlock.belief.marginals import StructurePosterior, believed_structure, model_of
+from causal_openlock.belief.structure_schemas import structure_of
 from causal_openlock.experiment.session import Session
-from causal_openlock.schemas.bayes_net import to_bayesian_network
-from causal_openlock.schemas.schema import DOOR
+from causal_openlock.schemas.schema import DOOR, Schema
 from causal_openlock.testing import schemas
 from causal_openlock.world.room import position_names
 from openlock_learners.bayes import Bayes
@@ -51,26 +51,26 @@ def unlocked_by_walk(rules, up, down, push):
 @settings(max_examples=40, deadline=None)
 @given(
     data=st.data(),
-    schema=schemas(max_levers=5, stochastic=True) | st.sampled_from([*SCHEMAS.values()]),
+    schema=schemas(max_levers=5) | st.sampled_from([*SCHEMAS.values()]),
+    strength=st.sampled_from([0.3, 0.8, 1.0]),
     push=st.sampled_from([0.0, 0.3, 1.0]),
 )
-def test_interventions_on_any_lock(data, schema, push):
+def test_interventions_on_any_lock(data, schema, strength, push):
     do = data.draw(st.dictionaries(st.sampled_from(schema.levers), st.booleans()))
     up = {lever for lever, state in do.items() if state}
-    expected = unlocked_by_walk(Rules.of(schema), up, do.keys() - up, push)
-    answer = probability_unlocked(schema, up, do.keys() - up, push)
-    assert answer == pytest.approx(expected, abs=1e-9)
-
-
-def test_standing_pushed_and_being_tried_are_two_questions():
-    schema = SCHEMAS["noisy_CC3"]  # L0 enables L1 and L2 with 0.8, each of which unlocks
-    assert probability_unlocked(schema, ["L1"]) == 1.0
-    assert probability_unlocked(schema, pulled=["L0", "L2"], push_probability=1.0) == 0.0
-    tried = probability_unlocked(schema, pulled=["L2"], push_probability=1.0)
-    assert tried == pytest.approx(0.8, abs=1e-12)
-    # Of the lock itself nothing is left to chance.
-    table = to_bayesian_network(schema, 0.5, lock=True).get_cpds(DOOR)
-    np.testing.assert_array_equal(table.get_values(), [[1, 0, 0, 0], [0, 1, 1, 1]])
+    edges = {cause: dict.fromkeys(schema.graph[cause], strength) for cause in schema.levers}
+    gates = {node: schema.gate(node) for node in (*schema.levers, DOOR) if schema.causes(node)}
+    expected = unlocked_by_walk(
+        Rules.of(Schema("all_equal", schema.levers, edges, gates=gates, inert=schema.inert)),
+        up, do.keys() - up, push,
+    )  # fmt: skip
+    chance = np.stack([at_least(1.0), at_least(strength)])
+    how = Strengths(np.array([1.0, strength]), np.array([0.0, 1.0]), chance)
+    certain = StructurePosterior(
+        np.arange(len(schema.levers)), schema.levers, structure_of(schema), np.zeros(1, int), how,
+        np.array([[0.0, 1.0]]),
+    )  # fmt: skip
+    assert certain.unlocked(up, do.keys() - up, push) == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.4])
@@ -98,7 +98,7 @@ def test_edges_and_models_are_averages_over_all_structures(noise):
     played._action = lambda view, row: next(script)
     for _ in played.moments(9):
         belief = played.belief()
-        classes = played.beliefs.knowledge.classes(np.array([0]))[0]
+        classes = played.beliefs.knowledge.classes(0)
         model = model_of(belief, classes)
         held = normalised({r: p * likelihood(r, played.happened[0]) for r, (_, p) in rooms.items()})
         expected, structures = np.zeros((7, 8)), Counter()
@@ -107,7 +107,7 @@ def test_edges_and_models_are_averages_over_all_structures(noise):
             for node, causes in rules.causes.items():
                 for cause in causes:
                     expected[cause, 7 if node == DOOR else node] += probability
-        edges = edge_probabilities(belief, classes)
+        edges = believed_structure(belief, classes).edges
         np.testing.assert_allclose(edges, expected, rtol=0, atol=1e-10)
         np.testing.assert_array_equal(model.edges.to_numpy(), edges)
         assert model.probability >= max(structures.values()) - 1e-10  # with all that act alike
@@ -150,10 +150,8 @@ def test_a_learner_tells_its_belief_as_a_network():
         answer = VariableElimination(model.network).query([DOOR], show_progress=False)
         assert answer.get_value(**{DOOR: 1}) == pytest.approx(1.0)
         for solution in schema.solutions:
-            assert model.unlocked(solution) == 1.0
             assert 0 < model.expected_unlocked(solution) <= 1
-        assert model.unlocked() == model.expected_unlocked() == 0.0
-        assert model.unlocked([name for name in NAMES if name not in schema.levers]) == 0.0
+        assert model.expected_unlocked() == 0.0
     for _ in range(3):
         learner.learn(session.step(learner.act(session.view)))
     after = [model.expected_unlocked([name]) for model in models for name in NAMES]

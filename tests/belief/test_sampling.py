@@ -17,7 +17,7 @@ from causal_openlock.belief.catalogue import fits, free_form_weight
 from causal_openlock.belief.hypotheses import RoomSight, at_least, enumerate_space, strengths
 from causal_openlock.belief.knowledge import Prior
 from causal_openlock.belief.likelihoods import DOOR, Event
-from causal_openlock.belief.marginals import edge_probabilities
+from causal_openlock.belief.marginals import believed_structure
 from causal_openlock.belief.sampling import Sampler, sampled, with_sampled
 from causal_openlock.belief.structures import gate_dags
 from causal_openlock.experiment.declare import Condition, Trials
@@ -270,8 +270,8 @@ def course(schema, prior, seed, actions, luck=0):
     played.beliefs._generators = (np.random.default_rng(luck),)
     seen = []
     for _ in played.moments(actions):
-        classes = played.beliefs.knowledge.classes(np.array([0]))[0]
-        edges = edge_probabilities(played.belief(), classes)
+        classes = played.beliefs.knowledge.classes(0)
+        edges = believed_structure(played.belief(), classes).edges
         seen.append({**dict(np.ndenumerate(edges)), **solving(played.belief())})
     assert played.beliefs.unsure[0] == (prior.noise > 0)
     return seen

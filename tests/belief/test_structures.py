@@ -12,9 +12,8 @@ from scipy.special import betaln
 
 from causal_openlock.belief import likelihoods
 from causal_openlock.belief.hypotheses import Strengths, at_least, strengths
-from causal_openlock.belief.likelihoods import Event, Events, likelihood
+from causal_openlock.belief.likelihoods import Event, likelihood
 from causal_openlock.belief.structures import (
-    Hypotheses,
     gate_dags,
     linear_extensions,
     members,
@@ -160,21 +159,6 @@ def test_a_likelihood_is_the_chance_that_the_oracle_gives(data):
                 assert chance == pytest.approx(expected.get(seen, 0.0), abs=1e-12)
                 total += chance
             assert total == pytest.approx(1.0)
-
-
-def test_events_are_taken_one_hypothesis_each():
-    key = key_of(Schema("one", ["L0"], {"L0": ["door"]}))
-    whole = Hypotheses.joined([hypothesis_of(key, [slot], POSITIONS) for slot in (0, 1)])
-    events = Events(
-        slot=np.array([0, 0, 1, 1]),
-        pushed=np.zeros(4, dtype=np.uint16),
-        took_effect=np.full(4, True),
-        unlocked=np.full(4, True),
-        new=np.zeros(4, dtype=bool),
-        found=np.zeros((4, 0), dtype=np.uint16),
-    )
-    told = likelihood(whole, np.array([0, 1, 1, 0]), strengths(0.0, 1.0, 1.0, 1), events)
-    assert told.tolist() == [1.0, 0.0, 1.0, 0.0]
 
 
 @pytest.mark.parametrize("strength", [0.0, 0.3, 0.85, 1.0])

@@ -222,3 +222,11 @@ def trials(number: int, layouts: Any = None) -> Any:
         placed = of("causal_openlock.world.room", "Layout").of
         layouts = tuple(placed(cc3, layout) for layout in layouts)
     return of(module, "Condition")("mine", (of(module, "Trials")(cc3, layouts, number),))
+
+
+def believed(schema: str) -> Any:
+    """The model of what a structure learner believes before its first action."""
+    learner, played = ol.create("bayes"), session(schema, 1)
+    played.begin(learner)
+    learner.act(played.view)
+    return learner.model(0)
