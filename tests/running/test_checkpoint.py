@@ -15,14 +15,13 @@ import pytest
 
 from causal_openlock import compare
 from causal_openlock.contract.one_subject import OneSubjectLearner
-from causal_openlock.errors import CellsFailed, OpenLockError
+from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.session import Session
 from causal_openlock.files.seal import STATE, sealed, unsealed
 from causal_openlock.running import runner, worker
 from causal_openlock.running.checkpoint import Checkpoint
 from causal_openlock.running.worker import Watching
-from causal_openlock.storage.beside_cell import reported_progress
 from causal_openlock.storage.store import Store
 from openlock_learners.random import RandomLearner
 from support.session_play import HUMAN, named
@@ -205,25 +204,13 @@ def test_checkpoints_take_a_fiftieth_of_the_time_at_most(tmp_path, monkeypatch):
     assert min(gaps[2:]) >= 5 / 0.02
 
 
-class Watched(OneSubjectLearner):
-    """Notes what its worker has reported so far."""
-
-    record, shares = Path(), []
-
-    def act(self, observation):
-        if found := reported_progress(Watched.record):
-            Watched.shares.append(found[1])
-        return int(self.generator.integers(self.brief.actions))
-
-
 def test_progress_inside_a_cell_is_reported(tmp_path, monkeypatch):
+    shares = []
     monkeypatch.setattr(worker, "REPORT_EVERY", 0.0)
-    experiment = declared(tmp_path, "test_checkpoint:Watched")
-    Watched.record = Store(tmp_path / "out").path(experiment.cells()[0])
-    play(experiment, tmp_path / "out")
-    assert Watched.shares == sorted(Watched.shares)
-    assert set(Watched.shares) == {0.0, 0.5}  # two trials
-    assert reported_progress(Watched.record) is None
+    monkeypatch.setattr(worker, "report_progress", lambda path, share, _: shares.append(share))
+    play(declared(tmp_path), tmp_path / "out")
+    assert shares == sorted(shares)
+    assert set(shares) == {0.0, 0.5, 1.0}  # two trials
 
 
 # -- players, which are pickled -------------------------------------------------------------------
@@ -337,20 +324,6 @@ class Global(Noting):
 
     def act(self, observation):
         return random.randrange(8) + np.random.randint(7)  # noqa: NPY002
-
-
-class Brittle(RandomLearner):
-    """Stores its state, and breaks in the second trial."""
-
-    def act(self, view):
-        return super().act(view) // (view.trial < 2)
-
-
-def test_a_learner_that_failed_begins_again(tmp_path):
-    experiment = declared(tmp_path, "test_checkpoint:Brittle")
-    with np.errstate(divide="raise"), pytest.raises(CellsFailed, match="Brittle in noisy_CC3"):
-        play(experiment, tmp_path / "out")
-    assert suffixes(tmp_path / "out") == []
 
 
 # -- curves of TensorBoard ------------------------------------------------------------------------

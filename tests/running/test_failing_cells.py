@@ -1,7 +1,12 @@
-"""Cells that fail, however they do: they are named, and all others are played."""
+"""Cells that fail, however they do: they are named, all others are played, and nothing goes on."""
 
 import csv
+import multiprocessing
+import os
+import subprocess
 import sys
+import time
+import warnings
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -9,9 +14,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import causal_openlock as ol
 from causal_openlock.errors import CellsFailed, OpenLockError
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.running import runner, workers
+from causal_openlock.running.worker import Watching
 from causal_openlock.storage.beside_cell import failures_of
 from causal_openlock.storage.store import Store
 from support.command import at_once, modules_of
@@ -20,7 +27,7 @@ from support.processes import prepared, start_prepared
 pytestmark = pytest.mark.slow
 
 LETHAL = """\
-import os, signal, sys, time
+import os, signal, subprocess, sys, time
 from causal_openlock import OneSubjectLearner
 
 class Silent(Exception):
@@ -28,12 +35,17 @@ class Silent(Exception):
         raise ValueError
 
 class Fine(OneSubjectLearner):
+    acts = 0
+
     def act(self, observation):
         return int(self.generator.integers(15))
 
 class Raises(Fine):
     def act(self, observation):
-        raise ZeroDivisionError("the learner [/broke]")
+        self.acts += 1
+        if self.acts == 3:
+            raise ZeroDivisionError("the learner [/broke]")
+        return 0
 
 class Mute(Fine):
     def act(self, observation):
@@ -59,33 +71,54 @@ class Stops(Fine):
     def act(self, observation):
         raise KeyboardInterrupt
 
+class Leaks(Fine):
+    def begin(self):
+        subprocess.Popen(["sleep", "SECONDS"])
+
 class Dies(Fine):
     def act(self, observation):
         os._exit(9)
 
-class Killed(Fine):
+class Killed(Leaks):
     def act(self, observation):
         os.kill(os.getpid(), signal.SIGKILL)
 
-class Hangs(Fine):
+class Closes(Leaks):
+    def act(self, observation):
+        os.closerange(3, 256)
+        time.sleep(1000)
+
+class Hangs(Leaks):
     def act(self, observation):
         time.sleep(1000)
 """
 BY_ITSELF = {
-    "Raises": "failed: ZeroDivisionError: the learner [/broke] (lethal.py:14)",
-    "Mute": "failed: Silent (lethal.py:18)",
-    "Talks": f"failed: ValueError: {199 * 'x'} … (lethal.py:22)",
+    "Raises": "failed: ZeroDivisionError: the learner [/broke] (lethal.py:18)",
+    "Mute": "failed: Silent (lethal.py:23)",
+    "Talks": f"failed: ValueError: {199 * 'x'} … (lethal.py:27)",
     "Stray": "failed: a learner answers with 2 integers from 0 to 14",
     "Nonsense": "failed: Nonsense has to answer with an integer, the index of an action",
-    "Exits": "failed: SystemExit: 0 (lethal.py:34)",
+    "Exits": "failed: SystemExit: 0 (lethal.py:39)",
     "Stops": "failed: KeyboardInterrupt",
 }
-WITH_ITS_PROCESS = {"Dies": "(exit status 9)", "Killed": "(killed by SIGKILL, "}
+WITH_ITS_PROCESS = {
+    "Dies": "ended its process (exit status 9)",
+    "Killed": "ended its process (killed by SIGKILL, perhaps for lack of memory)",
+    "Closes": "ended its process (killed by SIGKILL, perhaps for lack of memory)",
+    "Hangs": "was ended after 5 s",
+}
+PROGRAM = """\
+import causal_openlock as ol
+ol.compare("CC3", ["random"], subjects=1, out="out", workers=1)
+"""
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    (tmp_path / "lethal.py").write_text(LETHAL, encoding="utf-8")
+    """A folder with these learners, some of which start a ``sleep`` of its own length."""
+    seconds = f"777.{os.getpid()}{time.monotonic_ns()}"
+    (tmp_path / "lethal.py").write_text(LETHAL.replace("SECONDS", seconds), encoding="utf-8")
+    (tmp_path / "seconds").write_text(seconds)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
     monkeypatch.setattr(workers, "LOOK_EVERY", 0.1)
@@ -94,11 +127,23 @@ def folder(tmp_path, monkeypatch):
         yield tmp_path
 
 
-def declared(folder, *learners):
+def some_sleep(folder):
+    seconds = (folder / "seconds").read_text()
+    return subprocess.run(["pgrep", "-f", f"^sleep {seconds}"], capture_output=True).returncode == 0
+
+
+def all_are_ended(folder):
+    last = time.monotonic() + 60
+    while some_sleep(folder) and time.monotonic() < last:
+        time.sleep(0.1)
+    return not some_sleep(folder)
+
+
+def declared(folder, *learners, subjects=4):
     path = folder / "experiment.yaml"
     names = ", ".join(f"'lethal:{name}'" for name in learners)
     path.write_text(
-        "name: e\nsubjects: 4\ncell_size: 2\nconditions: [CC3]\n"
+        f"name: e\nsubjects: {subjects}\ncell_size: 2\nconditions: [CC3]\n"
         "protocols: {short: {attempt_limit: 3, baseline_trials: 1}}\nprotocol: short\n"
         f"learners: [{names}]\n",
         encoding="utf-8",
@@ -112,19 +157,19 @@ def fails(experiment, folder, **options):
     return caught.value
 
 
-@pytest.mark.parametrize("kind", ["threads", "ours"])
-def test_cells_that_fail_are_named_and_the_others_are_played(folder, kind):
-    experiment = declared(folder, *BY_ITSELF, "Fine")
+@pytest.mark.parametrize(("kind", "cells"), [("threads", ["0-1", "2-3"]), ("processes", ["0-1"])])
+def test_cells_that_fail_are_named_and_the_others_are_played(folder, kind, cells):
+    experiment = declared(folder, *BY_ITSELF, "Fine", subjects=2 * len(cells))
     told = []
     with ThreadPoolExecutor(2) as executor:
         how = {"executor": executor} if kind == "threads" else {"workers": 2}
-        error = fails(experiment, folder / "out", warn=told.append, **how)
+        error = fails(experiment, folder / "out", warn=told.append, watching=Watching(0), **how)
     assert error.status == 1
     assert sorted(error.reasons) == sorted(told)
     expected = [
         f"the learner {name} in CC3, subjects {numbers}, {why}"
         for name, why in BY_ITSELF.items()
-        for numbers in ("0-1", "2-3")
+        for numbers in cells
     ]
     for reason, begins in zip(error.reasons, expected, strict=True):
         assert reason.startswith(begins)
@@ -138,20 +183,32 @@ def test_cells_that_fail_are_named_and_the_others_are_played(folder, kind):
     assert not [path for path in store.cells.iterdir() if path.suffix != ".parquet"]
 
 
-def test_a_learner_that_kills_its_process_takes_no_other_cell_with_it(folder):
-    experiment = declared(folder, *WITH_ITS_PROCESS, "Fine", "Raises")
+def test_what_ends_or_blocks_its_process_is_named_and_all_it_started_is_ended(folder):
+    experiment = declared(folder, *WITH_ITS_PROCESS, "Leaks", "Raises", subjects=2)
     seen, told = [], []
-    error = fails(experiment, folder / "out", workers=2, progress=seen.append, warn=told.append)
-    assert sum("it is tried again" in one for one in told) == 4 * 2
-    for name, why in WITH_ITS_PROCESS.items():
-        mine = [reason for reason in error.reasons if f"learner {name} in" in reason]
-        assert len(mine) == 2
-        assert all(f"ended its process {why}" in reason for reason in mine)
-        assert all(Path(one.partition("; see ")[2]).exists() for one in mine)
-    assert len(Store(folder / "out").files()[0]) == 2
+    options = {"time_limit": np.int64(5), "progress": seen.append, "warn": told.append}
+    error = fails(experiment, folder / "out", workers=2, **options)
+    assert sum("it is tried again" in sentence for sentence in told) == 3 * 2
+    reasons = [reason.split("; see ") for reason in error.reasons[:-1]]
+    whys = WITH_ITS_PROCESS.items()
+    assert [why for why, _ in reasons] == [
+        f"the learner {name} in CC3, subjects 0-1, {why}" for name, why in whys
+    ]
+    assert all(Path(path).exists() for _, path in reasons)
+    assert {path.name[:6] for path in Store(folder / "out").files()[0]} == {"Leaks_"}
     last = seen[-1]
-    assert (last.cells, last.done, last.failed, last.playing, last.share) == (8, 2, 6, (), 1)
+    assert (last.cells, last.done, last.failed, last.playing, last.share) == (6, 1, 5, (), 1)
     assert seen[0].done == seen[0].failed == 0
+    assert max(cell.still for progress in seen for cell in progress.playing) > 0.5
+    assert all_are_ended(folder)
+
+
+def test_an_executor_is_not_ended_and_its_lost_workers_are_named(folder):
+    fine, told = declared(folder, "Fine"), []
+    with ThreadPoolExecutor(1) as executor:
+        for where in ({"workers": 0}, {"executor": executor}):
+            runner.run(fine, folder / "fine", time_limit=1, warn=told.append, **where)
+    assert sum("is ignored" in sentence for sentence in told) == 2
     with (
         ProcessPoolExecutor(1, mp_context=prepared()) as executor,
         pytest.raises(OpenLockError, match="a worker of the executor ended without a message"),
@@ -159,30 +216,32 @@ def test_a_learner_that_kills_its_process_takes_no_other_cell_with_it(folder):
         runner.run(declared(folder, "Dies"), folder / "given", executor=executor)
 
 
-def test_a_cell_that_hangs_is_named_and_ended_at_its_time_limit(folder):
-    experiment = declared(folder, "Hangs", "Fine")
-    seen, warnings = [], []
-    options = {"time_limit": np.int64(1), "progress": seen.append, "warn": warnings.append}
-    error = fails(experiment, folder / "out", workers=2, **options)
-    # On a machine that has much else to do, the others may take too long as well.
-    assert [one.partition("; see")[0] for one in error.reasons if " Hangs " in one] == [
-        f"the learner Hangs in CC3, subjects {numbers}, was ended after 1 s"
-        for numbers in ("0-1", "2-3")
-    ]
-    assert seen[-1].done + seen[-1].failed == 4
-    assert max(one.still for progress in seen for one in progress.playing) > 0.5
-    fine = declared(folder, "Fine")
-    with ThreadPoolExecutor(1) as executor:
-        for where in ({"workers": 0}, {"executor": executor}):
-            runner.run(fine, folder / "fine", time_limit=1, warn=warnings.append, **where)
-    assert sum("is ignored" in one for one in warnings) == 2
+def test_what_a_learner_starts_ends_with_a_run_that_is_stopped(folder):
+    def stop(_):
+        if some_sleep(folder):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt) as traceback:  # a notebook keeps it, too
+        runner.run(declared(folder, "Hangs"), folder / "out", workers=1, progress=stop)
+    assert traceback
+    assert all_are_ended(folder)
+
+
+def test_what_a_learner_starts_ends_with_a_run_that_is_killed(folder):
+    words = ["compare", "-c", "CC3", "-l", "lethal:Hangs", "--workers", "1", "--out", "out"]
+    command = subprocess.Popen([sys.executable, "-m", "causal_openlock", *words])
+    while not some_sleep(folder):
+        time.sleep(0.1)
+    command.kill()
+    command.wait()
+    assert all_are_ended(folder)
 
 
 def test_a_repaired_learner_alone_is_played_again(folder):
     out, standings = folder / "out", []
-    fails(declared(folder, "Fine", "Raises"), out, workers=0)
-    first = Store(out).read(Store(out).files()[0][0])
     broken = declared(folder, "Fine", "Raises")
+    fails(broken, out, workers=0)
+    first = Store(out).read(Store(out).files()[0][0])
     fine, raises = broken.learners
     repaired = replace(broken, learners=(fine, replace(raises, learner="lethal:Fine")))
     runner.run(repaired, out, workers=0, progress=standings.append)
@@ -192,30 +251,25 @@ def test_a_repaired_learner_alone_is_played_again(folder):
 
 
 def test_compare_says_what_is_missing_and_exits_with_1(folder, monkeypatch):
-    declared(folder, "Fine", "Raises", "Dies")
+    declared(folder, "Fine", "Raises")
     monkeypatch.setenv("COLUMNS", "80")
-    done = at_once("compare", "experiment.yaml", "--out", "out", "--workers", 2, workers=True)
+    done = at_once("compare", "experiment.yaml", "--out", "out")
     assert done.status == 1, done.stdout + done.stderr
-    assert done.stderr.startswith("error: 4 of 6 cells failed, ")
+    assert done.stderr.startswith("error: 2 of 4 cells failed, ")
     report = at_once("report", "out")
     assert report.status == 0
-    for name, why in {"Raises": BY_ITSELF["Raises"], "Dies": "ended its process (exit"}.items():
-        line = f"the learner {name} in CC3, subjects 0-1, {why}"
-        assert all(line in said for said in (done.stdout, report.stdout))
-    assert "4 of its cells are missing" in (folder / "out" / "report.html").read_text("utf-8")
+    line = f"the learner Raises in CC3, subjects 0-1, {BY_ITSELF['Raises']}"
+    assert all(line in said for said in (done.stdout, report.stdout))
+    assert "2 of its cells are missing" in (folder / "out" / "report.html").read_text("utf-8")
     with (folder / "out" / "summary.csv").open(newline="", encoding="utf-8") as file:
-        rows = {row["learner"]: row for row in csv.DictReader(file)}
-    missing = {name: (row["subjects"], row["missing"]) for name, row in rows.items()}
-    assert missing == {"Fine": ("4", "0"), "Raises": ("0", "4"), "Dies": ("0", "4")}
-
-
-def test_where_every_cell_fails_there_is_no_report_and_the_reasons_are_told(folder):
+        rows = {row["learner"]: (row["subjects"], row["missing"]) for row in csv.DictReader(file)}
+    assert rows == {"Fine": ("4", "0"), "Raises": ("0", "4")}
     declared(folder, "Raises")
-    done = at_once("compare", "experiment.yaml", "--out", "out")
-    assert done.status == 1
-    assert "Traceback" not in done.stderr
-    assert (done.stdout + done.stderr).count("ZeroDivisionError") == 2  # each is named once
-    assert not (folder / "out" / "report.html").exists()
+    nothing = at_once("compare", "experiment.yaml", "--out", "other")
+    assert nothing.status == 1
+    assert "Traceback" not in nothing.stderr
+    assert (nothing.stdout + nothing.stderr).count("ZeroDivisionError") == 2  # each is named once
+    assert not (folder / "other" / "report.html").exists()
 
 
 def test_a_cell_that_failed_three_times_is_left_out_until_it_is_asked_for(folder):
@@ -229,3 +283,38 @@ def test_a_cell_that_failed_three_times_is_left_out_until_it_is_asked_for(folder
     assert (played[-1].failed, played[-1].over) == (2, True)
     assert "left out" not in fails(experiment, out, workers=0, retry_failed=True).reasons[0]
     assert failures_of(Store(out).path(experiment.cells()[0]))[0] == 1
+
+
+# -- processes that may start no others -----------------------------------------------------------
+
+
+def compares(pipe):
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        results = ol.compare("CC3", "random", subjects=1, workers=1)
+    pipe.send((len(results.trials), [str(warning.message) for warning in said]))
+
+
+def test_a_process_that_may_start_none_plays_itself_and_says_so():
+    here, there = multiprocessing.Pipe()
+    fork = multiprocessing.get_context("fork")
+    daemon = fork.Process(target=compares, args=(there,), daemon=True)
+    daemon.start()
+    trials, said = here.recv()
+    daemon.join()
+    assert trials == 5
+    assert any("this process is itself a worker" in sentence for sentence in said)
+
+
+@pytest.mark.parametrize(
+    ("words", "named"), [(["program.py"], "each worker first runs"), (["-"], "no file (<stdin>)")]
+)
+def test_a_program_that_workers_cannot_run_is_told_why(words, named, tmp_path):
+    (tmp_path / "program.py").write_text(PROGRAM)
+    done = subprocess.run(
+        [sys.executable, *words], input=PROGRAM, cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 1
+    assert named in done.stderr
+    assert 'if __name__ == "__main__":' in done.stderr
+    assert "memory" not in done.stderr
