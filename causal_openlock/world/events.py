@@ -25,37 +25,23 @@ from causal_openlock.world.kernel import IDLE, NEW, ON_PATH, REPEATED, RETRACED,
 class Events:
     """Events of N actions; every field is ``[N]``.
 
-    Attributes:
-        first: It was the attempt's first action.
-        last: The attempt is over.
-        inactive: It was aimed at an inactive lever.
-        changed: Something moved, so the observation changed.
-        unlocks: It unlocked the door.
-        unlocked: The door is unlocked now.
-        opens: It opened the door.
-        on_path: The attempt's actions so far are the beginning of a solution, or all of it.
-        repeated: It was the same action as the one before it in the attempt.
-        new: The levers of a solution are pushed that is not yet found in this trial.
-        retraced: The attempt's actions so far are the beginning of a solution already found.
-        found: Solutions found in earlier attempts of the trial.
-
     Example:
         >>> Events.of(np.array([kernel.FIRST, kernel.OPENS]), np.array([0, 2])).opens
         array([False,  True])
     """
 
-    first: BoolArray
-    last: BoolArray
-    inactive: BoolArray
-    changed: BoolArray
-    unlocks: BoolArray
-    unlocked: BoolArray
-    opens: BoolArray
-    on_path: BoolArray
-    repeated: BoolArray
-    new: BoolArray
-    retraced: BoolArray
-    found: IntArray
+    first: BoolArray  #: it was the attempt's first action
+    last: BoolArray  #: the attempt is over
+    inactive: BoolArray  #: it was aimed at an inactive lever
+    changed: BoolArray  #: something moved, so the observation changed
+    unlocks: BoolArray  #: it unlocked the door
+    unlocked: BoolArray  #: the door is unlocked now
+    opens: BoolArray  #: it opened the door
+    on_path: BoolArray  #: the actions so far are the beginning of a solution, or all of it
+    repeated: BoolArray  #: it was the same action as the one before it in the attempt
+    new: BoolArray  #: the levers of a solution are pushed that is not yet found in this trial
+    retraced: BoolArray  #: the actions so far are the beginning of a solution already found
+    found: IntArray  #: solutions found in earlier attempts of the trial
 
     @classmethod
     def of(cls, words: IntArray, found: IntArray) -> Events:
@@ -67,15 +53,10 @@ class Events:
 
 
 class RewardFunction(ABC):
-    """The reward of actions.
+    """The reward of actions."""
 
-    Attributes:
-        name: Name of a preset, or another description.
-        is_own: Whether it is code of a user.
-    """
-
-    name: str
-    is_own: ClassVar[bool] = False
+    name: str  #: of a preset, or another description
+    is_own: ClassVar[bool] = False  #: whether it is code of a user
 
     @abstractmethod
     def pay(self, events: Events) -> FloatArray:

@@ -20,17 +20,11 @@ from causal_openlock.schemas.fsm import FloatArray
 
 
 def generators(seed: int, key: str, subjects: Iterable[int]) -> tuple[np.random.Generator, ...]:
-    """One generator for each subject.
+    """One generator for each subject; ``key`` says what they are for, another one draws others.
 
-    Args:
-        seed: Seed of the experiment.
-        key: What the generators are for; another key gives other numbers.
-        subjects: Numbers of the subjects.
-
-    Example:
-        >>> alone, (_, among) = generators(1, "room", [7]), generators(1, "room", [3, 7])
-        >>> alone[0].random() == among.random()
-        True
+    >>> alone, (_, among) = generators(1, "room", [7]), generators(1, "room", [3, 7])
+    >>> alone[0].random() == among.random()
+    True
     """
     words = np.frombuffer(hashlib.sha256(key.encode()).digest()[:16], ">u4").tolist()
     seeds = (np.random.SeedSequence(seed, spawn_key=(*words, subject)) for subject in subjects)
@@ -45,12 +39,11 @@ def unrelated_generators(
     Each is seeded with 256 bits of SHA-256 over seed, key and subject, and so are those spawned
     from it.
 
-    Example:
-        >>> (generator,) = unrelated_generators(1, "learner", [7])
-        >>> generator.bit_generator.seed_seq.spawn_key
-        ()
-        >>> generator.bit_generator.seed_seq.entropy.bit_length() > 200
-        True
+    >>> (generator,) = unrelated_generators(1, "learner", [7])
+    >>> generator.bit_generator.seed_seq.spawn_key
+    ()
+    >>> generator.bit_generator.seed_seq.entropy.bit_length() > 200
+    True
     """
     # The key comes last, so that no two inputs give the same text.
     digests = (hashlib.sha256(f"{seed} {subject} {key}".encode()).digest() for subject in subjects)
@@ -59,15 +52,10 @@ def unrelated_generators(
 
 
 def pick(odds: FloatArray, draw: float) -> int:
-    """An index drawn in proportion to its odds.
+    """An index drawn in proportion to odds, ``[N]``, by a uniform number in [0, 1).
 
-    Args:
-        odds: ``[N]``, not all zero; they need not add up to 1.
-        draw: A uniform number in [0, 1).
-
-    Example:
-        >>> pick(np.array([1.0, 0.0, 3.0]), 0.9)
-        2
+    >>> pick(np.array([1.0, 0.0, 3.0]), 0.9)
+    2
     """
     sums = odds.cumsum()
     # Rounding may take the draw to the total.

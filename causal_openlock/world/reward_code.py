@@ -39,15 +39,10 @@ from causal_openlock.world.events import Events, RewardFunction, rewards_by_even
 
 @dataclass(frozen=True)
 class OwnReward(RewardFunction):
-    """A reward that is a user's function, loaded when it is evaluated.
+    """A reward that is a user's function, loaded when it is evaluated."""
 
-    Attributes:
-        name: The function, ``module:function``.
-        source: Name of its file, and a hash of the file and of the user's modules that it imports.
-    """
-
-    name: str
-    source: str
+    name: str  #: ``module:function``
+    source: str  #: name of its file, and a hash of it and of the user's modules that it imports
     is_own = True
 
     def pay(self, events: Events) -> FloatArray:

@@ -84,19 +84,14 @@ class RewardWeights(Weights, frozen=True):
 class Reward(RewardFunction):
     """A sum of terms.
 
-    Attributes:
-        name: A preset's name, or the terms joined by ``+``; in parentheses the changed weights.
-        terms: Names of terms, in :data:`TERMS`.
-        weights: What the terms pay.
-
     Example:
         >>> reward = find_reward({"preset": "basic", "open": 100})
         >>> reward.name, reward.weights.open
         ('basic(open=100)', 100.0)
     """
 
-    name: str
-    terms: tuple[str, ...]
+    name: str  #: a preset's, or the terms joined by ``+``; in parentheses the changed weights
+    terms: tuple[str, ...]  #: in :data:`TERMS`
     weights: Weights = field(default_factory=Weights)
 
     def pay(self, events: Events) -> FloatArray:
@@ -137,25 +132,15 @@ class Reward(RewardFunction):
 
 @dataclass(frozen=True)
 class AuthorsReward(RewardFunction):
-    """A reward of the authors' program of January 2018: the first case that applies pays.
-
-    Attributes:
-        name: The preset's name.
-        unique: Unlocking and opening pay only on the way to a solution not yet found.
-        multiplier: A new solution pays 1, 1.5, 3.0, ... times as much, growing linearly.
-        partial: 1 while the attempt's actions begin a solution and the door is still locked.
-        change: 0.5 for a change of the observation.
-        immovable: -0.5 for an inactive lever; a locked active one costs nothing.
-        repeat: -0.25 for the same action twice in a row.
-    """
+    """A reward of the authors' program of January 2018: the first case that applies pays."""
 
     name: str
-    unique: bool = False
-    multiplier: bool = False
-    partial: bool = False
-    change: bool = False
-    immovable: bool = False
-    repeat: bool = False
+    unique: bool = False  #: unlocking and opening pay only on the way to a solution not yet found
+    multiplier: bool = False  #: a new solution pays 1, 1.5, 3.0, ... times as much, linearly
+    partial: bool = False  #: 1 while the actions begin a solution and the door is still locked
+    change: bool = False  #: 0.5 for a change of the observation
+    immovable: bool = False  #: -0.5 for an inactive lever; a locked active one costs nothing
+    repeat: bool = False  #: -0.25 for the same action twice in a row
 
     def pay(self, events: Events) -> FloatArray:
         """``[N]`` the reward of each action."""

@@ -123,19 +123,14 @@ def published_layouts(schema: Schema) -> list[str]:
 class Layout:
     """The positions of the active levers.
 
-    Attributes:
-        places: Position index of each lever, in the order of ``schema.levers``.
-        positions: Number of positions of the room.
-        name: A published name such as ``trial7``; otherwise the positions by name.
-
     Example:
         >>> Layout((0, 1, 2)).name
         'UPPERRIGHT UPPER UPPERLEFT'
     """
 
-    places: tuple[int, ...]
-    positions: int = len(PAPER_POSITIONS)
-    name: str = ""
+    places: tuple[int, ...]  #: position of each lever, in the order of ``schema.levers``
+    positions: int = len(PAPER_POSITIONS)  #: how many the room has
+    name: str = ""  #: a published name such as ``trial7``; otherwise the positions by name
 
     def __post_init__(self) -> None:
         names = position_names(self.positions)
@@ -249,10 +244,6 @@ def first_layout(schema: Schema) -> Layout:
 @dataclass(frozen=True, eq=False)
 class Room:
     """A schema in a layout: the machine's tables by position. S states, P positions.
-
-    Attributes:
-        schema: The schema.
-        layout: The positions of its levers.
 
     Example:
         >>> from causal_openlock import find_schema

@@ -34,19 +34,6 @@ class RoomTables(NamedTuple):
     actions, to try what has a chance and fail, and to wait, which changes and pays nothing. The
     kernel looks up the first six.
 
-    Attributes:
-        after: ``[R, W]`` the row after an action that takes effect.
-        event: ``[R, W]`` its event (:mod:`causal_openlock.world.kernel`).
-        chance: ``[R, W]`` the probability that it takes effect; 0 where it can do nothing.
-        solution: ``[R]`` the solution whose levers are pushed, -1 for none.
-        begins: ``[R, K]`` whether the actions so far are the beginning of each solution.
-        actions_left: ``[R]`` the actions left in the attempt.
-        used: ``[R]`` actions used so far in the attempt.
-        opened: ``[R]`` whether the door is open.
-        start: ``[G]`` the first row of each schema, where its attempts begin.
-        levers: ``[G]`` how many levers each schema has.
-        solutions: ``[G]`` how many solutions.
-
     Example:
         >>> from causal_openlock import find_schema
         >>> tables = RoomTables.of([(find_schema("CC3"), 3)], positions=7)
@@ -54,17 +41,16 @@ class RoomTables(NamedTuple):
         array([1, 1])
     """
 
-    after: NDArray[np.uint32]
-    event: NDArray[np.uint16]
-    chance: FloatArray
-    solution: NDArray[np.int32]
-    begins: BoolArray
-    actions_left: NDArray[np.int32]
-    used: IntArray
-    opened: BoolArray
-    start: IntArray
-    levers: IntArray
-    solutions: IntArray
+    after: NDArray[np.uint32]  #: ``[R, W]`` the row after an action that takes effect
+    event: NDArray[np.uint16]  #: ``[R, W]`` its event, a word of the kernel's bits
+    chance: FloatArray  #: ``[R, W]`` the probability that it takes effect; 0 if it can do nothing
+    solution: NDArray[np.int32]  #: ``[R]`` the solution whose levers are pushed, -1 for none
+    begins: BoolArray  #: ``[R, K]`` whether the actions so far are the beginning of each solution
+    actions_left: NDArray[np.int32]  #: ``[R]`` the actions left in the attempt
+    used: IntArray  #: ``[R]`` actions used so far in the attempt
+    start: IntArray  #: ``[G]`` the first row of each schema, where its attempts begin
+    levers: IntArray  #: ``[G]`` how many levers each schema has
+    solutions: IntArray  #: ``[G]`` how many solutions
 
     @classmethod
     def of(cls, schemas: Sequence[tuple[Schema, int]], positions: int) -> RoomTables:
@@ -119,7 +105,6 @@ def _table(attempt: Attempt, first: int, positions: int, solutions: int) -> Room
         begins=np.pad(attempt.begins, ((0, 0), (0, solutions - attempt.begins.shape[1]))),
         actions_left=left.astype(np.int32),
         used=attempt.used,
-        opened=fsm.opened[attempt.state],
         start=np.array([first]),
         levers=np.array([levers]),
         solutions=np.array([len(fsm.schema.solutions)]),
@@ -145,43 +130,29 @@ def events_of(attempt: Attempt, row: IntArray, after: IntArray) -> NDArray[np.ui
 
 
 class State(NamedTuple):
-    """All that changes in B rooms of P positions.
-
-    Attributes:
-        situation: ``[B, 6]`` the row, the first row of the schema, the row that the last action
-            led to and its event, the action before the next one in the attempt (to wait for none),
-            and which of the rewards is paid.
-        console: ``[B, 4]`` solutions left and found, attempts left, actions left.
-        found: ``[B, K]`` which solutions are found in the trial.
-        column: ``[B, W]`` the column of each action: the same on the lever at that position.
-        observation: ``[B, 2P + 2]`` what is seen.
-        luck: ``[B]`` states of random generators, none 0, for rooms that are given no luck.
-    """
+    """All that changes in B rooms of P positions."""
 
     situation: NDArray[np.uint32]
+    """``[B, 6]`` the row, the first row of the schema, the row that the last action led to and its
+    event, the action before the next one in the attempt (to wait for none), and which of the
+    rewards is paid."""
     console: NDArray[np.int32]
-    found: BoolArray
-    column: NDArray[np.uint8]
-    observation: NDArray[np.int8]
-    luck: NDArray[np.uint64]
+    """``[B, 4]`` solutions left and found, attempts left, actions left."""
+    found: BoolArray  #: ``[B, K]`` which solutions are found in the trial
+    column: NDArray[np.uint8]  #: ``[B, W]`` the same action on the lever that is at that position
+    observation: NDArray[np.int8]  #: ``[B, 2P + 2]``
+    luck: NDArray[np.uint64]  #: ``[B]`` generators of rooms that are given no luck; none is 0
 
 
 class Outcome(NamedTuple):
-    """What an action in each of B rooms led to.
+    """What an action in each of B rooms led to."""
 
-    Attributes:
-        reward: ``[B]`` the reward.
-        attempt_over: ``[B]`` whether the attempt is over.
-        trial_over: ``[B]`` whether the trial is over.
-        new_solution: ``[B]`` whether it found a solution for the first time in the trial.
-        seen: ``[B, 2P + 2]`` what is seen before a room is put back; empty if nobody asked.
-    """
-
-    reward: FloatArray
-    attempt_over: BoolArray
-    trial_over: BoolArray
-    new_solution: BoolArray
+    reward: FloatArray  #: ``[B]``
+    attempt_over: BoolArray  #: ``[B]``
+    trial_over: BoolArray  #: ``[B]``
+    new_solution: BoolArray  #: ``[B]`` whether a solution was found, the first time in the trial
     seen: NDArray[np.int8]
+    """``[B, 2P + 2]`` the observation before rooms are put back; empty if nobody asked."""
 
 
 class Rooms:
@@ -195,9 +166,6 @@ class Rooms:
         stop_when_solved: Whether a trial is over once all solutions are found.
         put_back: Whether a room is put back as soon as its attempt is over; otherwise its next
             action puts it back and does nothing else.
-
-    Attributes:
-        state: All that changes; what is handed out are copies.
 
     Example:
         >>> from causal_openlock import find_schema
@@ -263,12 +231,12 @@ class Rooms:
 
     @property
     def observation(self) -> NDArray[np.int8]:
-        """``[B, 2P + 2]`` what is seen in each room."""
+        """``[B, 2P + 2]`` what is seen in each room; a copy."""
         return self.state.observation.copy()
 
     @property
     def console(self) -> NDArray[np.int32]:
-        """``[B, 4]`` solutions left, solutions found, attempts left, actions left."""
+        """``[B, 4]`` solutions left and found, attempts left, actions left; a copy."""
         return self.state.console.copy()
 
     def step(

@@ -26,6 +26,7 @@ from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.summary import headline_table, summary_table
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.schemas.schema import Schema
+from causal_openlock.world.kernel import OPENS
 from causal_openlock.world.room import Layout, Room
 from causal_openlock.world.rooms import RoomTables
 from support.fabricated_records import table, trial_rows
@@ -203,9 +204,9 @@ def test_chance_agrees_with_a_million_random_attempts(name, limit, positions):
         action = rng.integers(tables.fails, size=many)
         chance = tables.chance[row, action]
         fails = (rng.random(many) >= chance) & (chance > 0)
-        after = tables.after[row, np.where(fails, tables.fails, action)]
-        row = np.where(opened, row, after)
-        opened = tables.opened[row]
+        column = np.where(fails, tables.fails, action)
+        event, row = tables.event[row, column], np.where(opened, row, tables.after[row, column])
+        opened |= event & OPENS != 0
     exact = chance_of_opening(schema, limit, positions)
     error = math.sqrt(exact * (1 - exact) / many)
     assert abs(opened.mean() - exact) < 4 * error
