@@ -48,7 +48,7 @@ def to_bayesian_network(
         moved = np.array([schema.mask(compress(causes, state)) for state in states])
         chance = gate_chance(schema, node, moved)
         if lock and node == DOOR:
-            chance = (np.bitwise_count(moved) >= schema.threshold(DOOR)).astype(float)
+            chance = schema.holds(DOOR, moved).astype(float)
         chance = chance if node == DOOR else chance * push_probability
         network.add_cpds(binary_cpd(node, chance, causes))
     network.check_model()

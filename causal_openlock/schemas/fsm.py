@@ -108,34 +108,24 @@ def compile_schema(schema: Schema) -> FSM:
     pushed = np.arange(1 << levers)
     door_action, door_bit = 2 * levers, 1 << levers
 
-    holds = {node: gate_chance(schema, node, pushed) for node in [*schema.levers, DOOR]}
-    causes_of_door = np.bitwise_count(pushed & schema.mask(schema.causes(DOOR)))
-    unlocked = causes_of_door >= schema.threshold(DOOR)
-
+    unlocked = schema.holds(DOOR, pushed)
     next_state = np.tile(pushed[:, None], (2, 2 * levers + 1))
     next_state[len(pushed) :] |= door_bit
     chance = np.zeros(next_state.shape)
     for bit, lever in enumerate(schema.levers):
-        is_pushed = pushed >> bit & 1 == 1
+        moves, is_pushed = gate_chance(schema, lever, pushed), pushed >> bit & 1 == 1
         for action, possible in ((bit, ~is_pushed), (levers + bit, is_pushed)):
-            chance[:, action] = np.tile(holds[lever] * possible, 2)
+            chance[:, action] = np.tile(moves * possible, 2)
             next_state[chance[:, action] > 0, action] ^= 1 << bit
     closed = slice(0, len(pushed))
-    chance[closed, door_action] = holds[DOOR] * unlocked
+    chance[closed, door_action] = gate_chance(schema, DOOR, pushed) * unlocked
     next_state[closed, door_action] |= door_bit * unlocked
 
     relevant = pushed & ~schema.mask(schema.inert)
     solution = np.full(len(pushed), NO_SOLUTION)
     for index, needed in enumerate(schema.solutions):
         solution[relevant == schema.mask(needed)] = index
-    solution[~unlocked] = NO_SOLUTION
-    return FSM(
-        schema=schema,
-        next_state=next_state.astype(np.int64),
-        chance=chance,
-        unlocked=np.tile(unlocked, 2),
-        solution=np.tile(solution, 2),
-    )
+    return FSM(schema, next_state, chance, np.tile(unlocked, 2), np.tile(solution, 2))
 
 
 def gate_chance(schema: Schema, node: str, pushed: IntArray) -> FloatArray:

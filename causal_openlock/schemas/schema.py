@@ -300,9 +300,9 @@ class Schema:
         the gates of its own levers and of the door.
         """
         subsets = np.arange(1 << len(self.levers))
-        works = self._holds(DOOR, subsets)
+        works = self.holds(DOOR, subsets)
         for bit, lever in enumerate(self.levers):
-            works &= self._holds(lever, subsets) | (subsets >> bit & 1 == 0)
+            works &= self.holds(lever, subsets) | (subsets >> bit & 1 == 0)
         minimal: list[int] = []
         for subset in sorted(subsets[works].tolist(), key=int.bit_count):
             if not any(smaller & subset == smaller for smaller in minimal):
@@ -314,8 +314,8 @@ class Schema:
         ]
         return tuple(sorted(solutions, key=lambda levers: [*map(nodes.index, levers)]))
 
-    def _holds(self, node: str, pushed: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Whether a node's gate holds while these sets of levers are pushed."""
+    def holds(self, node: str, pushed: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Whether a node's gate holds while these sets of levers (:meth:`mask`) are pushed."""
         return np.bitwise_count(pushed & self.mask(self.causes(node))) >= self.threshold(node)
 
     @property
