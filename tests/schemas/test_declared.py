@@ -5,6 +5,7 @@ That any schema survives in every format is tested with the formats.
 
 from pathlib import Path
 
+import gymnasium
 import networkx as nx
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from hypothesis import strategies as st
 
 import causal_openlock as ol
 from causal_openlock.errors import OpenLockError
+from causal_openlock.experiment.declare import find_condition
 from causal_openlock.files.yaml_file import Document, dump_yaml
 from causal_openlock.schemas.finding import bundled_schemas, find_schema, schema
 from causal_openlock.schemas.graphs import import_schema, write_schema
@@ -101,12 +103,6 @@ def test_any_text_comes_back_whatever_its_length_and_spaces(title):
         assert Document(text).data == inside
 
 
-@pytest.mark.parametrize("name", ["null", "true", "False", "on", "no", "y", "Inf", "e1", "NaN"])
-def test_a_lever_may_be_called_like_a_value_of_yaml(name):
-    schema = Schema(name, [name, "L1"], {name: {"L1": 0.5}, "L1": [DOOR]}, title=name)
-    assert import_schema(schema.to_yaml(), "yaml") == schema
-
-
 def test_a_schema_is_written_as_one_writes_it_by_hand():
     edges = {"A": {"B": 0.5, DOOR: 1.0}, "B": [DOOR]}
     gates = {DOOR: Gate("at_least", 2)}
@@ -139,9 +135,11 @@ def test_a_schema_is_found_beside_the_file_that_names_it_before_the_bundled_ones
     own = schema("own: A -> door", name="CC3")
     assert find_schema("CC3", beside=[tmp_path]) == bundled_schemas()["CC3"]
     write_schema(own, tmp_path / "schemas" / "CC3.yaml")
-    write_schema(own, tmp_path / "other.txt")
-    for name in ("CC3", "schemas/CC3.yaml", Path("other.txt"), own, own.to_text(), own.as_dict()):
+    write_schema(own, path := tmp_path / "other.GV")
+    for name in ("CC3", "schemas/CC3.yaml", Path("other.GV"), own, own.to_text(), own.as_dict()):
         assert find_schema(name, beside=[tmp_path]) == own
     assert find_schema("CC3") == bundled_schemas()["CC3"]
+    room = gymnasium.make("causal_openlock/OpenLock-v0", schema=str(path)).unwrapped
+    assert room.settings.schema == find_condition(["CE3", path]).schemas[-1] == own
     monkeypatch.chdir(tmp_path)
-    assert ol.schema("CC3") == ol.schema("other.txt") == own
+    assert ol.schema("CC3") == ol.schema("other.GV") == own
