@@ -22,7 +22,6 @@ from causal_openlock.belief.structures import (
     behaviour_bytes,
     gate_dags,
     linear_extensions,
-    meeting,
     merge,
 )
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
@@ -84,11 +83,11 @@ def fits(structures: Structures, solutions: int, action_limit: int) -> BoolArray
 
 def distance(structures: Structures, solutions: int, action_limit: int) -> IntArray:
     """``[M]`` number of solutions too many or too few, plus those too long for an attempt."""
-    found, levers = structures.solving(), structures.levers
-    too_long = meeting(levers)[(1 << levers) - 1, min(action_limit, levers + 1)]
-    number = np.bitwise_count(found).sum(axis=1, dtype=np.int64)
-    long = np.bitwise_count(found & too_long).sum(axis=1, dtype=np.int64)
-    return np.abs(number - solutions) + long
+    found = structures.solutions()
+    sizes = np.bitwise_count(np.arange(found.shape[1]))
+    too_many = np.abs(found.sum(axis=1) - solutions)
+    # The push of the door is an action as well.
+    return too_many + found[:, sizes >= action_limit].sum(axis=1)
 
 
 @cache

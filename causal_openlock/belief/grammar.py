@@ -143,17 +143,13 @@ def _is_canonical(kind: SchemaClass) -> bool:
     """Whether no other order of the roles describes the same class by something smaller."""
     given = [(role.many, role.causes, role.gate) for role in kind.roles]
     for order, moved in _renamings(len(given)):
-        smaller = False  # so far; once something is greater, the rest need not be described
-        for index, old in enumerate(order):
-            many, causes, gate = given[old]
-            described = many, moved[causes], gate
-            # Where a cause would come after its effect, this is no description.
-            if moved[causes] >> index or not (smaller or described <= given[index]):
-                break
-            smaller = smaller or described < given[index]
-        else:
-            if smaller or moved[kind.door.causes] < kind.door.causes:
-                return False
+        in_order = [given[old] for old in order]
+        described = [(many, moved[causes], gate) for many, causes, gate in in_order]
+        # Where a cause would come after its effect, this is no description.
+        if any(causes >> index for index, (_, causes, _) in enumerate(described)):
+            continue
+        if (described, moved[kind.door.causes]) < (given, kind.door.causes):
+            return False
     return True
 
 

@@ -8,10 +8,6 @@ structures are two small arrays, so that thousands are compared at once.
 Derived here for all of them together: which sets of levers unlock the door, which of these are
 minimal (the solutions), and which levers are inert. Structures that do the same in every attempt
 have the same *behaviour*, and no learner can distinguish them.
-
-A *family* is a set of subsets of n levers as 2^n bits, 64 to a word: bit ``s`` is 1 if the subset
-``s``, itself a bit mask of levers, is a member. A gate is the family of subsets that meet it, "all
-of these gates hold" is a bitwise ``and``, and adding a lever to every subset is a shift.
 """
 
 from __future__ import annotations
@@ -30,16 +26,9 @@ from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 
 Masks = NDArray[np.uint16]
 Counts = NDArray[np.uint8]
-Families = NDArray[np.uint64]
-"""``[..., W]`` sets of sets of n levers; W is 2^n / 64, and at least one."""
 
 NEVER = np.uint8(15)
 """Threshold of a lever that never moves: more causes than any lever has."""
-_WORDS = np.dtype("<u8")
-_WORD = 6
-"""Levers whose sets fit into a word."""
-_HOLDING = [sum(1 << bit for bit in range(64) if bit >> lever & 1) for lever in range(_WORD)]
-"""Bits of the sets that hold each of these levers."""
 
 
 class Rows:
@@ -102,29 +91,41 @@ class Structures(Rows):
 
     def solutions(self) -> BoolArray:
         """``[M, 2^n]`` whether this set of levers is a solution: it works, and no subset does."""
-        return members(self.solving(), self.levers)
+        works = self.working().T
+        # Whether a set, or any subset of it, works: subsets lack one lever after another.
+        above = works.copy()
+        larger = np.zeros_like(works)
+        for lever in range(self.levers):
+            without, having = _halves(above, lever)
+            having |= without
+        for lever in range(self.levers):
+            _halves(larger, lever)[1][:] |= _halves(above, lever)[0]
+        return (works & ~larger).T
 
     def solution_masks(self) -> Masks:
         """``[M, k]`` the solutions of structures that all have k."""
         which = np.nonzero(self.solutions())[1]
         return which.reshape(len(self), -1 if len(self) else 0).astype(np.uint16)
 
-    def solving(self) -> Families:
-        """``[M, W]`` the solutions of each structure, a bit for each set of levers."""
-        return minimal(self.working(), self.levers)
-
-    def working(self) -> Families:
-        """``[M, W]`` the sets that unlock the door.
+    def working(self) -> BoolArray:
+        """``[M, 2^n]`` whether this set of levers unlocks the door.
 
         A set works if every gate in it, and the door's, is met by the set itself; as causes come
         before effects, its levers can then be pushed one after another.
         """
         n = self.levers
-        meets, lacks = meeting(n), ~with_lever(n)
-        works = meets[self.causes[:, n], self.threshold[:, n]]
+        sets = np.arange(1 << n, dtype=np.uint16)
+        works = self._met_by(sets, n)
         for lever in range(n):
-            works &= meets[self.causes[:, lever], self.threshold[:, lever]] | lacks[lever]
-        return works
+            having = np.flatnonzero(sets >> np.uint16(lever) & 1)
+            works[having] &= self._met_by(sets[having], lever)
+        return works.T
+
+    def _met_by(self, sets: Masks, node: int) -> BoolArray:
+        """``[S, M]`` whether the gate of a node holds while a set of levers is pushed."""
+        live = np.bitwise_count(self.causes[:, node] & sets[:, None])
+        met: BoolArray = live >= self.threshold[:, node]
+        return met
 
     def inert(self) -> Masks:
         """``[M]`` the levers from which no path leads to the door."""
@@ -293,64 +294,8 @@ def linear_extensions(causes: Masks) -> FloatArray:
     return ways[:, -1]
 
 
-# -- families of sets of levers -------------------------------------------------------------------
-
-
-def family(members: BoolArray) -> Families:
-    """``[..., W]`` the family with these members, ``[..., 2^n]``.
-
-    >>> members(family(np.array([False, True, True, False])), 2).tolist()
-    [False, True, True, False]
-    """
-    packed = np.packbits(members, axis=-1, bitorder="little")
-    short = [(0, 0)] * (packed.ndim - 1) + [(0, -packed.shape[-1] % 8)]
-    return np.pad(packed, short).view(_WORDS)
-
-
-def members(families: Families, levers: int) -> BoolArray:
-    """``[..., 2^n]`` whether each set belongs to each family."""
-    packed = np.ascontiguousarray(families).view(np.uint8)
-    found = np.unpackbits(packed, axis=-1, count=1 << levers, bitorder="little")
-    return found.view(np.bool_)
-
-
-@cache
-def meeting(levers: int) -> Families:
-    """``[2^n, 16, W]`` the sets that push enough causes, by set of causes and threshold."""
-    every = np.arange(1 << levers)
-    holding = with_lever(levers)
-    table = np.zeros((len(every), int(NEVER) + 1, holding.shape[1]), dtype=_WORDS)
-    table[0, 0] = family(np.ones(len(every), dtype=bool))
-    for lever in range(levers):
-        few, more = table[: 1 << lever], table[1 << lever : 2 << lever]
-        more[:, 0] = few[:, 0]
-        more[:, 1:] = few[:, 1:] | (few[:, :-1] & holding[lever])
-    return table
-
-
-@cache
-def with_lever(levers: int) -> Families:
-    """``[n, W]`` the sets that hold each lever."""
-    return family(np.arange(1 << levers) >> np.arange(levers)[:, None] & 1 == 1)
-
-
-def _raised(families: Families, lever: int) -> Families:
-    """``[M, W]`` the sets without a lever, after it is added to them."""
-    if lever < _WORD:
-        return (families & ~np.uint64(_HOLDING[lever])) << np.uint64(1 << lever)
-    result = np.zeros_like(families)
-    step = 1 << (lever - _WORD)
-    blocks = (len(families), families.shape[1] // (2 * step), 2, step)
-    result.reshape(blocks)[:, :, 1] = families.reshape(blocks)[:, :, 0]
-    return result
-
-
-def minimal(families: Families, levers: int) -> Families:
-    """``[M, W]`` the sets of each family of which no proper subset belongs to it."""
-    above = families.copy()
-    for lever in range(levers):
-        above |= _raised(above, lever)
-    larger = np.zeros_like(families)
-    for lever in range(levers):
-        larger |= _raised(above, lever)
-    return families & ~larger
+def _halves(families: BoolArray, lever: int) -> tuple[BoolArray, BoolArray]:
+    """Views of ``[2^n, M]``: of the sets without a lever, and of the same sets with it."""
+    sets, many = families.shape
+    by_lever = families.reshape(sets >> lever + 1, 2, 1 << lever, many)
+    return by_lever[:, 0], by_lever[:, 1]
