@@ -4,15 +4,14 @@ Workers report the share of their cells that is done in files next to the cells,
 So the progress is the same whether processes, a cluster or the shards of a job array play, and
 whether the run itself or ``status`` asks.
 
-A cell of ``random`` takes a second and one of ``ddqn`` an hour, so work is counted in attempts: the
-most that a cell can have. The time of an attempt is that of the learner's cell that was seen last;
-for a learner that has not begun, it is the mean of the others. No result depends on it.
+Work is counted in attempts: the most that a cell can have. The time left is estimated from those of
+the cells that are being played. No result depends on it.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from statistics import mean
@@ -59,43 +58,34 @@ class RunProgress:
         return self.done + self.failed == self.cells
 
 
-class Course:
-    """Which of some cells are done.
+def progress_of(
+    cells: Sequence[Cell], left: Collection[Cell], failed: int, playing: Sequence[Playing]
+) -> RunProgress:
+    """The progress of a comparison.
 
-    Attributes:
-        left: The cells that are neither done nor failed, by the names of their files.
+    Args:
+        cells: All cells.
+        left: Those that are neither done nor failed.
+        failed: The number of those that have failed.
+        playing: Those that are being played.
     """
-
-    def __init__(self, cells: Iterable[Cell]) -> None:
-        self.left = {cell.file_name: cell for cell in cells}
-        self._cells, self._work = len(self.left), sum(map(work, self.left.values()))
-        self._failed = 0
-        self._rates: dict[str, float] = {}  # seconds of an attempt of each learner
-
-    def ended(self, cell: Cell, *, failed: bool = False) -> None:
-        """Register that a cell is done, or has failed."""
-        del self.left[cell.file_name]
-        self._failed += failed
-
-    def standing(self, playing: Iterable[Playing]) -> RunProgress:
-        """The progress, given the cells that are being played."""
-        playing, shares = tuple(playing), dict.fromkeys(self.left, 0.0)
-        for cell, share, seconds, _ in playing:
-            shares[cell.file_name] = share
-            if share:
-                self._rates[cell.spec.name] = seconds / (share * work(cell))
-        to_do = {name: (1 - shares[name]) * work(cell) for name, cell in self.left.items()}
-        others = mean(self._rates.values()) if self._rates else 0.0
-        costs = [to_do[name] * self._rates.get(self.left[name].spec.name, others) for name in to_do]
-        left = max(sum(costs) / max(len(playing), 1), max(costs, default=0.0))
-        return RunProgress(
-            cells=self._cells,
-            done=self._cells - len(self.left) - self._failed,
-            failed=self._failed,
-            playing=playing,
-            share=1 - sum(to_do.values()) / self._work if self._work else 1.0,
-            left=left if self._rates or not costs else None,
-        )
+    to_do: dict[str, float] = {cell.file_name: work(cell) for cell in left}
+    paces = []  # seconds of an attempt
+    for cell, share, seconds, _ in playing:
+        to_do[cell.file_name] *= 1 - share
+        if share:
+            paces.append(seconds / (share * work(cell)))
+    remaining, longest = sum(to_do.values()), max(to_do.values(), default=0.0)
+    known = paces or not remaining
+    attempts = max(remaining / max(len(playing), 1), longest)
+    return RunProgress(
+        cells=len(cells),
+        done=len(cells) - len(left) - failed,
+        failed=failed,
+        playing=tuple(playing),
+        share=1 - remaining / sum(map(work, cells)) if remaining else 1.0,
+        left=attempts * mean(paces or [0.0]) if known else None,
+    )
 
 
 def playing_in(store: Store, cells: Iterable[Cell]) -> list[Playing]:
@@ -129,19 +119,18 @@ def status_of(
         the cells that were begun and report nothing, with the seconds since their last report; and
         why cells failed, a sentence each.
     """
-    cells = experiment.cells()
-    course, failures, quiet = Course(cells), list[str](), dict[str, float]()
-    for cell, file in zip(cells, experiment.files, strict=False):
-        if (store.cells / file).exists():
-            course.ended(cell)
-    begun = {report.cell.file_name: report for report in playing_in(store, course.left.values())}
+    cells, failures, quiet = experiment.cells(), list[str](), dict[str, float]()
+    files = zip(cells, experiment.files, strict=False)
+    left = [cell for cell, file in files if not (store.cells / file).exists()]
+    begun = {report.cell.file_name: report for report in playing_in(store, left)}
     playing = [report for report in begun.values() if report.still < QUIET]
-    for name, cell in [*course.left.items()]:
-        if name in begun and begun[name].still < QUIET:
+    for cell in [*left]:
+        report = begun.get(cell.file_name)
+        if report in playing:
             continue
         if why := failures_of(store.path(cell))[1]:
             failures.append(why)
-            course.ended(cell, failed=True)
-        elif name in begun:
-            quiet[cell.in_words] = begun[name].still
-    return course.standing(playing), quiet, failures
+            left.remove(cell)
+        elif report:
+            quiet[cell.in_words] = report.still
+    return progress_of(cells, left, len(failures), playing), quiet, failures

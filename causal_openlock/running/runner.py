@@ -11,11 +11,11 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 from importlib.util import find_spec
 from math import inf
 from numbers import Real
@@ -29,7 +29,7 @@ from causal_openlock.files.atomic import write_text
 from causal_openlock.files.validation import whole_number
 from causal_openlock.running import workers as workplaces
 from causal_openlock.running.cluster import in_cluster
-from causal_openlock.running.progress import Course, RunProgress, playing_in, work
+from causal_openlock.running.progress import RunProgress, playing_in, progress_of, work
 from causal_openlock.running.worker import Watching, play_cell
 from causal_openlock.running.workers import Doing, LostError, ThisProcess, TooLateError, done_jobs
 from causal_openlock.storage.beside_cell import (
@@ -109,6 +109,7 @@ def run(
         20
     """
     warn = warn or (lambda sentence: None)
+    warn_once = cache(warn)  # it is called with each sentence once
     limit = inf if time_limit is None else time_limit
     watching = _checked(watching or Watching(), limit)
     here = executor is None and cluster is None
@@ -131,8 +132,8 @@ def run(
         stack.callback(store.close)
         for name in filter(is_of_session, names):
             write_text(store.source(session_origin(name)), session_source(name))
-        playing = _Run(store, Course(cells), warn, progress or (lambda standing: None))
-        jobs = playing.missing(cells, elsewhere, retry_failed)
+        playing = _Run(store, cells, warn, warn_once, progress or (lambda standing: None))
+        playing.jobs = jobs = playing.missing(elsewhere, retry_failed)
         if jobs and not allow_version:
             store.require_versions()
         place = store.folder.resolve()  # a worker may be in another directory
@@ -145,7 +146,7 @@ def run(
         if not jobs or (here and workers == 0):
             doing = done_jobs(ThisProcess(), do, jobs, lambda: 1)
         elif cluster:
-            doing = in_cluster(cluster, do, jobs, experiment, place, playing.remark)
+            doing = in_cluster(cluster, do, jobs, experiment, place, warn_once)
         elif executor:
             doing = done_jobs(executor, do, jobs)
         else:
@@ -188,20 +189,18 @@ class _Run:
     """The cells of a run: those that are missing, and why some failed."""
 
     store: Store
-    course: Course
+    cells: Sequence[Cell]
     warn: Callable[[str], None]
+    warn_once: Callable[[str], None]
     progress: Callable[[RunProgress], None]
+    left: dict[str, Cell] = field(default_factory=dict)
     jobs: deque[Cell] = field(default_factory=deque)
     reasons: dict[str, str] = field(default_factory=dict)
     losses: dict[str, tuple[int, int]] = field(default_factory=dict)
-    remarks: set[str] = field(default_factory=set)
 
-    def missing(
-        self, cells: Iterable[Cell], elsewhere: Collection[str], retry_failed: bool
-    ) -> deque[Cell]:
-        """The cells that have to be played."""
-        missing = []
-        for cell in cells:
+    def missing(self, elsewhere: Collection[str], retry_failed: bool) -> deque[Cell]:
+        """The cells that have to be played, in order."""
+        for cell in self.cells:
             path = self.store.path(cell)
             fault = None if cell.file_name in elsewhere else self.store.check(cell)
             if fault is None:
@@ -216,12 +215,10 @@ class _Run:
                 continue
             if fault != "missing":
                 self.warn(f"{fault}; its cell is run again")
-            missing.append(cell)
+            self.left[cell.file_name] = cell
         # What is stopped has some subjects of all, rather than all of some; and long cells come
         # first, so that no worker is left alone with one at the end.
-        missing.sort(key=lambda cell: (cell.first_subject, -work(cell)))
-        self.jobs.extend(missing)
-        return self.jobs
+        return deque(sorted(self.left.values(), key=lambda cell: (cell.first_subject, -work(cell))))
 
     def follow(self, doing: Doing) -> None:
         """Take note of the cells that are over, and report the progress every second."""
@@ -237,8 +234,9 @@ class _Run:
     def look(self) -> None:
         """Report the progress."""
         waiting = {cell.file_name for cell in self.jobs}
-        given = [cell for name, cell in self.course.left.items() if name not in waiting]
-        self.progress(self.course.standing(playing_in(self.store, given)))
+        given = [cell for name, cell in self.left.items() if name not in waiting]
+        playing = playing_in(self.store, given)
+        self.progress(progress_of(self.cells, self.left.values(), len(self.reasons), playing))
 
     def take(self, cell: Cell, remarks: list[str], error: BaseException | None) -> None:
         """Take note of a cell that is done, has failed, or has lost its worker."""
@@ -252,27 +250,21 @@ class _Run:
             raise error
         else:
             for remark in remarks:
-                self.remark(remark)
+                self.warn_once(remark)
             self.is_done(cell)
-
-    def remark(self, sentence: str) -> None:
-        """Warn of something once."""
-        if sentence not in self.remarks:
-            self.warn(sentence)
-        self.remarks.add(sentence)
 
     def is_done(self, cell: Cell) -> None:
         """Take note of a finished cell."""
         path = self.store.path(cell)
         remove_files_of(path)
         failure_file(path).unlink(missing_ok=True)
-        self.course.ended(cell)
+        self.left.pop(cell.file_name, None)
 
     def has_failed(self, cell: Cell, why: str) -> None:
         """Take note of a failed cell."""
         self.reasons[cell.file_name] = f"{why}; see {failure_file(self.store.path(cell))}"
         self.warn(self.reasons[cell.file_name])
-        self.course.ended(cell, failed=True)
+        self.left.pop(cell.file_name, None)
 
     def has_lost(self, cell: Cell, error: LostError) -> None:
         """Try a cell again that has lost its worker, unless that is too often without progress.

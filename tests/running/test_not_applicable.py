@@ -6,115 +6,113 @@ import pytest
 
 import causal_openlock as ol
 from causal_openlock.errors import LearnerError
-from causal_openlock.experiment.file import read_experiment
-from causal_openlock.files.digest import digest
-from causal_openlock.schemas.schema import Schema
 from causal_openlock.storage.store import Store
 from support.command import at_once, modules_of
 from support.html_page import Page
 
 pytestmark = pytest.mark.slow
 
-BRANCHES = {"L0": ["L1", "L2", "L3"], "L1": ["L4", "L5"], "L2": ["L6", "L7"], "L3": ["L8", "L9"]}
-LEAVES = [f"L{leaf}" for leaf in range(4, 10)]
-TREE = Schema("tree10", [*BRANCHES, *LEAVES], {**BRANCHES, **{leaf: ["door"] for leaf in LEAVES}})
-WHY = (
-    "ideal cannot play in rooms of tree10: its levers can be placed in 453,600 ways, too many to "
-    "list"
-)
+WHY = "Limited cannot play in rooms of CC4: it has a table of 7"
 FILE = """\
-name: wide
+name: limited
 seed: 1
 subjects: 1
 protocols: {quick: {based_on: human, baseline_trials: 1, attempt_limit: 2}}
 protocol: quick
-conditions: [tree10.yaml]
-learners: [random, ideal]
+conditions: [CC4]
+learners: [random, 'limited:Limited']
 """
-LIMITED = """\
+LEARNERS = """\
 from causal_openlock import OneSubjectLearner
 
 class Limited(OneSubjectLearner):
     @classmethod
     def cannot_play(cls, parameters, schema, action_limit):
-        return ANSWER
+        return "it has a table of 7" if schema.name == "CC4" else ""
 
     def act(self, observation):
         return 0
+
+class Breaks(Limited):
+    @classmethod
+    def cannot_play(cls, parameters, schema, action_limit):
+        return 1 / 0
+
+class Says(Limited):
+    @classmethod
+    def cannot_play(cls, parameters, schema, action_limit):
+        return None
 """
 
 
-def written(folder, text=FILE):
-    (folder / "tree10.yaml").write_text(TREE.to_yaml(), encoding="utf-8")
-    path = folder / "wide.yaml"
-    path.write_text(text, encoding="utf-8")
-    return path
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder with learners, which are searched for there."""
+    folder = tmp_path_factory.mktemp("limited")
+    (folder / "limited.py").write_text(LEARNERS, encoding="utf-8")
+    (folder / "limited.yaml").write_text(FILE, encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patches, modules_of(folder):
+        patches.chdir(folder)
+        patches.syspath_prepend(folder)
+        yield folder
 
 
 @pytest.fixture(scope="module")
-def played(tmp_path_factory):
-    """The results folder, and what was said when it was played first."""
-    file = written(tmp_path_factory.mktemp("wide"))
-    out = file.parent / "out"
-    return out, at_once("compare", file, "--out", out, cwd=file.parent)
+def played(folder):
+    """What is said when the experiment is played first."""
+    return at_once("compare", "limited.yaml", "--out", "out")
 
 
-def test_a_learner_is_left_out_with_the_reason_once_and_the_folder_is_complete(played):
-    out, first = played
-    assert first.status == 0, first.stderr
-    said = " ".join((first.stdout + first.stderr).split())
+def test_a_learner_is_left_out_with_the_reason_once_and_the_folder_is_complete(folder, played):
+    assert played.status == 0, played.stderr
+    said = " ".join((played.stdout + played.stderr).split())
     assert said.count("cannot play") == 1
     assert WHY in said
     assert "1 of 1 cells done" in said
-    (row,) = [line for line in first.stdout.splitlines() if line.startswith("ideal")]
+    (row,) = [line for line in played.stdout.splitlines() if line.startswith("Limited")]
     assert {*row.split()[1:]} == {"–"}
-    stored = json.loads((out / "experiment.json").read_bytes())
-    assert stored["not_applicable"] == {"ideal": {"tree10": WHY}}
-    assert len(Store(out).experiment().cells()) == 1
-    again = at_once("compare", out.parent / "wide.yaml", "--out", out, cwd=out.parent)
+    stored = json.loads((folder / "out" / "experiment.json").read_bytes())
+    assert stored["not_applicable"] == {"Limited": {"CC4": WHY}}
+    assert len(Store(folder / "out").experiment().cells()) == 1
+    again = at_once("compare", "limited.yaml", "--out", "out")
     assert "1 of 1 cells were there already" in again.stdout
-    assert "over" in at_once("status", out).stdout
+    assert "over" in at_once("status", "out").stdout
 
 
-def test_tables_have_a_dash_and_the_reason_once(played):
-    out, _ = played
-    results = ol.open_results(out)
-    ideal = results.leaderboard.set_index("learner").loc["ideal"]
-    assert (ideal["conditions"], ideal["subjects"]) == (0, 0)
-    assert ideal[["solved", "attempts", "found", "median"]].isna().all()
-    assert results.by_condition[0].rows["ideal"] == (None,)
+def test_tables_have_a_dash_and_the_reason_once(folder, played):
+    results = ol.open_results(folder / "out")
+    row = results.leaderboard.set_index("learner").loc["Limited"]
+    assert (row["conditions"], row["subjects"]) == (0, 0)
+    assert row[["solved", "attempts", "found", "median"]].isna().all()
+    assert results.by_condition[0].rows["Limited"] == (None,)
     assert results.warnings[0] == f"Not applicable (–): {WHY}."
-    page = Page((out / "report.html").read_text("utf-8")).text
+    page = Page((folder / "out" / "report.html").read_text("utf-8")).text
     assert "not applicable" in page
-    for said in (str(results), page, " ".join(at_once("report", out).stdout.split())):
+    for said in (str(results), page, " ".join(at_once("report", "out").stdout.split())):
         assert said.count("cannot play") == 1
 
 
-def test_others_of_its_conditions_are_played():
-    made = ol.make_experiment([TREE, "CC3", ["CC3", TREE]], ["random", "ideal"], subjects=1)
+def test_others_of_its_conditions_are_played(folder):
+    conditions = ["CC4", "CC3", ["CC3", "CC4"]]
+    made = ol.make_experiment(conditions, ["random", "limited:Limited"], subjects=1)
     assert [cell.in_words for cell in made.cells()] == [
-        "random in tree10, subject 0",
+        "random in CC4, subject 0",
         "random in CC3, subject 0",
-        "random in CC3-tree10, subject 0",
-        "ideal in CC3, subject 0",
+        "random in CC3-CC4, subject 0",
+        "Limited in CC3, subject 0",
     ]
-    assert made.not_applicable == {"ideal": {"tree10": WHY, "CC3-tree10": WHY}}
+    assert made.not_applicable == {"Limited": {"CC4": WHY, "CC3-CC4": WHY}}
     assert made.reasons == (WHY,)
 
 
 @pytest.mark.parametrize(
-    ("answer", "named"),
+    ("learner", "named"),
     [
-        ("'it has a table of 7'", "Limited cannot play in rooms of tree10: it has a table of 7"),
-        ("1 / 0", "cannot_play of .*Limited fails.*ZeroDivision"),
-        ("None", "cannot_play of .*Limited has to return a text"),
+        ("Limited", WHY),
+        ("Breaks", "cannot_play of .*Breaks fails.*ZeroDivision"),
+        ("Says", "cannot_play of .*Says has to return a text"),
     ],
 )
-def test_a_learner_of_ones_own_says_it_too(answer, named, tmp_path, monkeypatch):
-    code = LIMITED.replace("ANSWER", answer)
-    module = f"limits_{digest(code)}"
-    (tmp_path / f"{module}.py").write_text(code, encoding="utf-8")
-    monkeypatch.syspath_prepend(tmp_path)
-    text = FILE.replace("random, ideal", f"{module}:Limited")
-    with modules_of(tmp_path), pytest.raises(LearnerError, match=named):
-        ol.run(read_experiment(written(tmp_path, text)), tmp_path / "out")
+def test_where_nothing_can_be_played_it_says_why(learner, named, folder):
+    with pytest.raises(LearnerError, match=named):
+        ol.compare("CC4", f"limited:{learner}", subjects=1, workers=0)
