@@ -13,14 +13,10 @@ from pathlib import Path
 from causal_openlock.experiment.declare import Cell
 from causal_openlock.files.atomic import sweep, write_bytes
 
-AWAITED = ".awaited-"
-"""The beginning of the names of files that are there while a run waits for its workers."""
+AWAITED = ".awaited-"  # begins the names of files that are there while a run waits for its workers
 CHECKPOINT, PROGRESS = ".checkpoint", ".progress"
-"""Endings; see :mod:`causal_openlock.running.checkpoint` for the first."""
 COUNT = "\nfailures: "
-
-MOST_SECONDS = 1e9
-"""Upper bound of a cell's time: thirty years."""
+MOST_SECONDS = 1e9  # upper bound of a cell's time: thirty years
 
 
 def report_progress(record: Path, share: float, seconds: float) -> None:
@@ -68,14 +64,9 @@ def failures_of(record: Path) -> tuple[int, str]:
 
 
 def keep_failure(record: Path, cell: Cell, what: str, trace: str, failures: int = 1) -> str:
-    """Keep why a cell failed, and return it as a sentence.
+    """Keep why a cell failed, and return it as a sentence: its name, and a clause, ``what``.
 
-    Args:
-        record: The path of its record.
-        cell: The cell.
-        what: A clause that follows its name.
-        trace: The traceback.
-        failures: As how many failures it counts; 0 where another try may get further.
+    It counts as a number of failures: 0 where another try may get further.
     """
     why = f"the learner {cell.in_words}, {what}"
     text = f"{why}\n\n{trace}{COUNT}{failures + failures_of(record)[0]}\n"

@@ -26,8 +26,7 @@ LOCK = ".lock"
 class Shard:
     """A fixed share of an experiment's cells, for a job of a batch system; counted from 1.
 
-    Which cells it has depends on the experiment alone. So it does not matter when the jobs of an
-    array start, and one that was killed is simply started again.
+    Which cells it has depends on the experiment alone: a job that was killed is started again.
 
     >>> Shard.parse("2/3").of("abcdefg")
     ('b', 'e')
@@ -38,11 +37,7 @@ class Shard:
 
     @classmethod
     def parse(cls, text: str) -> Shard:
-        """A shard as users write it.
-
-        Raises:
-            OpenLockError: If it is none.
-        """
+        """A shard as users write it; raises OpenLockError if it is none."""
         parts = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text.strip(), re.ASCII)
         if not parts or not 1 <= int(parts[1]) <= int(parts[2]):
             raise OpenLockError(f"{text!r} is not a shard; write 3/16 for the third of sixteen")

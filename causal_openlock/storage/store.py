@@ -11,9 +11,9 @@
       report.html  summary.csv
       errors/               a file for each failed cell: a sentence and the traceback
 
-A cell's file is written completely or not at all, so a comparison killed at any moment continues
-where it was. A folder keeps every cell that was ever played in it, by identity, and shows those of
-the last experiment: a learner can be corrected, removed, put back or added.
+A cell's file is written completely or not at all. A folder keeps every cell that was ever played in
+it, by identity, and shows those of the last experiment: a learner can be corrected, removed, put
+back or added.
 """
 
 from __future__ import annotations
@@ -23,7 +23,6 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
-from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -60,9 +59,6 @@ LOG = "log.jsonl"
 class Store:
     """A results folder, as :func:`~causal_openlock.running.runner.run` writes it.
 
-    Args:
-        folder: Its path.
-
     Example:
         >>> store = Store("results/first_look")
         >>> store.name is None  # nothing was played there
@@ -74,8 +70,6 @@ class Store:
         self.cells = self.folder / "cells"
         self._declared = self.folder / "experiment.json"
         self._lock = ExitStack()
-
-    # -- the folder -----------------------------------------------------------------------------
 
     def open(
         self, experiment: Experiment, *, changed: bool = True, shard: Shard | None = None
@@ -158,9 +152,6 @@ class Store:
         """Write an experiment and the names of its cells' files to ``experiment.json``.
 
         The identity is the experiment's own by default.
-
-        Raises:
-            OpenLockError: If it cannot be written.
         """
         data = {
             "identity": identity or experiment.identity,
@@ -199,22 +190,19 @@ class Store:
         return experiment
 
     def require_versions(self) -> None:
-        """Make sure that the folder's cells were made with the versions of packages here.
+        """Raise StoreError if all cells were made with other versions of packages than those here.
 
-        Raises:
-            StoreError: If all of them were made with others.
+        Damaged ones do not count.
         """
         made_with = []
         for path in self.cells.glob("*.parquet"):
             with suppress(StoreError):
-                made_with.append(self.made_with(path)[0])
+                made_with.append(self.made_with(path))
         if other := other_versions(merged_versions(made_with), versions()):
             raise StoreError(
                 f"{self.folder} was made with {other}; install these versions, or give "
                 "--allow-version to play missing cells with those here: numbers may differ"
             )
-
-    # -- its cells ------------------------------------------------------------------------------
 
     def path(self, cell: Cell) -> Path:
         """The path of a cell's record."""
@@ -225,10 +213,10 @@ class Store:
         return self.folder / "transcripts" / f"{record.stem}.jsonl"
 
     def source(self, package: str) -> Path:
-        """Path of the source of a learner that has no file, stored for people: nothing runs it.
+        """Path of the source of a learner of a notebook, by its recorded origin: nothing runs it.
 
-        Args:
-            package: Its origin, such as ``Mine.py 0123456789abcdef``.
+        >>> Store("results").source("Mine.py 0123456789abcdef").name
+        'Mine_0123456789abcdef.py'
         """
         name = re.sub(r"\W", "_", package.replace(".py ", "_"))
         return self.folder / "code" / f"{name[-200:]}.py"
@@ -245,22 +233,34 @@ class Store:
         return None
 
     def read(self, path: Path, columns: Sequence[str] | None = None) -> pa.Table:
-        """The record in a cell's file, whole; of these columns, in its order, by default all.
+        """The record in a cell's file; of these columns, in its order, by default all.
 
         Raises:
             StoreError: If the file is missing, damaged, or belongs to another cell.
         """
+        return self._read(path, columns)[0]
+
+    def made_with(self, path: Path) -> Versions:
+        """The versions of packages that a cell was made with, by the path of its record."""
+        return self._read(path, [])[1]
+
+    def _read(
+        self, path: Path, columns: Sequence[str] | None
+    ) -> tuple[pa.Table, Versions, list[str]]:
+        """A cell's record, the versions that made it, and warnings of how it came about."""
         import pyarrow as pa
 
         from causal_openlock.experiment.record import record_schema
 
         try:
             table = read_table(path.read_bytes(), columns)
-            identity = (table.schema.metadata or {}).get(IDENTITY, b"").decode(errors="replace")
+            metadata = table.schema.metadata or {}
+            identity = metadata.get(IDENTITY, b"").decode(errors="replace")
             if not identity or not identity.startswith(path.stem.rpartition("_")[2]):
                 raise ChecksumError("it holds another cell")
-            schema = record_schema()
-            fields = [field for field in schema if columns is None or field.name in columns]
+            fields = [
+                field for field in record_schema() if columns is None or field.name in columns
+            ]
             table = table.replace_schema_metadata(None).select([field.name for field in fields])
             table = table.cast(pa.schema(fields))  # other programs may encode names differently
             table.validate(full=True)
@@ -272,30 +272,15 @@ class Store:
             raise _damaged(path, error) from None
         except (pa.ArrowException, ValueError, KeyError):
             raise _damaged(path, "its columns are not those of a record") from None
-        return table
-
-    def made_with(self, path: Path) -> tuple[Versions, list[str]]:
-        """The versions that a cell was made with, and warnings of how its record came about.
-
-        Raises:
-            StoreError: If its file does not say it.
-        """
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
         try:
-            metadata = pq.read_metadata(path).metadata or {}
             made_with = adapter(Versions).validate_json(metadata.get(VERSIONS, b"{}"))
-            return made_with, adapter(list[str]).validate_json(metadata.get(WARNINGS, b"[]"))
-        except (OSError, pa.ArrowException, ValueError):
+            warnings = adapter(list[str]).validate_json(metadata.get(WARNINGS, b"[]"))
+        except ValueError:
             raise _damaged(path, "it does not say what it was made with") from None
+        return table, made_with, warnings
 
     def write(self, cell: Cell, record: pa.Table, warnings: Sequence[str] = ()) -> None:
-        """Save a cell's record, with warnings of how it came about, whole or not at all.
-
-        Raises:
-            StoreError: If it cannot be written.
-        """
+        """Save a cell's record, with warnings of how it came about, whole or not at all."""
         metadata = {IDENTITY: cell.identity.encode(), VERSIONS: json.dumps(versions()).encode()}
         if warnings:
             metadata[WARNINGS] = json.dumps(warnings).encode()
@@ -304,11 +289,7 @@ class Store:
     def write_transcripts(
         self, cell: Cell, transcripts: Sequence[Sequence[Mapping[str, Any]]]
     ) -> None:
-        """Save what was said in a cell, by subject, each line with its number; nothing for none.
-
-        Raises:
-            StoreError: If it cannot be written.
-        """
+        """Save what was said in a cell, by subject, each line with its number; nothing for none."""
         lines = [
             json.dumps({"subject": subject, **line}) + "\n"
             for subject, said in enumerate(transcripts, start=cell.first_subject)
@@ -320,10 +301,7 @@ class Store:
     def record(
         self, columns: Sequence[str] | None = None, *, small: bool = False
     ) -> tuple[pa.Table, StoredExperiment]:
-        """The records of all cells in order, as one, and :meth:`experiment`.
-
-        The latter includes the versions of the packages that the cells were made with, the missing
-        cells, and why some of them failed.
+        """The records of all cells in order, as one, and :meth:`experiment` with their state.
 
         Args:
             columns: The columns to read, in the order of a record; by default all.
@@ -337,31 +315,31 @@ class Store:
         from causal_openlock.experiment.record import compact
 
         experiment = self.experiment()
-        done, missing = self.files()
         listed = {
             "learner": {spec.name for spec in experiment.learners},
             "condition": {condition.name for condition in experiment.conditions},
             "protocol": {spec.protocol.name for spec in experiment.learners},
         }
-        tables = []
+        done, missing = self.files()
+        tables, made_with, warnings = [], [], {}
         for path in done:
-            table = self.read(path, columns)
+            table, made_with_here, warnings_here = self._read(path, columns)
+            made_with.append(made_with_here)
+            warnings.update(dict.fromkeys(warnings_here))
             for column in listed.keys() & set(table.column_names):
-                names = {*table[column].unique().to_pylist()}
-                if strange := sorted(names - listed[column]):
+                if strange := {*table[column].unique().to_pylist()} - listed[column]:
                     raise StoreError(
-                        f"{self.folder} holds cells of the {column} {strange[0]!r}, which its "
+                        f"{self.folder} holds cells of the {column} {min(strange)!r}, which its "
                         "experiment.json does not list; give compare another --out"
                     )
             tables.append(compact(table) if small else table)
-        made_with, warnings = zip(*map(self.made_with, done), strict=True)
         reasons = {path.stem: failures_of(path)[1] or None for path in missing}
         return pa.concat_tables(tables), replace(
             experiment,
             versions=merged_versions(made_with),
             missing=(*reasons,),
             failures=present(reasons),
-            warned=tuple(dict.fromkeys(chain.from_iterable(warnings))),
+            warned=(*warnings,),
         )
 
     def files(self) -> tuple[list[Path], list[Path]]:
@@ -372,10 +350,9 @@ class Store:
         """
         paths = [self.cells / name for name in self.experiment().files]
         exists = {path: path.exists() for path in paths}
-        done = [path for path in paths if exists[path]]
-        if not done:
+        if not any(exists.values()):
             raise StoreError(f"{self.folder} holds no cell yet; run compare to the end first")
-        return done, [path for path in paths if not exists[path]]
+        return [p for p in paths if exists[p]], [p for p in paths if not exists[p]]
 
 
 def _damaged(path: Path, why: object) -> StoreError:

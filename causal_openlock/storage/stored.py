@@ -20,34 +20,28 @@ from causal_openlock.storage.versions import Versions
 
 @part(kw_only=True)
 class StoredExperiment(Experiment):
-    """An experiment read from a results folder, with the state of its cells.
+    """An experiment read from a results folder, with the state of its cells."""
 
-    Attributes:
-        identity: Its identity when it was run.
-        files: Names of the files of its cells.
-        versions: Versions of the packages that it was made with; in a record, that the cells were.
-        missing: Names of the missing cells.
-        failures: Why cells failed, a sentence each, by the name of the cell.
-        not_applicable: By learner and condition, why the learner could not play it.
-        excluded: By the label of people, how many of them an analysis leaves out.
-        warned: What was warned of while its cells were played, a sentence each.
-    """
-
-    identity: str = ""
+    identity: str = ""  #: its identity when it was run
     files: Annotated[tuple[str, ...], Field(validation_alias=AliasChoices("cells", "files"))] = ()
-    versions: Versions = field(default_factory=dict)
-    missing: tuple[str, ...] = ()
-    failures: Mapping[str, str] = field(default_factory=dict)
+    """Names of the files of its cells."""
+    versions: Versions = field(default_factory=dict)  #: that it, or its record, was made with
+    missing: tuple[str, ...] = ()  #: names of the missing cells
+    failures: Mapping[str, str] = field(default_factory=dict)  #: why, by the name of the cell
     not_applicable: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    """By learner and condition, why the learner could not play it."""
     excluded: Mapping[str, int] = field(default_factory=dict)
-    warned: tuple[str, ...] = ()
+    """By the label of people, how many of them an analysis leaves out."""
+    warned: tuple[str, ...] = ()  #: warnings while its cells were played
 
 
 def parse_experiment(data: Mapping[str, Any]) -> StoredExperiment:
     """The experiment in the content of ``experiment.json``."""
-    kind = adapter(StoredExperiment)
     try:
-        stored: StoredExperiment = kind.validate_json(json.dumps(data), context={"recorded": True})
+        stored: StoredExperiment = adapter(StoredExperiment).validate_json(
+            json.dumps(data), context={"recorded": True}
+        )
+        return stored
     except ValidationError as error:
         fault = errors_of(error, StoredExperiment)[0]
         if not fault.at:
@@ -55,4 +49,3 @@ def parse_experiment(data: Mapping[str, Any]) -> StoredExperiment:
         raise StoreError(f"{'.'.join(map(str, fault.at))}: {fault}") from None
     except (LookupError, TypeError, AttributeError) as error:
         raise StoreError(f"it holds something else ({in_short(error)})") from None
-    return stored

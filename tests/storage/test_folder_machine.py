@@ -197,7 +197,7 @@ class Folder(RuleBasedStateMachine):
         for path in files_of(self.folder, ".parquet"):
             with suppress(StoreError):
                 store.read(path)
-                yield path, store.made_with(path)[0]
+                yield path, store.made_with(path)
 
     def check_said(self, said, excuses):
         """Everything said names a file; returns whether the form was refused."""
