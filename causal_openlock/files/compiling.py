@@ -15,14 +15,10 @@ Compiled = TypeVar("Compiled", bound=Callable[..., Any])
 
 
 def compiled(function: Compiled, **options: Any) -> Compiled:
-    """Compile at the first call, once for each installation.
+    """Compile at the first call, once for each installation, with options of ``numba.njit``.
 
     ``error_model="numpy"`` divides as NumPy does: a check for zero would keep loops from being
     vectorised. With ``NUMBA_DISABLE_JIT=1`` the function stays plain Python, for debugging.
-
-    Args:
-        function: The function.
-        options: Other options of ``numba.njit``.
     """
     import numba  # takes a while to load
     from numba.core.caching import FunctionCache
