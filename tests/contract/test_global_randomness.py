@@ -17,9 +17,6 @@ from support.documents import DOCS, code
 class Tidy(Learner):
     """Draws from its own generators and leaves everything as it is."""
 
-    def begin(self, brief):
-        self.brief = brief
-
     def act(self, view):
         actions = self.brief.actions
         return np.array([int(own.integers(actions)) for own in self.brief.generators])
@@ -43,21 +40,19 @@ class DrawsWithTorch(Tidy):
         return torch.randint(0, self.brief.actions, (self.brief.subjects,)).numpy()
 
 
-def warned(learner):
-    """What a comparison in this process warns of a learner, once."""
+class Writes(Tidy):
+    def learn(self, step):
+        step.next.console.attempts_left[0] = 9
+
+
+def played(learner):
+    """What was done in a comparison in this process, and what it warns of, once a process."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         results = ol.compare(["CC3", "CE3"], learner, subjects=2, workers=0)
     said = [str(one.message) for one in caught if issubclass(one.category, UserWarning)]
-    assert [one for one in results.warnings if "random numbers" in one] == said
-    return said
-
-
-def attempts(learner):
-    """The attempts of a comparison in this process."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return ol.compare("CC3", learner, subjects=2, workers=0).attempts.drop(columns="wall_time")
+    assert not said or said == [one for one in results.warnings if "random numbers" in one]
+    return results.attempts.drop(columns="wall_time"), said
 
 
 @pytest.mark.parametrize(
@@ -69,27 +64,16 @@ def attempts(learner):
         (DrawsWithTorch, ["torch"]),
     ],
 )
-def test_a_learner_that_uses_global_generators_is_named(kind, generators):
+def test_a_learner_that_uses_global_generators_is_named_and_reproducible(kind, generators):
     before = GlobalRandomness.now()
-    found = warned(kind)
+    attempts, said = played(kind)
     assert before.differs_from(GlobalRandomness.now()) == []
-    assert len(found) == len(generators)
-    for sentence, name in zip(found, generators, strict=True):
+    assert len(said) == len(generators)
+    for sentence, name in zip(said, generators, strict=True):
         assert f"{kind.__name__}: " in sentence
         assert f"random numbers of {name}," in sentence
-
-
-@pytest.mark.parametrize("kind", [Draws, DrawsForOne, DrawsWithTorch])
-def test_its_results_are_the_same_whatever_was_drawn_before(kind):
-    first = attempts(kind)
-    for _ in range(3):
-        random.random(), np.random.random()  # noqa: NPY002
-    assert attempts(kind).equals(first)
-
-
-class Writes(Tidy):
-    def learn(self, step):
-        step.next.console.attempts_left[0] = 9
+    random.random(), np.random.random()  # noqa: NPY002
+    assert played(kind)[0].equals(attempts)
 
 
 def test_what_a_learner_is_given_cannot_be_changed():
@@ -103,4 +87,4 @@ def test_the_network_of_the_guide_keeps_to_its_own_randomness(tmp_path, monkeypa
     (tmp_path / "my_network.py").write_text(text, encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
     with modules_of(tmp_path):
-        assert warned("my_network:Network") == []
+        assert played("my_network:Network")[1] == []

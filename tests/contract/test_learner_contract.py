@@ -2,7 +2,7 @@
 
 import tomllib
 import unittest
-from dataclasses import dataclass
+from dataclasses import make_dataclass
 from typing import Annotated
 
 import numpy as np
@@ -222,7 +222,7 @@ class Dice(Learner):
     """A learner that keeps the contract; those below break it in one way each."""
 
     def begin(self, brief):
-        self.brief = brief
+        super().begin(brief)
         self.streams = Streams(brief.generators)
 
     def act(self, view):
@@ -293,36 +293,14 @@ class DrawsWhenAsked(Dice):
         return np.full((self.brief.subjects, self.brief.actions), 1 / self.brief.actions)
 
 
-@dataclass
-class Thawed:
-    rate: Annotated[float, "how fast"] = 0.5
-
-
-@dataclass(frozen=True)
-class Silent:
-    rate: float = 0.5
-
-
-@dataclass(frozen=True)
-class Inconsistent:
-    rate: Annotated[float, Field(lt=0.1), "how fast"] = 0.5
-
-
-def with_parameters(declared):
-    """A learner whose parameters can be changed, have no meaning, or a wrong default."""
+def with_parameters(hint, frozen=True):
+    """A learner with a parameter ``rate``, whose default is .5."""
+    declared = make_dataclass("Declared", [("rate", hint, 0.5)], frozen=frozen)
     body = {"Parameters": declared, "__module__": __name__, "__doc__": "Has parameters."}
-    return type(f"With{declared.__name__}", (Dice,), body)
+    return type("WithParameters", (Dice,), body)
 
 
-WithThawed, WithSilent, WithInconsistent = map(with_parameters, (Thawed, Silent, Inconsistent))
-
-
-ANSWERS = "answers_with_one_action_for_each_subject"
-FINISHED = "ignores_subjects_that_have_finished"
-GLOBAL = "keeps_no_global_randomness"
 PROBABILITIES = "draws_its_actions_from_its_probabilities"
-OTHERS = "learns_from_what_others_do"
-RESUMES = "goes_on_from_a_checkpoint"
 PARAMETERS = "its_parameters_are_a_frozen_dataclass_that_explains_itself"
 
 
@@ -333,23 +311,24 @@ class TestDice(LearnerContract):
 @pytest.mark.parametrize(
     ("kind", "test", "names"),
     [
-        (AnswersFloats, ANSWERS, "float64"),
+        (AnswersFloats, "answers_with_one_action_for_each_subject", "float64"),
         (DrawsItsOwnSeed, "the_same_seed_gives_the_same_record", "row 0: .*actions"),
         (RemembersInItsClass, "a_subject_does_not_depend_on_its_batch", "row 0: .*actions"),
-        (LearnsFromTheFinished, FINISHED, "step.view.playing"),
-        (DrawsGlobally, GLOBAL, "numpy.random"),
+        (LearnsFromTheFinished, "ignores_subjects_that_have_finished", "step.view.playing"),
+        (DrawsGlobally, "keeps_no_global_randomness", "numpy.random"),
         (ClaimsToPushTheDoor, PROBABILITIES, "cannot do that"),
         (ClaimsHalf, PROBABILITIES, "add up to 1"),
         (DrawsWhenAsked, PROBABILITIES, "once its probabilities are asked for"),
-        (NeedsToAct, OTHERS, "chosen"),
-        (Forgets, RESUMES, "every 6 steps"),
-        (WithThawed, PARAMETERS, "frozen=True"),
-        (WithSilent, PARAMETERS, "rate"),
-        (WithInconsistent, PARAMETERS, "0.1"),
+        (NeedsToAct, "learns_from_what_others_do", "chosen"),
+        (Forgets, "goes_on_from_a_checkpoint", "every 6 steps"),
+        (with_parameters(Annotated[float, "how fast"], frozen=False), PARAMETERS, "frozen=True"),
+        (with_parameters(float), PARAMETERS, "rate"),
+        (with_parameters(Annotated[float, Field(lt=0.1), "how fast"]), PARAMETERS, "0.1"),
         (AnswersFloats, PARAMETERS, "docstring"),
     ],
 )
-def test_a_broken_promise_is_found(kind, test, names):
+def test_a_broken_promise_is_found(kind, test, names, monkeypatch):
+    monkeypatch.setitem(globals(), kind.__name__, kind)
     contract = type("Contract", (LearnerContract,), {"learner": f"{__name__}:{kind.__name__}"})()
     (method,) = [name for name in dir(contract) if name.startswith("test_") and test in name]
     with pytest.raises((AssertionError, AttributeError, LearnerError), match=f"(?s){names}"):

@@ -3,7 +3,7 @@
 Comparisons are played, killed (SIGKILL), stopped (Ctrl-C) or left without disk space at any sync
 of a file, played by two processes at once and in shards, and their files are cut, flipped, emptied
 and deleted in between. Whatever happened, the record equals an undisturbed one in every cell that
-is there, or an error names the file. Ten times as much, with 200 kills at random syncs::
+is there, or an error names the file. Ten times as much::
 
     TIMES=10 .venv/bin/python -m pytest -n0 -s tests/storage/test_folder_machine.py
 """
@@ -18,7 +18,6 @@ from functools import cache
 from pathlib import Path
 from typing import ClassVar
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -114,13 +113,8 @@ def undisturbed(name):
 def plays(name, folder, told, end=None, syncs=0, **options):
     """Play a form in this process, with a checkpoint after each step, until it is disturbed.
 
-    Args:
-        name: The form.
-        folder: The results folder.
-        told: A file for what is said: warnings, and the error.
-        end: How it ends at the sync with the number ``syncs``: a signal, or a full disk.
-        syncs: See ``end``.
-        options: Of `run`.
+    At the sync with the number ``syncs`` it ends by a signal, or the disk is full. Warnings, and
+    the error, are written to the file ``told``.
     """
     done = 0
 
@@ -179,11 +173,11 @@ class Folder(RuleBasedStateMachine):
 
     def excuses(self, name):
         """What a refusal to play a form may name, given what was done to the folder before."""
-        if self.declared in self.damaged():
-            return ["experiment.json is damaged"]
         excuses = []
         if {here["numpy"] for _, here in self.whole_cells()} == {"0.1"}:
             excuses.append("was made with numpy 0.1")
+        if self.declared in self.damaged():
+            return [*excuses, "experiment.json is damaged"]
         if not self.declared.exists():
             return [*excuses, "there is no experiment.json"]
         stored = Store(self.folder).experiment()
@@ -235,7 +229,7 @@ class Folder(RuleBasedStateMachine):
             assert not must
             self.check_played(name)
 
-    @rule(name=st.sampled_from([*FORMS]), end=st.sampled_from(ENDS), syncs=st.integers(1, 60))
+    @rule(name=st.sampled_from([*FORMS]), end=st.sampled_from(ENDS), syncs=st.integers(1, 30))
     def end(self, name, end, syncs):
         excuses = self.excuses(name)
         self.told.unlink(missing_ok=True)
@@ -288,14 +282,12 @@ class Folder(RuleBasedStateMachine):
     @precondition(lambda self: files_of(self.folder, ".parquet", ".checkpoint"))
     @rule(
         which=st.floats(0, 1, exclude_max=True),
-        suffixes=st.sampled_from([(".parquet",), (".json",), (".checkpoint", ".attempts")]),
+        suffix=st.sampled_from([".parquet", ".json", ".checkpoint"]),
         how=st.sampled_from(["cut", "flip", "empty", "delete"]),
         place=st.floats(0, 1, exclude_max=True),
     )
-    def damage(self, which, suffixes, how, place):
-        paths = files_of(self.folder, *suffixes) or files_of(self.folder, ".parquet")
-        if not paths:
-            return
+    def damage(self, which, suffix, how, place):
+        paths = files_of(self.folder, suffix) or files_of(self.folder, ".parquet", ".checkpoint")
         path = paths[int(which * len(paths))]
         content = path.read_bytes()
         at = int(place * len(content))
@@ -357,24 +349,3 @@ def test_whatever_happens_to_a_folder_its_record_is_undisturbed(tmp_path, monkey
         ),
     )
     assert Folder.happened >= {"killed", "full disk", "damaged"}
-
-
-def test_kills_at_random_syncs_lose_nothing(tmp_path, monkeypatch):
-    monkeypatch.setenv(STATE, str(tmp_path))
-    luck, kills, rounds = np.random.default_rng(2018), 0, 0
-    names = ["first", "with a network"]
-    while kills < 20 * TIMES:
-        folder, name = tmp_path / f"{rounds}", names[rounds % 2]
-        while True:
-            syncs = int(luck.integers(1, 40))
-            process = begun(name, folder, tmp_path / "told", signal.SIGKILL, syncs)
-            process.join()
-            if not process.exitcode:
-                break
-            assert process.exitcode == -signal.SIGKILL
-            kills += 1
-        assert not (tmp_path / "told").read_text()
-        record = contents(Store(folder).record()[0])
-        assert record.equals(pa.concat_tables(undisturbed(name).values()))
-        rounds += 1
-    print(f"{kills} kills at random syncs in {rounds} comparisons: nothing is lost")

@@ -89,32 +89,28 @@ def test_a_folder_of_another_experiment_is_refused_and_left_alone(experiment, tm
 
 
 def test_a_folder_is_reused_for_another_form_of_its_experiment(experiment, tmp_path):
-    random, oracle = experiment.learners
-    forms = {
-        "a learner less": dataclasses.replace(experiment, learners=(oracle,)),
-        "a condition less": dataclasses.replace(experiment, conditions=experiment.conditions[:1]),
-        "more subjects": dataclasses.replace(
-            experiment,
-            learners=tuple(dataclasses.replace(one, subjects=7) for one in experiment.learners),
-        ),
-        "larger cells": dataclasses.replace(experiment, cell_size=3),
-        "a learner more": dataclasses.replace(
-            experiment, learners=(random, oracle, dataclasses.replace(random, name="again"))
-        ),
-        "as it was": experiment,
-    }
+    more = [dataclasses.replace(spec, subjects=7) for spec in experiment.learners]
+    again = dataclasses.replace(experiment.learners[0], name="again")
+    forms = [
+        {"learners": experiment.learners[1:]},
+        {"conditions": experiment.conditions[:1]},
+        {"learners": (*more,)},
+        {"cell_size": 3},
+        {"learners": (*experiment.learners, again)},
+        {},
+    ]
     first = play(experiment, tmp_path / "out")
     kept = {path: path.read_bytes() for path in first.cells.iterdir()}
     known = {cell.identity for cell in experiment.cells()}
-    for name, form in forms.items():
-        there = files(tmp_path / "out")
-        store = play(form, tmp_path / "out")
+    for number, form in enumerate(forms):
+        changed, there = dataclasses.replace(experiment, **form), files(tmp_path / "out")
+        store = play(changed, tmp_path / "out")
         played = files(tmp_path / "out").items() - there.items()
-        assert len(played) == len({cell.identity for cell in form.cells()} - known), name
-        known |= {cell.identity for cell in form.cells()}
-        fresh = play(form, tmp_path / name)
-        assert contents(store).equals(contents(fresh)), name
-        assert store.experiment() == fresh.experiment(), name
+        assert len(played) == len({cell.identity for cell in changed.cells()} - known), form
+        known |= {cell.identity for cell in changed.cells()}
+        fresh = play(changed, tmp_path / str(number))
+        assert contents(store).equals(contents(fresh)), form
+        assert store.experiment() == fresh.experiment(), form
     assert {path: path.read_bytes() for path in kept} == kept
 
 
