@@ -1,17 +1,17 @@
 """HTML that notebooks show for schemas, rooms, trials, experiments, learners and results.
 
-IPython keeps formatters by the name of a type and loads nothing for them, so nothing else in the
-package knows about display: importing :mod:`causal_openlock` where IPython runs registers what
-is here (:func:`register_formatters`). Everything shown is one piece of HTML: pictures are inline
-SVG, nothing is loaded from elsewhere.
+IPython keeps formatters by the name of a type and loads nothing for them: importing
+:mod:`causal_openlock` where IPython runs registers those here (:func:`register_formatters`).
+Pictures are inline SVG, nothing is loaded from elsewhere.
 """
 
 from __future__ import annotations
 
-import io
 import re
 from collections.abc import Callable, Iterable, Sequence
 from html import escape
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from causal_openlock.wording import counted, first_line
@@ -28,28 +28,21 @@ if TYPE_CHECKING:
     from causal_openlock.world.room import Room
 
 MOST_SOLUTIONS = 12
-LARGEST = 600_000
-"""Characters of a strip of pictures after which no more pictures are added to it."""
-
+LARGEST = 600_000  # characters of a strip of pictures, to which no more pictures are added
 _CARD = "display:inline-block;background:#fff;color:#000;padding:0.6em;max-width:100%"
 _ROW = "display:flex;flex-wrap:wrap;gap:0.5em;align-items:flex-start"
 
 
 def schema_html(schema: Schema) -> str:
     """A schema: its graph, and the solutions that follow from it."""
-    import matplotlib as mpl
+    from causal_openlock.render.graph import save_schema_figure
 
-    from causal_openlock.render.graph import draw_schema
-
-    svg = io.StringIO()
-    with mpl.rc_context():
-        mpl.rcdefaults()  # whatever a notebook has set for figures of its own
-        mpl.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": schema.name})
-        figure: Any = draw_schema(schema).figure
-        nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-        figure.savefig(svg, format="svg", metadata=nothing)
+    with TemporaryDirectory() as folder:
+        path = Path(folder, "graph.svg")
+        save_schema_figure(schema, path)
+        svg = path.read_text(encoding="utf-8")
     # matplotlib's style sheet would hold for the whole page.
-    graph = re.sub(r"<style.*?</style>", "", svg.getvalue(), flags=re.DOTALL)
+    graph = re.sub(r"<(style|metadata).*?</\1>", "", svg, flags=re.DOTALL)
     graph = graph.replace("<svg ", '<svg style="stroke-linejoin: round; stroke-linecap: butt" ', 1)
     solutions = schema.solutions
     lines = [" ".join([*levers, "door"]) for levers in solutions[:MOST_SOLUTIONS]]
@@ -88,15 +81,14 @@ def opened_html(opened: Any) -> str:
 def watched_html(watched: WatchedTrial) -> str:
     """A trial as a strip of pictures, one after each action; of a long one the first."""
     shots = [shot for shot in watched.shots if shot.action or shot is watched.shots[0]]
-    strip, shown = "", 0
-    while shown < len(shots) and len(strip) < LARGEST:
-        strip += _moment(watched, shots[shown])
-        shown += 1
-    if more := len(shots) - shown:
-        strip += _text(f"and {counted(more, 'more action')}")
+    strip = [_moment(watched, shots[0])]
+    while len(strip) < len(shots) and sum(map(len, strip)) < LARGEST:
+        strip.append(_moment(watched, shots[len(strip)]))
+    if more := len(shots) - len(strip):
+        strip.append(_text(f"and {counted(more, 'more action')}"))
     legend = "Arrows are what it believes, the darker the more probable; dashed: the true schema."
     below = [f"<small>{legend}</small>"] if watched.trace else []
-    return _card(watched.title, f'<div style="{_ROW}">{strip}</div>', *below)
+    return _card(watched.title, f'<div style="{_ROW}">{"".join(strip)}</div>', *below)
 
 
 def _moment(watched: WatchedTrial, shot: Shot) -> str:
@@ -121,21 +113,19 @@ def experiment_html(experiment: Experiment) -> str:
     """An experiment: who plays what, and how much work that is."""
     from causal_openlock.contract.registry import changed_parameters
 
+    heads = ["name", "learner", "protocol", "reward", "subjects", "changed parameters"]
     rows = []
     for spec in experiment.learners:
         changed = spec.parameters
         if spec.recorded is None:  # showing results runs no code that they name
             changed = changed_parameters(spec.learner, spec.parameters)
         words = ", ".join(f"{name} {value}" for name, value in changed.items())
-        played = (spec.name, spec.learner, spec.protocol.name, spec.reward.name)
-        rows.append([*map(escape, (*played, str(spec.subjects), words))])
-    table = _table(
-        ["name", "learner", "protocol", "reward", "subjects", "changed parameters"], rows
-    )
+        played = (spec.name, spec.learner, spec.protocol.name, spec.reward.name, spec.subjects)
+        rows.append([escape(str(value)) for value in (*played, words)])
     names = ", ".join(condition.name for condition in experiment.conditions)
     cells = counted(len(experiment.cells()), "cell")
     summary = _text(f"conditions {names}; seed {experiment.seed}; {cells}")
-    return _card(experiment.title or experiment.name, table, summary)
+    return _card(experiment.title or experiment.name, _table(heads, rows), summary)
 
 
 def learner_html(learner: Learner) -> str:
@@ -148,7 +138,8 @@ def learner_html(learner: Learner) -> str:
     for parameter in parameter_table(type(learner.parameters)):
         value = getattr(learner.parameters, parameter.name)
         shown = escape(str(value))
-        shown = shown if value == parameter.default else f"<b>{shown}</b>"
+        if value != parameter.default:
+            shown = f"<b>{shown}</b>"
         rows.append([escape(parameter.name), shown, escape(parameter.meaning)])
     table = [_table(["parameter", "value", "meaning"], rows)] if rows else []
     return _card(kind.__name__, _text(first_line(kind.__doc__)), *table)
@@ -166,14 +157,12 @@ def results_html(results: Results) -> str:
     parts = []
     for table in results.by_condition:
         heads = ["attempts", *(f"{name}, {measured}" for name, measured in table.columns)]
-        rows = [
-            [f"<i>{escape(name)}</i>", *("" if mean is None else number(mean) for mean in means)]
-            for name, means in table.beside.items()
-        ]
-        rows += [
-            [f"<b>{escape(learner)}</b>", *(small(in_cell(cell)) for cell in cells)]
-            for learner, cells in table.rows.items()
-        ]
+        rows = []
+        for name, means in table.beside.items():
+            shown = ["" if mean is None else number(mean) for mean in means]
+            rows.append([f"<i>{escape(name)}</i>", *shown])
+        for learner, cells in table.rows.items():
+            rows.append([f"<b>{escape(learner)}</b>", *(small(in_cell(cell)) for cell in cells)])
         parts += [_text(f"protocol {table.protocol}"), _table(heads, rows)]
     about = (
         "Mean attempts to find every solution, in small type their 95% interval if subjects differ."
