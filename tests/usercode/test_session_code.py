@@ -101,52 +101,37 @@ def test_all_that_a_learner_uses_arrives(run, monkeypatch):
     assert worker.table.cache_info().currsize == 1
 
 
-def test_results_and_bundles_have_the_source_and_need_no_class(run, monkeypatch, tmp_path):
-    run(HEAD, LEARNER)
-    source = session_source(NAME)
-    experiment = ol.make_experiment(["CC3"], [learner_class(NAME)], subjects=1)
-    store = ol.run(experiment, tmp_path / "r", workers=0)
-    (kept,) = (tmp_path / "r" / "code").iterdir()
-    assert kept.read_text() == source
-    monkeypatch.setitem(sys.modules, "__main__", ModuleType("__main__"))
-    assert ol.open_results(tmp_path / "r").learners == ("Mine",)
-    ol.open_results(tmp_path / "r").report()
-    assert "defined in a notebook" in write_bundle(store, tmp_path / "b.zip")[0]
-    with zipfile.ZipFile(tmp_path / "b.zip") as bundle:
-        bundle.extractall(tmp_path / "again")
-    folder = tmp_path / "again" / "comparison"
-    assert (folder / kept.name).read_text() == source
-    (spec,) = ol.read_experiment(folder / "experiment.yaml").learners
-    assert learner_class(spec.learner).__name__ == "Mine"
-    kept.write_text("import os\n")
-    with pytest.raises(StoreError, match="is not the source of Mine"):
-        write_bundle(store, tmp_path / "b.zip")
-
-
-def test_a_function_of_a_cell_is_a_reward_in_workers_and_in_results(run, monkeypatch, tmp_path):
-    run(HEAD, REWARD)
+def test_results_and_bundles_have_the_source_and_need_no_definitions(run, monkeypatch, tmp_path):
+    run(HEAD, REWARD, LEARNER)
     eager = vars(sys.modules["__main__"])["eager"]
-    learners = ["ddqn", ol.learner("ddqn", reward=eager, label="own")]
-    experiment = ol.make_experiment(
-        ["CC3"], learners, subjects=1, protocol={"baseline_trials": 1}, reward=eager
-    )
-    (reward,) = {spec.reward for spec in experiment.learners}
+    learners = [learner_class(NAME), ol.learner("random", reward=eager)]
+    experiment = ol.make_experiment(["CC3"], learners, subjects=1)
+    reward = experiment.learners[1].reward
     assert (reward.name, reward.source[:9]) == ("__main__:eager", "eager.py ")
+    sources = {session_source(NAME), session_source("__main__:eager")}
+    sent = packed([NAME, reward.name])
     store = ol.run(experiment, tmp_path / "r", workers=0)
-    (kept,) = (tmp_path / "r" / "code").iterdir()
-    assert kept.read_text() == session_source("__main__:eager")
+    stored = {path.stem.partition("_")[0]: path for path in (tmp_path / "r" / "code").iterdir()}
+    assert {path.read_text() for path in stored.values()} == sources
+    monkeypatch.setitem(sys.modules, "__main__", ModuleType("__main__"))
+    assert ol.open_results(tmp_path / "r").learners == ("Mine", "random")
     ol.open_results(tmp_path / "r").report()
     warnings = write_bundle(store, tmp_path / "b.zip")
-    assert [line[:31] for line in warnings[:2]] == [
-        "the reward of ddqn was defined ",
-        "the reward of own was defined i",
+    assert [line.partition(" was defined in a notebook")[0] for line in warnings[:2]] == [
+        "Mine",
+        "the reward of random",
     ]
     with zipfile.ZipFile(tmp_path / "b.zip") as bundle:
         bundle.extractall(tmp_path / "again")
-    again = ol.read_experiment(tmp_path / "again" / "comparison" / "experiment.yaml")
-    assert again.learners[0].reward.name == f"{kept.stem}:eager"
+    folder = tmp_path / "again" / "comparison"
+    again = ol.read_experiment(folder / "experiment.yaml").learners
+    assert learner_class(again[0].learner).__name__ == "Mine"
+    assert again[1].reward.name == f"{stored['eager'].stem}:eager"
+    stored["Mine"].write_text("import os\n")
+    with pytest.raises(StoreError, match="is not the source of Mine"):
+        write_bundle(store, tmp_path / "b.zip")
 
-    assert {"eager", "SCALE"} <= vars(arrive(packed([reward.name]), monkeypatch)).keys()
+    assert {"eager", "SCALE"} <= vars(arrive(sent, monkeypatch)).keys()
     elsewhere = OpenLockEnv("CC3", layout="trial1", reward=reward, episode="trial")
     elsewhere.reset(seed=0)
     assert elsewhere.step(14)[1] == pytest.approx(-0.1)
