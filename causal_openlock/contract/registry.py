@@ -22,14 +22,13 @@ from pydantic import ConfigDict, PydanticUserError, ValidationError
 from causal_openlock.contract.learner import Learner, LearnerBase
 from causal_openlock.contract.one_subject import PerSubjectAdapter
 from causal_openlock.errors import LearnerError, in_short, together
-from causal_openlock.files.plugins import LEARNERS, registered
+from causal_openlock.files.plugins import LEARNERS, loaded, registered
 from causal_openlock.files.validation import adapter, errors_of, plain
 from causal_openlock.usercode.own_files import (
     MODULE_AND_NAME,
     code_digest,
     is_installed,
-    look_beside,
-    misspelt,
+    load_named,
     module_source,
 )
 from causal_openlock.usercode.session_code import is_of_session, session_origin
@@ -98,32 +97,18 @@ def learner_class(name: str) -> type[LearnerBase]:
     Raises:
         LearnerError: If there is none, it cannot be imported, or it is not a learner.
     """
-    entry = _entry(name)
-    called = f"the learner {name!r} ({entry.value})"
-    try:
-        kind = entry.load()
-    except Exception as error:  # a module can fail in any way while it is imported
-        what = f"{called} cannot be imported: {type(error).__name__}: {error}"
-        if name == entry.value:
-            what = misspelt(entry, error, "class", lambda kind: not _fault(kind)) or what
-        raise LearnerError(what) from error
-    if fault := _fault(kind):
-        raise LearnerError(f"{called} {fault}")
-    return kind
-
-
-def _entry(name: str) -> EntryPoint:
     if ":" in name:
-        if not MODULE_AND_NAME.fullmatch(name):
-            raise LearnerError(f"{name!r} names no learner; write it like my_module:MyLearner")
-        look_beside()
-        return EntryPoint(name, name, LEARNERS)
-    if entry := registry().get(name):
-        return entry
-    raise LearnerError(
-        f"there is no learner {name!r}; {nearest(name, registry())}; one that is not installed is "
-        "written module:Class"
-    )
+        kind = load_named(name, "learner", lambda kind: not _fault(kind))
+    elif name in registry():
+        kind = loaded(registry()[name])
+    else:
+        raise LearnerError(
+            f"there is no learner {name!r}; {nearest(name, registry())}; one that is not installed "
+            "is written module:Class"
+        )
+    if fault := _fault(kind):
+        raise LearnerError(f"the learner {name!r} {fault}")
+    return kind
 
 
 def _fault(kind: Any) -> str:

@@ -46,27 +46,19 @@ NINE = Schema("nine", ["L0", *LEAVES], {"L0": LEAVES} | {leaf: ["door"] for leaf
 
 
 class LearnerContract:
-    """Tests of one learner; see the module's docstring for how to use it.
+    """Tests of one learner; see the module's docstring for how to use it."""
 
-    Attributes:
-        learner: Its registered name, or ``module:Class``.
-        parameters: Hyper-parameters that differ from their defaults.
-        schemas: Names of the schemas to play; by default all that are bundled.
-        subjects: How many subjects play at once; at least two.
-        attempts: Attempts of a trial in the tests of batches and of checkpoints. A learner that is
-            trained needs more, so that rounding, or gaps in its state, have time to show.
-        independent_of_batch: Whether a subject's data are identical whatever other subjects are in
-            its batch. ``False`` for a learner that computes many networks in one matrix product,
-            where rounding depends on their number; then only equal cells give equal data, and
-            results depend on ``cell_size``.
-    """
-
-    learner: ClassVar[str] = ""
-    parameters: ClassVar[Mapping[str, Any]] = {}
-    schemas: ClassVar[Sequence[str] | None] = None
-    subjects: ClassVar[int] = 4
+    learner: ClassVar[str] = ""  #: its registered name, or ``module:Class``
+    parameters: ClassVar[Mapping[str, Any]] = {}  #: those that differ from their defaults
+    schemas: ClassVar[Sequence[str] | None] = None  #: to play; by default all that are bundled
+    subjects: ClassVar[int] = 4  #: how many play at once; at least two
     attempts: ClassVar[int] = SHORT.attempt_limit
+    """Attempts of a trial in the tests of batches and of checkpoints. A learner that is trained
+    needs more, so that rounding, or gaps in its state, have time to show."""
     independent_of_batch: ClassVar[bool] = True
+    """Whether a subject's data are identical whatever other subjects are in its batch. False for a
+    learner that computes many networks in one matrix product, where rounding depends on their
+    number: then results depend on ``cell_size``."""
 
     # -- what it answers, and what its answers depend on ----------------------------------------
 
@@ -141,11 +133,7 @@ class LearnerContract:
         self._require_same(self._play(), asked, "is another once its probabilities are asked for")
 
     def test_it_learns_from_what_others_do(self) -> None:
-        """``learn`` takes another's actions, where nothing was asked before but probabilities.
-
-        Let it use ``step.view`` and ``step.action``, and nothing that ``act`` has kept, or set
-        ``learns_from_others = False``.
-        """
+        """``learn`` uses the step, and nothing that ``act`` kept; or set ``learns_from_others``."""
         learner, other = self._made(), np.random.default_rng(1)
         if not learner.learns_from_others:
             raise unittest.SkipTest(f"{self.learner} learns from its own actions alone")
@@ -220,12 +208,9 @@ class LearnerContract:
         attempts: int = SHORT.attempt_limit,
         interrupted: bool = False,
     ) -> list[list[int]]:
-        """The learner's answers in a session.
+        """The learner's answers in a session; others continue it if it is interrupted.
 
-        Args:
-            change: Changes the views and steps that the learner gets, by the steps taken before.
-            attempts: Attempts of a trial.
-            interrupted: Whether another learner continues from time to time.
+        Views and steps reach it through ``change``, with the number of steps before.
         """
         session, learner = self._session(range(self.subjects), attempts), self._made()
         answers: list[list[int]] = []

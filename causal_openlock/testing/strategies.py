@@ -28,11 +28,7 @@ def schemas(
 ) -> Schema:
     """Any valid schema: a random DAG with gates and, where it has to be, inert levers.
 
-    Args:
-        draw: Given by Hypothesis.
-        max_levers: The most levers it may have, at most 12.
-        stochastic: Whether edges may have strengths below 1.
-        titles: What to draw its title from.
+    With ``stochastic``, edges may have strengths below 1. Titles are drawn from ``titles``.
     """
     levers = [f"L{index}" for index in range(draw(st.integers(1, max_levers), label="levers"))]
     # Causes come first in this order, which is not the order of the levers.
@@ -67,12 +63,7 @@ def _gates(causes: int) -> st.SearchStrategy[Gate]:
 
 
 def layouts(schema: Schema, positions: int | None = None) -> st.SearchStrategy[Layout]:
-    """Any layout of a schema's levers.
-
-    Args:
-        schema: The schema.
-        positions: Of the room; by default as many as the smallest room for it has.
-    """
+    """Any layout of a schema's levers, by default in the smallest room for them."""
     places = positions_for(schema) if positions is None else positions
     levers = len(schema.levers)
     return st.permutations(range(places)).map(lambda order: Layout(tuple(order[:levers]), places))

@@ -21,7 +21,7 @@ from pathlib import Path
 from pkgutil import iter_modules
 from typing import Any, NamedTuple
 
-from causal_openlock.errors import OpenLockError, in_short
+from causal_openlock.errors import ExperimentError, LearnerError, OpenLockError, in_short
 from causal_openlock.files.digest import digest
 from causal_openlock.wording import nearest
 
@@ -31,6 +31,10 @@ TOOLKIT = tuple(_INSTALLED_IN / name for name in (*_PACKAGES, "learners/openlock
 """The toolkit's own packages; in a checkout the learners are in a folder of their own."""
 _NOT_FOLLOWED = {*sys.stdlib_module_names, *_PACKAGES}
 MODULE_AND_NAME = re.compile(r"\w+(\.\w+)*:\w+(\.\w+)*")
+_ROLES = {
+    "learner": ("class", "MyLearner", LearnerError),
+    "reward": ("function", "my_function", ExperimentError),
+}
 
 
 class OwnFiles(NamedTuple):
@@ -54,9 +58,9 @@ def own_files(modules: Iterable[str], beside: Iterable[Path] = (), text: str = "
         if name in seen or (top in _NOT_FOLLOWED and name not in named):
             continue
         seen.add(name)
-        waiting.append(parent)
         source = _located(name, beside)
         if source is None:
+            waiting.append(parent)
             others.add(top)
             continue
         is_package = source.name == "__init__.py"
@@ -66,7 +70,8 @@ def own_files(modules: Iterable[str], beside: Iterable[Path] = (), text: str = "
         if is_users_own(folder.resolve() / inside) and not any(folder.glob("*.dist-info")):
             own.add(top)
             files[inside.as_posix()] = source
-            waiting += _imports(source.read_bytes(), str(source), name if is_package else parent)
+            imports = _imports(source.read_bytes(), str(source), name if is_package else parent)
+            waiting += [parent, *imports]
         elif name in named:
             files[source.name] = source
         else:
@@ -179,22 +184,32 @@ def is_users_own(source: Path) -> bool:
     return not (installed or any(map(source.is_relative_to, TOOLKIT)))
 
 
-def misspelt(
-    entry: EntryPoint, error: Exception, kind: str, fits: Callable[[Any], bool]
-) -> str | None:
-    """What to say of an entry that names no module, or nothing in it that fits, such as a class.
+def load_named(name: str, role: str, fits: Callable[[Any], bool]) -> Any:
+    """What ``module:name`` names, for the role of a learner or a reward.
 
-    None if the module fails while it is imported: its own error says more.
+    Raises:
+        LearnerError: If it is no name, or cannot be imported; if there is none, the message has the
+            nearest that ``fits``. For a reward, an ExperimentError.
     """
-    if isinstance(error, ModuleNotFoundError) and f"{entry.module}.".startswith(f"{error.name}."):
-        package, _, last = (error.name or "").rpartition(".")
-        own = [place for place in sys.path if is_users_own(Path(place, "module.py").resolve())]
-        places = [*getattr(sys.modules.get(package), "__path__", filter(os.path.isdir, own))]
-        close = nearest(last, {module.name for module in iter_modules(places)})
-        return f"there is no module {error.name} in {' or '.join(places)}; {close}"
-    module = sys.modules.get(entry.module)  # one that fails while it is imported is not kept
-    if module is None or entry.module == "__main__" or not isinstance(error, AttributeError):
-        return None
-    known = {name for name, value in vars(module).items() if name[0] != "_" and fits(value)}
-    source = getattr(module, "__file__", None) or entry.module
-    return f"{source} has no {kind} {entry.attr}; {nearest(entry.attr, known)}"
+    kind, example, refusal = _ROLES[role]
+    if not MODULE_AND_NAME.fullmatch(name):
+        raise refusal(f"{name!r} names no {role}; write it like my_module:{example}")
+    look_beside()
+    entry = EntryPoint(name, name, "")
+    try:
+        return entry.load()
+    except Exception as error:  # a module can fail in any way while it is imported
+        why = f"the {role} {name!r} cannot be imported: {type(error).__name__}: {error}"
+        module = sys.modules.get(entry.module)  # one that fails while it is imported is not kept
+        missing = error.name or "" if isinstance(error, ModuleNotFoundError) else ""
+        if missing and f"{entry.module}.".startswith(f"{missing}."):
+            package, _, last = missing.rpartition(".")
+            own = [place for place in sys.path if is_users_own(Path(place, "module.py").resolve())]
+            places = [*getattr(sys.modules.get(package), "__path__", filter(os.path.isdir, own))]
+            close = nearest(last, {found.name for found in iter_modules(places)})
+            why = f"there is no module {missing} in {' or '.join(places)}; {close}"
+        elif module and entry.module != "__main__" and isinstance(error, AttributeError):
+            fitting = {key for key, value in vars(module).items() if key[0] != "_" and fits(value)}
+            source = getattr(module, "__file__", None) or entry.module
+            why = f"{source} has no {kind} {entry.attr}; {nearest(entry.attr, fitting)}"
+        raise refusal(why) from error

@@ -19,7 +19,6 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import EntryPoint
 from typing import Any
 
 import numpy as np
@@ -29,8 +28,7 @@ from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.usercode.own_files import (
     MODULE_AND_NAME,
     code_digest,
-    look_beside,
-    misspelt,
+    load_named,
     module_source,
 )
 from causal_openlock.usercode.session_code import is_of_session, session_origin
@@ -92,17 +90,7 @@ def own_reward(given: str | Callable[..., Any]) -> OwnReward:
 
 def _function(name: str) -> Callable[[Events], Any]:
     """A user's function by its name."""
-    if not MODULE_AND_NAME.fullmatch(name):
-        raise ExperimentError(f"{name!r} names no reward; write it like my_module:my_function")
-    look_beside()
-    entry = EntryPoint(name, name, "")
-    try:
-        function = entry.load()
-    except Exception as error:  # a module can fail in any way while it is imported
-        raise ExperimentError(
-            misspelt(entry, error, "function", inspect.isfunction)
-            or f"the reward {name!r} cannot be imported: {type(error).__name__}: {error}"
-        ) from error
+    function = load_named(name, "reward", inspect.isfunction)
     if not callable(function) or isinstance(function, type):
         raise ExperimentError(f"{name!r} is not a function; a reward is a function of events")
     return function

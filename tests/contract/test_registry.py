@@ -23,7 +23,7 @@ from causal_openlock.contract.registry import (
     parse_parameters,
     registry,
 )
-from causal_openlock.errors import LearnerError
+from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.files.plugins import LEARNERS
 from openlock_learners.random import RandomLearner
 from support.packages import register
@@ -42,7 +42,7 @@ def test_listing_learners_loads_none(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     assert registry()["breaks"].dist.name == "broken"
     assert origin("breaks") == "broken 1.0"
-    with pytest.raises(LearnerError, match=r"breaks.*no_such_module_here:Learner.*ModuleNotFound"):
+    with pytest.raises(OpenLockError, match=r"breaks.*no_such_module_here:Learner.*ModuleNotFound"):
         create("breaks")
 
 
