@@ -116,40 +116,34 @@ def test_parameters_come_from_plain_data():
 @pytest.mark.parametrize(
     ("given", "names"),
     [
-        ({"rate": "0.5"}, ["rate", "'0.5'"]),
-        ({"rate": 0.0}, ["rate", "0.0"]),
-        ({"rate": float("nan")}, ["rate", "nan"]),
-        ({"rate": [0.1, 0.5]}, ["rate", "sweep"]),
-        ({"layers": [8, "8"]}, ["layers", "'8'"]),
-        ({"greedy": 1}, ["greedy", "1"]),
-        ({"rate": object()}, ["rate", "plain data"]),
-        ({"rate": 0.05, "greedy": True}, ["greedy asks for a rate of .1"]),
-        ({"rate": "fast", "rat": 1}, ["'fast'", "'rat'"]),
+        ({"rate": float("nan")}, "rate.*nan"),
+        ({"rate": [0.1, 0.5]}, "rate.*sweep"),
+        ({"layers": [8, "8"]}, "^((?!sweep).)*layers((?!sweep).)*'8'((?!sweep).)*$"),
+        ({"greedy": 1}, "greedy.*1"),
+        ({"rate": object()}, "plain data.*rate"),
+        ({"rate": 0.05, "greedy": True}, "greedy asks for a rate of .1"),
+        ({"rate": "fast", "rat": 1}, "(?s)'fast'.*'rat'"),
     ],
 )
 def test_a_parameter_that_does_not_fit_is_named(given, names):
-    with pytest.raises(LearnerError) as raised:
+    with pytest.raises(LearnerError, match=names):
         create(TUNED, given)
-    assert all(name in str(raised.value) for name in names)
-    if "layers" in given:
-        assert "sweep" not in str(raised.value)
 
 
 Rule = Enum("Rule", {"WIN": "win"})
 
 
-@pytest.mark.parametrize("default", [np.int64(3), Path("a.csv"), frozenset({1}), Rule.WIN, b"a"])
-def test_a_default_that_is_no_plain_data_is_refused(monkeypatch, default):
-    made = make_dataclass("Odd", [("odd", Any, field(default=default))], frozen=True)
+@pytest.mark.parametrize(
+    ("kind", "default", "names"),
+    [
+        *((Any, value, r"plain data.*odd") for value in (np.int64(3), Path("a"), Rule.WIN, b"a")),
+        (np.ndarray, None, r"Tuned.*ndarray"),
+    ],
+)
+def test_parameters_that_no_file_can_have_are_refused(monkeypatch, kind, default, names):
+    made = make_dataclass("Odd", [("odd", kind, field(default=default))], frozen=True)
     monkeypatch.setattr(Tuned, "Parameters", made)
-    with pytest.raises(LearnerError, match=r"plain data.*odd"):
-        create(TUNED)
-
-
-def test_a_type_that_no_file_can_have_is_refused(monkeypatch):
-    made = make_dataclass("Odd", [("odd", np.ndarray, field(default=None))], frozen=True)
-    monkeypatch.setattr(Tuned, "Parameters", made)
-    with pytest.raises(LearnerError, match=r"Tuned.*ndarray"):
+    with pytest.raises(LearnerError, match=names):
         create(TUNED)
 
 
