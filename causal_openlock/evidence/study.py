@@ -36,7 +36,7 @@ from causal_openlock.analysis.measures import SOLUTIONS
 from causal_openlock.contract.parameters import Count
 from causal_openlock.errors import EvidenceError
 from causal_openlock.experiment.declare import NAME_FORM, PAPER_CONDITIONS, Experiment, Name
-from causal_openlock.experiment.file import code_named_in, read_experiment
+from causal_openlock.experiment.file import code_named, read_experiment
 from causal_openlock.files.digest import digest
 from causal_openlock.files.validation import StrictModel
 from causal_openlock.files.yaml_file import read_document
@@ -432,7 +432,7 @@ class Study:
 
     def named_code(self) -> list[str]:
         """The code that the study names, ``module:name``; it does not run."""
-        found = code_named_in(self.experiment)
+        found = [name for name, _ in code_named(read_document(self.experiment).data)]
         if self.file.networks and ":" in self.file.networks.learner:
             found.append(self.file.networks.learner)
         return [*dict.fromkeys(found)]

@@ -403,9 +403,9 @@ class Condition(Part):
     """
 
     name: Name = ""
-    train: Annotated[
+    train: Annotated[  # type: ignore[misc]  # required, as the name is not
         SomeTrials, BeforeValidator(_trials, json_schema_input_type=str | list[Trials] | Shown)
-    ] = Field()  # type: ignore[misc]  # required, as names are not
+    ] = Field()
     test: Annotated[
         tuple[Trials, ...], BeforeValidator(_trials, json_schema_input_type=str | list[Trials])
     ] = ()
@@ -420,27 +420,25 @@ class Condition(Part):
     shown: Annotated[bool, SkipJsonSchema(), Field(exclude_if=lambda shown: not shown)] = False
 
     def __post_init__(self) -> None:
-        trials = (*self.train, *self.test)
         if not self.name:
+            trials = (*self.train, *self.test)
             if any(group != Trials(group.schema) for group in trials):
                 raise ExperimentError("name: is missing; add it")
             names = [*([SHOWN] if self.shown else []), *(group.schema.name for group in trials)]
             object.__setattr__(self, "name", read(Name, "-".join(names)))
-        if not self.shown:
-            return
-        if not self.test:
+        if self.shown and not self.test:
             raise ExperimentError(f"{self.name} is only shown; add a test, which is played")
-        if self.name in PAPER_CONDITIONS:
+        if self.shown and self.name in PAPER_CONDITIONS:
             raise ExperimentError(
                 f"{self.name} is a condition of the paper, where nothing is shown; choose another "
                 f"name, such as {SHOWN}-{self.name}"
             )
-        for trials in self.train:
-            if not trials.schema.deterministic:
-                raise ExperimentError(
-                    f"a push can fail in rooms of {trials.schema.name}, so its solutions cannot be "
-                    "shown; choose a schema without strengths below 1"
-                )
+        noisy = [trials.schema.name for trials in self.train if not trials.schema.deterministic]
+        if self.shown and noisy:
+            raise ExperimentError(
+                f"a push can fail in rooms of {noisy[0]}, so its solutions cannot be shown; choose "
+                "a schema without strengths below 1"
+            )
 
     @property
     def schemas(self) -> tuple[Schema, ...]:
@@ -453,29 +451,28 @@ class Condition(Part):
         if self.name not in PAPER_CONDITIONS:
             return False
         papers = [bundled_schemas()[name] for name in self.name.split("-")]
-        rooms = [[trials.schema.as_dict() for trials in phase] for phase in (self.train, self.test)]
-        untitled = [[{**schema, "title": ""} for schema in phase] for phase in rooms]
-        first, *others = [{**schema.as_dict(), "title": ""} for schema in papers]
-        return untitled == [[first], others]
+        schemas = [trials.schema for trials in (*self.train, *self.test)]
+        untitled = [{**schema.as_dict(), "title": ""} for schema in (*schemas, *papers)]
+        same = untitled[: len(schemas)] == untitled[len(schemas) :]
+        return same and len(self.train) == 1
 
 
 def _condition(value: Any) -> Any:
     """``CC4``, ``CC3-CC4``, ``shown-CC3-CC4``, a path, a schema, a list of these, or a mapping."""
+    if isinstance(value, Condition):
+        return value
     if isinstance(value, str | Path):
         value = _named(str(value))
-    elif isinstance(value, Schema):
-        value = {"train": value}
-    elif isinstance(value, list | tuple) and value:
-        first, *others = value
-        if all(isinstance(schema, str | Path | Schema) for schema in value):
-            value = {"train": [first, *others[:-1]], "test": others[-1:]}
-    if not isinstance(value, Condition | Mapping):
+    schemas = value if isinstance(value, list | tuple) else [value]
+    if schemas and all(isinstance(schema, str | Path | Schema) for schema in schemas):
+        first, *others = schemas
+        value = {"train": [first, *others[:-1]], "test": others[-1:]}
+    if not isinstance(value, Mapping):
         raise ExperimentError(
             f"{value!r:.200} is not a condition; give a name such as CC4 or CC3-CC4, a list of "
             "schemas whose last one is the test, or a mapping with name, train and test"
         )
-    is_shown = isinstance(value, Mapping) and isinstance(value.get("train"), Mapping)
-    return {**value, "shown": True} if is_shown else value
+    return {**value, "shown": True} if isinstance(value.get("train"), Mapping) else value
 
 
 def _named(text: str) -> dict[str, Any]:
@@ -624,10 +621,10 @@ class LearnerSpec(Part):
 
     def as_file(self) -> dict[str, Any]:
         """The learner as an experiment file has it."""
-        protocol = present(self.protocol.as_dict())
+        data = {**super().as_dict(), "reward": self.reward.written()}
         if PROTOCOLS.get(self.protocol.name) == self.protocol:
-            protocol = self.protocol.name
-        return {**super().as_dict(), "protocol": protocol, "reward": self.reward.written()}
+            return {**data, "protocol": self.protocol.name}
+        return {**data, "protocol": present(data["protocol"])}
 
     @cached_property
     def origin(self) -> Origin:
@@ -680,7 +677,7 @@ def _family(spec: LearnerSpec, info: ValidationInfo) -> list[LearnerSpec]:
     if twice := sweep.keys() & spec.parameters.keys():
         key = min(twice)
         raise LearnerError(f"{key} is in parameters and in sweep; leave one out", ("sweep", key))
-    faults = {}
+    faults: dict[Any, OpenLockError] = {}
     for point in points({key: getattr(spec, key) for key in spec.__dataclass_fields__}):
         try:
             learners.append(read(LearnerSpec, point, info.context))

@@ -70,7 +70,7 @@ def read_experiment(
         name = data.get("name")
         data = changes.applied({"title": name if isinstance(name, str) else "", **data})
         folder, sentences = document.path.resolve().parent, set()
-        for code, role in _code_named(data):
+        for code, role in code_named(data):
             look_beside(folder)
             if code not in (changes.learners or ()):  # or who typed it knows
                 sentences.add(file_that_runs(code, folder, role))
@@ -94,20 +94,19 @@ def _in_short(parts: Sequence[LearnerSpec] | Sequence[Condition], what: str) -> 
     return names if 0 < len(names) <= LONGEST_NAMES else f"{len(parts)}_{what}"
 
 
-def _code_named(data: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Learners and rewards that data name as code, ``module:name``, with their role."""
-    learners = data["learners"] if isinstance(data.get("learners"), list) else []
-    for entry in [{"reward": data.get("reward")}, *learners]:
+def code_named(data: Any) -> Iterator[tuple[str, str]]:
+    """The learners and rewards that an experiment file names as ``module:name``, with their role.
+
+    Args:
+        data: The content of the file; none of the code runs.
+    """
+    whole = data if isinstance(data, Mapping) else {}
+    learners = whole["learners"] if isinstance(whole.get("learners"), list) else []
+    for entry in [{"reward": whole.get("reward")}, *learners]:
         named = entry if isinstance(entry, Mapping) else {"learner": entry}
         for role in ("learner", "reward"):
             if isinstance(name := named.get(role), str) and ":" in name:
                 yield name, role
-
-
-def code_named_in(path: Path) -> list[str]:
-    """The learners and rewards that a file names as code, ``module:name``; none of it runs."""
-    data = read_document(path).data
-    return [name for name, _ in _code_named(data)] if isinstance(data, Mapping) else []
 
 
 def find_experiment(name: str | Path) -> Path:
@@ -118,10 +117,8 @@ def find_experiment(name: str | Path) -> Path:
     """
     if Path(name).suffix in (".yaml", ".yml"):
         return Path(name)
-    here = Path("experiments") / f"{name}.yaml"
-    folder = bundled("experiments")
-    for path in (here, folder / f"{name}.yaml"):
-        if path.is_file():
+    for folder in (Path("experiments"), bundled("experiments")):
+        if (path := folder / f"{name}.yaml").is_file():
             return path
     known = [path.stem for path in folder.glob("*.yaml")]
     remedy = "or give the path of a .yaml file"

@@ -15,7 +15,7 @@ from causal_openlock.contract.registry import registry
 from causal_openlock.errors import FileError
 from causal_openlock.experiment.declare import PAPER_CONDITIONS, Condition, find_condition
 from causal_openlock.experiment.file import find_experiment, read_experiment
-from causal_openlock.experiment.making import Changes, learner, make_experiment
+from causal_openlock.experiment.making import Changes, learner, make_experiment, sweep
 from causal_openlock.files.yaml_file import dump_yaml
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.storage.stored import parse_experiment
@@ -55,9 +55,6 @@ def test_an_experiment_is_the_same_from_its_file_and_from_its_folder(drawn):
     assert parse_experiment(json.loads(json.dumps(kept))).as_dict() == drawn.as_dict()
 
 
-# -- cells -----------------------------------------------------------------------------------------
-
-
 def test_cells_cover_every_subject_of_every_learner_and_condition_once(tmp_path):
     cells = read_experiment(written(tmp_path, SMALL)).cells()
     assert [(c.spec.name, c.condition.name, c.first_subject, c.subjects) for c in cells] == [
@@ -89,9 +86,6 @@ def test_a_cell_is_another_cell_as_soon_as_anything_that_matters_changes(tmp_pat
     own = identities(alone)
     assert [own[:6], len(own)] == [before[:6], 12]
     assert own[6:] == identities(alone.replace("cell_size: 2", "cell_size: 1"))[-6:]
-
-
-# -- conditions ------------------------------------------------------------------------------------
 
 
 def test_schemas_are_found_beside_the_experiment_and_where_one_works(tmp_path, monkeypatch):
@@ -158,9 +152,6 @@ def test_a_single_condition_and_learner_need_no_lists():
     assert (made.title, made.command) == ("random in CC3", "")
 
 
-# -- faults ----------------------------------------------------------------------------------------
-
-
 def test_faults_of_meaning_come_together_each_with_its_line(tmp_path):
     text = """\
 name: e
@@ -207,9 +198,6 @@ def test_trials_with_more_solutions_than_attempts_are_warned_about():
     for word in ("two_of_four", "6 solutions", "5 attempts"):
         assert word in warning
     assert not warnings(6)
-
-
-# -- changes ---------------------------------------------------------------------------------------
 
 
 def test_the_command_line_changes_what_the_file_says(tmp_path):
@@ -260,7 +248,49 @@ def test_a_choice_of_ones_own_has_a_name_that_says_what_it_is(tmp_path):
         assert read_experiment(path, Changes(**changes)).name == name
 
 
-# -- what comes with the package -------------------------------------------------------------------
+GRID = "sweep: {lapse: [0.0, 0.1], policy: [thompson, solve_and_learn]}"
+POLICIES = ("thompson", "solve_and_learn")
+LABELS = [f"bayes-lapse-{lapse}-policy-{policy}" for lapse in ("0", "0.1") for policy in POLICIES]
+
+
+def swept_file(folder, entry):
+    return written(folder, f"name: e\nconditions: [CC3]\nlearners:\n  - random\n  - {entry}\n")
+
+
+def test_a_file_and_a_program_declare_the_same_grid(tmp_path):
+    entry = f"{{learner: bayes, parameters: {{noise: 0.2}}, subjects: 3, {GRID}}}"
+    in_file = read_experiment(swept_file(tmp_path, entry)).learners
+    swept = sweep("bayes", lapse=[0.0, 0.1], policy=POLICIES, noise=0.2, subjects=3)
+    for learners in (["random", *swept], ["random", swept]):
+        assert make_experiment(["CC3"], learners).learners == in_file
+    assert names(in_file) == ["random", *LABELS]
+    values = [(spec.parameters["lapse"], spec.parameters["policy"]) for spec in in_file[1:]]
+    assert values == [(lapse, policy) for lapse in (0.0, 0.1) for policy in POLICIES]
+    assert {(spec.parameters["noise"], spec.subjects) for spec in in_file[1:]} == {(0.2, 3)}
+
+
+def test_labels_show_values_as_they_are_written():
+    swept = sweep("bayes", label="mine", lapse=np.linspace(0, 0.3, 4), strength_alpha=[1e-9])
+    assert [entry["name"] for entry in swept][1::2] == [
+        "mine-lapse-0.1-strength_alpha-1e-09",
+        "mine-lapse-0.3-strength_alpha-1e-09",
+    ]
+    assert sweep("win_stay", grey_only=[True])[0]["name"] == "win_stay-grey_only-True"
+    (own,) = sweep(learner("bayes", noise=0.2), lapse=[0.1])
+    assert own["parameters"] == {"noise": 0.2, "lapse": 0.1}
+
+
+def test_a_sweep_or_one_of_its_learners_can_be_chosen_by_name(tmp_path):
+    def chosen(entry, name):
+        return read_experiment(swept_file(tmp_path, entry), Changes(learners=[name]))
+
+    entry, every = f"{{learner: bayes, name: b, {GRID}}}", [f"b{label[5:]}" for label in LABELS]
+    assert names(chosen(entry, "b").learners) == every
+    single = chosen(entry, every[2])
+    assert names(single.learners) == [every[2]]
+    assert single.command.endswith(f"experiment.yaml --learner {every[2]}")
+    two = "{learner: bayes, sweep: {lapse: [0.1]}}\n  - {learner: bayes, sweep: {noise: [0.2]}}"
+    assert names(chosen(two, "bayes").learners) == ["bayes-lapse-0.1", "bayes-noise-0.2"]
 
 
 @pytest.mark.parametrize(

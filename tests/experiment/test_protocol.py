@@ -29,9 +29,6 @@ def names(visits):
     return [visit.layout.name for visit in visits]
 
 
-# -- the paper's protocols -------------------------------------------------------------------------
-
-
 def test_people_have_30_attempts_and_stop_when_everything_is_found():
     assert (HUMAN.attempt_limit, HUMAN.stop_when_solved) == (30, True)
     for name in PAPER_CONDITIONS:
@@ -66,9 +63,6 @@ def test_attempts_have_three_actions_or_as_many_as_the_schema_needs():
         assert replace(HUMAN, action_limit=limit).actions_for(SCHEMAS["chain3"]) == limit
 
 
-# -- which layouts ---------------------------------------------------------------------------------
-
-
 def test_each_subject_and_each_loop_has_an_order_of_its_own():
     orders = [tuple(names(visits_of("CC4", HUMAN, subject))) for subject in range(500)]
     assert len(set(orders[:30])) > 15
@@ -101,9 +95,6 @@ def test_a_number_of_trials_that_is_declared_is_kept():
 def test_results_of_0_2_may_have_fixed_the_layout_of_the_test():
     visits = visits_of("CC3-CE4", replace(RL, train_loops=1, test_layout="trial7"))
     assert names(visits[6:]) == ["trial7"] * 10
-
-
-# -- conditions of one's own -----------------------------------------------------------------------
 
 
 def layouts(schema, *names):
