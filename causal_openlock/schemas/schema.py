@@ -40,6 +40,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, WrapValidator
 
 from causal_openlock.errors import SchemaError, together
 from causal_openlock.files.validation import StrictModel, described, plain, read
+from causal_openlock.files.yaml_file import dump_yaml
 from causal_openlock.wording import counted, nearest
 
 DOOR = "door"
@@ -263,8 +264,6 @@ class Schema:
                 text = f"lever {lever} leads to the door; take it out of inert"
                 yield SchemaError(text, ("inert", lever))
 
-    # -- the graph ------------------------------------------------------------------------------
-
     def causes(self, node: str) -> tuple[str, ...]:
         """The levers that enable ``node``, in the order of :attr:`levers`."""
         return tuple(sorted(self.graph.predecessors(node), key=self.levers.index))
@@ -287,8 +286,6 @@ class Schema:
     def deterministic(self) -> bool:
         """Whether every strength is 1."""
         return all(data["strength"] == 1.0 for *_, data in self.graph.edges(data=True))
-
-    # -- solutions ------------------------------------------------------------------------------
 
     @cached_property
     def solutions(self) -> tuple[tuple[str, ...], ...]:
@@ -327,8 +324,6 @@ class Schema:
         """A set of levers as an integer: bit *i* is set if ``self.levers[i]`` is in it."""
         return sum(1 << self.levers.index(lever) for lever in set(levers))
 
-    # -- as data --------------------------------------------------------------------------------
-
     def as_dict(self) -> dict[str, Any]:
         """The schema as plain data, in the form of a schema file; equal schemas give equal data."""
         edges: dict[str, Any] = {}
@@ -360,8 +355,6 @@ class Schema:
         edges:
           A: [door]
         """
-        from causal_openlock.files.yaml_file import dump_yaml
-
         return dump_yaml(self.as_dict(), innermost_in_a_line=True)
 
     def to_text(self) -> str:
