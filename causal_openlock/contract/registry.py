@@ -88,7 +88,8 @@ def file_that_runs(name: str, beside: Path, role: str = "learner") -> str | None
     source = module_source(module, (Path.cwd(), beside))
     if source is None or is_installed(source):
         return None
-    return f"{source.name} in {source.parent} will run as {role} {kind}"
+    file = source.resolve()
+    return f"{file.name} in {file.parent} will run as {role} {kind}"
 
 
 def learner_class(name: str) -> type[LearnerBase]:

@@ -58,7 +58,7 @@ def own_files(modules: Iterable[str], beside: Iterable[Path] = (), text: str = "
         if name in seen or (top in _NOT_FOLLOWED and name not in named):
             continue
         seen.add(name)
-        source = _located(name, beside)
+        source = module_source(name, beside)
         if source is None:
             waiting.append(parent)
             others.add(top)
@@ -67,7 +67,7 @@ def own_files(modules: Iterable[str], beside: Iterable[Path] = (), text: str = "
         folder = source.parents[name.count(".") + is_package]
         inside = source.relative_to(folder)
         # With pip install --target, packages are in a folder of any name.
-        if is_users_own(folder.resolve() / inside) and not any(folder.glob("*.dist-info")):
+        if is_users_own(folder / inside) and not any(folder.glob("*.dist-info")):
             own.add(top)
             files[inside.as_posix()] = source
             imports = _imports(source.read_bytes(), str(source), name if is_package else parent)
@@ -112,8 +112,8 @@ _imported: dict[frozenset[str], tuple[dict[str, Any], str]] = {}
 def code_digest(modules: Iterable[str], *, imported: bool = False) -> str:
     """The hash of the user's files that modules are made of, now or as they were ``imported``.
 
-    A process keeps what it has imported, also when the file is changed. Importing or reloading a
-    module makes a new spec.
+    A process keeps what it has imported, also when the file is changed. Reloading a module makes a
+    new spec.
     """
     names = frozenset(modules)
     specs, before = _imported.get(names, ({}, ""))
@@ -131,23 +131,13 @@ def code_digest(modules: Iterable[str], *, imported: bool = False) -> str:
 
 
 def module_source(name: str, beside: Iterable[Path] = ()) -> Path | None:
-    """The source file that importing a module would run; None if there is none.
-
-    The folders ``beside`` are searched last, as with :func:`look_beside`.
-
-    Example:
-        >>> module_source("causal_openlock.errors").name
-        'errors.py'
-    """
-    source = _located(name, beside)
-    return source.resolve() if source else None
-
-
-def _located(name: str, beside: Iterable[Path]) -> Path | None:
-    """The source file of a module, which may be a link.
+    """The source file that importing a module would run, maybe a link; None if there is none.
 
     Importing ``a.b`` would run ``a``: here only ``a`` is located, and ``b`` is searched for in its
-    folder.
+    folder. The folders ``beside`` are searched last.
+
+    >>> module_source("causal_openlock.errors").name
+    'errors.py'
     """
     top, *parts = name.split(".")
     try:
@@ -174,11 +164,12 @@ def is_installed(source: Path) -> bool:
     paths = sysconfig.get_paths()
     folders = [paths[name] for name in ("stdlib", "platstdlib", "purelib", "platlib", "scripts")]
     folders += [*site.getsitepackages(), site.getusersitepackages()]
-    return any(source.is_relative_to(Path(folder).resolve()) for folder in folders)
+    return any(source.resolve().is_relative_to(Path(folder).resolve()) for folder in folders)
 
 
 def is_users_own(source: Path) -> bool:
     """Whether a source file is neither installed nor one of the toolkit's."""
+    source = source.parent.resolve() / source.name
     # Shared machines have packages in such folders outside the environment.
     installed = {"site-packages", "dist-packages"} & {*source.parts} or is_installed(source)
     return not (installed or any(map(source.is_relative_to, TOOLKIT)))
@@ -204,7 +195,7 @@ def load_named(name: str, role: str, fits: Callable[[Any], bool]) -> Any:
         missing = error.name or "" if isinstance(error, ModuleNotFoundError) else ""
         if missing and f"{entry.module}.".startswith(f"{missing}."):
             package, _, last = missing.rpartition(".")
-            own = [place for place in sys.path if is_users_own(Path(place, "module.py").resolve())]
+            own = [place for place in sys.path if is_users_own(Path(place, "module.py"))]
             places = [*getattr(sys.modules.get(package), "__path__", filter(os.path.isdir, own))]
             close = nearest(last, {found.name for found in iter_modules(places)})
             why = f"there is no module {missing} in {' or '.join(places)}; {close}"

@@ -23,52 +23,37 @@ from support.scripted_model import NETWORK, URL, ScriptedModel
 pytestmark = pytest.mark.slow
 
 
-class TestRandom(LearnerContract):
-    learner = "random"
+def contract(learner, **settings):
+    """The contract's tests of a learner."""
+    return type("Contract", (LearnerContract,), {"learner": learner, **settings})
 
 
-class TestOracle(LearnerContract):
-    learner = "oracle"
-
-
-class TestIdeal(LearnerContract):
-    learner = "ideal"
-    schemas = ("CC3", "CE4", "chain3", "noisy_CC3")
-
-
-class TestDDQN(LearnerContract):
-    learner = "ddqn"
-    # It trains from the eighth action on, and copies its target network several times.
-    parameters = {  # noqa: RUF012
-        "batch_size": 8,
-        "replay_size": 16,
-        "hidden_units": 8,
-        "hidden_layers": 2,
-        "target_period": 5,
-    }
-    schemas = ("CC3", "CE4")
-    attempts = 20
-
-
-class TestDDQNOfFullSize(LearnerContract):
-    """Sums of 128 terms, whose rounding shows where it depends on what else is evaluated."""
-
-    learner = "ddqn"
-    parameters = {"target_period": 20}  # noqa: RUF012
-    schemas = ("CC3", "CE4")
-    subjects = 3
-    attempts = 20
-
-
-class TestBayes(LearnerContract):
-    learner = "bayes"
-    parameters = {"particles": 20, "planned": 30}  # noqa: RUF012
-    schemas = ("CC3", "CE4", "chain3")
-
-
-class TestBayesOfBoundedRationality(LearnerContract):
-    learner = "bayes"
-    parameters = {  # noqa: RUF012
+TWO = ("CC3", "CE4")
+# It trains from the eighth action on, and copies its target network several times.
+SMALL = {
+    "batch_size": 8,
+    "replay_size": 16,
+    "hidden_units": 8,
+    "hidden_layers": 2,
+    "target_period": 5,
+}
+TestRandom = contract("random")
+TestOracle = contract("oracle")
+TestIdeal = contract("ideal", schemas=("CC3", "CE4", "chain3", "noisy_CC3"))
+TestWinStay = contract("win_stay")
+TestAssociative = contract("associative")
+TestTabularQ = contract(
+    "tabular_q", attempts=20
+)  # so that it acts greedily in states that it knows
+TestPosteriorSampling = contract("posterior_sampling")
+TestTheoryBased = contract("theory_based")
+TestTheoryBasedByChains = contract("theory_based", parameters={"form": "cogsci_2019"}, schemas=TWO)
+TestBayes = contract(
+    "bayes", parameters={"particles": 20, "planned": 30}, schemas=("CC3", "CE4", "chain3")
+)
+TestBayesOfBoundedRationality = contract(
+    "bayes",
+    parameters={
         "temperature": 0.5,
         "lapse": 0.1,
         "forgetting": 0.2,
@@ -76,94 +61,47 @@ class TestBayesOfBoundedRationality(LearnerContract):
         "hypothesis_limit": 600,
         "particles": 10,
         "planned": 20,
-    }
-    schemas = ("CC3", "noisy_CC3")
-    subjects = 2
-
-
-class TestBayesOfManyLevers(LearnerContract):
-    """Beyond four levers structures are sampled, which takes luck of its own."""
-
-    learner = "bayes"
-    parameters = {"policy": "thompson", "particles": 4, "lapse": 0.1}  # noqa: RUF012
-    schemas = ("seven",)
-    subjects = 2
-
-
-class TestTheoryBased(LearnerContract):
-    learner = "theory_based"
-
-
-class TestTheoryBasedByChains(LearnerContract):
-    learner = "theory_based"
-    parameters = {"form": "cogsci_2019"}  # noqa: RUF012
-    schemas = ("CC3", "CE4")
-
-
-class TestWinStay(LearnerContract):
-    learner = "win_stay"
-
-
-class TestAssociative(LearnerContract):
-    learner = "associative"
-
-
-class TestTabularQ(LearnerContract):
-    learner = "tabular_q"
-    attempts = 20  # so that it acts greedily in states that it knows
-
-
-class TestPosteriorSampling(LearnerContract):
-    learner = "posterior_sampling"
-
-
-class TestBayesNetDDQN(LearnerContract):
-    learner = "bayes_net_ddqn"
-    parameters = TestDDQN.parameters
-    schemas = ("CC3", "CE4", "noisy_CC3")
-    subjects = 3
-    attempts = 10
-
-
-class TestRecurrent(LearnerContract):
-    """It trains with every second action; pieces end and begin within a vector of the processor."""
-
-    learner = "recurrent"
-    parameters = {  # noqa: RUF012
-        "hidden_units": 13,
-        "burn_in": 2,
-        "unroll": 4,
-        "batch_size": 3,
-        "train_period": 2,
-        "replay_size": 16,
-        "target_period": 3,
-    }
-    schemas = ("CC3", "CE4")
-    subjects = 3
-    attempts = 8
-
-
-class TestRecurrentLSTM(TestRecurrent):
-    parameters = TestRecurrent.parameters | {"cell": "lstm"}
-
-
-class TestSemiMarkovDDQN(LearnerContract):
-    learner = "semi_markov_ddqn"
-    parameters = TestDDQN.parameters | {"prioritised": True}
-    schemas = ("CC3", "CE4")
-    subjects = 3
-    attempts = 20
-
-
-class TestRL2(LearnerContract):
-    learner = "rl2"
-
-
-class TestRL2Learning(LearnerContract):
-    learner = "rl2"
-    parameters = {"learns": True, "unroll": 5, "reset": "trial"}  # noqa: RUF012
-    schemas = ("CC3", "CE4")
-    attempts = 10
+    },
+    schemas=("CC3", "noisy_CC3"),
+    subjects=2,
+)
+# Beyond four levers structures are sampled, which takes luck of its own.
+TestBayesOfManyLevers = contract(
+    "bayes",
+    parameters={"policy": "thompson", "particles": 4, "lapse": 0.1},
+    schemas=("seven",),
+    subjects=2,
+)
+TestDDQN = contract("ddqn", parameters=SMALL, schemas=TWO, attempts=20)
+# Sums of 128 terms, whose rounding shows where it depends on what else is evaluated.
+TestDDQNOfFullSize = contract(
+    "ddqn", parameters={"target_period": 20}, schemas=TWO, subjects=3, attempts=20
+)
+TestSemiMarkovDDQN = contract(
+    "semi_markov_ddqn",
+    parameters=SMALL | {"prioritised": True},
+    schemas=TWO,
+    subjects=3,
+    attempts=20,
+)
+TestBayesNetDDQN = contract(
+    "bayes_net_ddqn", parameters=SMALL, schemas=(*TWO, "noisy_CC3"), subjects=3, attempts=10
+)
+# It trains with every second action; pieces end and begin within a vector of the processor.
+RECURRENT = {
+    "hidden_units": 13,
+    "burn_in": 2,
+    "unroll": 4,
+    "batch_size": 3,
+    "train_period": 2,
+    "replay_size": 16,
+    "target_period": 3,
+}
+TestRecurrent = contract("recurrent", parameters=RECURRENT, schemas=TWO, subjects=3, attempts=8)
+TestRecurrentLSTM = contract(
+    "recurrent", parameters=RECURRENT | {"cell": "lstm"}, schemas=TWO, subjects=3, attempts=8
+)
+TestRL2 = contract("rl2")
 
 
 class TestStableBaselines(LearnerContract):
