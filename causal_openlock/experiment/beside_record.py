@@ -9,6 +9,7 @@ reaction times also hold the attempts of a trial that is not over yet, which a r
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -23,19 +24,24 @@ if TYPE_CHECKING:
 REACTIONS, STRUCTURES = "reactions", "structures"
 """The folders of these tables."""
 
+_WHO = (
+    ("condition", "string", "name of the condition, as in the record"),
+    ("subject", "int32", "number of the person in this condition, as in the record"),
+    ("visit", "int32", "number of the trial in the whole condition, from 1"),
+)
+_TIME = ("time", "double", "seconds since the person joined, by the server's clock")
+
 
 def reactions_schema() -> pa.Schema:
     """The columns of a table of reaction times, each with its meaning."""
     return schema_of(
-        ("condition", "string", "name of the condition, as in the record"),
-        ("subject", "int32", "number of the person in this condition, as in the record"),
-        ("visit", "int32", "number of the trial in the whole condition, from 1"),
+        *_WHO,
         ("attempt", "int32", "number of the attempt within the trial, from 1"),
         ("moment", "int32", "number of the action within the attempt, from 1"),
         ("action", "uint8", "what was done, by action index"),
         ("moved", "bool", "whether it moved something"),
         ("reaction", "double", "seconds from when the person could act to the click"),
-        ("time", "double", "seconds since the person joined, by the server's clock"),
+        _TIME,
     )
 
 
@@ -63,60 +69,49 @@ def read_reactions(folder: Path | str) -> pa.Table:
     Raises:
         StoreError: If the folder has none, or a file cannot be read.
     """
-    import pyarrow as pa
-
-    tables = _read(folder, REACTIONS, reactions_schema())
-    if not tables:
+    if not any((Path(folder) / REACTIONS).glob("*.parquet")):
         raise StoreError(f"{folder} holds no reaction times; give the folder that play wrote to")
     order = [(name, "ascending") for name in ("condition", "subject", "time")]
-    return pa.concat_tables(tables).sort_by(order)
+    return _read(folder, REACTIONS, reactions_schema()).sort_by(order)
 
 
 class Answer(NamedTuple):
-    """A subject's answer about the structure of a room, in words of :func:`answers_schema`.
-
-    ``levers`` are the positions that they were asked about, ``edges`` pairs of a lever and what it
-    enables.
-    """
+    """A subject's answer about the structure of a room, in words of :func:`answers_schema`."""
 
     learner: str
     condition: str
     subject: int
     visit: int
     time: float
-    levers: tuple[int, ...]
-    edges: frozenset[tuple[int, int]]
+    levers: tuple[int, ...]  #: the positions that they were asked about
+    edges: frozenset[tuple[int, int]]  #: pairs of a lever and what it enables
 
 
 def answers_schema() -> pa.Schema:
     """The columns of a table of answers: a row for every pair of levers that was asked about."""
     return schema_of(
         ("learner", "string", "label of who answers, as in the record"),
-        ("condition", "string", "name of the condition, as in the record"),
-        ("subject", "int32", "number of the person in this condition, as in the record"),
-        ("visit", "int32", "number of the trial in the whole condition, from 1"),
+        *_WHO,
         ("cause", "uint16", "position of a lever, from 0"),
         ("effect", "uint16", "position of another; the number of positions is the door"),
         ("enables", "bool", "whether they said that the one enables the other"),
-        ("time", "double", "seconds since the person joined, by the server's clock"),
+        _TIME,
         nullable=False,
     )
 
 
 def write_answers(path: Path, answers: Sequence[Answer], door: int) -> None:
     """Store one person's answers; ``door`` is the number of positions."""
-    rows = [
-        {
-            **said._asdict(),
-            "cause": cause,
-            "effect": effect,
-            "enables": (cause, effect) in said.edges,
-        }
-        for said in answers
-        for cause in said.levers
-        for effect in (*said.levers, door)
-        if cause != effect
-    ]
+    rows = []
+    for answer in answers:
+        for cause, effect in product(answer.levers, (*answer.levers, door)):
+            if cause != effect:
+                pair = {
+                    "cause": cause,
+                    "effect": effect,
+                    "enables": (cause, effect) in answer.edges,
+                }
+                rows.append(answer._asdict() | pair)
     _write(path, rows, answers_schema())
 
 
@@ -127,15 +122,14 @@ def read_answers(folder: Path | str) -> list[Answer]:
         StoreError: If a file cannot be read.
     """
     answers = []
-    of_answer = [*Answer._fields[:5]]
-    for table in _read(folder, STRUCTURES, answers_schema()):
-        for (learner, condition, subject, visit, time), pairs in table.to_pandas().groupby(
-            of_answer, sort=False
-        ):
-            levers = tuple(sorted(pairs["cause"].unique().tolist()))
-            edges = pairs.loc[pairs["enables"], ["cause", "effect"]].to_numpy().tolist()
-            said = (learner, condition, int(subject), int(visit), float(time))
-            answers.append(Answer(*said, levers, frozenset(map(tuple, edges))))
+    table = _read(folder, STRUCTURES, answers_schema()).to_pandas()
+    for (learner, condition, subject, visit, time), pairs in table.groupby(
+        [*Answer._fields[:5]], sort=False
+    ):
+        levers = tuple(sorted(pairs["cause"].unique().tolist()))
+        edges = pairs.loc[pairs["enables"], ["cause", "effect"]].itertuples(index=False, name=None)
+        asked = (learner, condition, int(subject), int(visit), float(time))
+        answers.append(Answer(*asked, levers, frozenset(edges)))
     return answers
 
 
@@ -145,11 +139,11 @@ def _write(path: Path, rows: Sequence[Mapping[str, Any]], schema: pa.Schema) -> 
     write_bytes(path, table_bytes(pa.Table.from_pylist([*rows], schema=schema)))
 
 
-def _read(folder: Path | str, name: str, schema: pa.Schema) -> list[pa.Table]:
-    """The tables of all people in a folder."""
+def _read(folder: Path | str, name: str, schema: pa.Schema) -> pa.Table:
+    """The rows of all people in a folder."""
     import pyarrow as pa
 
-    tables = []
+    tables = [schema.empty_table()]
     for path in sorted((Path(folder) / name).glob("*.parquet")):
         try:
             tables.append(read_table(path.read_bytes()).cast(schema))
@@ -158,4 +152,4 @@ def _read(folder: Path | str, name: str, schema: pa.Schema) -> list[pa.Table]:
                 f"{path} is damaged ({' '.join(str(error).split())[:120]}); start play with this "
                 "folder and stop it: it is made again from the log"
             ) from None
-    return tables
+    return pa.concat_tables(tables)

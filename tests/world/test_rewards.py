@@ -1,19 +1,18 @@
-"""Rewards: names, weights, and worked examples (any history in any schema: test_rooms.py)."""
+"""Rewards: names, weights, worked examples, and every event against the oracle."""
 
 from functools import cache
 
 import jsonschema
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import oracle
 from causal_openlock.experiment.declare import json_schema
-from causal_openlock.world.rewards import (
-    PRESETS,
-    TERMS,
-    Weights,
-    find_reward,
-)
+from causal_openlock.world.events import Events
+from causal_openlock.world.kernel import IDLE
+from causal_openlock.world.rewards import PRESETS, TERMS, Weights, find_reward
 from support.reward_play import Play
 
 
@@ -89,11 +88,19 @@ def validator():
 
 @settings(max_examples=40, deadline=None)
 @given(form=FORMS)
-def test_a_reward_comes_back_from_every_form_it_is_written_in(form):
+def test_a_reward_pays_what_the_oracle_does_and_comes_back_from_every_form(form):
     whole = find_reward(form)
     assert find_reward(whole.written()) == whole
     experiment = {"name": "e", "conditions": ["CC3"], "learners": ["ddqn"], "reward": form}
     validator().validate(experiment)
+    words = np.arange(IDLE)
+    events = Events.of(words, words % 4)
+    fields = (events.first, events.repeated, events.first & events.on_path, events.changed,
+              events.unlocks, events.opens, events.new, events.found)  # fmt: skip
+    happened = map(oracle.Event, *(field.tolist() for field in fields))
+    weights = whole.weights.model_dump()
+    expected = [oracle.reward(event, whole.terms, weights) for event in happened]
+    assert whole.pay(events) == pytest.approx(expected)
 
 
 def test_a_reward_without_changes_is_the_preset_and_changes_are_in_its_name():
