@@ -30,36 +30,24 @@ MOST_TIME = 0.02
 
 
 class CheckpointError(OpenLockError):
-    """A checkpoint that cannot be used, or a state that cannot be stored."""
+    """A checkpoint that cannot be used."""
 
 
 class Checkpoint:
-    """The checkpoint of one cell.
-
-    Args:
-        record: Where the cell's record will be.
-        made_with: What the record depends on: ``identity`` of the cell, versions of packages.
-        every: Seconds between checkpoints; 0 takes one after every step, and infinity none.
-
-    Attributes:
-        warnings: What has gone wrong, a sentence each.
-    """
+    """The checkpoint of one cell, beside its record, which depends on what it is ``made_with``."""
 
     def __init__(self, record: Path, made_with: dict[str, str], every: float) -> None:
         self.path = record.with_suffix(CHECKPOINT)
         self.made_with = made_with
         self.every = every
-        self.warnings: list[str] = []
+        self.warnings: list[str] = []  # sentences
         self._due = time.perf_counter() + every
 
     def resume(self, session: Session, learner: Learner) -> bool:
-        """Give a new session and a new learner the state of the checkpoint.
-
-        Returns:
-            Whether there is a checkpoint; if not, both are unchanged.
+        """Give a new session and a new learner the state of the checkpoint, if there is one.
 
         Raises:
-            CheckpointError: If there is one that cannot be used; discard both then.
+            CheckpointError: If it cannot be used; session and learner are to be discarded then.
         """
         try:
             file = io.BytesIO(unsealed(self.path.read_bytes()))
@@ -84,28 +72,22 @@ class Checkpoint:
         Errors become warnings, and the cell continues from the checkpoint before if it is killed.
         """
         begun = time.perf_counter()
-        if self.every == inf or session.over or (begun < self._due and not now):
+        is_due = self.every < inf and (now or begun >= self._due)
+        if not (is_due and learner.resumable) or session.over:
             return
         try:
-            self.save(session, learner)
-        except CheckpointError:  # the worker says so when the cell is over
+            state = session.state, learner.__getstate__(), GlobalRandomness.now()
+            content = pickle.dumps(self.made_with) + pickle.dumps(state)
+        except Exception:  # a learner can hold anything; the worker says so when the cell is over
             self.every = inf
-        except OpenLockError as error:  # of the key, or the file
+            return
+        try:
+            write_bytes(self.path, sealed(content))
+        except OpenLockError as error:
             if (warning := f"no checkpoint can be taken: {in_short(error)}") not in self.warnings:
                 self.warnings.append(warning)
         ended = time.perf_counter()
         self._due = ended + max(self.every, (ended - begun) / MOST_TIME if self.every else 0.0)
-
-    def save(self, session: Session, learner: Learner) -> None:
-        """Take a checkpoint now."""
-        if not learner.resumable:
-            raise CheckpointError("it says resumable = False")
-        try:
-            state = session.state, learner.__getstate__(), GlobalRandomness.now()
-            content = pickle.dumps(self.made_with) + pickle.dumps(state)
-        except Exception:  # a learner can hold anything
-            raise CheckpointError("its state cannot be pickled") from None
-        write_bytes(self.path, sealed(content))
 
 
 def unresumable(learner: Learner) -> str:

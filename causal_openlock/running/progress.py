@@ -61,14 +61,7 @@ class RunProgress:
 def progress_of(
     cells: Sequence[Cell], left: Collection[Cell], failed: int, playing: Sequence[Playing]
 ) -> RunProgress:
-    """The progress of a comparison.
-
-    Args:
-        cells: All cells.
-        left: Those that are neither done nor failed.
-        failed: The number of those that have failed.
-        playing: Those that are being played.
-    """
+    """The progress of a comparison, given its cells and those that are neither done nor failed."""
     to_do: dict[str, float] = {cell.file_name: work(cell) for cell in left}
     paces = []  # seconds of an attempt
     for cell, share, seconds, _ in playing:
@@ -115,9 +108,8 @@ def status_of(
     """Status of a comparison, as far as its results folder says.
 
     Returns:
-        The progress, with the seconds left at the speed of the workers that play at the moment;
-        the cells that were begun and report nothing, with the seconds since their last report; and
-        why cells failed, a sentence each.
+        The progress; the cells that were begun and report nothing, with the seconds since their
+        last report; and why cells failed, a sentence each.
     """
     cells, failures, quiet = experiment.cells(), list[str](), dict[str, float]()
     files = zip(cells, experiment.files, strict=False)

@@ -38,14 +38,17 @@ MOST_WRITTEN = 20_000
 
 @dataclass(frozen=True)
 class Watching:
-    """What a worker does besides playing."""
+    """What a worker does besides playing.
+
+    Attributes:
+        checkpoint_every: Seconds between checkpoints inside a cell; 0: after every step; inf: none.
+        tensorboard: Folder for TensorBoard's logs; by default there are none.
+        awaited: A file that is there for as long as the run waits for its cells.
+    """
 
     checkpoint_every: float = 60.0
-    """Seconds between checkpoints inside a cell; 0 takes one after every step, infinity none."""
     tensorboard: str | None = None
-    """Folder for TensorBoard's logs; by default there are none."""
     awaited: str | None = None
-    """A file that is there for as long as the run waits for its cells."""
 
 
 class NotAwaitedError(OpenLockError):
@@ -53,16 +56,7 @@ class NotAwaitedError(OpenLockError):
 
 
 def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = b"") -> list[str]:
-    """Play one cell and save its record.
-
-    Args:
-        cell: The cell.
-        folder: Its results folder.
-        watching: What to do besides.
-        definitions: What :func:`~causal_openlock.usercode.session_code.packed` returns.
-
-    Returns:
-        Problems that did not stop it, a sentence each.
+    """Play one cell and save its record; returns problems that did not stop it, a sentence each.
 
     Raises:
         LearnerError: If the learner fails; the reason and traceback are saved in ``errors``.

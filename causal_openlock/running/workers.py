@@ -124,11 +124,7 @@ class Processes(futures.ThreadPoolExecutor):
         self._is_over = False
 
     def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> futures.Future[Any]:
-        """Have a job done in one of the processes.
-
-        The future raises LostError if the process ends meanwhile, TooLateError at the time limit,
-        and OpenLockError if no process can be started.
-        """
+        """Have a job done in one of the processes; the future can also raise LostError."""
         return super().submit(self._do, partial(fn, *args, **kwargs), self._fresh(*args))
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = True) -> None:

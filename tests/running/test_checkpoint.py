@@ -187,16 +187,17 @@ def test_wall_time_counts_the_time_played(tmp_path, monkeypatch):
 def test_checkpoints_take_a_fiftieth_of_the_time_at_most(tmp_path, monkeypatch):
     now, taken = [0.0], []
     monkeypatch.setattr(time, "perf_counter", lambda: now[0])
-    session = Session(named("CC3"), HUMAN, 1)
+    session, learner = Session(named("CC3"), HUMAN, 1), RandomLearner()
+    session.begin(learner)
     kept = Checkpoint(tmp_path / "cell.parquet", {"identity": "a"}, every=60)
 
     def save(*_):
         taken.append(now[0])
         now[0] += 5 if len(taken) > 2 else 0.1
 
-    monkeypatch.setattr(kept, "save", save)
+    monkeypatch.setattr("causal_openlock.running.checkpoint.write_bytes", save)
     while now[0] < 1000:
-        kept.keep(session, RandomLearner())
+        kept.keep(session, learner)
         now[0] += 1
     gaps = np.diff(taken)
     assert taken[0] == pytest.approx(60, abs=1)
