@@ -7,7 +7,6 @@ information gain of each action.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,9 +14,9 @@ import numpy as np
 from causal_openlock.belief.beliefs import Belief, Beliefs
 from causal_openlock.belief.marginals import believed_structure, model_of, most_probable
 from causal_openlock.belief.planning import Objective, Planner, Situation
-from causal_openlock.contract.learner import Brief, Learner, Step, Structure, View
+from causal_openlock.contract.learner import Learner, Structure, View
 from causal_openlock.errors import LearnerError
-from causal_openlock.schemas.fsm import FloatArray, IntArray
+from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.schemas.schema import Schema
 
 if TYPE_CHECKING:
@@ -41,10 +40,6 @@ class BeliefLearner(Learner):
     """
 
     beliefs: Beliefs
-
-    def begin_beliefs(self, brief: Brief) -> None:
-        """Set the beliefs as :meth:`begin` does; what else the learner has is not needed."""
-        self.begin(brief)
 
     def belief(self, subject: int) -> Belief:
         """A subject's belief about its current room.
@@ -108,36 +103,3 @@ class BeliefLearner(Learner):
         gains[:positions] = values[belief.slots]
         gains[-1] = values[-1]
         return np.maximum(gains, 0.0)
-
-
-class Onlooker(BeliefLearner):
-    """Holds the beliefs of a learner, and takes actions that are given.
-
-    Beliefs follow from the prior and from what was observed, whoever chose the actions.
-
-    Args:
-        learner: The learner; it must not have begun.
-        actions: What its only subject does; when they run out, it pushes the first lever.
-    """
-
-    def __init__(self, learner: BeliefLearner, actions: Iterable[int]) -> None:
-        super().__init__(learner.parameters)
-        self._learner, self._actions = learner, iter(actions)
-
-    def begin(self, brief: Brief) -> None:
-        """Begin with the learner's beliefs."""
-        self._learner.begin_beliefs(brief)
-        self.beliefs = self._learner.beliefs
-
-    def act(self, view: View) -> IntArray:
-        """``[1]`` the next action."""
-        self.beliefs.enter(view)
-        return np.array([next(self._actions, 0)])
-
-    def probabilities(self, view: View) -> None:
-        """Enter the room, before something is shown there."""
-        self.beliefs.enter(view)
-
-    def learn(self, step: Step) -> None:
-        """Update the beliefs with what was observed."""
-        self.beliefs.update(step)

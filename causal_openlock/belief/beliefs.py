@@ -96,7 +96,7 @@ class Belief:
 
         Hypotheses that are ruled out are dropped, unless the subject forgets.
         """
-        weight = self.weight * self._likelihood(event)
+        weight = self.weight * self.likelihood(event)
         total = weight.sum()
         if not total > 0:
             return False
@@ -107,7 +107,7 @@ class Belief:
         self.weight = weight
         return True
 
-    def _likelihood(self, event: Event) -> FloatArray:
+    def likelihood(self, event: Event) -> FloatArray:
         """``[E]`` likelihood of an event."""
         return likelihood(self.space.hypotheses, self.which, self.space.strengths, event)
 
@@ -116,7 +116,7 @@ class Belief:
         with np.errstate(divide="ignore"):
             log_prob = np.log(self.weight)
             for event, times in events.items():
-                log_prob += times * np.log(self._likelihood(event))
+                log_prob += times * np.log(self.likelihood(event))
         best = log_prob.max(initial=-np.inf)
         self.possible = bool(np.isfinite(best))
         if self.possible:
@@ -129,7 +129,7 @@ class Belief:
         assert self.start is not None, "the subject forgets"
         weight = self.start.copy()
         for event in events:
-            weight *= self._likelihood(event)
+            weight *= self.likelihood(event)
         total = weight.sum()
         self.start = weight / total if total > 0 else self.start
 

@@ -11,16 +11,16 @@ ruling out the most probable hypothesis can leave a subject less certain than it
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from itertools import groupby
-from typing import TYPE_CHECKING, Any
+from itertools import groupby, pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from causal_openlock.belief.belief_learner import BeliefLearner
 from causal_openlock.belief.beliefs import Belief
-from causal_openlock.belief.likelihoods import likelihood, observed
+from causal_openlock.belief.likelihoods import observed
 from causal_openlock.belief.structure_schemas import (
     behave_alike,
     by_position,
@@ -30,8 +30,9 @@ from causal_openlock.belief.structure_schemas import (
 from causal_openlock.contract.learner import Learner, Step
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.declare import Condition, Protocol
+from causal_openlock.experiment.plan import check_trial
 from causal_openlock.experiment.session import Session
-from causal_openlock.schemas.fsm import FloatArray
+from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.schemas.schema import DOOR, Schema
 from causal_openlock.wording import counted
 from causal_openlock.world.rewards import PAPER_REWARD, RewardFunction
@@ -51,27 +52,33 @@ OUTCOMES = {
 }
 """The results of an action, and how they are written."""
 OUTCOME_WIDTH = max(map(len, OUTCOMES.values())) + len(" (1 of 3)")
-NOISE = (
-    "No hypothesis explains this. From here on levers may fail to move, and everything observed in "
-    "this room counts again for the new hypotheses."
-)
-IMPOSSIBLE = 1e-12
-"""Outcomes with a lower probability were impossible for the subject."""
-SURPRISING = 0.1
-NOTHING = 0.005
-"""Fewer bits than these count as none."""
+RENEWED = {
+    "noise": "no hypothesis explains this: from here on levers may fail to move",
+    "sampled": "other hypotheses from here on",
+}
+"""Why hypotheses are others than before, and how it is written."""
 
 
 @dataclass(frozen=True, eq=False)
-class Snapshot:
-    """A belief at one moment; P positions.
+class Moment:
+    """What a subject believes, and which action came before it; P positions.
 
     Attributes:
-        entropy: Its entropy in bits.
+        entropy: Entropy of the belief in bits.
         hypotheses: How many hypotheses are possible.
         structure: The most probable structure, its levers named by position.
         probability: Its probability.
         edges: ``[P, P + 1]`` probability of each edge from a position to another or the door.
+        attempt: Number of the attempt in the trial, from 1; 0 before the first action.
+        number: Number of the action in the attempt, from 1.
+        action: The action, such as ``push_UPPER``.
+        outcome: Its result, one of :data:`OUTCOMES`.
+        chance: The subject's predictive probability of what it then observed.
+        predicted: Expected information gain of the action alone, in bits.
+        obtained: Information gain in bits: the entropy before the action less that after it.
+        renewed: Why the subject has other hypotheses than before: ``sampled`` if too few of the
+            sampled ones were left, ``noise`` if it concluded that levers may fail to move; empty if
+            they are the same. Entropies of different hypotheses differ by no information.
     """
 
     entropy: float
@@ -79,41 +86,14 @@ class Snapshot:
     structure: Schema
     probability: float
     edges: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class TracedAction:
-    """One action and its effect on the belief.
-
-    Attributes:
-        attempt: Number of the attempt in the trial, from 1.
-        number: Number of the action in the attempt, from 1.
-        name: The action, such as ``push_UPPER``.
-        outcome: Its result, one of :data:`OUTCOMES`.
-        chance: The subject's predictive probability of what it then observed.
-        predicted: Expected information gain of the action alone, in bits.
-        renewed: Why the subject has other hypotheses afterwards: ``sampled`` if too few of the
-            sampled ones were left and it sampled again, ``noise`` if it concluded that levers may
-            fail to move; empty if they are the same. Entropies before and after a renewal are of
-            different hypotheses, and their difference is not information.
-        before: The belief before it.
-        after: The belief after it.
-    """
-
-    attempt: int
-    number: int
-    name: str
-    outcome: str
-    chance: float
-    predicted: float
-    renewed: str
-    before: Snapshot
-    after: Snapshot
-
-    @property
-    def obtained(self) -> float:
-        """Information gain in bits: the entropy before the action less that after it."""
-        return self.before.entropy - self.after.entropy
+    attempt: int = 0
+    number: int = 0
+    action: str = ""
+    outcome: str = ""
+    chance: float = 1.0
+    predicted: float = 0.0
+    obtained: float = 0.0
+    renewed: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +111,7 @@ class Trace:
         action_limit: Actions in an attempt.
         forgetting: Share of the trial's evidence that the subject loses with every attempt; the
             loss counts against the last action of the attempt.
-        actions: The actions.
+        moments: The N + 1 beliefs: before the first action, and after each.
         shown: Whether the subject was shown the trial and did not act itself.
     """
 
@@ -144,16 +124,16 @@ class Trace:
     truth: Schema
     action_limit: int
     forgetting: float
-    actions: tuple[TracedAction, ...]
+    moments: tuple[Moment, ...]
     shown: bool = False
 
     @property
-    def snapshots(self) -> list[Snapshot]:
-        """The N + 1 beliefs: before the first action, and after each."""
-        return [self.actions[0].before, *(action.after for action in self.actions)]
+    def actions(self) -> tuple[Moment, ...]:
+        """The N moments after an action."""
+        return self.moments[1:]
 
     @property
-    def attempts(self) -> list[tuple[TracedAction, ...]]:
+    def attempts(self) -> list[tuple[Moment, ...]]:
         """The actions of each attempt."""
         return [tuple(run) for _, run in groupby(self.actions, key=lambda one: one.attempt)]
 
@@ -175,7 +155,7 @@ class Trace:
         """
         after = 1
         for attempt in self.attempts:
-            if not same_structure(attempt[-1].after.structure, self.truth):
+            if not same_structure(attempt[-1].structure, self.truth):
                 after = attempt[0].attempt + 1
         last = self.actions[-1].attempt
         return None if after > last else after
@@ -183,57 +163,54 @@ class Trace:
     @property
     def entropies(self) -> FloatArray:
         """``[N + 1]`` entropy in bits, before the first action and after each."""
-        return np.array([snapshot.entropy for snapshot in self.snapshots])
+        return np.array([moment.entropy for moment in self.moments])
 
     @property
     def edges(self) -> FloatArray:
         """``[N + 1, P, P + 1]`` probability of each edge, at first and after each action."""
-        return np.array([snapshot.edges for snapshot in self.snapshots])
+        return np.array([moment.edges for moment in self.moments])
 
     def table(self) -> pd.DataFrame:
         """A row for each action.
 
         Returns:
-            ``trial``, ``attempt``, ``number``, ``action``, ``outcome``, ``chance``,
-            ``entropy_before``, ``entropy_after``, ``gain_predicted``, ``gain_obtained`` (all in
-            bits), ``renewed``, ``hypotheses``, ``structure`` (in words) and its ``probability``,
-            and for each edge that was ever possible a column such as ``UPPER -> door`` with its
-            probability after the action.
+            Its place, name and ``outcome``, the ``chance`` of that, entropies and gains in bits,
+            why hypotheses were ``renewed``, how many are left, the most probable ``structure`` in
+            words and its ``probability``, and for each edge that was ever possible a column such
+            as ``UPPER -> door`` with its probability after the action.
         """
         import pandas as pd
 
-        nodes = self.nodes
-        edges = self.edges
-        possible = np.argwhere(edges.max(axis=0) > 0)
-        arrows = {
-            f"{nodes[cause]} -> {nodes[effect]}": edges[1:, cause, effect]
-            for cause, effect in possible
-        }
-        rows: list[dict[str, Any]] = [
+        rows = [
             {
                 "trial": self.trial,
-                "attempt": action.attempt,
-                "number": action.number,
-                "action": action.name,
-                "outcome": action.outcome,
-                "chance": action.chance,
-                "entropy_before": action.before.entropy,
-                "entropy_after": action.after.entropy,
-                "gain_predicted": action.predicted,
-                "gain_obtained": action.obtained,
-                "renewed": action.renewed,
-                "hypotheses": action.after.hypotheses,
-                "structure": in_words(action.after.structure),
-                "probability": action.after.probability,
+                "attempt": after.attempt,
+                "number": after.number,
+                "action": after.action,
+                "outcome": after.outcome,
+                "chance": after.chance,
+                "entropy_before": before.entropy,
+                "entropy_after": after.entropy,
+                "gain_predicted": after.predicted,
+                "gain_obtained": after.obtained,
+                "renewed": after.renewed,
+                "hypotheses": after.hypotheses,
+                "structure": in_words(after.structure),
+                "probability": after.probability,
             }
-            for action in self.actions
+            for before, after in pairwise(self.moments)
         ]
+        edges = self.edges
+        arrows = {
+            f"{self.nodes[cause]} -> {self.nodes[effect]}": edges[1:, cause, effect]
+            for cause, effect in np.argwhere(edges.max(axis=0) > 0)
+        }
         return pd.DataFrame(rows).assign(**arrows)
 
     @property
     def nodes(self) -> tuple[str, ...]:
         """``[P + 1]`` names of the rows and columns of :attr:`edges`; the door is last."""
-        return (*position_names(len(self.actions[0].before.edges)), DOOR)
+        return (*position_names(len(self.moments[0].edges)), DOOR)
 
 
 def trace_trial(
@@ -246,6 +223,7 @@ def trace_trial(
     seed: int = 0,
     reward: RewardFunction | str = PAPER_REWARD,
     label: str = "learner",
+    recorded: Iterable[int] | None = None,
 ) -> Trace:
     """Play one subject up to the end of a trial, and record its beliefs in this trial.
 
@@ -261,6 +239,8 @@ def trace_trial(
         seed: Seed of the experiment.
         reward: The reward of each action.
         label: Label of the learner; it keys the learner's randomness.
+        recorded: The actions that the subject is known to have taken up to the end of the trial,
+            but for those that it is shown; by default the learner acts.
 
     Raises:
         LearnerError: If the learner holds no beliefs.
@@ -270,7 +250,7 @@ def trace_trial(
         >>> from causal_openlock import PROTOCOLS, create, find_condition
         >>> condition = find_condition("CC3")
         >>> trace = trace_trial(create("bayes"), condition, PROTOCOLS["human"], seed=2018)
-        >>> trace.found, trace.actions[0].name, round(trace.actions[0].predicted, 2)
+        >>> trace.found, trace.actions[0].action, round(trace.actions[0].predicted, 2)
         (2, 'push_UPPERLEFT', 1.5)
     """
     if not isinstance(learner, BeliefLearner):
@@ -278,34 +258,45 @@ def trace_trial(
             f"{label} has no beliefs to trace; choose a learner that has, such as bayes"
         )
     session = Session(condition, protocol, [subject], seed=seed, reward=reward, learner=label)
-    session.begin_trial(learner, trial)
+    where = f"{condition.name} under protocol {protocol.name}"
+    check_trial(trial, session.brief.trials, where)
+    known = None if recorded is None else iter(recorded)
+
+    def chosen() -> IntArray:
+        if known is None or session.shown is not None:
+            return session.chosen(learner)
+        learner.probabilities(session.view)  # as the contract has it where actions are given
+        return np.array([next(known, 0)])
+
+    session.begin(learner)
+    while session.view.trial[0] < trial:
+        learner.learn(session.step(chosen()))
     room = session.truth.rooms[int(session.truth.room[0])]
-    actions: list[TracedAction] = []
+    moments: list[Moment] = []
     over = False
     while not over:
-        view = session.view
-        chosen = session.chosen(learner)
-        before = actions[-1].after if actions else _snapshot(learner)
+        view, action = session.view, chosen()
+        moments = moments or [_moment(learner)]
         belief = replace(learner.belief(0))  # a copy, as the learner changes its own
-        predicted = float(learner.gains(0, view)[chosen[0]])
-        step = session.step(chosen)
+        predicted = float(learner.gains(0, view)[action[0]])
+        step = session.step(action)
         over = bool(step.trial_over[0])
         # The end of the trial would make the learner forget the room.
         learner.learn(replace(step, trial_over=np.zeros_like(step.trial_over)))
+        event, after = observed(step, 0, belief.slots, belief.found), _moment(learner)
         attempt = int(view.attempt[0])
-        actions.append(
-            TracedAction(
-                attempt=attempt,
-                number=1 + sum(action.attempt == attempt for action in actions),
-                name=session.brief.action_names[chosen[0]],
-                outcome=_outcome(step),
-                chance=_chance(belief, step),
-                predicted=predicted,
-                renewed=_renewed(belief, learner.belief(0)),
-                before=before,
-                after=_snapshot(learner),
-            )
+        after = replace(
+            after,
+            attempt=attempt,
+            number=1 + sum(past.attempt == attempt for past in moments),
+            action=session.brief.action_names[action[0]],
+            outcome=_outcome(step),
+            chance=1.0 if event is None else float(belief.weight @ belief.likelihood(event)),
+            predicted=predicted,
+            obtained=moments[-1].entropy - after.entropy,
+            renewed=_renewed(belief, learner.belief(0)),
         )
+        moments.append(after)
     return Trace(
         learner=label,
         condition=condition.name,
@@ -316,15 +307,15 @@ def trace_trial(
         truth=by_position(room),
         action_limit=protocol.actions_for(room.schema),
         forgetting=learner.beliefs.prior.forgetting,
-        actions=tuple(actions),
+        moments=tuple(moments),
         shown=trial <= session.shown_trials,
     )
 
 
-def _snapshot(learner: BeliefLearner) -> Snapshot:
+def _moment(learner: BeliefLearner) -> Moment:
     belief = learner.belief(0)
     structure, probability = learner.most_probable(0)
-    return Snapshot(
+    return Moment(
         entropy=max(0.0, belief.entropy),  # never -0.0
         hypotheses=int(np.count_nonzero(belief.weight)),
         structure=structure,
@@ -350,15 +341,6 @@ def _outcome(step: Step) -> str:
     return "nothing" if (after == before).all() else "moved"
 
 
-def _chance(belief: Belief, step: Step) -> float:
-    """The predictive probability of what was observed; 1 if the action could not do anything."""
-    event = observed(step, 0, belief.slots, belief.found)
-    if event is None:
-        return 1.0
-    space = belief.space
-    return float(belief.weight @ likelihood(space.hypotheses, belief.which, space.strengths, event))
-
-
 # -- as text --------------------------------------------------------------------------------------
 
 
@@ -375,77 +357,47 @@ def trace_text(trace: Trace, most: int = 30) -> Iterator[str]:
     )
     yield ""
     before = "Before it is shown the solutions" if trace.shown else "Before it acts"
-    yield from _wrapped(f"{before}: {belief_in_words(trace.snapshots[0])}")
+    yield from _wrapped(f"{before}: {belief_in_words(trace.moments[0])}")
     found = 0
     width = max(len(shown_name(action)) for action in trace.actions)
     for attempt in trace.attempts[:most]:
         yield ""
         yield f"Attempt {attempt[0].attempt}"
         for action in attempt:
-            found += action.outcome == "new solution"
-            yield from _action_lines(action, width, found, solutions)
-        yield from _wrapped(f"Now {belief_in_words(attempt[-1].after)}", "  ")
+            result = OUTCOMES[action.outcome]
+            if action.outcome == "new solution":
+                found += 1
+                result += f" ({found} of {solutions})"
+            gain = f"{_bits(action.obtained)} bits learned, {_bits(action.predicted)} expected"
+            yield f"  {shown_name(action):{width}}  {result:{OUTCOME_WIDTH}}  {gain}"
+            if action.renewed:
+                yield f"    {RENEWED[action.renewed]}"
+        yield from _wrapped(f"Now {belief_in_words(attempt[-1])}", "  ")
     if rest := trace.attempts[most:]:
-        more = sum(action.outcome == "new solution" for attempt in rest for action in attempt)
+        more = trace.found - found
         news = counted(more, "new solution") if more else "no new solution"
         yield ""
         yield f"and {counted(len(rest), 'more attempt')}, with {news}"
-        yield from _wrapped(f"In the end {belief_in_words(trace.snapshots[-1])}", "  ")
+        yield from _wrapped(f"In the end {belief_in_words(trace.moments[-1])}", "  ")
     yield ""
-    yield from _wrapped(_verdict(trace))
-    kept = [action for action in trace.actions if not action.renewed]
-    if len(kept) < len(trace.actions):
-        yield from _wrapped(
-            "Where other hypotheses replaced the old ones, because few or none were left, the "
-            "difference of entropies is not information and is not shown."
-        )
-    if trace.forgetting:
-        yield from _wrapped(
-            f"It forgets {trace.forgetting:.0%} of the evidence with every attempt, which counts "
-            "against the attempt's last action."
-        )
-    yield from _wrapped(
-        f"Information in all: {_bits(sum(action.predicted for action in kept))} bits expected, "
-        f"{_bits(sum(action.obtained for action in kept))} obtained. The two agree on average over "
-        "rooms that are as probable as the subject believes, not in every room or action."
-    )
-
-
-def _action_lines(action: TracedAction, width: int, found: int, solutions: int) -> Iterator[str]:
-    result = OUTCOMES[action.outcome]
-    if action.outcome == "new solution":
-        result += f" ({found} of {solutions})"
-    if action.renewed:
-        gain = f"{_bits(action.predicted)} bits expected; other hypotheses from here on"
-    elif max(action.predicted, abs(action.obtained)) < NOTHING:
-        gain = "nothing to learn"
-    else:
-        change = "learned" if action.obtained >= 0 else "less certain"
-        gain = f"{_bits(abs(action.obtained))} bits {change}, {_bits(action.predicted)} expected"
-    if IMPOSSIBLE <= action.chance < SURPRISING:
-        gain += f"; its probability was {percent(action.chance)}"
-    yield f"  {shown_name(action):{width}}  {result:{OUTCOME_WIDTH}}  {gain}"
-    if action.renewed == "noise":
-        yield from _wrapped(NOISE, "    ")
-
-
-def _verdict(trace: Trace) -> str:
-    attempts, truth = len(trace.attempts), in_words(trace.truth)
-    if trace.shown:
-        end = f"Shown in {counted(attempts, 'attempt')}."
-    elif trace.solved:
-        last = max(a.attempt for a in trace.actions if a.outcome == "new solution")
-        end = f"Solved in {counted(last, 'attempt')}"
-        end += f"; the trial continued to {attempts:,}." if attempts > last else "."
-    else:
-        found = f"{trace.found} of {len(trace.truth.solutions)} solutions"
-        end = f"Not solved: {found} in {counted(attempts, 'attempt')}."
+    end = "Solved" if trace.solved else f"Not solved: {trace.found} of {solutions} solutions"
+    end = "Shown" if trace.shown else end
     verdict = {
         "same": "is the same structure",
         "alike": f"acts the same in attempts of {counted(trace.action_limit, 'action')}",
         "different": "acts differently",
     }[agreement(trace)]
-    return f"{end} In truth, {truth}. What it believes most probable {verdict}."
+    yield from _wrapped(
+        f"{end} in {counted(len(trace.attempts), 'attempt')}. In truth, {in_words(trace.truth)}. "
+        f"What it believes most probable {verdict}."
+    )
+    # Entropies of other hypotheses cannot be compared.
+    kept = [action for action in trace.actions if not action.renewed]
+    yield from _wrapped(
+        f"Information in all: {_bits(sum(action.predicted for action in kept))} bits expected, "
+        f"{_bits(sum(action.obtained for action in kept))} obtained. The two agree on average over "
+        "rooms that are as probable as the subject believes, not in every room or action."
+    )
 
 
 def agreement(trace: Trace) -> str:
@@ -454,13 +406,13 @@ def agreement(trace: Trace) -> str:
     Returns:
         ``same``, ``alike`` if it behaves alike in every attempt, or ``different``.
     """
-    most = trace.snapshots[-1].structure
+    most = trace.moments[-1].structure
     if same_structure(most, trace.truth):
         return "same"
     return "alike" if behave_alike(trace.truth, most, trace.action_limit) else "different"
 
 
-def belief_in_words(belief: Snapshot) -> str:
+def belief_in_words(belief: Moment) -> str:
     """The entropy of a belief and its most probable structure, in words."""
     return (
         f"{_bits(belief.entropy)} bits left, "
@@ -469,9 +421,9 @@ def belief_in_words(belief: Snapshot) -> str:
     )
 
 
-def shown_name(action: TracedAction) -> str:
+def shown_name(action: Moment) -> str:
     """The name of an action as people read it: ``push UPPER``."""
-    return action.name.replace("_", " ", 1)
+    return action.action.replace("_", " ", 1)
 
 
 def percent(probability: float) -> str:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from causal_openlock.belief.belief_learner import BeliefLearner
-from causal_openlock.belief.trace import Snapshot, Trace, trace_trial
+from causal_openlock.belief.trace import Moment, Trace, trace_trial
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import ExperimentError
 from causal_openlock.experiment.declare import Condition, Protocol
@@ -50,10 +50,10 @@ class WatchedTrial:
         """Pictures of the trial: one before each attempt, and one after each action."""
         return tuple(stills(self.trial, self.attempts))
 
-    def belief(self, shot: Shot) -> Snapshot | None:
+    def belief(self, shot: Shot) -> Moment | None:
         """The learner's belief at a moment; None if it has none."""
         before = sum(len(one.actions) for one in self.trial.attempts[: shot.attempt - 1])
-        return self.trace.snapshots[before + shot.action] if self.trace else None
+        return self.trace.moments[before + shot.action] if self.trace else None
 
     @property
     def title(self) -> str:
@@ -153,7 +153,7 @@ LINK, HIGH, LETTER = 100, 22, 6.2
 BELIEVED, TRUE = "#00427A", "#009E73"
 
 
-def belief_svg(belief: Snapshot, trace: Trace) -> str:
+def belief_svg(belief: Moment, trace: Trace) -> str:
     """The levers in their places, and the arrows between them, the darker the more probable.
 
     A dashed green line runs along the arrows of the true schema; inactive levers are faint.

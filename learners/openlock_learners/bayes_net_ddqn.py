@@ -9,7 +9,6 @@ uniformly once nothing is left to learn. Values and greedy actions are those of 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,14 +36,8 @@ class BayesNetDDQN(DDQN, BeliefLearner):
     def begin(self, brief: Brief) -> None:
         """Begin as a DDQN, with a belief for each subject."""
         super().begin(brief)
-        self._believe(brief, [generator.spawn(1)[0] for generator in brief.generators])
-
-    def begin_beliefs(self, brief: Brief) -> None:
-        """Set the beliefs alone: their randomness comes after the three streams of the DDQN."""
-        self._believe(brief, [generator.spawn(4)[3] for generator in brief.generators])
-
-    def _believe(self, brief: Brief, samples: Sequence[np.random.Generator]) -> None:
-        self.beliefs = Beliefs(brief, self.parameters, tuple(samples))
+        samples = tuple(generator.spawn(1)[0] for generator in brief.generators)
+        self.beliefs = Beliefs(brief, self.parameters, samples)
 
     def act(self, view: View) -> IntArray:
         """``[B]`` actions drawn from :meth:`probabilities`."""

@@ -45,9 +45,9 @@ def test_a_belief_is_the_one_of_the_same_moment(watched):
         if shot.action:
             traced = [one for one in watched.trace.actions if one.attempt == shot.attempt]
             action = traced[shot.action - 1]
-            assert watched.belief(shot) is action.after
-            assert action.name.replace("_", " ", 1) == shot.panel.actions[-1].name
-    assert watched.belief(watched.shots[0]) is watched.trace.snapshots[0]
+            assert watched.belief(shot) is action
+            assert action.action.replace("_", " ", 1) == shot.panel.actions[-1].name
+    assert watched.belief(watched.shots[0]) is watched.trace.moments[0]
 
 
 def test_a_trial_is_the_one_of_trace_and_film():
@@ -56,7 +56,7 @@ def test_a_trial_is_the_one_of_trace_and_film():
     seen = ol.watch("bayes", "CC3-CC4", trial=2, subject=3, seed=7)
     assert seen.trial == play_trial(ol.create("bayes"), condition, PROTOCOLS["human"], **where)
     trace = ol.trace_trial(ol.create("bayes"), condition, PROTOCOLS["human"], **where)
-    assert [one.name for one in seen.trace.actions] == [one.name for one in trace.actions]
+    assert [one.action for one in seen.trace.actions] == [one.action for one in trace.actions]
     np.testing.assert_array_equal(seen.trace.entropies, trace.entropies)
 
 

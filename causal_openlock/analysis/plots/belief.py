@@ -25,7 +25,7 @@ from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Layout, draws, draws_results, panels
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.traces import replayed
-from causal_openlock.belief.trace import Trace, TracedAction, agreement, percent, shown_name
+from causal_openlock.belief.trace import Moment, Trace, agreement, percent, shown_name
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.render.arrange import arrange
 from causal_openlock.render.graph import draw_schema
@@ -172,7 +172,7 @@ class Part:
     """
 
     trace: Trace
-    actions: list[TracedAction]
+    actions: list[Moment]
     arrows: list[tuple[int, int]]
     true: int
     left_out: int
@@ -426,7 +426,7 @@ class _Graph(NamedTuple):
 def _plan_graphs(shown: Part) -> list[_Graph]:
     """The most probable structure in the end and the true one, both at one scale."""
     trace = shown.trace
-    final = trace.snapshots[-1]
+    final = trace.moments[-1]
     same = {
         "same": "the true one",
         "alike": "acts like the true one",

@@ -8,6 +8,7 @@ beliefs. Only learners that have beliefs have traces.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 
 import pandas as pd
 
@@ -41,14 +42,14 @@ def information_per_action(traces: Iterable[Trace]) -> pd.DataFrame:
             trace.trial,
             action.attempt,
             action.number,
-            action.name,
+            action.action,
             action.outcome,
-            action.before.entropy,
+            before.entropy,
             action.predicted,
             float("nan") if action.renewed else action.obtained,
         )
         for trace in traces
-        for action in trace.actions
+        for before, action in pairwise(trace.moments)
     ]
     return pd.DataFrame(rows, columns=_COLUMNS)
 

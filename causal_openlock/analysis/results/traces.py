@@ -73,7 +73,7 @@ def replayed(
             other rooms.
         OpenLockError: If there is no such learner, condition, subject or trial.
     """
-    from causal_openlock.belief.belief_learner import BeliefLearner, Onlooker
+    from causal_openlock.belief.belief_learner import BeliefLearner
     from causal_openlock.belief.structure_schemas import by_position, same_structure
     from causal_openlock.belief.trace import trace_trial
     from causal_openlock.contract.registry import create, is_ours, origin
@@ -114,7 +114,7 @@ def replayed(
     assert isinstance(believer, BeliefLearner)
     recorded = [*_recorded(results.record, visits.iloc[:trial])]
     trace = trace_trial(
-        Onlooker(believer, chain(*chain(*recorded))),
+        believer,
         rooms[condition],
         spec.protocol,
         trial=trial + shown_trials(rooms[condition], spec.protocol),
@@ -123,6 +123,7 @@ def replayed(
         # A user's own code is not run to read results; learners with beliefs ignore rewards.
         reward=PAPER_REWARD if spec.reward.is_own else spec.reward,
         label=spec.name,
+        recorded=chain(*chain(*recorded)),
     )
     schema = next(one for one in rooms[condition].schemas if one.name == row["schema"])
     room = Room.of(schema, row["layout"], len(trace.nodes) - 1)
@@ -141,7 +142,7 @@ def _unknown(learner: str, trials: str) -> NothingToDrawError:
 def _done(trace: Trace) -> list[list[int]]:
     """The actions of each attempt of the traced trial."""
     names = action_names(len(trace.nodes) - 1)
-    return [[names.index(action.name) for action in attempt] for attempt in trace.attempts]
+    return [[names.index(action.action) for action in attempt] for attempt in trace.attempts]
 
 
 def _recorded(record: pa.Table, visits: pd.DataFrame) -> Iterator[list[list[int]]]:
