@@ -14,6 +14,7 @@ import time
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import zip_longest
 from statistics import mean
 from typing import NamedTuple
 
@@ -112,8 +113,9 @@ def status_of(
         last report; and why cells failed, a sentence each.
     """
     cells, failures, quiet = experiment.cells(), list[str](), dict[str, float]()
-    files = zip(cells, experiment.files, strict=False)
-    left = [cell for cell, file in files if not (store.cells / file).exists()]
+    # Those of a person who was forgotten are not listed.
+    files = zip_longest(cells, experiment.files[: len(cells)])
+    left = [cell for cell, file in files if not (file and (store.cells / file).exists())]
     begun = {report.cell.file_name: report for report in playing_in(store, left)}
     playing = [report for report in begun.values() if report.still < QUIET]
     for cell in [*left]:
