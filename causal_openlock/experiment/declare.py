@@ -163,6 +163,7 @@ AnyReward = Annotated[
 # -- protocols -------------------------------------------------------------------------------------
 
 LayoutSource = Literal["published", "random"]
+LayoutForms = LayoutSource | list[str | dict[str, str]] | None
 
 
 def default_action_limit(schema: Schema) -> int:
@@ -174,18 +175,6 @@ def default_action_limit(schema: Schema) -> int:
 class Protocol(Part):
     """Protocol: the budgets and rules under which a condition is played.
 
-    Attributes:
-        attempt_limit: Attempts in a trial.
-        stop_when_solved: Whether a trial ends as soon as all its solutions are found.
-        baseline_trials, training_trials, test_trials: Trials of a condition without a test, to
-            train on and to test on, where the condition does not say; lowered to the number of
-            published layouts if those are used (there are five with four levers).
-        baseline_loops, train_loops, test_loops: How often these trials are repeated.
-        layouts: The default source of layouts: those the paper's authors published, or random.
-        test_layout: In results of 0.2 alone: the published layout of all tests.
-        action_limit: Actions in an attempt; by default 3, or as many as the schema's longest
-            solution needs.
-
     Example:
         >>> from dataclasses import replace
         >>> short = replace(PROTOCOLS["human"], name="short", attempt_limit=5)
@@ -194,28 +183,29 @@ class Protocol(Part):
     """
 
     name: Name
-    attempt_limit: Count = 30
-    stop_when_solved: Annotated[bool, Field(strict=True)] = True
-    baseline_trials: Count = 5
-    training_trials: Count = 6
-    test_trials: Count = 1
-    baseline_loops: Count = 1
-    train_loops: Count = 1
-    test_loops: Count = 1
-    layouts: LayoutSource = "published"
-    test_layout: SkipJsonSchema[str | None] = None
-    action_limit: ActionLimit | None = None
+    attempt_limit: Count = 30  #: attempts in a trial
+    stop_when_solved: Annotated[bool, Field(strict=True)] = True  #: else a trial goes on
+    # Trials where a condition does not say how many; at most as many as there are published
+    # layouts, if those are used (five with four levers).
+    baseline_trials: Count = 5  #: trials of a condition without a test
+    training_trials: Count = 6  #: trials to train on
+    test_trials: Count = 1  #: trials to test on
+    baseline_loops: Count = 1  #: how often the trials of a baseline are repeated
+    train_loops: Count = 1  #: how often those to train on are
+    test_loops: Count = 1  #: how often those to test on are
+    layouts: LayoutSource = "published"  #: those of the paper's authors, or random ones
+    test_layout: SkipJsonSchema[str | None] = None  #: in results of 0.2: the layout of all tests
+    action_limit: ActionLimit | None = None  #: by default 3, or as many as the schema needs
 
     def actions_for(self, schema: Schema) -> int:
         """Actions in an attempt in a room of this schema, which may need more than allowed."""
-        if self.action_limit is None:
-            return default_action_limit(schema)
-        if self.action_limit < schema.least_action_limit:
+        limit = self.action_limit or default_action_limit(schema)
+        if limit < schema.least_action_limit:
             raise ExperimentError(
                 f"{schema.name} needs attempts of {schema.least_action_limit} actions and the "
-                f"protocol {self.name} allows {self.action_limit}; raise its action_limit"
+                f"protocol {self.name} allows {limit}; raise its action_limit"
             )
-        return self.action_limit
+        return limit
 
 
 @part()
@@ -299,29 +289,20 @@ def _places(layouts: Any) -> Any:
 
 @part()
 class Trials(Part):
-    """Trials in rooms of one schema.
-
-    Attributes:
-        layouts: Layouts to draw from without repeats, or their source; by default the protocol's.
-        number: Exactly how many trials, ``trials`` in a file; by default the protocol's number, or
-            all given layouts.
-        shuffle: Whether the layouts come in random order.
-    """
+    """Trials in rooms of one schema."""
 
     schema: AnySchema
+    #: Layouts to draw from without repeats, or their source; by default the protocol's.
     layouts: Annotated[
         tuple[Layout, ...] | LayoutSource | None,
         PlainSerializer(_places),
         Field(description="Where the levers stand; the protocol decides if this is left out."),
     ] = None
+    #: Exactly how many, ``trials`` in a file; by default the protocol's number, or all layouts.
     number: Annotated[Count | None, Field(validation_alias=AliasChoices("trials", "number"))] = None
-    shuffle: Annotated[bool, Field(strict=True)] = True
+    shuffle: Annotated[bool, Field(strict=True)] = True  #: whether layouts come in random order
 
-    @field_validator(
-        "layouts",
-        mode="plain",
-        json_schema_input_type=LayoutSource | list[str | dict[str, str]] | None,
-    )
+    @field_validator("layouts", mode="plain", json_schema_input_type=LayoutForms)
     @classmethod
     def _placed(cls, layouts: Any, info: ValidationInfo) -> Any:
         schema = info.data.get("schema")
@@ -386,29 +367,21 @@ RecordedRoom = Annotated[InstanceOf[Layout], BeforeValidator(_recorded_room)]
 
 @part()
 class Condition(Part):
-    """A sequence of trials.
-
-    Attributes:
-        name: By default that of the schemas, where they alone are declared.
-        train: Trials in the order in which they come; all of a baseline's trials are here.
-        test: Trials to test on afterwards; empty for a baseline.
-        rooms: By number of the subject, the layouts of its trials in order, where they are on
-            record, as in data from elsewhere.
-        shown: Whether the trials to train on are shown: each solution of the room in an attempt of
-            its own, in an order drawn for the subject.
+    """A sequence of trials: first those to train on, or a baseline's, then those to test on.
 
     Example:
         >>> [schema.name for schema in find_condition("CC3-CC4").schemas]
         ['CC3', 'CC4']
     """
 
-    name: Name = ""
+    name: Name = ""  #: by default that of the schemas, where they alone are declared
     train: Annotated[  # type: ignore[misc]  # required, as the name is not
         SomeTrials, BeforeValidator(_trials, json_schema_input_type=str | list[Trials] | Shown)
     ] = Field()
     test: Annotated[
         tuple[Trials, ...], BeforeValidator(_trials, json_schema_input_type=str | list[Trials])
     ] = ()
+    #: By number of the subject, the layouts of its trials, where they are on record.
     rooms: Annotated[
         dict[
             Annotated[int, PlainSerializer(str)],
@@ -417,6 +390,7 @@ class Condition(Part):
         SkipJsonSchema(),
         Field(exclude_if=lambda rooms: not rooms),
     ] = field(default_factory=dict, compare=False)
+    #: Whether each solution of the rooms to train on is shown, in an order drawn for the subject.
     shown: Annotated[bool, SkipJsonSchema(), Field(exclude_if=lambda shown: not shown)] = False
 
     def __post_init__(self) -> None:
@@ -550,49 +524,40 @@ def points(entry: Mapping[str, Any]) -> list[dict[str, Any]]:
     >>> [(point["name"], point["parameters"]) for point in swept]
     [('bayes-lapse-0', {'lapse': 0.0}), ('bayes-lapse-0.1', {'lapse': 0.1})]
     """
-    sweep = entry.get("sweep")
+    common = {**entry}
+    sweep = common.pop("sweep", None)
     if not isinstance(sweep, Mapping) or not all(isinstance(v, list) for v in sweep.values()):
         return []
     name = entry.get("name") or str(entry["learner"]).rpartition(":")[2]
-    return [
-        {
-            **{key: value for key, value in entry.items() if key != "sweep"},
-            "name": label_of(name, point, "-"),
-            "parameters": {**(entry.get("parameters") or {}), **point},
-        }
-        for values in islice(product(*sweep.values()), MOST_SWEPT)
-        for point in [dict(zip(sweep, values, strict=True))]
-    ]
+    entries = []
+    for values in islice(product(*sweep.values()), MOST_SWEPT):
+        point = dict(zip(sweep, values, strict=True))
+        parameters = {**(entry.get("parameters") or {}), **point}
+        entries.append({**common, "name": label_of(name, point, "-"), "parameters": parameters})
+    return entries
 
 
 @part(kw_only=True)
 class LearnerSpec(Part):
-    """A learner of an experiment.
+    """A learner of an experiment."""
 
-    Attributes:
-        recorded: Its origin, if it is read from a results folder; its code is then not loaded and
-            need not be installed.
-        name: Its label; by default its name.
-        parameters: All its hyper-parameters, defaults included.
-        subjects: How many subjects it plays in each condition.
-        cell_size: Most of them in a cell; by default as the experiment says.
-    """
-
+    #: Its origin, if a results folder has it; its code is then not loaded.
     recorded: Annotated[
         InstanceOf[Origin] | None, SkipJsonSchema(), Field(exclude=True, repr=False)
     ] = None
     learner: Annotated[str, Field(description="Registered name, or module:Class.")]
-    name: Name = ""
+    name: Name = ""  #: its label; by default its name
     sweep: Annotated[
         dict[str, Annotated[list[Any], Field(min_length=1)]],
         Field(description="Values of parameters; each combination is a learner.", exclude=True),
     ] = field(default_factory=dict)
+    #: All its hyper-parameters, defaults included.
     parameters: Annotated[dict[str, Any], Field(validate_default=True)] = field(
         default_factory=dict
     )
     protocol: AnyProtocol = field(default_factory=lambda: HUMAN)
     reward: AnyReward = field(default_factory=lambda: PAPER)
-    subjects: Subjects = 40
+    subjects: Subjects = 40  #: in each condition
     cell_size: Annotated[Count | None, Field(exclude_if=lambda size: size is None)] = None
 
     @field_validator("learner")
@@ -749,28 +714,21 @@ class Cell:
 
 @part(kw_only=True)
 class Experiment(Part):
-    """An experiment: learners × conditions × protocol × subjects, cut into cells.
+    """An experiment: learners × conditions × protocol × subjects, cut into cells."""
 
-    Attributes:
-        title: A line for the report.
-        seed: All randomness comes from it.
-        own_protocols: Protocols of its own by name, ``protocols`` in a file.
-        cell_size, protocol, reward, subjects: Those of learners that have none of their own.
-        command: The command that runs it again.
-        version: Version of this package's results.
-    """
-
-    version: SkipJsonSchema[str] = RESULTS_VERSION
+    version: SkipJsonSchema[str] = RESULTS_VERSION  #: of this package's results
     name: Name
-    title: str = ""
-    command: SkipJsonSchema[str] = ""
+    title: str = ""  #: a line for the report
+    command: SkipJsonSchema[str] = ""  #: that runs it again
     seed: Seed = 0
     cell_size: Annotated[Count, Field(description="Most subjects in a unit of work.")] = 40
+    #: Protocols of its own by name, ``protocols`` in a file.
     own_protocols: Annotated[
         dict[str, Annotated[AnyProtocol, WrapValidator(_own_protocol)]],
         BeforeValidator(_with_names, json_schema_input_type=dict[str, ProtocolChanges]),
         Field(validation_alias=AliasChoices("protocols", "own_protocols"), exclude=True),
     ] = field(default_factory=dict)
+    # These, and the size of cells, are those of learners that have none of their own.
     protocol: Annotated[AnyProtocol, Field(exclude=True)] = field(default_factory=lambda: HUMAN)
     reward: Annotated[AnyReward, Field(exclude=True)] = field(default_factory=lambda: PAPER)
     subjects: Annotated[Subjects, Field(exclude=True)] = 40

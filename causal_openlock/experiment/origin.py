@@ -22,24 +22,16 @@ _STORED = {
 
 @dataclass(frozen=True)
 class Origin:
-    """The code of a learner.
+    """The code of a learner."""
 
-    Attributes:
-        class_name: Its class, ``module:Class``.
-        package: Its package and version; or its file, and a hash of it and of what it imports of
-            the user's.
-        artifact_hash: Hash of files that its parameters name, such as trained weights; or empty.
-        prior_attempts: Attempts that it was trained with before the experiment; None if unknown.
-        informed: Whether it is given what subjects cannot perceive.
-        about: What it is, in a line: the first of its docstring.
-    """
-
-    class_name: str
-    package: str
-    artifact_hash: str = ""
-    prior_attempts: int | None = 0
-    informed: bool = False
-    about: str = ""
+    class_name: str  #: ``module:Class``
+    package: (
+        str  #: and its version; or a file, and a hash of it and of what of the user's it imports
+    )
+    artifact_hash: str = ""  #: of files that its parameters name, such as trained weights
+    prior_attempts: int | None = 0  #: with which it was trained before; None if unknown
+    informed: bool = False  #: whether it is given what subjects cannot perceive
+    about: str = ""  #: the first line of its docstring
 
     def as_dict(self) -> dict[str, Any]:
         """The origin as a results folder stores it with its learner."""
