@@ -47,7 +47,7 @@ TestTabularQ = contract(
 )  # so that it acts greedily in states that it knows
 TestPosteriorSampling = contract("posterior_sampling")
 TestTheoryBased = contract("theory_based")
-TestTheoryBasedByChains = contract("theory_based", parameters={"form": "cogsci_2019"}, schemas=TWO)
+TestTheoryBasedOnMeans = contract("theory_based", parameters={"beliefs": "mean"}, schemas=TWO)
 TestBayes = contract(
     "bayes", parameters={"particles": 20, "planned": 30}, schemas=("CC3", "CE4", "chain3")
 )

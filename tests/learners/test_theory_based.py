@@ -1,5 +1,7 @@
-"""The theory-based model: its spaces, its equations by plain enumeration, and its two papers."""
+"""The theory-based model: its spaces, its equations by plain enumeration, and its paper."""
 
+from copy import deepcopy
+from dataclasses import replace
 from itertools import combinations, permutations, product
 
 import numpy as np
@@ -113,8 +115,7 @@ def test_chains_are_as_likely_as_the_schemas_that_they_complete(with_solution):
         for instance in instances:
             for chain in instance:
                 expected[chain] += belief[g] / len(instances)
-    by_schema = room.likelihood(structural=True)
-    (likely,) = learner._schema_belief(0, room, np.random.default_rng(0), 1) @ by_schema.T
+    likely = learner._top_down(0, room)
     for chain, value in zip(chains_of(7, 2).actions.tolist(), likely.tolist(), strict=True):
         wanted = 0.0 if tuple(chain) == found else expected[tuple(chain)]
         assert value == pytest.approx(wanted), chain
@@ -142,8 +143,6 @@ def test_its_structure_holds_what_was_found_and_shares_the_rest_by_its_schemas()
     unsure = learner.structure(0).edges
     assert sure[first, other] > unsure[first, other]
     assert sure[other, one] < unsure[other, one]
-    form, _ = shown([], form="cogsci_2019")
-    assert form.structure(0) is None
 
 
 def test_nothing_that_failed_is_begun_with_again():
@@ -167,14 +166,14 @@ def test_changes_speak_for_their_attributes_in_the_room_and_beyond():
     assert white_grey.tolist() == push_pull[::-1].tolist() == [1.0, 2.0]
     assert np.flatnonzero(positions > 1).tolist() == sorted((first, one))
     share = learner._theta[0, 1] * learner._theta[0, 2] * learner._theta[0, 4 + first]
-    assert learner._bottom_up(learner._theta, learner._rooms[0])[0, first] == share
+    assert learner._bottom_up(0, learner._rooms[0])[first] == pytest.approx(share)
     # Four changes in the trial, shared out: a gain of two for grey, half of it for the cause.
     learner, session = shown([first, one, 14, first, other, 14])
     assert session.over
     assert learner._global[0, :4].tolist() == [1.0, 3.0, 3.0, 1.0]
     assert learner._global[0, 4 + first] == 2.0
     plain, _ = shown([first], bottom_up=False)
-    assert (plain._bottom_up(plain._theta, plain._rooms[0]) == 1).all()
+    assert (plain._bottom_up(0, plain._rooms[0]) == 1).all()
 
 
 def test_local_beliefs_begin_between_one_and_ten():
@@ -183,12 +182,65 @@ def test_local_beliefs_begin_between_one_and_ten():
     assert learner._global.max() > 100
     room = Session(one_room("CC3", "trial1"), HUMAN, 2, seed=1)
     learner._rooms = [None, None]
-    learner._enter(room.view, 0)
+    learner._room(room.view, 0)
     assert learner._local[0].min() == 1.0
     assert learner._local[0].max() == 10.0
 
 
-# -- the papers -----------------------------------------------------------------------------------
+# -- acting ---------------------------------------------------------------------------------------
+
+
+class Fixed:
+    """A generator that gives one number."""
+
+    def __init__(self, number):
+        self.number = number
+
+    def random(self):
+        return self.number
+
+
+# Of CC3 in this layout, 0 frees 4 and 5; 1 is white.
+@pytest.mark.parametrize("actions", [[], [1], [0], [1, 0], [0, 4, 14], [8, 14, 3, 0, 4]])
+@pytest.mark.parametrize("changed", [{}, {"bottom_up": False}, {"top_down": False}])
+def test_its_probabilities_are_those_of_ties(actions, changed):
+    learner, session = shown(actions, **changed)
+    (chances,) = learner.probabilities(session.view)
+    many = np.count_nonzero(chances)
+    done = np.zeros_like(chances)
+    for number in (np.arange(many) + 0.5) / many:  # all that its generator can come to
+        again = deepcopy(learner)
+        again.brief = replace(learner.brief, generators=(Fixed(number),))
+        done[again.act(session.view)[0]] += 1.0 / many
+    assert chances == pytest.approx(done, abs=1e-9)
+
+
+def test_what_is_sampled_has_no_probabilities():
+    learner, session = shown([], beliefs="sampled")
+    assert learner.probabilities(session.view) is None
+
+
+@pytest.mark.parametrize("left", [True, False])
+def test_asking_changes_nothing_even_where_no_chain_is_left(left):
+    """As in a room that does not always obey: every chain was removed."""
+
+    def played(asked):
+        learner, session = shown([] if left else [0])
+        if not left:
+            for first in range(14):
+                learner._rooms[0].remove([first])
+        done = []
+        for _ in range(25 if left else 12):
+            if asked:
+                learner.probabilities(session.view)
+            done.append(int(learner.act(session.view)[0]))
+            learner.learn(session.step(np.array(done[-1:])))
+        return done
+
+    assert played(asked=True) == played(asked=False)
+
+
+# -- the paper ------------------------------------------------------------------------------------
 
 
 def test_it_does_what_was_published_of_the_model():

@@ -44,14 +44,11 @@ class Chains:
     actions: IntArray
     path: IntArray
 
-    @property
-    def length(self) -> int:
-        """Levers in a chain."""
-        return self.paths.shape[1]
-
     def beginning_with(self, actions: list[int]) -> BoolArray:
         """``[C]`` which chains begin with these actions."""
-        same: BoolArray = (self.actions[:, : len(actions)] == actions[: self.length]).all(axis=1)
+        same: BoolArray = (self.actions[:, : len(actions)] == actions[: self.paths.shape[1]]).all(
+            axis=1
+        )
         return same
 
 

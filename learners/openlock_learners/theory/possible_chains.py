@@ -13,35 +13,37 @@ from itertools import pairwise
 import numpy as np
 
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
-from openlock_learners.theory.chains import Chains, chains_of
+from openlock_learners.theory.chains import chains_of
 from openlock_learners.theory.schemas import Schemas, schemas_of
 
 
 @dataclass(eq=False)
 class RoomHypotheses:
-    """A subject's hypotheses about its current room, and its attempt there."""
+    """A subject's hypotheses about its current room, and its attempt there.
 
-    length: int  # levers in a chain
+    Attributes:
+        length: Levers in a chain.
+        solutions: Solutions of the room.
+        grey: ``[P]`` 1 where the lever is grey.
+        chains: All chains of the room.
+        schemas: All schemas of the room; None if there are too many to list.
+        allowed: ``[C]`` chains that were not removed.
+        found: Solutions that were found, as chains.
+        done: Actions of the attempt that stand in the chain.
+        likely: ``[C]`` probability of the chains, until something changes.
+    """
+
+    length: int
     solutions: int
-    grey: IntArray  # [P] 1 where the lever is grey
-    considered: BoolArray  # [C] chains that there can be
-    allowed: BoolArray  # [C] those that were not removed
-    found: list[int] = field(default_factory=list)  # solutions, as chains
-    done: list[int] = field(default_factory=list)  # actions of the attempt that stand in the chain
-    chain: list[int] = field(default_factory=list)  # settled on for the attempt (CogSci 2019)
-    likely: FloatArray | None = None  # [C] probability of the chains, until something changes
-    schemas: IntArray | None = None  # those that are still possible
-    structured: bool = False  # whether any is
+    grey: IntArray
+    found: list[int] = field(default_factory=list)
+    done: list[int] = field(default_factory=list)
+    likely: FloatArray | None = None
 
-    @property
-    def chains(self) -> Chains:
-        """All chains of the room."""
-        return chains_of(len(self.grey), self.length)
-
-    @property
-    def every_schema(self) -> Schemas | None:
-        """All schemas of the room; None if there are too many to list."""
-        return schemas_of(len(self.grey), self.length, self.solutions)
+    def __post_init__(self) -> None:
+        self.chains = chains_of(len(self.grey), self.length)
+        self.schemas = schemas_of(len(self.grey), self.length, self.solutions)
+        self.allowed: BoolArray = np.ones(len(self.chains.actions), dtype=bool)
 
     @property
     def lost(self) -> bool:
@@ -55,6 +57,7 @@ class RoomHypotheses:
         if gone.any():
             self.allowed = self.allowed & ~gone
             self.likely = None
+            self._begin_again()
 
     def end_attempt(self, opened: bool, new: bool) -> None:
         """Take note of whether the attempt opened the door, and with a new solution."""
@@ -63,63 +66,65 @@ class RoomHypotheses:
             self.found.append(int(whole[0]))
         elif opened:  # it opens the door, and counts no more
             self.remove(self.done)
-        self.done, self.chain, self.likely = [], [], None
+        self.done, self.likely = [], None
+        self._begin_again()
 
-    def likelihood(self, structural: bool) -> FloatArray:
-        """``[C, G]`` probability of each chain under each abstract schema that is possible.
+    def _begin_again(self) -> None:
+        """Allow everything if nothing is left: the room does not always obey."""
+        if not self.lost and not self._left().any():
+            self.allowed = np.ones_like(self.allowed)
 
-        What failed and what was found is taken into account. Where schemas are not believed in
-        (``structural``), or none is possible, there is a single column.
+    @property
+    def structured(self) -> bool:
+        """Whether any schema holds all solutions found, and nothing that failed."""
+        return self.schemas is not None and bool(self._forms(self.schemas).any())
+
+    def likelihood(self, belief: FloatArray | None) -> FloatArray:
+        """``[C]`` how likely each chain is, by a belief ``[G]`` in the abstract schemas.
+
+        None stands for no belief in schemas: all chains that are left are equally likely.
         """
-        left = self._left()
-        if not left.any():  # the room does not always obey, or is of another kind than believed
-            self.schemas = None
-            self.allowed = self.considered
-            left = self._left()
-        versions, schemas = self._versions(left), self.every_schema
-        worth, self.structured = versions[:, None], False
-        if structural and schemas:
-            which, of_each, abstract = self.schemas, schemas.paths, schemas.abstract
-            if which is None:
-                which = np.arange(len(abstract))
-            else:
-                of_each, abstract = of_each[:, which], abstract[which]
-            forms = self._forms(of_each, versions)
-            if not (left_over := forms > 0).all():
-                which, of_each = which[left_over], of_each[:, left_over]
-                forms, abstract = forms[left_over], abstract[left_over]
-            self.schemas = which
-            self.structured = len(forms) > 0
-            if self.structured:
-                kinds = len(schemas.distance)
-                many = np.bincount(abstract, forms, kinds)
-                forms /= many[abstract]
-                size = len(versions) * kinds
-                both = (np.bincount(paths * kinds + abstract, forms, size) for paths in of_each)
-                worth = np.add.reduce([*both]).reshape(-1, kinds)
-        by_path: FloatArray = worth / np.maximum(versions, 1)[:, None]
-        likely: FloatArray = left[:, None] * by_path[self.chains.path]
+        left, path, versions = self._left(), self.chains.path, self._versions()
+        if belief is None:
+            return left.astype(float)
+        by_path = np.zeros(len(versions))
+        paths, probability = self._instances(belief)
+        for of_each in paths:
+            by_path += np.bincount(of_each, probability, len(versions))
+        likely: FloatArray = left * (by_path / np.maximum(versions, 1))[path]
         return likely
 
-    def edges(self, schemas: Schemas, belief: FloatArray) -> FloatArray | None:
+    def edges(self, belief: FloatArray) -> FloatArray:
         """``[P, P + 1]`` probabilities of edges, by a belief ``[G]`` in the abstract schemas.
 
-        A lever of a path enables the next one, and its last the door. None if no schema can be.
+        A lever of a path enables the next one, and its last the door.
         """
-        likely = self._forms(schemas.paths, self._versions(self._left()))
-        many = np.bincount(schemas.abstract, likely, len(schemas.distance))
-        likely *= (belief / np.where(many > 0, many, 1.0))[schemas.abstract]
-        if not likely.any():  # the room is of another kind than can be believed in
-            return None
-        possible, positions = np.flatnonzero(likely), len(self.grey)
-        paths = self.chains.paths
-        steps = np.hstack([paths, np.full((len(paths), 1), positions)])
-        has = np.zeros((len(possible), positions, positions + 1), dtype=bool)
-        for own in schemas.paths[:, possible]:
-            for cause, effect in pairwise(steps[own].T):
-                has[np.arange(len(possible)), cause, effect] = True
-        edges: FloatArray = np.tensordot(likely[possible] / likely.sum(), has, axes=1)
+        paths, probability = self._instances(belief)
+        positions, levers = len(self.grey), self.chains.paths
+        steps = np.hstack([levers, np.full((len(levers), 1), positions)])
+        has = np.zeros((len(probability), positions, positions + 1), dtype=bool)
+        for of_each in paths:
+            for cause, effect in pairwise(steps[of_each].T):
+                has[np.arange(len(has)), cause, effect] = True
+        edges: FloatArray = np.tensordot(probability / probability.sum(), has, axes=1)
         return edges
+
+    def _instances(self, belief: FloatArray) -> tuple[IntArray, FloatArray]:
+        """``[N, M]`` paths of the schemas that are possible, and ``[M]`` their probabilities."""
+        assert self.schemas is not None
+        forms = self._forms(self.schemas)
+        possible = forms > 0
+        forms, abstract = forms[possible], self.schemas.abstract[possible]
+        share = forms / np.bincount(abstract, forms)[abstract]
+        return self.schemas.paths[:, possible], share * belief[abstract]
+
+    def _forms(self, schemas: Schemas) -> FloatArray:
+        """``[M]`` how many sets of chains each schema has that hold what was found."""
+        versions = self._versions()
+        forms: FloatArray = math.prod(versions[paths] for paths in schemas.paths)
+        for solution in self.chains.path[self.found]:
+            forms *= (schemas.paths == solution).any(axis=0)
+        return forms
 
     def _left(self) -> BoolArray:
         """``[C]`` chains that may be solutions still to be found."""
@@ -127,16 +132,9 @@ class RoomHypotheses:
         left: BoolArray = self.allowed & ~np.isin(path, path[self.found])
         return left
 
-    def _versions(self, left: BoolArray) -> FloatArray:
+    def _versions(self) -> FloatArray:
         """``[S]`` how many chains each path may have; one, if it is a solution found."""
-        chains = self.chains
-        versions = np.bincount(chains.path[left], minlength=len(chains.paths)).astype(float)
-        versions[chains.path[self.found]] = 1.0
+        path = self.chains.path
+        versions = np.bincount(path[self._left()], minlength=len(self.chains.paths)).astype(float)
+        versions[path[self.found]] = 1.0
         return versions
-
-    def _forms(self, of_each: IntArray, versions: FloatArray) -> FloatArray:
-        """``[M]`` how many sets of chains each schema ``[N, M]`` has that hold what was found."""
-        forms: FloatArray = math.prod(versions[paths] for paths in of_each)
-        for one in self.chains.path[self.found]:
-            forms *= (of_each == one).any(axis=0)
-        return forms
