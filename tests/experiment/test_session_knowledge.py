@@ -31,18 +31,7 @@ def reachable(thing, path=""):
 
 
 class Nosy(Curious):
-    """Keeps all that it is told; it has a method to be informed, but no right to be."""
-
-    def begin(self, brief):
-        super().begin(brief)
-        self.told = [brief]
-
-    def act(self, view):
-        self.told.append(view)
-        return super().act(view)
-
-    def learn(self, step):
-        self.told.append(step)
+    """Has a method to be informed, but no right to be."""
 
     def inform(self, truth):
         raise AssertionError("it was told the truth")
@@ -55,7 +44,7 @@ def test_nothing_that_a_learner_is_given_leads_to_what_is_latent(condition):
     session.play(learner)
     latent = [value for value in session._tables if isinstance(value, np.ndarray)]
     assert latent
-    for told in learner.told:
+    for told in (session.brief, *learner.steps):
         for path, thing in reachable(told, type(told).__name__):
             assert isinstance(thing, (*PLAIN, *TOLD, tuple, np.ndarray)), path
             if isinstance(thing, np.ndarray):

@@ -13,11 +13,11 @@ LAYOUTS = {"CC3": "trial3", "CE3": "trial1", "CC4": "trial7", "CE4": "trial10"}
 class Play:
     """A trial in one room, acted out by role; ``white`` is an inactive lever."""
 
-    def __init__(self, reward, schema="CC4", action_limit=None):
-        schema = SCHEMAS[schema]
+    def __init__(self, reward):
+        schema = SCHEMAS["CC4"]
         self.places = {lever: place for place, lever in enumerate(schema.levers)} | {"white": 6}
         layout = Layout(tuple(range(len(schema.levers))))
-        self.env = OpenLockEnv(schema, layout, reward, action_limit=action_limit)
+        self.env = OpenLockEnv(schema, layout, reward)
         self.env.reset(seed=0)
 
     def attempt(self, words):

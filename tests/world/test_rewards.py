@@ -49,25 +49,6 @@ def test_worked_examples(form, attempts):
         assert play.attempt(words) == pytest.approx(paid)
 
 
-def test_longer_attempts_unlock_again_and_open_with_more_levers_than_needed():
-    assert Play("basic", action_limit=5).attempt("L0 L1 -L1 L1 door") == [0, 10, 0, 10, 50]
-    play = Play("solution_multiplier", action_limit=4)
-    assert play.attempt("L0 L1 door") == [0, 10, 50]
-    assert play.attempt("L0 L2 L3 door") == [0, 15, 0, 50]  # no new solution
-    assert Play("unique_solutions", action_limit=4).attempt("L0 L2 L3 door") == [0, 10, 0, 0]
-
-
-def test_a_decoy_begins_no_solution_and_a_new_trial_finds_afresh():
-    # L2 of two_keys is a decoy: it moves and begins no solution.
-    play = Play("partial_sequence", "two_keys")
-    assert play.attempt("L0 L2 L1") == [1, 0.5, 10.5]
-    assert play.attempt("L2 L0 L1") == [0.5, 0.5, 10.5]
-    play = Play("unique_solutions")
-    totals = [sum(play.attempt("L0 L1 door")) for _ in range(2)]
-    play.env.reset(options={"new_trial": True})
-    assert [*totals, sum(play.attempt("L0 L1 door"))] == [60, 0, 60]
-
-
 NUMBERS = st.floats(-100, 100, allow_nan=False).map(lambda x: round(x, 6))
 FORMS = st.builds(
     lambda base, weights: {**base, **weights},
