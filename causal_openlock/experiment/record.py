@@ -109,10 +109,7 @@ def with_times(record: pa.Table, seconds: Sequence[float | None]) -> pa.Table:
 def categorise(
     unlocked: BoolArray, opened: BoolArray, new: BoolArray, found: IntArray
 ) -> NDArray[np.int8]:
-    """``[N]`` the outcomes of attempts, as indices into :data:`CATEGORIES`.
-
-    The arguments are columns of a record: ``unlocked``, ``opened``, ``new_solution`` and
-    ``solutions_found``.
+    """``[N]`` the outcomes of attempts by columns of a record, as indices into :data:`CATEGORIES`.
 
     >>> CATEGORIES[categorise(*np.array([[True], [True], [True], [2]]))[0]]
     'open2'
@@ -122,18 +119,10 @@ def categorise(
 
 
 class AttemptLog:
-    """The attempts of a session, in the order in which they ended; about 50 bytes each.
-
-    Args:
-        action_limit: The most actions that an attempt of this session can have.
-
-    Attributes:
-        dtype: The columns of an attempt, as far as a session knows them.
-        rows: How many attempts there are.
-    """
+    """The attempts of a session, in the order in which they ended; about 50 bytes each."""
 
     def __init__(self, action_limit: int) -> None:
-        self.dtype = np.dtype(
+        self.dtype = np.dtype(  #: the columns of an attempt, as far as a session knows them
             [
                 ("subject", np.int32),
                 ("visit", np.int32),
@@ -150,7 +139,7 @@ class AttemptLog:
                 ("wall_time", np.float32),
             ]
         )
-        self.rows = 0
+        self.rows = 0  #: how many attempts there are
         self._blocks: list[NDArray[np.void]] = []
 
     def extend(self, attempts: NDArray[np.void]) -> None:
@@ -169,12 +158,8 @@ def assemble(
 ) -> pa.Table:
     """A session's log as a record, sorted by subject and time.
 
-    Args:
-        log: The attempts.
-        visits: ``[B, T]`` arrays ``phase``, ``loop``, ``trial``, ``schema``, ``layout`` and
-            ``solutions`` for each of the T trials that each of the B subjects visits.
-        constants: The values of ``experiment``, ``learner``, ``condition``, ``protocol`` and
-            ``seed``, and ``subjects``, ``[B]`` the numbers of the session's subjects.
+    ``visits`` are columns ``[B, T]`` of the T trials that each of the B subjects visits, and
+    ``constants`` those that are the same for all, with the ``subjects``' numbers, ``[B]``.
     """
     import pyarrow as pa
 

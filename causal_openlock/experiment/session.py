@@ -29,9 +29,6 @@ from causal_openlock.world.rooms import Rooms, RoomTables
 if TYPE_CHECKING:
     import pyarrow as pa
 
-CHANGING = ("_visit", "_attempts", "_luck")
-"""The attributes of a session that change, apart from the rooms, the log and the clock."""
-
 AT_ONCE = 40
 """Number of recorded subjects replayed in one batch."""
 
@@ -84,9 +81,7 @@ class Session:
     ) -> None:
         numbers = range(subjects) if isinstance(subjects, int) else subjects
         if not numbers or len(set(numbers)) < len(numbers):
-            raise ExperimentError(
-                "a session needs at least one subject, and each subject only once"
-            )
+            raise ExperimentError("a session has one subject or more, and each only once")
         self.condition, self.protocol, self.subjects = condition, protocol, len(numbers)
         environment = generators(seed, f"environment/{condition.name}", numbers)
         visits = [
@@ -188,11 +183,7 @@ class Session:
     # -- the loop -------------------------------------------------------------------------------
 
     def play(self, learner: Learner) -> pa.Table:
-        """Let a learner play to the end; returns :meth:`record`.
-
-        Raises:
-            LearnerError: If the learner does not answer with B action indices.
-        """
+        """Let a learner play to the end; returns :meth:`record`."""
         self.begin(learner)
         for _ in self.steps(learner):
             pass
@@ -217,11 +208,7 @@ class Session:
             learner.inform(self.truth)
 
     def begin_trial(self, learner: Learner, trial: int) -> None:
-        """Let a learner begin, and play the only subject to the beginning of a trial, from 1.
-
-        Raises:
-            ExperimentError: If there is no such trial.
-        """
+        """Let a learner begin and play the only subject up to a trial, if there is one, from 1."""
         where = f"{self.condition.name} under protocol {self.protocol.name}"
         check_trial(trial, self.brief.trials, where)
         self.begin(learner)
@@ -254,8 +241,8 @@ class Session:
         actions count is yielded with each step.
         """
         actions, exists = padded(done)
-        for now, acts in zip(actions.T, exists.T, strict=True):
-            yield acts, self.step(now)
+        for action, acts in zip(actions.T, exists.T, strict=True):
+            yield acts, self.step(action)
 
     def step(self, action: Any) -> Step:
         """Take one action for each subject.
@@ -307,10 +294,8 @@ class Session:
     def _log_attempts(self, ended: IntArray, new_solution: BoolArray) -> None:
         """Log the attempts of subjects, which have ended, and get ready for others."""
         tables, rooms, attempts = self._tables, self._rooms, self._attempts[ended]
-        row, opened = (
-            rooms.now(kernel.AFTER)[ended],
-            rooms.now(kernel.EVENT)[ended] & kernel.OPENS != 0,
-        )
+        row, event = rooms.now(kernel.AFTER)[ended], rooms.now(kernel.EVENT)[ended]
+        opened = event & kernel.OPENS != 0
         attempts["visit"], attempts["attempt"] = self._visit[ended], self.view.attempt[ended]
         attempts["used"], attempts["opened"] = tables.used[row], opened
         attempts["solution"] = np.where(opened, tables.solution[row], -1)
@@ -333,13 +318,18 @@ class Session:
     @property
     def state(self) -> dict[str, Any]:
         """All that changes while a session is played, for a checkpoint."""
-        changing = {name: getattr(self, name) for name in CHANGING}
-        rooms, log = self._rooms.state, self.log.since(0)
-        return {**changing, "rooms": rooms, "log": log, "seconds": self.seconds}
+        changing = self._visit, self._attempts, self._luck
+        log = self.log.since(0)
+        return {
+            "changing": changing,
+            "rooms": self._rooms.state,
+            "log": log,
+            "seconds": self.seconds,
+        }
 
     def resume(self, state: dict[str, Any]) -> None:
         """Continue from the state of another session with the same arguments."""
-        vars(self).update({name: state[name] for name in CHANGING})
+        self._visit, self._attempts, self._luck = state["changing"]
         self._rooms.state = state["rooms"]
         self.log.extend(state["log"])
         self._clock = time.perf_counter() - state["seconds"]
@@ -358,7 +348,7 @@ class Session:
 
 def padded(done: Sequence[IntArray]) -> tuple[IntArray, BoolArray]:
     """``[B, T]`` the actions of subjects, and which of them there are; 0 after the last."""
-    lengths = np.array([len(own) for own in done])
+    lengths = np.array([len(actions) for actions in done])
     exists = np.arange(lengths.max(initial=0)) < lengths[:, None]
     actions = np.zeros(exists.shape, dtype=np.int64)
     actions[exists] = np.concatenate(done)

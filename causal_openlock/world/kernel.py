@@ -1,13 +1,13 @@
 """One step of many rooms: a loop over the rooms, compiled.
 
-A room is a row of the tables of its schema and a permutation, which says which lever is at which
-position. What an action leads to is looked up by row and column: the row after it, and its *event*,
-a word in which each bit is a fact about the action. Three facts depend on the past and are added
-here. The reward is then looked up by the event and the number of solutions found before.
+A room is a row of the tables of its schema and a permutation: which lever is at which position.
+What an action leads to is looked up by row and column: the row after it, and its *event*, a word in
+which each bit is a fact about the action. Three facts depend on the past and are added here. The
+reward is then looked up by the event and the number of solutions found before.
 
 Whatever is compiled, and the constants in it, stand in this one file, since numba's cache notices
-no change elsewhere. Constants and unsigned numbers keep the loop fast: an index that may be
-negative counts from the end, which has to be tested.
+no change elsewhere. Unsigned numbers keep the loop fast: an index that may be negative counts from
+the end, which has to be tested.
 """
 
 from __future__ import annotations
@@ -52,16 +52,10 @@ def step(
 ) -> bool:
     """Take one action in each room; False, and nothing is changed, if one is not legal.
 
-    Args:
-        state: A :class:`~causal_openlock.world.rooms.State`; changed.
-        tables: The first six of :class:`~causal_openlock.world.rooms.RoomTables`.
-        paid: ``[F, WORDS, K + 1]`` rewards by function, event and number of solutions found before.
-        action: ``[B]`` the actions.
-        given_luck: ``[B]`` numbers in [0, 1); empty if each room is to draw its own.
-        outcome: An :class:`~causal_openlock.world.rooms.Outcome`, to be written.
-        legal: Actions are below it.
-        stop_when_solved: Whether a trial is over once all solutions are found.
-        put_back: Whether a room is put back as soon as its attempt is over.
+    The arguments are those of :class:`~causal_openlock.world.rooms.Rooms`: its state, which is
+    changed, the first six of its tables, and an outcome to be written. ``paid`` is
+    ``[F, WORDS, K + 1]``, rewards by function, event and number of solutions found before; without
+    any ``given_luck`` each room draws its own.
     """
     situation, console, found, columns, observation, luck = state
     afters, events, chances, solutions, begins, actions_left = tables
@@ -122,9 +116,9 @@ def step(
             found[room, solutions[after]] = True
             console[room, SOLUTIONS_FOUND] += 1
             console[room, SOLUTIONS_LEFT] -= 1
-        solved = event & OPENS != 0 and console[room, SOLUTIONS_LEFT] == 0
+        solved = stop_when_solved and console[room, SOLUTIONS_LEFT] == 0
         over = event & LAST != 0
-        ends = over and (console[room, ATTEMPTS_LEFT] == 1 or (solved and stop_when_solved))
+        ends = over and (solved or console[room, ATTEMPTS_LEFT] == 1)
         attempt_over[room], trial_over[room], new_solution[room] = over, ends, new
         if ends:
             console[room, ATTEMPTS_LEFT] = 0

@@ -144,20 +144,15 @@ class Layout:
             object.__setattr__(self, "name", " ".join(at))
 
     @classmethod
-    def of(
-        cls,
-        schema: Schema,
-        layout: str | Mapping[str, str] | Sequence[int] | Layout,
-        positions: int | None = None,
-    ) -> Layout:
-        """A layout for a schema.
+    def of(cls, schema: Schema, layout: LayoutForm, positions: int | None = None) -> Layout:
+        """A layout for a schema, in a room of the given or the least number of positions.
 
         Args:
             schema: The schema of the levers.
             layout: A published name, ``trial1`` .. ``trial11``, which fits any schema with as many
                 levers; ``{lever: position name}``; or the positions of the levers in order, by
                 index, or by name in a text, as records have them.
-            positions: Size of the room; by default the smallest that holds the levers.
+            positions: By default those of the layout, or as many as hold the levers.
 
         Raises:
             ExperimentError: If it does not fit the schema or puts two levers at one position.
@@ -170,8 +165,8 @@ class Layout:
         least = layout.positions if isinstance(layout, Layout) else positions_for(schema)
         positions = positions or least
         names, published = position_names(positions), _published()
-        name = ""
         places: tuple[int, ...] = ()
+        name = ""
         if isinstance(layout, Layout):
             places, name = layout.places, layout.name if layout.name in published else ""
         elif isinstance(layout, str) and layout in published:
@@ -236,6 +231,10 @@ class Layout:
         return np.hstack([pushed, grey, door]).astype(np.int8)
 
 
+LayoutForm = str | Mapping[str, str] | Sequence[int] | Layout
+"""Forms of a layout that :meth:`Layout.of` takes."""
+
+
 def first_layout(schema: Schema) -> Layout:
     """The first published layout that fits, or else the levers in their order."""
     return Layout.of(schema, next(iter(published_layouts(schema)), [*range(len(schema.levers))]))
@@ -256,13 +255,8 @@ class Room:
     layout: Layout
 
     @classmethod
-    def of(
-        cls,
-        schema: Schema,
-        layout: str | Mapping[str, str] | Layout,
-        positions: int | None = None,
-    ) -> Room:
-        """Place the levers of a schema."""
+    def of(cls, schema: Schema, layout: LayoutForm, positions: int | None = None) -> Room:
+        """Place the levers of a schema; see :meth:`Layout.of`."""
         return cls(schema, Layout.of(schema, layout, positions))
 
     @property

@@ -260,7 +260,7 @@ class Rooms:
             IndexError: If an action is not legal; nothing has changed then.
         """
         size, legal = len(action), legal or self.tables.waits + 1
-        over, ends, new = np.empty(size, bool), np.empty(size, bool), np.empty(size, bool)
+        over, ends, new = (np.empty(size, bool) for _ in range(3))
         shown = np.empty_like(self.state.observation) if seen else _NOTHING_SEEN
         outcome = Outcome(np.empty(size), over, ends, new, shown)
         # Plain tuples and one type of each array, which numba recognises fastest.
