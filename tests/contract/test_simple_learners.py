@@ -140,26 +140,24 @@ def test_a_player_that_answers_no_integer_is_named(answer):
 
 
 class Experienced(OneSubjectLearner):
-    """Has played before, nobody knows how often if ``known`` is false."""
+    """Has played before."""
 
-    known = True
+    before = 5000
 
     @classmethod
     def prior_attempts(cls, parameters):
-        return 5000 if cls.known else None
+        return cls.before
 
     def act(self, observation):
         return int(self.generator.integers(self.brief.actions))
 
 
 class OfUnknownOrigin(Experienced):
-    known = False
+    before = None
 
 
 class Wrong(Experienced):
-    @classmethod
-    def prior_attempts(cls, parameters):
-        return -1
+    before = -1
 
 
 def test_attempts_before_the_experiment_count(tmp_path):

@@ -1,18 +1,13 @@
 """A learner from another package is listed, compared with ours, and held to the contract."""
 
 import json
-import os
-import subprocess
-import sys
 
 import pytest
 
 from causal_openlock.files.plugins import LEARNERS
+from causal_openlock.testing import LearnerContract
+from support.command import at_once, modules_of
 from support.packages import register
-from support.places import ROOT
-from support.waiting import HANGS
-
-pytestmark = pytest.mark.slow
 
 MODULE = '''\
 from dataclasses import dataclass
@@ -37,43 +32,25 @@ class Sweeper(OneSubjectLearner):
         return self.last
 '''
 
-CONTRACT = """\
-from causal_openlock.testing import LearnerContract
 
-
-class TestSweeper(LearnerContract):
-    learner = "sweeper"
-    parameters = {"stride": 4}
-"""
-
-
-def test_it_is_listed_compared_with_ours_and_keeps_the_contract(tmp_path, tmp_path_factory):
-    target = tmp_path_factory.mktemp("installed")
-    register(target, "gentle-learners", LEARNERS, sweeper="gentle_learners:Sweeper")
-    (target / "gentle_learners.py").write_text(MODULE)
-    paths = [*filter(None, [str(target), str(ROOT), os.environ.get("PYTHONPATH")])]
-
-    def python(*arguments):
-        done = subprocess.run(
-            [sys.executable, "-m", *arguments],
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(paths), "COLUMNS": "120"},
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-            timeout=HANGS,
-        )
-        assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
-        return done.stdout
-
-    listed = python("causal_openlock", "learners")
-    row = next(line for line in listed.splitlines() if line.startswith("sweeper"))
-    assert "Tries the actions one after another" in row
-    assert "gentle-learners" in row
-    command = "compare -c CC3 -l sweeper -l random --subjects 3 --workers 1 --out out"
-    python("causal_openlock", *command.split())
-    described = json.loads((tmp_path / "out" / "experiment.json").read_text())
-    entry = next(entry for entry in described["learners"] if entry["name"] == "sweeper")
-    assert entry["package"] == "gentle-learners 1.0"
-    assert entry["parameters"] == {"stride": 1}
-    (tmp_path / "test_sweeper.py").write_text(CONTRACT)
-    assert " passed" in python("pytest", "-q", "-p", "no:cacheprovider")
+@pytest.mark.slow
+def test_it_is_listed_compared_with_ours_and_keeps_the_contract(tmp_path, monkeypatch):
+    register(tmp_path, "gentle-learners", LEARNERS, sweeper="gentle_learners:Sweeper")
+    (tmp_path / "gentle_learners.py").write_text(MODULE)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "120")
+    with modules_of(tmp_path):
+        listed = at_once("learners").stdout.splitlines()
+        (row,) = [line for line in listed if line.startswith("sweeper")]
+        assert "Tries the actions one after another" in row
+        assert "gentle-learners" in row
+        command = "compare -c CC3 -l sweeper -l random --subjects 3 --workers 1 --out out"
+        assert at_once(*command.split(), workers=True).status == 0
+        described = json.loads((tmp_path / "out" / "experiment.json").read_text())
+        (entry,) = [entry for entry in described["learners"] if entry["name"] == "sweeper"]
+        assert entry["package"] == "gentle-learners 1.0"
+        assert entry["parameters"] == {"stride": 1}
+        contract = type("Contract", (LearnerContract,), {"learner": "sweeper"})()
+        contract.test_it_goes_on_from_a_checkpoint()
+        contract.test_a_subject_does_not_depend_on_its_batch()
