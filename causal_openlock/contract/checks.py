@@ -19,11 +19,7 @@ _NUMPY: Any = np.random
 
 @contextmanager
 def failures_of(name: str) -> Iterator[None]:
-    """A block that calls a learner; what the learner raises becomes a LearnerError that names it.
-
-    Raises:
-        LearnerError: If the block raises anything but an error of this package.
-    """
+    """A block that calls a learner; what it raises becomes a LearnerError with its name."""
     try:
         yield
     except OpenLockError:
@@ -64,11 +60,7 @@ class GlobalRandomness(dict[str, Any]):
     @classmethod
     @contextmanager
     def seeded(cls, seed: int) -> Iterator[GlobalRandomness]:
-        """A block that begins with all of them seeded, and after which they are as before.
-
-        Yields:
-            The states at the beginning of the block.
-        """
+        """A block that begins with all of them seeded, in the states it yields; then restores."""
         before = cls.now()
         random.seed(seed)
         _NUMPY.seed(seed % 2**32)

@@ -126,11 +126,10 @@ def _fault(kind: Any) -> str:
 def name_of(kind: type[LearnerBase]) -> str:
     """The name by which a class is found: its registered one, or ``module:Class``.
 
+    A class that has none, such as one defined in a function, is refused by a LearnerError.
+
     >>> name_of(learner_class("ddqn"))
     'ddqn'
-
-    Raises:
-        LearnerError: If it cannot be found by a name, such as a class defined in a function.
     """
     written = f"{kind.__module__}:{kind.__qualname__}"
     name = next((name for name, entry in registry().items() if entry.value == written), written)
@@ -143,13 +142,10 @@ def name_of(kind: type[LearnerBase]) -> str:
 
 
 def create(name: str, parameters: Mapping[str, Any] | None = None) -> Learner:
-    """A learner, ready for :meth:`Learner.begin`.
+    """A learner, ready for :meth:`Learner.begin`; LearnerError if a parameter does not fit.
 
     >>> create("ddqn", {"gamma": 0.9}).parameters.gamma
     0.9
-
-    Raises:
-        LearnerError: If there is no such learner, or a parameter is unknown or has a wrong value.
     """
     kind: Any = learner_class(name)
     values = parse_parameters(name, parameters or {})

@@ -22,11 +22,7 @@ LEFTOVERS = (".DS_Store", "._*", "Thumbs.db", "desktop.ini", ".nfs*", ".lock*", 
 
 
 def folder_at(place: Path | str) -> Path:
-    """A folder to write to, which need not exist.
-
-    Raises:
-        StoreError: If no path is given, or there can be no folder.
-    """
+    """A folder to write to, which need not exist; StoreError if there can be none."""
     if not isinstance(place, str | Path):
         raise StoreError(f"a folder is given by its path, not by {type(place).__name__}")
     if re.match(r"[A-Za-z][A-Za-z0-9+.-]+:/", str(place)):
@@ -71,8 +67,7 @@ def unwritable(path: Path, error: OSError) -> StoreError:
 def replacing(path: Path | str) -> Iterator[BinaryIO]:
     """A file to write to, which replaces ``path`` when the block ends without an error.
 
-    Raises:
-        StoreError: If the folder cannot be written to or the disk is full; the old file stays.
+    StoreError if the folder cannot be written to or the disk is full; the old file stays.
     """
     path = Path(path)
     partial = path.with_name(f".{path.name[:100]}.{uuid4().hex}.partial")

@@ -40,8 +40,7 @@ def table_bytes(table: pa.Table, metadata: Mapping[bytes, bytes] | None = None) 
 def read_table(content: bytes, columns: Sequence[str] | None = None) -> pa.Table:
     """The table of a Parquet file, with the metadata of its schema.
 
-    Raises:
-        ChecksumError: If a page of these columns is not what was written.
+    ChecksumError if a page of these columns is not what was written.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -63,11 +62,7 @@ def json_bytes(data: Mapping[str, Any]) -> bytes:
 
 
 def read_json(content: bytes) -> dict[str, Any]:
-    """The data of a JSON file that :func:`json_bytes` made.
-
-    Raises:
-        ChecksumError: If it is not what was written.
-    """
+    """The data of a JSON file that :func:`json_bytes` made; ChecksumError if it was changed."""
     try:
         data: dict[str, Any] = json.loads(content)
         digits = data.pop("sha256").encode()

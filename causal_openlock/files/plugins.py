@@ -26,8 +26,7 @@ REFERENCES = "causal_openlock.references"  # functions that return a Reference
 def registered(group: str) -> Mapping[str, EntryPoint]:
     """The entry points of a group by name, sorted; loads none.
 
-    Raises:
-        OpenLockError: If two packages register the same name.
+    Two packages that register the same name are refused by an OpenLockError.
     """
     return _registered(group, tuple(sys.path))
 
@@ -45,11 +44,7 @@ def _registered(group: str, path: tuple[str, ...]) -> dict[str, EntryPoint]:
 
 
 def loaded(entry: EntryPoint) -> Any:
-    """What an entry point names.
-
-    Raises:
-        OpenLockError: If it cannot be imported; the message names the package.
-    """
+    """What an entry point names; OpenLockError if it cannot be imported, with the package."""
     try:
         return entry.load()
     except Exception as error:  # a module can fail in any way while it is imported

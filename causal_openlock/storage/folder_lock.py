@@ -1,7 +1,7 @@
 """Locks on a results folder: one comparison at a time works in it, or several shards of one.
 
-The operating system releases a lock when its process ends, however that happens. A file system
-without locks does no harm to results: a cell's file is the same whichever process writes it.
+The operating system releases a lock when its process ends. A file system without locks does no harm
+to results: a cell's file is the same whichever process writes it.
 """
 
 from __future__ import annotations

@@ -39,13 +39,12 @@ from causal_openlock.files.checksums import (
 from causal_openlock.files.validation import adapter, present
 from causal_openlock.storage.beside_cell import failures_of, tidy
 from causal_openlock.storage.folder_lock import Shard, locked
+from causal_openlock.storage.stored import StoredExperiment, parse_experiment
 from causal_openlock.storage.versions import Versions, merged_versions, other_versions, versions
 from causal_openlock.version import RESULTS_VERSION
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-    from causal_openlock.storage.stored import StoredExperiment
 
 IDENTITY = b"causal_openlock.cell"
 VERSIONS = b"causal_openlock.versions"
@@ -76,11 +75,8 @@ class Store:
     ) -> None:
         """Lock the folder and prepare it for an experiment that is new or partly done.
 
-        Args:
-            experiment: The experiment.
-            changed: Whether it may be a changed form of the one in the folder, with the same name,
-                seed and version.
-            shard: What is to be played, if it is not the whole experiment.
+        It may be a ``changed`` form of the one in the folder, with the same name, seed and version.
+        With a shard, other processes may be at work in the folder.
 
         Raises:
             StoreError: If the folder holds something else, is in use, or cannot be written to.
@@ -175,8 +171,6 @@ class Store:
         Raises:
             StoreError: If the folder holds no results, or the file is damaged or malformed.
         """
-        from causal_openlock.storage.stored import parse_experiment
-
         try:
             experiment = parse_experiment(read_json(self._declared.read_bytes()))
         except OSError:
@@ -190,14 +184,11 @@ class Store:
         return experiment
 
     def require_versions(self) -> None:
-        """Raise StoreError if all cells were made with other versions of packages than those here.
-
-        Damaged ones do not count.
-        """
+        """Raise StoreError if all whole cells were made with other versions than those here."""
         made_with = []
         for path in self.cells.glob("*.parquet"):
             with suppress(StoreError):
-                made_with.append(self.made_with(path))
+                made_with.append(self._read(path, [])[1])
         if other := other_versions(merged_versions(made_with), versions()):
             raise StoreError(
                 f"{self.folder} was made with {other}; install these versions, or give "
@@ -239,10 +230,6 @@ class Store:
             StoreError: If the file is missing, damaged, or belongs to another cell.
         """
         return self._read(path, columns)[0]
-
-    def made_with(self, path: Path) -> Versions:
-        """The versions of packages that a cell was made with, by the path of its record."""
-        return self._read(path, [])[1]
 
     def _read(
         self, path: Path, columns: Sequence[str] | None
@@ -303,9 +290,8 @@ class Store:
     ) -> tuple[pa.Table, StoredExperiment]:
         """The records of all cells in order, as one, and :meth:`experiment` with their state.
 
-        Args:
-            columns: The columns to read, in the order of a record; by default all.
-            small: Whether to make it :func:`~causal_openlock.experiment.record.compact`.
+        It has these columns, by default all; ``small`` codes names as
+        :func:`~causal_openlock.experiment.record.compact` does.
 
         Raises:
             StoreError: If there is no cell, or one is damaged.
@@ -343,11 +329,7 @@ class Store:
         )
 
     def files(self) -> tuple[list[Path], list[Path]]:
-        """The existing files of cells, in order, and the missing ones.
-
-        Raises:
-            StoreError: If the folder holds no results, or no cell.
-        """
+        """The existing files of cells, in order, and the missing ones; StoreError for no cell."""
         paths = [self.cells / name for name in self.experiment().files]
         exists = {path: path.exists() for path in paths}
         if not any(exists.values()):
