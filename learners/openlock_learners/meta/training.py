@@ -99,7 +99,7 @@ class MetaTraining:
             over = step.trial_over
             self.tally += over.sum(), (rooms.last_solved & over).sum(), view.attempt[over].sum()
             reward = torch.from_numpy(step.new_solution - file.action_cost).float()
-            done = torch.from_numpy(rooms.life_over if file.credit == "life" else over)
+            done = torch.tensor(rooms.life_over if file.credit == "life" else over)
             chance = log_prob(logits, action)
             steps.append((inputs, self._fresh, action, chance, value, reward, done))
             self.perception.note(step)
