@@ -227,13 +227,6 @@ class Learner(LearnerBase, ABC):
         """
         return None
 
-    def sample_size(self) -> FloatArray | None:
-        """``[B]`` number of Monte Carlo draws behind the last probabilities; None if exact.
-
-        They estimate integrals without a closed form, and do not affect what the learner does.
-        """
-        return None
-
     def structure(self, subject: int) -> Structure | None:
         """A subject's belief about the structure of its room; None if the learner cannot say.
 

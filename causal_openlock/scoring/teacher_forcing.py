@@ -383,7 +383,7 @@ def _told(
 ) -> dict[str, NDArray[Any]]:
     """``[B, T]`` scores of a learner that gives its probabilities."""
     shape = asked.shape
-    own, entropy, highest, spread = (np.zeros(shape) for _ in range(4))
+    own, entropy, highest = (np.zeros(shape) for _ in range(3))
     for moment in range(shape[1]):
         acts = asked[:, moment]
         found = learner.probabilities(session.view)
@@ -399,14 +399,6 @@ def _told(
         own[:, moment] = found[np.arange(len(found)), actions[:, moment]]
         surprise = -np.log(found, where=found > 0, out=np.zeros_like(found, dtype=float))
         entropy[:, moment], highest[:, moment] = (found * surprise).sum(axis=1), found.max(axis=1)
-        if (draws := learner.sample_size()) is not None:
-            if not (np.shape(draws) == acts.shape and (draws[acts] >= 0).all()):
-                raise LearnerError(
-                    f"the sample_size of {name} is not an array of numbers from 0, one for each "
-                    "subject; return None where probabilities are exact"
-                )
-            share = own[:, moment].clip(0.0, 1.0)  # sums may be 1 and a rounding error
-            spread[:, moment] = np.sqrt(share * (1.0 - share) / (draws + 1.0))
         step = session.step(actions[:, moment])
         learner.learn(step)
         if isinstance(learner, InformedLearner) and step.trial_over.any():
@@ -416,7 +408,7 @@ def _told(
         log_probability = np.log(mixed)
     return {
         "log_probability": log_probability,
-        "standard_error": (1.0 - lapse) * spread / np.maximum(mixed, np.finfo(float).tiny),
+        "standard_error": np.zeros(shape),
         "entropy": entropy,
         "highest": highest,
         "impossible": own == 0,

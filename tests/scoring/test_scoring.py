@@ -130,7 +130,6 @@ class Odd(RandomLearner):
     """Answers with what a test gives it, and fails where a test says so."""
 
     chances = None
-    size = None
     fails = ""
 
     def begin(self, brief):
@@ -147,9 +146,6 @@ class Odd(RandomLearner):
             raise KeyError("beliefs")
         return super().probabilities(view) if self.chances is None else self.chances
 
-    def sample_size(self):
-        return self.size
-
 
 ODD = ol.learner("test_scoring:Odd", label="odd")
 
@@ -161,10 +157,6 @@ ODD = ol.learner("test_scoring:Odd", label="odd")
         ({"chances": np.full((6, 3), 1 / 3)}, "the probabilities of odd"),
         ({"chances": np.full((6, 15), np.nan)}, "the probabilities of odd"),
         ({"chances": "likely"}, "the probabilities of odd"),
-        ({"size": -1}, "the sample_size of odd"),
-        ({"size": np.full(6, np.nan)}, "the sample_size of odd"),
-        ({"size": np.ones(2)}, "the sample_size of odd"),
-        ({"size": "many"}, "the sample_size of odd"),
         ({"fails": "begin"}, "odd .* KeyError: 'beliefs'"),
         ({"fails": "learn"}, "odd .* KeyError: 'beliefs'"),
         ({"fails": "probabilities"}, "odd .* KeyError: 'beliefs'"),
