@@ -24,7 +24,7 @@ from causal_openlock.belief.catalogue import FREE_FORM_LEVERS
 from causal_openlock.belief.hypotheses import RoomSight, Space, enumerate_space, strengths
 from causal_openlock.belief.knowledge import Knowledge, Prior
 from causal_openlock.belief.likelihoods import Event, likelihood, observed
-from causal_openlock.belief.sampling import LISTED_CAUSES, Sampler, sampled, with_sampled
+from causal_openlock.belief.sampling import MANY_LEVERS, Sampler, sampled, with_sampled
 from causal_openlock.contract.learner import Brief, Step, View
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 
@@ -301,7 +301,7 @@ class Beliefs:
         fresh = None
         if grey > FREE_FORM_LEVERS:
             # Where there are many levers, a sample without a fitting structure proves nothing.
-            for _ in range(1 + (REDRAWS if grey > LISTED_CAUSES + 1 else 0)):
+            for _ in range(1 + (REDRAWS if grey >= MANY_LEVERS else 0)):
                 fresh = fresh if fresh and fresh.possible else self._rebuilt(subject)
         if fresh is None or not fresh.possible:
             self.unsure[subject] = True

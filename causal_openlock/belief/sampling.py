@@ -38,11 +38,8 @@ DRAWS = 4000
 BATCH = 1000
 CHAINS = 80
 """Markov chains, where too few draws have the right number of solutions."""
-LISTED_CAUSES = 6
-"""Earlier levers above which a lever's causes are first drawn by rejection."""
-GUESSES = 8
-AT_ONCE = 4000
-"""Draws for which every set of causes is listed at a time."""
+MANY_LEVERS = 8
+"""Levers from which on few draws have the right number of solutions."""
 PULL = 1.5
 """Cost of each unit of distance in a Markov chain, in nats."""
 LOOKS = 8
@@ -129,11 +126,10 @@ class Sampler:
     def draw(self, number: int, generator: np.random.Generator) -> tuple[Structures, IntArray]:
         """Independent structures, none if nothing is possible, and their orders ``[D, n]``."""
         n = self.levers
+        number = number if self.evidence > 0 else 0
         order = np.zeros((number, n), dtype=np.int64)
         causes = np.zeros((number, n + 1), dtype=np.uint16)
         threshold = np.zeros((number, n + 1), dtype=np.uint8)
-        if not self.evidence > 0:
-            return Structures(causes[:0], threshold[:0]), order[:0]
         left = np.full(number, (1 << n) - 1)
         for before in reversed(range(n)):
             ladder = np.empty((number, n))
@@ -166,25 +162,15 @@ class Sampler:
         self, lever: IntArray, before: IntArray, size: int, generator: np.random.Generator
     ) -> tuple[IntArray, IntArray]:
         """``[D]`` causes and threshold of each lever, its causes among the ``size`` before it."""
-        causes = np.zeros(len(lever), dtype=np.int64)
-        threshold = np.zeros(len(lever), dtype=np.int64)
-        left = np.arange(len(lever))
-        for _ in range(GUESSES if size > LISTED_CAUSES else 0):
-            # Most gates have few causes, and these mostly come before: most draws are accepted.
-            causes[left], threshold[left] = self.guess(lever[left], generator)
-            left = left[causes[left] & ~before[left] != 0]
-        for first in range(0, len(left), AT_ONCE):  # the others by listing every set of causes
-            some = left[first : first + AT_ONCE]
-            rows, subsets = np.arange(len(some)), _subsets(before[some], size, self.levers)
-            draws = generator.random(len(some))
-            ladder = self._by_causes[lever[some, None], subsets].cumsum(axis=1)
-            at = _pick(ladder, draws)
-            causes[some] = subsets[rows, at]
-            rest = draws * ladder[:, -1] - np.where(at > 0, ladder[rows, at - 1], 0.0)
-            gates = self._weights[lever[some], causes[some]].cumsum(axis=1)
-            rest = np.minimum(rest, np.nextafter(gates[:, -1], 0.0))
-            threshold[some] = (gates <= rest[:, None]).sum(axis=1)
-        return causes, threshold
+        rows, subsets = np.arange(len(lever)), _subsets(before, size, self.levers)
+        draws = generator.random(len(lever))
+        ladder = self._by_causes[lever[:, None], subsets].cumsum(axis=1)
+        at = _pick(ladder, draws)
+        causes = subsets[rows, at]
+        rest = draws * ladder[:, -1] - np.where(at > 0, ladder[rows, at - 1], 0.0)
+        gates = self._weights[lever, causes].cumsum(axis=1)
+        rest = np.minimum(rest, np.nextafter(gates[:, -1], 0.0))
+        return causes, (gates <= rest[:, None]).sum(axis=1)
 
     def likelihood(self, structures: Structures) -> FloatArray:
         """``[M]`` likelihood of the levers' movements; that of the lock is 1 for all draws."""
@@ -271,43 +257,39 @@ def sampled(
     looked at: a quarter of them are draws, the rest steps of Markov chains from those that come
     near.
     """
-    large = sampler.levers > LISTED_CAUSES + 1
-    most = max(1, effort // 4) if large else ROUNDS * DRAWS
+    many = sampler.levers >= MANY_LEVERS
+    most = max(1, effort // 4) if many else ROUNDS * DRAWS
     required = sight.solutions, sight.action_limit
     kept: list[Structures] = []
     near: list[tuple[Structures, IntArray, IntArray]] = []
     accepted = tried = 0
     while accepted < wanted and tried < most:
-        draws = min(BATCH, most - tried) if large else DRAWS
+        draws = min(BATCH, most - tried) if many else DRAWS
         drawn, order = sampler.draw(draws, generator)
-        if not len(drawn):
-            kept.append(drawn)
-            break
         away = distance(drawn, *required)
-        if large:
-            nearest = np.argsort(away, kind="stable")[:CHAINS]
-            near.append((drawn[nearest], order[nearest], away[nearest]))
-        drawn = drawn[away == 0]
-        kept.append(drawn[: wanted - accepted])
+        nearest = np.argsort(away, kind="stable")[:CHAINS]
+        near.append((drawn[nearest], order[nearest], away[nearest]))
+        fitting = drawn[away == 0]
+        kept.append(fitting[: wanted - accepted])
+        if not len(drawn):
+            break
         # Of the last draws, only as many count as were needed.
-        all_needed = accepted + len(drawn) <= wanted
-        tried += draws if all_needed else round(draws * (wanted - accepted) / len(drawn))
+        all_needed = accepted + len(fitting) <= wanted
+        tried += draws if all_needed else round(draws * (wanted - accepted) / len(fitting))
         accepted += len(kept[-1])
     worth: float = max(tried, 1)
-    if near and accepted < wanted:
-        away = np.concatenate([each[2] for each in near])
-        nearest = np.argsort(away, kind="stable")[:CHAINS]
-        begin = Structures.joined([each[0] for each in near])[nearest]
-        orders = np.concatenate([each[1] for each in near])[nearest]
+    if many and tried and accepted < wanted:
+        nearest = np.argsort(np.concatenate([part[2] for part in near]), kind="stable")[:CHAINS]
+        begin = Structures.joined([part[0] for part in near])[nearest]
+        orders = np.concatenate([part[1] for part in near])[nearest]
         steps = max(1, 3 * effort // 4 // len(begin) - 1)
         kept.append(metropolis(sampler, begin, orders, required, steps, generator))
         worth = sum(map(len, kept)) * tried / max(accepted, 0.5)
     every = Structures.joined(kept)
     first, member = merge(every.labels())
-    times = np.bincount(member, minlength=len(first))
     members = every[first]
-    chance = times * sampler.evidence / worth / sampler.likelihood(members)
-    return listed(members, chance)
+    chance = np.bincount(member, minlength=len(first)) * sampler.evidence / worth
+    return listed(members, chance / sampler.likelihood(members))
 
 
 def metropolis(

@@ -1,6 +1,5 @@
 """Posteriors: those of the oracle, never without the truth, and everyone's own."""
 
-import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +12,6 @@ from causal_openlock.testing import schemas
 from oracle import Rules
 from support.belief_arrays import key_of_rules, seen_of
 from support.belief_play import KNOWN, LONG, Played, active_sets, by_behaviour, enumerated, rooms_of
-from support.session_play import HUMAN, named
 
 pytestmark = pytest.mark.slow
 
@@ -150,60 +148,4 @@ def test_who_forgets_failures_keeps_the_attempts_that_found_something(schema):
     assert solutions == (2 if schema == "CE3" else 1)
 
 
-def test_who_forgets_and_thinks_again_keeps_everything_possible():
-    played = Played(rooms_of("noisy_CC3"), replace(KNOWN, forgetting=0.5), LONG, range(6))
-    for _, step in played.moments(60):
-        for row in np.flatnonzero(step.view.playing):
-            belief = played.belief(row)
-            assert belief.weight.sum() == pytest.approx(1.0)
-            assert belief.start.sum() == pytest.approx(1.0)
-    assert played.beliefs.unsure.any()
-
-
 # -- everyone's own --------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("condition", "prior"),
-    [
-        ("CC3-CE4", Prior()),
-        ("noisy_CC3", Prior(noise=0.3, forgetting=0.2)),
-        ("two_of_four", Prior(by_white=0.4, concentration=0.1)),
-    ],
-)
-def test_what_a_subject_believes_depends_neither_on_its_batch_nor_on_checkpoints(condition, prior):
-    protocol = replace(HUMAN, attempt_limit=5, training_trials=2, baseline_trials=2)
-    together = Played(named(condition), prior, protocol, [4, 7, 1, 9, 2])
-    alone = {row: Played(named(condition), prior, protocol, [together.subjects[row]])
-             for row in (0, 4)}  # fmt: skip
-    courses = {row: played.moments(200) for row, played in alone.items()}
-    moments = 0
-    for moment, (_, step) in enumerate(together.moments(200)):
-        for row, course in courses.items():
-            if not step.view.playing[row]:
-                continue
-            next(course)
-            own, other = together.beliefs.of[row], alone[row].beliefs.of[0]
-            assert (own is None) == (other is None)
-            if own is not None:
-                assert own.which.tobytes() == other.which.tobytes()
-                assert own.weight.tobytes() == other.weight.tobytes()
-                assert (own.found, own.events) == (other.found, other.events)
-                moments += 1
-            knows, alone_knows = together.beliefs.knowledge, alone[row].beliefs.knowledge
-            for name in ("rooms", "rules", "active", "strengths"):
-                assert (
-                    getattr(knows, name)[row].tobytes() == getattr(alone_knows, name)[0].tobytes()
-                )
-        if moment % 7 == 3:
-            together.beliefs = pickle.loads(pickle.dumps(together.beliefs))
-    assert moments > 30
-
-
-def test_actions_that_can_do_nothing_change_nothing():
-    played = Played(rooms_of("CC3"), Prior(), LONG, [0, 1])
-    for useless in (13, 7, 14):  # pulls of what is not pushed, and the locked door
-        played.beliefs.enter(played.session.view)
-        before = [played.belief(row).weight.tobytes() for row in (0, 1)]
-        played.beliefs.update(played.session.step(np.array([useless, useless])))
-        assert [played.belief(row).weight.tobytes() for row in (0, 1)] == before

@@ -27,15 +27,11 @@ from oracle import free_form
 from support.belief_arrays import (
     class_structures,
     fits,
-    key_of,
     keys_of,
     of_classes,
     partition,
     seen_of,
 )
-from support.session_play import SCHEMAS
-
-COMMON_CAUSE, COMMON_EFFECT = "A; A -> B+; B+ -> door", "A+; A+ -> B; B -> door"
 
 
 def graph_of(kind):
@@ -161,18 +157,6 @@ def test_the_free_form_lets_each_lever_choose_among_those_before_it(levers):
         assert dict(zip(keys_of(gate_dags(levers)), weights, strict=True)) == pytest.approx(
             expected
         )
-
-
-@pytest.mark.parametrize(
-    ("schema", "name"),
-    [("CC3", COMMON_CAUSE), ("CC4", COMMON_CAUSE), ("CE3", COMMON_EFFECT), ("CE4", COMMON_EFFECT)],
-)
-def test_one_class_generates_a_schema_of_the_paper_at_both_sizes(schema, name):
-    (kind,) = [kind for kind in schema_classes() if str(kind) == name]
-    own = SCHEMAS[schema]
-    assert class_structures(kind, len(own.levers))[key_of(own)] == pytest.approx(
-        1 / len(own.levers)
-    )
 
 
 # -- the catalogue of what n levers can do --------------------------------------------------------

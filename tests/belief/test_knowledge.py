@@ -28,7 +28,6 @@ from support.session_play import SCHEMAS, named
 
 CERTAIN = strengths(0.0, 1.0, 1.0, 1)
 KINDS = schema_classes()
-COMMON_CAUSE = [str(kind) for kind in KINDS].index("A; A -> B+; B+ -> door")
 SIMPLICITY, FREE_FORM = 0.7, 0.1
 CHAIN = Schema("chain2", ["L0", "L1"], {"L0": ["L1"], "L1": ["door"]})
 FORK = Schema("fork", ["L0", "L1", "L2"], {"L0": ["L1", "L2"], "L1": ["door"], "L2": ["door"]})
@@ -93,32 +92,6 @@ def test_three_levers_teach_what_four_do(before, same, other):
     assert expected(taught, SCHEMAS[other]) < 0.9 * expected(naive, SCHEMAS[other])
 
 
-def test_a_concentrated_prior_gives_way_less():
-    teaches = []
-    for concentration in (0.01, 0.1, 1.0, 10.0, 100.0, 1e6):
-        knowledge = new(concentration)
-        learn(knowledge, SCHEMAS["CC3"])
-        teaches.append(expected(knowledge, SCHEMAS["CC4"]))
-    assert teaches == sorted(teaches, reverse=True)
-    assert teaches[0] > teaches[-1] + 0.5
-    assert teaches[-1] == pytest.approx(expected(new(), SCHEMAS["CC4"]), abs=1e-3)
-
-
-def test_every_room_of_a_class_counts_for_it():
-    knowledge = new()
-    counts, hopes = [0.0], [expected(knowledge, SCHEMAS["CC4"])]
-    for visit in range(1, 5):
-        learn(knowledge, SCHEMAS["CC3"])
-        assert knowledge.rooms[0].sum() == pytest.approx(visit)
-        counts.append(float(knowledge.rooms[0, COMMON_CAUSE]))
-        hopes.append(expected(knowledge, SCHEMAS["CC4"]))
-    gained = np.diff(counts).tolist()
-    assert gained == sorted(gained)  # the more probable the class, the larger its share
-    assert knowledge.classes(0).argmax() == COMMON_CAUSE
-    assert hopes == sorted(hopes)
-    assert hopes[-1] > 0.9
-
-
 @pytest.mark.parametrize("concentration", [0.3, 2.0])
 def test_transfer_from_two_levers_to_three_is_that_of_enumeration(concentration):
     knowledge = new(concentration)
@@ -142,14 +115,6 @@ def test_transfer_from_two_levers_to_three_is_that_of_enumeration(concentration)
     by_hand = sum(behaviours[seen] for seen in found.values()) / sum(behaviours.values())
     assert expected(knowledge, FORK) == pytest.approx(by_hand, abs=1e-12)
     assert by_hand > expected(new(concentration), FORK)
-
-
-def test_one_lever_tells_only_how_many_roles_there_can_be():
-    knowledge = new()
-    learn(knowledge, Schema("one", ["L0"], {"L0": ["door"]}))
-    prior = class_prior(SIMPLICITY, FREE_FORM)
-    can = np.array([*(len(kind.roles) == 1 for kind in KINDS), True])
-    assert knowledge.rooms[0] == pytest.approx(prior * can / (prior * can).sum())
 
 
 def test_a_room_that_is_left_in_doubt_is_shared_out():
@@ -208,16 +173,6 @@ def test_in_a_session_every_finished_room_counts_once():
         assert known.rules.sum(axis=1) == pytest.approx(1.0)
         assert known.strengths.sum(axis=1) == pytest.approx(1.0)
     assert visits.tolist() == [4] * 4
-
-
-def test_a_room_believed_to_be_without_noise_says_nothing_of_strengths():
-    protocol = Protocol("brief", 3, stop_when_solved=True, baseline_trials=2)
-    played = Played(named("CC3"), Prior(), protocol)
-    before = played.beliefs.knowledge.strengths.copy()
-    for _ in played.moments(300):
-        pass
-    assert played.beliefs.knowledge.rooms.sum() == pytest.approx(2)
-    assert played.beliefs.knowledge.strengths == pytest.approx(before)
 
 
 def test_strengths_are_learned_across_rooms():

@@ -7,10 +7,9 @@ import pytest
 
 from causal_openlock import Session
 from causal_openlock.belief import sampling
-from causal_openlock.belief.catalogue import TABLE_BYTES, catalogue, distance, fits
+from causal_openlock.belief.catalogue import distance, fits
 from causal_openlock.belief.hypotheses import RoomSight
 from causal_openlock.belief.sampling import Sampler, metropolis, sampled
-from causal_openlock.belief.structures import behaviour_bytes
 from causal_openlock.experiment.declare import PROTOCOLS, find_condition
 from causal_openlock.schemas.schema import Schema
 from openlock_learners.bayes import Bayes, BayesParameters
@@ -113,13 +112,6 @@ def test_a_room_of_twelve_levers_is_played_to_its_end_with_counted_work(looked_a
     # An attempt has three actions, and each may make the learner think again at most four times.
     assert 0 < work <= (1 + 4 * 3 * 4) * effort
     assert (play(), sum(looked_at)) == (first, 2 * work)
-
-
-def test_few_structures_are_listed_where_attempts_are_long():
-    listed = catalogue(10, 1, 11, False, SIMPLICITY, 20_000)
-    most = TABLE_BYTES // behaviour_bytes(10, 11)
-    assert 0 < len(listed.members) <= most < 20_000
-    assert TABLE_BYTES // behaviour_bytes(7, 8) > 20_000  # never in rooms of seven
 
 
 def test_who_cannot_play_a_room_is_said_beforehand(tmp_path):

@@ -14,7 +14,6 @@ from causal_openlock.belief.optimal import Optimum, Point, bits
 from causal_openlock.belief.placements import TooLargeError, mixture, placements
 from causal_openlock.belief.planning import Objective, Planner, Situation
 from causal_openlock.belief.possible_schemas import listed_schemas, possible_schemas
-from causal_openlock.belief.structures import Hypotheses
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.schemas.schema import Gate, Schema
 from causal_openlock.testing import schemas
@@ -31,13 +30,10 @@ from oracle import (
     worth_of,
 )
 from oracle import placements as placed
-from support.belief_arrays import hypothesis_of, key_of, mask, rules_in
+from support.belief_arrays import mask, rules_in
 
 CERTAIN = strengths(0.0, 1.0, 1.0, 1)
 UNSURE = strengths(0.5, 4.0, 1.0, 2)
-MIXED = Schema(
-    "mixed", ["A", "B", "C", "D"], {"A": ["C", "D"], "B": ["C"], "C": [DOOR], "D": [DOOR]}
-)
 BRANCHES = "A -> B; B -> door; C -> door"
 
 
@@ -111,31 +107,6 @@ def test_values_of_actions_are_those_of_plain_recursion(seed, unsure):
                 assert value == pytest.approx(expected, abs=1e-7)
 
 
-def test_the_door_is_worth_its_new_solution_and_what_it_tells():
-    # L0 alone opened the door. With L1 pushed too this is the same solution if L1 does nothing,
-    # and another one if both are needed.
-    alone = Schema("alone", ["L0", "L1"], {"L0": [DOOR]}, inert=["L1"])
-    two = Schema("two", ["L0", "L1"], {"L0": [DOOR], "L1": [DOOR]}, gates={DOOR: Gate("all")})
-    both = [hypothesis_of(key_of(schema), [0, 1], 2) for schema in (alone, two)]
-    thinker = Thinker(Hypotheses.joined(both), CERTAIN)
-    for share in (0.5, 0.2):
-        belief = dict(zip(thinker.rules, (1 - share, share), strict=True))
-        at = belief, {0, 1}, True, 1, [{0}]
-        value = thinker.values(*at, Objective(0.5, 3.0))[DOOR]
-        assert value == pytest.approx(0.5 * entropy(belief) + 3 * share)
-
-
-def test_a_push_that_moves_nothing_is_worth_nothing():
-    chain = Schema("chain", ["L0", "L1"], {"L0": ["L1"], "L1": [DOOR]})
-    thinker = Thinker(hypothesis_of(key_of(chain), [0, 1], 3), CERTAIN)
-    values = [
-        [*thinker.values({thinker.rules[0]: 1.0}, *at, [], Objective(1.0, 3.0)).values()]
-        for at in ((NOTHING, False, 3), ({0}, False, 2), (NOTHING, False, 2))  # the last: too late
-    ]
-    never = -math.inf
-    assert values == [[3, 0, 0, never], [never, 3, 0, never], [0, 0, 0, never]]
-
-
 def attempts_of_plan(names, positions, objective):
     """Attempts that the plan needs on average until everything is found; exact, no sampling.
 
@@ -201,27 +172,6 @@ def test_information_alone_is_not_enough():
 )
 def test_the_least_expected_attempts_that_are_published(names, positions, attempts):
     assert Optimum(*mixed(names, 3, positions), 3).attempts() == pytest.approx(attempts, abs=5e-4)
-
-
-@pytest.mark.parametrize(
-    ("names", "limit", "positions"),
-    [
-        (("CE3",), 4, None),
-        (("CC3", "CE3"), 3, None),
-        (("CC3", "CE3"), 5, None),
-        (("CC3", "CE3"), 3, 4),
-        (("two_keys",), 5, None),
-        (("chain3",), 6, None),
-        (("CC4", "CE4"), 3, None),
-        ((MIXED,), 3, None),
-    ],
-)
-def test_the_optimum_is_that_of_a_search_of_everything(names, limit, positions):
-    own = {name if isinstance(name, Schema) else find_schema(name): 1.0 for name in names}
-    expected = least_attempts(own, limit, positions)
-    whole = mixture([(schema, 1 / len(own)) for schema in own], limit, positions)
-    assert Optimum(*whole, limit).attempts() == pytest.approx(expected)
-    assert Optimum(*whole, limit, pulls=True).attempts() == pytest.approx(expected)
 
 
 @settings(max_examples=30, deadline=None)

@@ -12,16 +12,13 @@ from scipy.stats import chisquare
 from causal_openlock.belief import beliefs as beliefs_module
 from causal_openlock.belief import catalogue as catalogue_module
 from causal_openlock.belief import hypotheses as space_module
-from causal_openlock.belief.beliefs import Beliefs
 from causal_openlock.belief.catalogue import fits, free_form_weight
 from causal_openlock.belief.hypotheses import RoomSight, at_least, enumerate_space, strengths
-from causal_openlock.belief.knowledge import Prior
 from causal_openlock.belief.likelihoods import DOOR, Event
 from causal_openlock.belief.marginals import believed_structure
 from causal_openlock.belief.sampling import Sampler, sampled, with_sampled
 from causal_openlock.belief.structures import gate_dags
 from causal_openlock.experiment.declare import Condition, Trials
-from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.schema import Gate, Schema
 from oracle import DOOR as ORACLES_DOOR
 from oracle import NOTHING, free_form, likelihood, structure
@@ -37,7 +34,7 @@ from support.belief_arrays import (
     fits as fits_oracle,
 )
 from support.belief_play import KNOWN, LONG, Played
-from support.session_play import HUMAN, SCHEMAS
+from support.session_play import SCHEMAS
 
 SIMPLICITY = math.log(2.0)
 DRAWS = 40_000
@@ -96,20 +93,6 @@ def labels(structures):
     return [row.tobytes() for row in rows]
 
 
-def features(structures):
-    """``[M, F]`` what may be asked of structures: arrows, free levers, `all`, what solves."""
-    n = structures.levers
-    arrows = (structures.causes[:, :, None] >> np.arange(n) & 1).reshape(len(structures), -1)
-    everything = structures.threshold == np.bitwise_count(structures.causes)
-    return np.concatenate([arrows, everything, structures.solutions()], axis=1).astype(float)
-
-
-def agree(drawn, exact, number, sigmas=4.5):
-    """Whether shares of so many independent draws are as near to the truth as chance allows."""
-    error = np.sqrt(np.maximum(exact * (1.0 - exact), 0.0) / number)
-    assert (np.abs(drawn - exact) <= sigmas * error + 1e-12).all()
-
-
 def causes(*levers):
     return tuple(map(frozenset, levers))
 
@@ -151,22 +134,6 @@ def test_three_levers_are_drawn_as_probable_as_they_are(key, strength, moments):
         assert (observed > 0).sum() == 1
 
 
-@pytest.mark.parametrize(("strength", "moments"), [(1.0, 0), (1.0, 4), (0.8, 30)])
-def test_four_levers_are_drawn_as_probable_as_they_are(strength, moments):
-    events = happened_in(FOUR, strength, moments, 5)
-    everything = gate_dags(4)
-    weight = free_form_weight(4, SIMPLICITY) * likelihoods(everything, strength, events)
-    sampler = Sampler(4, SIMPLICITY, strength, events)
-    assert sampler.evidence == pytest.approx(weight.sum(), rel=1e-9)
-    drawn = sampler.draw(DRAWS, np.random.default_rng(2))[0]
-    assert (likelihoods(drawn, strength, events) > 0).all()
-    agree(
-        features(drawn).mean(axis=0),
-        weight @ features(everything) / weight.sum(),
-        DRAWS,
-    )
-
-
 def test_the_likelihood_of_draws_is_that_by_hand():
     events = happened_in(BOTH, 0.7, 25, 4)
     sampler = Sampler(3, SIMPLICITY, 0.7, events)
@@ -181,13 +148,6 @@ def test_a_white_lever_that_does_not_move_tells_nothing():
     for white in (3, 4):  # also while the door is unlocked
         more = [*told, ((white, 0b11, False, True), 2)]
         assert Sampler(3, SIMPLICITY, 1.0, more).evidence == pytest.approx(plain.evidence)
-
-
-def test_a_white_lever_that_moves_is_beyond_the_grey_ones():
-    for white in (3, 5):
-        sampler = Sampler(3, SIMPLICITY, 1.0, [(Event(white, 0, True, False, False), 1)])
-        assert sampler.evidence == 0
-        assert len(sampler.draw(10, np.random.default_rng(0))[0]) == 0
 
 
 def test_of_what_cannot_be_nothing_is_drawn():
@@ -339,37 +299,3 @@ def test_what_is_still_possible_of_five_levers_explains_all_that_happened(seed):
             assert fits_oracle(key, len(FIVE.solutions), limit)
             assert likelihood(structure(*key).at(dict(enumerate(at))), played.happened[0]) == 1
     assert not again
-
-
-def test_white_levers_pushed_while_the_door_is_unlocked_rule_nothing_out():
-    """The first white lever comes right after the grey ones, where the door's gate is kept."""
-    played = Played(Condition("five", (Trials(FIVE),)), replace(KNOWN, particles=100), HUMAN, [0])
-    room = played.session.truth.rooms[int(played.session.truth.room[0])]
-    grey = room.layout.places
-    whites = [position for position in range(7) if position not in grey]
-    generator = np.random.default_rng(0)
-    for white in whites:
-        for action in (grey[0], grey[1], white, 14):
-            view = played.session.view
-            played.beliefs.enter(view)
-            played.beliefs.update(played.session.step(np.array([action])))
-            if action == white:
-                assert view.observation[0, -2] == 0
-                belief = played.belief()
-                events = list(belief.events.items())
-                redrawn = Sampler(5, SIMPLICITY, 1.0, events).draw(200, generator)[0]
-                assert likelihoods(redrawn, 1.0, events).all()
-                assert len(redrawn) == 200
-
-
-def test_a_promise_that_no_draw_keeps_leaves_an_empty_belief():
-    session = Session(Condition("five", (Trials(FIVE),)), HUMAN, 1)
-    view = session.view
-    unheard_of = replace(view, console=replace(view.console, solutions_left=np.array([40])))
-    beliefs = Beliefs(session.brief, Prior(particles=50), session.brief.generators)
-    beliefs.enter(unheard_of)
-    belief = beliefs.of[0]
-    assert belief is not None
-    assert len(belief.which) == len(belief.weight) == belief.drawn == 0
-    assert belief.entropy == 0
-    beliefs.update(session.step(np.array([0])))

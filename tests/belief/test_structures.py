@@ -15,10 +15,8 @@ from causal_openlock.belief.hypotheses import Strengths, at_least, strengths
 from causal_openlock.belief.likelihoods import Event, likelihood
 from causal_openlock.belief.structures import (
     gate_dags,
-    linear_extensions,
     merge,
 )
-from causal_openlock.schemas.schema import Schema
 from causal_openlock.testing import schemas
 from oracle import DOOR, NOTHING, Seen, free_form, structure
 from support.belief_arrays import (
@@ -79,16 +77,6 @@ def test_there_are_as_many_as_others_counted(levers, dags, any_or_all, solvable)
     two = np.bitwise_count(np.arange(1 << levers)) == 2
     found = chosen[first].solutions()
     assert ((found.sum(axis=1) == levers - 1) & ~found[:, ~two].any(axis=1)).sum() == solvable
-
-
-@pytest.mark.parametrize("levers", [2, 3])
-def test_linear_extensions_are_orders_that_put_causes_first(levers):
-    every = gate_dags(levers)
-    counted = linear_extensions(every.causes)
-    weight = free_form(levers, 0.0)  # as probable as they have orders
-    most = counted.sum()
-    expected = [weight[key] * most for key in keys_of(every)]
-    assert counted == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("strength", [1.0, 0.7])
@@ -184,16 +172,3 @@ def test_a_few_strengths_stand_for_the_whole_beta_distribution(alpha, beta):
             assert seen.sum() == pytest.approx(marginal, rel=1e-9)
     certain = strengths(0.0, 4.0, 1.0, 5)
     assert (certain.value.tolist(), certain.prior.tolist()) == ([1.0], [1.0])
-
-
-def test_ten_nodes_follow_the_conjugate_posterior_through_likelihoods():
-    how = strengths(0.5, 4.0, 1.0, 10)
-    key = key_of(Schema("chain", ["L0", "L1"], {"L0": ["L1"], "L1": ["door"]}))
-    hypotheses = hypothesis_of(key, [0, 1], POSITIONS).repeated(len(how))
-    weight, which = how.prior.copy(), np.arange(len(how))
-    for moved in [True, True, False, True, False, True]:
-        event = Event(slot=1, pushed=0b01, took_effect=moved, unlocked=moved, new=False)
-        weight *= likelihood(hypotheses, which, how, event)
-    assert weight[0] == 0.0  # certainty: it failed once
-    assert weight.sum() == pytest.approx(0.5 * math.exp(betaln(8, 3) - betaln(4, 1)))
-    assert weight @ how.value / weight.sum() == pytest.approx(8 / 11)

@@ -116,18 +116,6 @@ def test_what_is_intended_works_if_a_hypothesis_is_right(situation, by_weight):
         assert all(carried_out(alone, 0, at, plan) for plan in plans)
 
 
-def test_three_levers_one_after_another_are_pushed_in_their_order():
-    hypotheses, _ = some(300, 0, LONG)
-    orders, at = set(), Situation(0, False, 5, ())
-    for index in np.flatnonzero(np.bitwise_count(hypotheses.solutions[:, 0]) == 3).tolist():
-        alone = hypotheses[np.array([index])]
-        (plan,) = drawn(alone, np.ones(1), at)
-        assert carried_out(alone, 0, at, plan)
-        orders.add(plan)
-    assert len(orders) > 20
-    assert any(list(order) != sorted(order) for order in orders)
-
-
 @pytest.mark.parametrize(("seed", "found"), [(0, 0), (1, 1), (2, 1)])
 def test_thompson_draws_hypotheses_as_probable_as_they_are(seed, found):
     hypotheses, weight = some(8, seed)

@@ -11,7 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from causal_openlock.analysis.plots.belief import Part, plot_trace, save_trace_figure
+from causal_openlock.analysis.plots.belief import Part, plot_trace
 from causal_openlock.analysis.results.information import information_per_action, mean_information
 from causal_openlock.belief.structure_schemas import (
     behave_alike,
@@ -359,13 +359,6 @@ def test_a_long_trial_is_cut_at_an_attempt_and_the_picture_says_so(cc4):
         panels = {axes.get_label(): axes for axes in figure.axes}
         assert len(panels["timeline"].get_xticklabels()) == 1 + shown
         assert len(panels["arrows"].get_yticklabels()) == 8
-
-
-def test_equal_traces_give_equal_files(cc4, tmp_path):
-    for suffix in ("svg", "png", "pdf"):
-        for name in ("a", "b"):
-            save_trace_figure(cc4, tmp_path / f"{name}.{suffix}")
-        assert (tmp_path / f"a.{suffix}").read_bytes() == (tmp_path / f"b.{suffix}").read_bytes()
 
 
 # -- the command -----------------------------------------------------------------------------------

@@ -16,10 +16,9 @@ from causal_openlock.experiment.declare import Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.schema import Gate, Schema
 from causal_openlock.testing import schemas
-from causal_openlock.testing.learner_contract import NINE
 from openlock_learners import bayes
 from openlock_learners.bayes import Bayes, BayesParameters
-from support.session_play import HUMAN, SCHEMAS, named, one_room, play, trials_of
+from support.session_play import HUMAN, SCHEMAS, named, play, trials_of
 
 pytestmark = pytest.mark.slow
 
@@ -145,23 +144,6 @@ def test_who_only_asks_opens_a_door_that_brings_something_new():
 # -- rooms and sessions that are unusual ---------------------------------------------------------
 
 
-@pytest.mark.parametrize("policy", ["solve_and_learn", "thompson"])
-def test_attempts_longer_than_needed_are_made_use_of(policy):
-    protocol = replace(HUMAN, action_limit=5, layouts="random", baseline_trials=2)
-    own = trials_of(play(learner(policy=policy), "CC3", protocol, 4))
-    assert solved(own)
-    assert own.attempts.mean() < 4
-
-
-def test_rooms_of_nine_positions_are_played():
-    small = one_room("CC3", "trial1", 2)
-    both = Condition("grown", small.train, (Trials(NINE),))
-    protocol = Protocol("short", 3, stop_when_solved=True, layouts="random")
-    record = play(learner(particles=30, planned=100), both, protocol, 1)
-    trained = trials_of(record[record.phase == "train"])
-    assert solved(trained.xs(2, level="trial"))
-
-
 def of_levers(levers, needed):
     """A room whose door needs some of its levers, all of which are free."""
     names, door = [f"L{i}" for i in range(levers)], {"door": Gate("at_least", needed)}
@@ -271,24 +253,6 @@ def test_noise_makes_better_actions_more_probable_by_their_value():
     expected = many * odds / odds.sum()
     assert expected[-1] == counts[-1] == 0
     assert chisquare(counts[:-1], expected[:-1]).pvalue > 1e-3
-
-
-def test_who_forgets_everything_begins_every_attempt_anew():
-    session = Session(named("CC3"), replace(FEW, attempt_limit=8), 3)
-    player = learner(forgetting=1.0)
-    player.begin(session.brief)
-    first = {}
-    compared = 0
-    while not session.over:
-        view = session.view
-        actions = player.act(view)
-        for row in np.flatnonzero(view.playing & (view.console.actions_left == 3)).tolist():
-            belief, trial = player.belief(row), (row, int(view.trial[row]))
-            known = first.setdefault(trial, belief.weight.copy())
-            assert belief.weight == pytest.approx(known, abs=1e-12)
-            compared += view.attempt[row] > 1
-        player.learn(session.step(actions))
-    assert compared > 20
 
 
 # -- how it is made ------------------------------------------------------------------------------

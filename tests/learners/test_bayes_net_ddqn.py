@@ -1,12 +1,10 @@
 """A DDQN that explores by expected information, beside one that explores by chance."""
 
 from collections import Counter
-from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
-from scipy.stats import chisquare
 
 from causal_openlock.contract.registry import create
 from causal_openlock.experiment.declare import Protocol
@@ -69,30 +67,6 @@ def test_only_what_it_explores_is_different_and_only_while_there_is_something_to
     assert min(told.values()) > 20
     assert torch.equal(learner.q.online.parameters, shadow.q.online.parameters)
     assert np.array_equal(learner.epsilon, shadow.epsilon)
-
-
-@pytest.mark.parametrize("before", [(), (0,), (0, 1)], ids=["nothing", "one", "two"])
-def test_while_there_is_something_to_learn_it_explores_in_proportion_to_the_gains(before):
-    """In the first room, after the same actions for all."""
-    many = 800
-    learner = guided(epsilon_min=1.0, epsilon_after_trial=None)
-    learner.parameters = replace(learner.parameters, hidden_units=1)
-    session = begun(learner, one_room("CC3", "trial1"), HUMAN, many)
-    places = session.truth.rooms[0].layout.places
-    for lever in before:
-        learner.act(session.view)
-        learner.beliefs.update(session.step(np.full(many, places[lever])))
-    counts = np.bincount(learner.act(session.view), minlength=15)
-    gains = learner.gains(0, session.view)
-    for subject in (1, many - 1):
-        assert learner.gains(subject, session.view) == pytest.approx(gains)
-    assert not counts[gains == 0].any()
-    assert not gains[7:14].any()
-    assert (gains > 0).sum() >= 3
-    expected = many * gains / gains.sum()
-    alive = expected > 0
-    assert chisquare(counts[alive], expected[alive]).pvalue > 1e-3
-    assert chisquare(counts[alive]).pvalue < 1e-3  # which all alike would not be
 
 
 def test_what_the_structure_learner_believes_at_first_is_a_parameter():
