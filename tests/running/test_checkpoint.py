@@ -13,10 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from causal_openlock import compare
+import causal_openlock as ol
 from causal_openlock.contract.one_subject import OneSubjectLearner
 from causal_openlock.errors import OpenLockError
-from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.session import Session
 from causal_openlock.files.seal import STATE, sealed, unsealed
 from causal_openlock.running import runner, worker
@@ -28,34 +27,26 @@ from support.session_play import HUMAN, named
 
 pytestmark = pytest.mark.slow
 
-SMALL = "batch_size: 8, hidden_units: 16, hidden_layers: 2, replay_size: 40, target_period: 7"
-TEXT = """\
-name: interrupted
-seed: 5
-subjects: 3
-protocol: short
-conditions: [{condition}]
-learners: [{learner}]
-protocols: {{short: {{attempt_limit: 8, training_trials: 1, baseline_trials: 2}}}}
-"""
+SMALL = {"batch_size": 8, "hidden_units": 16, "hidden_layers": 2, "target_period": 7}
+UNROLLED = {"batch_size": 2, "hidden_units": 8, "burn_in": 3, "unroll": 6}
 LEARNERS = {
     "random": "random",
-    "ddqn": f"{{learner: ddqn, parameters: {{{SMALL}}}}}",
-    "semi_markov_ddqn": f"{{learner: semi_markov_ddqn, parameters: {{{SMALL}}}}}",
-    "recurrent": "{learner: recurrent, parameters: {batch_size: 2, hidden_units: 8, burn_in: 3, "
-    "unroll: 6, replay_size: 40}}",
+    "ddqn": ol.learner("ddqn", replay_size=40, **SMALL),
+    "semi_markov_ddqn": ol.learner("semi_markov_ddqn", replay_size=40, **SMALL),
+    "recurrent": ol.learner("recurrent", replay_size=40, **UNROLLED),
     "bayes": "bayes",
     "ideal": "ideal",
-    "sb3": "{learner: sb3, parameters: {algorithm: DQN, settings: {learning_starts: 4}}}",
+    "sb3": ol.learner("sb3", algorithm="DQN", settings={"learning_starts": 4}),
     "global": "test_checkpoint:Global",
 }
 
 
-def declared(folder, learner="random", condition="noisy_CC3-CE4"):
+def declared(learner="random", condition="noisy_CC3-CE4"):
     """An experiment of one cell."""
-    text = TEXT.format(learner=LEARNERS.get(learner, learner), condition=condition)
-    (folder / "experiment.yaml").write_text(text)
-    return read_experiment(folder / "experiment.yaml")
+    protocol = {"attempt_limit": 8, "training_trials": 1, "baseline_trials": 2}
+    return ol.make_experiment(
+        [condition], [LEARNERS.get(learner, learner)], subjects=3, seed=5, protocol=protocol
+    )
 
 
 def play(experiment, folder, checkpoint_every=0.0, **options):
@@ -112,7 +103,7 @@ def syncs(experiment, folder, end=0, **options):
 
 @pytest.mark.parametrize("learner", [*LEARNERS])
 def test_a_killed_cell_continues_at_its_last_checkpoint(learner, tmp_path):
-    experiment = declared(tmp_path, learner)
+    experiment = declared(learner)
     whole, _ = syncs(experiment, tmp_path / "whole")
     for end in (7, 5):
         syncs(experiment, tmp_path / "killed", end)
@@ -153,7 +144,7 @@ def made_with(**other):
     ],
 )
 def test_a_checkpoint_that_does_not_fit_is_named_and_its_cell_begins_again(change, why, tmp_path):
-    experiment = declared(tmp_path)
+    experiment = declared()
     syncs(experiment, tmp_path / "out", 25)
     path = checkpoint_in(tmp_path / "out")
     path.write_bytes(change(path.read_bytes()))
@@ -174,7 +165,7 @@ def test_wall_time_counts_the_time_played(tmp_path, monkeypatch):
         return now[0]
 
     monkeypatch.setattr(time, "perf_counter", clock)
-    experiment = declared(tmp_path)
+    experiment = declared()
     syncs(experiment, tmp_path / "out", 41)
     now[0] += 1e6
     play(experiment, tmp_path / "out")
@@ -209,7 +200,7 @@ def test_progress_inside_a_cell_is_reported(tmp_path, monkeypatch):
     shares = []
     monkeypatch.setattr(worker, "REPORT_EVERY", 0.0)
     monkeypatch.setattr(worker, "report_progress", lambda path, share, _: shares.append(share))
-    play(declared(tmp_path), tmp_path / "out")
+    play(declared(), tmp_path / "out")
     assert shares == sorted(shares)
     assert set(shares) == {0.0, 0.5, 1.0}  # two trials
 
@@ -248,7 +239,7 @@ class Trapped(Noting):
 
 def test_a_checkpoint_is_unpickled_for_the_user_who_wrote_it_alone(tmp_path, monkeypatch):
     monkeypatch.setenv("MARK", str(tmp_path / "mark"))
-    experiment = declared(tmp_path, "test_checkpoint:Trapped")
+    experiment = declared("test_checkpoint:Trapped")
     for reader, runs in (("other", False), ("own", True)):
         monkeypatch.setenv(STATE, str(tmp_path / "key of own"))
         syncs(experiment, tmp_path / reader, 25)
@@ -273,7 +264,7 @@ def test_without_a_key_there_is_no_checkpoint(tmp_path, monkeypatch, content):
         folder.mkdir()
         (folder / "seal.key").write_bytes(content)
         (folder / "seal.key").chmod(0o644 if content else 0o600)
-    (warning,) = play(declared(tmp_path, "test_checkpoint:Noting"), tmp_path / "out")
+    (warning,) = play(declared("test_checkpoint:Noting"), tmp_path / "out")
     assert f"cannot be stored in {folder}" in warning
     assert STATE in warning
     assert suffixes(tmp_path / "out") == [".parquet"]
@@ -311,11 +302,11 @@ class Unwilling(Noting):
     [("Odd", "drawn"), ("OddAtOnce", "drawn"), ("Unwilling", "resumable = False")],
 )
 def test_a_learner_that_cannot_be_stored_is_played_and_named_once(learner, named, tmp_path):
-    taken, (said,) = syncs(declared(tmp_path, f"test_checkpoint:{learner}"), tmp_path / "out")
+    taken, (said,) = syncs(declared(f"test_checkpoint:{learner}"), tmp_path / "out")
     assert taken == 2  # the experiment's and the record's
     assert (named in said, "begins again" in said) == (True, True)
     with pytest.warns(UserWarning, match="begins again") as caught:
-        results = compare(["CC3", "CE3"], f"test_checkpoint:{learner}", subjects=1, workers=0)
+        results = ol.compare(["CC3", "CE3"], f"test_checkpoint:{learner}", subjects=1, workers=0)
     assert [str(warning.message) for warning in caught] == [said]
     assert results.warnings.count(said) == 1
 
@@ -347,7 +338,7 @@ OWN["ddqn"] = {*DEEP, "dead_units", "differing_pairs", "differing_transitions"}
 
 @pytest.mark.parametrize("learner", [*OWN])
 def test_curves_show_what_the_record_holds_and_change_nothing(learner, tmp_path):
-    experiment = declared(tmp_path, learner, "noisy_CC3")
+    experiment = declared(learner, "noisy_CC3")
     play(experiment, tmp_path / "watched", tensorboard=str(tmp_path / "logs"))
     assert contents(tmp_path / "watched").equals(undisturbed(experiment, tmp_path))
     shown = curves(tmp_path / "logs" / experiment.cells()[0].name)
@@ -362,7 +353,7 @@ def test_curves_show_what_the_record_holds_and_change_nothing(learner, tmp_path)
 
 
 def test_curves_continue_from_a_checkpoint(tmp_path):
-    experiment = declared(tmp_path)
+    experiment = declared()
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     play(experiment, tmp_path / "a", tensorboard=str(whole))
     syncs(experiment, tmp_path / "b", 39, tensorboard=str(killed))
@@ -375,5 +366,5 @@ def test_curves_continue_from_a_checkpoint(tmp_path):
 def test_without_tensorboard_it_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setattr(runner, "find_spec", lambda name: None)
     with pytest.raises(OpenLockError, match=r"pip install 'causal-openlock\[tensorboard\]'"):
-        play(declared(tmp_path), tmp_path / "out", tensorboard="logs")
+        play(declared(), tmp_path / "out", tensorboard="logs")
     assert not (tmp_path / "out").exists()

@@ -11,8 +11,8 @@ from contextlib import contextmanager
 
 import pytest
 
+import causal_openlock as ol
 from causal_openlock.errors import OpenLockError, StoreError
-from causal_openlock.experiment.file import read_experiment
 from causal_openlock.running import runner, workers
 from causal_openlock.running.worker import Watching
 from causal_openlock.storage.beside_cell import keep_failure
@@ -84,16 +84,13 @@ def folder(tmp_path, monkeypatch):
 
 
 def declared(folder, *learners, subjects=4):
-    path = folder / "experiment.yaml"
-    own = "{{learner: 'mine:{}', reward: 'mine:pay', parameters: {{marks: {}}}}}"
-    entries = [own.format(name, folder) if name[0].isupper() else name for name in learners]
-    path.write_text(
-        f"name: e\nsubjects: {subjects}\ncell_size: 2\nconditions: [CC3]\n"
-        f"protocols: {{short: {{attempt_limit: 3, baseline_trials: 1}}}}\nprotocol: short\n"
-        f"learners: [{', '.join(entries)}]\n",
-        encoding="utf-8",
-    )
-    return read_experiment(path)
+    own = {"reward": "mine:pay", "marks": str(folder)}
+    entries = [
+        ol.learner(f"mine:{name}", **own) if name[0].isupper() else name for name in learners
+    ]
+    protocol = {"attempt_limit": 3, "baseline_trials": 1}
+    options = {"name": "e", "subjects": subjects, "cell_size": 2, "protocol": protocol}
+    return ol.make_experiment(["CC3"], entries, **options)
 
 
 @contextmanager

@@ -16,7 +16,6 @@ import pytest
 
 import causal_openlock as ol
 from causal_openlock.errors import CellsFailed, OpenLockError
-from causal_openlock.experiment.file import read_experiment
 from causal_openlock.running import runner, workers
 from causal_openlock.running.worker import Watching
 from causal_openlock.storage.beside_cell import failures_of
@@ -30,6 +29,9 @@ LETHAL = """\
 import os, signal, subprocess, sys, time
 from causal_openlock import OneSubjectLearner
 
+def fail():
+    raise ZeroDivisionError("the learner [/broke]")
+
 class Silent(Exception):
     def __str__(self):
         raise ValueError
@@ -38,74 +40,50 @@ class Fine(OneSubjectLearner):
     acts = 0
 
     def act(self, observation):
+        self.acts += 1
+        return self.answer()
+
+    def answer(self):
         return int(self.generator.integers(15))
 
-class Raises(Fine):
-    def act(self, observation):
-        self.acts += 1
-        if self.acts == 3:
-            raise ZeroDivisionError("the learner [/broke]")
-        return 0
-
-class Mute(Fine):
-    def act(self, observation):
-        raise Silent
-
-class Talks(Fine):
-    def act(self, observation):
-        raise ValueError("x" * 10_000_000)
-
-class Stray(Fine):
-    def act(self, observation):
-        return 99
-
-class Nonsense(Fine):
-    def act(self, observation):
-        return float("nan")
-
-class Exits(Fine):
-    def act(self, observation):
-        sys.exit(0)
-
-class Stops(Fine):
-    def act(self, observation):
-        raise KeyboardInterrupt
+class Ends(Fine):
+    def answer(self):
+        os._exit(9)
 
 class Leaks(Fine):
     def begin(self):
         subprocess.Popen(["sleep", "SECONDS"])
-
-class Dies(Fine):
-    def act(self, observation):
-        os._exit(9)
-
-class Killed(Leaks):
-    def act(self, observation):
-        os.kill(os.getpid(), signal.SIGKILL)
-
-class Closes(Leaks):
-    def act(self, observation):
-        os.closerange(3, 256)
-        time.sleep(1000)
-
-class Hangs(Leaks):
-    def act(self, observation):
-        time.sleep(1000)
 """
+LEARNER = """
+class {name}({base}):
+    def answer(self):
+        {answers}
+"""
+# What a learner does in place of an answer, and what is said of it.
 BY_ITSELF = {
-    "Raises": "failed: ZeroDivisionError: the learner [/broke] (lethal.py:18)",
-    "Mute": "failed: Silent (lethal.py:23)",
-    "Talks": f"failed: ValueError: {199 * 'x'} … (lethal.py:27)",
-    "Stray": "failed: a learner answers with 2 integers from 0 to 14",
-    "Nonsense": "failed: Nonsense has to answer with an integer, the index of an action",
-    "Exits": "failed: SystemExit: 0 (lethal.py:39)",
-    "Stops": "failed: KeyboardInterrupt",
+    "Raises": (
+        "return 0 if self.acts < 3 else fail()",
+        "failed: ZeroDivisionError: the learner [/broke] (lethal.py:5)",
+    ),
+    "Mute": ("raise Silent", "failed: Silent (lethal.py:35)"),
+    "Talks": (
+        "raise ValueError('x' * 10_000_000)",
+        f"failed: ValueError: {199 * 'x'} … (lethal.py",
+    ),
+    "Stray": ("return 99", "failed: a learner answers with 2 integers from 0 to 14"),
+    "Nonsense": (
+        "return float('nan')",
+        "failed: Nonsense has to answer with an integer, the index",
+    ),
+    "Exits": ("sys.exit(0)", "failed: SystemExit: 0 (lethal.py"),
+    "Stops": ("raise KeyboardInterrupt", "failed: KeyboardInterrupt"),
 }
+KILLED = "ended its process (killed by SIGKILL, perhaps for lack of memory)"
 WITH_ITS_PROCESS = {
-    "Dies": "ended its process (exit status 9)",
-    "Killed": "ended its process (killed by SIGKILL, perhaps for lack of memory)",
-    "Closes": "ended its process (killed by SIGKILL, perhaps for lack of memory)",
-    "Hangs": "was ended after 5 s",
+    "Dies": ("os._exit(9)", "ended its process (exit status 9)"),
+    "Killed": ("os.kill(os.getpid(), signal.SIGKILL)", KILLED),
+    "Closes": ("os.closerange(3, 256); time.sleep(1000)", KILLED),
+    "Hangs": ("time.sleep(1000)", "was ended after 5 s"),
 }
 PROGRAM = """\
 import causal_openlock as ol
@@ -117,7 +95,11 @@ ol.compare("CC3", ["random"], subjects=1, out="out", workers=1)
 def folder(tmp_path, monkeypatch):
     """A folder with these learners, some of which start a ``sleep`` of its own length."""
     seconds = f"777.{os.getpid()}{time.monotonic_ns()}"
-    (tmp_path / "lethal.py").write_text(LETHAL.replace("SECONDS", seconds), encoding="utf-8")
+    code = LETHAL.replace("SECONDS", seconds)
+    for base, learners in {"Fine": BY_ITSELF, "Leaks": WITH_ITS_PROCESS}.items():
+        for name, (answers, _) in learners.items():
+            code += LEARNER.format(name=name, base=base, answers=answers)
+    (tmp_path / "lethal.py").write_text(code, encoding="utf-8")
     (tmp_path / "seconds").write_text(seconds)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
@@ -139,16 +121,10 @@ def all_are_ended(folder):
     return not some_sleep(folder)
 
 
-def declared(folder, *learners, subjects=4):
-    path = folder / "experiment.yaml"
-    names = ", ".join(f"'lethal:{name}'" for name in learners)
-    path.write_text(
-        f"name: e\nsubjects: {subjects}\ncell_size: 2\nconditions: [CC3]\n"
-        "protocols: {short: {attempt_limit: 3, baseline_trials: 1}}\nprotocol: short\n"
-        f"learners: [{names}]\n",
-        encoding="utf-8",
-    )
-    return read_experiment(path)
+def declared(*learners, subjects=4):
+    entries = [f"lethal:{name}" for name in learners]
+    protocol = {"attempt_limit": 3, "baseline_trials": 1}
+    return ol.make_experiment(["CC3"], entries, subjects=subjects, cell_size=2, protocol=protocol)
 
 
 def fails(experiment, folder, **options):
@@ -159,7 +135,7 @@ def fails(experiment, folder, **options):
 
 @pytest.mark.parametrize(("kind", "cells"), [("threads", ["0-1", "2-3"]), ("processes", ["0-1"])])
 def test_cells_that_fail_are_named_and_the_others_are_played(folder, kind, cells):
-    experiment = declared(folder, *BY_ITSELF, "Fine", subjects=2 * len(cells))
+    experiment = declared(*BY_ITSELF, "Fine", subjects=2 * len(cells))
     told = []
     with ThreadPoolExecutor(2) as executor:
         how = {"executor": executor} if kind == "threads" else {"workers": 2}
@@ -168,7 +144,7 @@ def test_cells_that_fail_are_named_and_the_others_are_played(folder, kind, cells
     assert sorted(error.reasons) == sorted(told)
     expected = [
         f"the learner {name} in CC3, subjects {numbers}, {why}"
-        for name, why in BY_ITSELF.items()
+        for name, (_, why) in BY_ITSELF.items()
         for numbers in cells
     ]
     for reason, begins in zip(error.reasons, expected, strict=True):
@@ -184,15 +160,15 @@ def test_cells_that_fail_are_named_and_the_others_are_played(folder, kind, cells
 
 
 def test_what_ends_or_blocks_its_process_is_named_and_all_it_started_is_ended(folder):
-    experiment = declared(folder, *WITH_ITS_PROCESS, "Leaks", "Raises", subjects=2)
+    experiment = declared(*WITH_ITS_PROCESS, "Leaks", "Raises", subjects=2)
     seen, told = [], []
     options = {"time_limit": np.int64(5), "progress": seen.append, "warn": told.append}
     error = fails(experiment, folder / "out", workers=2, **options)
     assert sum("it is tried again" in sentence for sentence in told) == 3 * 2
     reasons = [reason.split("; see ") for reason in error.reasons[:-1]]
-    whys = WITH_ITS_PROCESS.items()
     assert [why for why, _ in reasons] == [
-        f"the learner {name} in CC3, subjects 0-1, {why}" for name, why in whys
+        f"the learner {name} in CC3, subjects 0-1, {why}"
+        for name, (_, why) in WITH_ITS_PROCESS.items()
     ]
     assert all(Path(path).exists() for _, path in reasons)
     assert {path.name[:6] for path in Store(folder / "out").files()[0]} == {"Leaks_"}
@@ -204,7 +180,7 @@ def test_what_ends_or_blocks_its_process_is_named_and_all_it_started_is_ended(fo
 
 
 def test_an_executor_is_not_ended_and_its_lost_workers_are_named(folder):
-    fine, told = declared(folder, "Fine"), []
+    fine, told = declared("Fine"), []
     with ThreadPoolExecutor(1) as executor:
         for where in ({"workers": 0}, {"executor": executor}):
             runner.run(fine, folder / "fine", time_limit=1, warn=told.append, **where)
@@ -213,7 +189,7 @@ def test_an_executor_is_not_ended_and_its_lost_workers_are_named(folder):
         ProcessPoolExecutor(1, mp_context=prepared()) as executor,
         pytest.raises(OpenLockError, match="a worker of the executor ended without a message"),
     ):
-        runner.run(declared(folder, "Dies"), folder / "given", executor=executor)
+        runner.run(declared("Ends"), folder / "given", executor=executor)
 
 
 def test_what_a_learner_starts_ends_with_a_run_that_is_stopped(folder):
@@ -222,7 +198,7 @@ def test_what_a_learner_starts_ends_with_a_run_that_is_stopped(folder):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt) as traceback:  # a notebook keeps it, too
-        runner.run(declared(folder, "Hangs"), folder / "out", workers=1, progress=stop)
+        runner.run(declared("Hangs"), folder / "out", workers=1, progress=stop)
     assert traceback
     assert all_are_ended(folder)
 
@@ -239,7 +215,7 @@ def test_what_a_learner_starts_ends_with_a_run_that_is_killed(folder):
 
 def test_a_repaired_learner_alone_is_played_again(folder):
     out, standings = folder / "out", []
-    broken = declared(folder, "Fine", "Raises")
+    broken = declared("Fine", "Raises")
     fails(broken, out, workers=0)
     first = Store(out).read(Store(out).files()[0][0])
     fine, raises = broken.learners
@@ -251,29 +227,28 @@ def test_a_repaired_learner_alone_is_played_again(folder):
 
 
 def test_compare_says_what_is_missing_and_exits_with_1(folder, monkeypatch):
-    declared(folder, "Fine", "Raises")
     monkeypatch.setenv("COLUMNS", "80")
-    done = at_once("compare", "experiment.yaml", "--out", "out")
+    words = ["compare", "-c", "CC3", "--subjects", 4, "-l", "lethal:Raises"]
+    done = at_once(*words, "-l", "lethal:Fine", "--out", "out")
     assert done.status == 1, done.stdout + done.stderr
-    assert done.stderr.startswith("error: 2 of 4 cells failed, ")
+    assert done.stderr.startswith("error: 1 of 2 cells failed, ")
     report = at_once("report", "out")
     assert report.status == 0
-    line = f"the learner Raises in CC3, subjects 0-1, {BY_ITSELF['Raises']}"
+    line = f"the learner Raises in CC3, subjects 0-3, {BY_ITSELF['Raises'][1]}"
     assert all(line in said for said in (done.stdout, report.stdout))
-    assert "2 of its cells are missing" in (folder / "out" / "report.html").read_text("utf-8")
+    assert "1 of its cells is missing" in (folder / "out" / "report.html").read_text("utf-8")
     with (folder / "out" / "summary.csv").open(newline="", encoding="utf-8") as file:
         rows = {row["learner"]: (row["subjects"], row["missing"]) for row in csv.DictReader(file)}
     assert rows == {"Fine": ("4", "0"), "Raises": ("0", "4")}
-    declared(folder, "Raises")
-    nothing = at_once("compare", "experiment.yaml", "--out", "other")
+    nothing = at_once(*words, "--out", "other")
     assert nothing.status == 1
     assert "Traceback" not in nothing.stderr
-    assert (nothing.stdout + nothing.stderr).count("ZeroDivisionError") == 2  # each is named once
+    assert (nothing.stdout + nothing.stderr).count("ZeroDivisionError") == 1
     assert not (folder / "other" / "report.html").exists()
 
 
 def test_a_cell_that_failed_three_times_is_left_out_until_it_is_asked_for(folder):
-    experiment, out = declared(folder, "Stray"), folder / "out"
+    experiment, out = declared("Stray"), folder / "out"
     for number in range(3):
         reasons = fails(experiment, out, workers=0).reasons
         assert all("[99 99]" in reason for reason in reasons)
