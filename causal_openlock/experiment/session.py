@@ -318,19 +318,12 @@ class Session:
     @property
     def state(self) -> dict[str, Any]:
         """All that changes while a session is played, for a checkpoint."""
-        changing = self._visit, self._attempts, self._luck
-        log = self.log.since(0)
-        return {
-            "changing": changing,
-            "rooms": self._rooms.state,
-            "log": log,
-            "seconds": self.seconds,
-        }
+        changing = self._visit, self._attempts, self._luck, self._rooms.state
+        return {"changing": changing, "log": self.log.since(0), "seconds": self.seconds}
 
     def resume(self, state: dict[str, Any]) -> None:
         """Continue from the state of another session with the same arguments."""
-        self._visit, self._attempts, self._luck = state["changing"]
-        self._rooms.state = state["rooms"]
+        self._visit, self._attempts, self._luck, self._rooms.state = state["changing"]
         self.log.extend(state["log"])
         self._clock = time.perf_counter() - state["seconds"]
         self.view = self._perceive()

@@ -131,23 +131,6 @@ def test_a_session_is_the_oracles_room_action_by_action(condition, protocol, rew
         assert before.next is after.view
 
 
-def test_attempts_are_sorted_by_subject_and_say_where_they_belong():
-    protocol, script = Protocol("mine", attempt_limit=2, stop_when_solved=False), [L0, L2, DOOR]
-    names = {"learner": "scripted", "experiment": "by hand"}
-    learner = Scripted([*script, *script], [WHITE] * 6)
-    record = play(learner, one_room("CC4", "trial7"), protocol, [9, 4], seed=11, **names)
-    assert record.subject.tolist() == [4, 4, 9, 9]
-    assert record.category.tolist() == ["else", "else", "open1", "open1"]
-    constant = {
-        **names, "condition": "room", "protocol": "mine", "seed": 11, "phase": "train", "loop": 1,
-        "trial": 1, "schema": "CC4", "layout": "trial7", "solutions": 3,
-    }  # fmt: skip
-    assert {column: set(record[column]) for column in constant} == {
-        column: {value} for column, value in constant.items()
-    }
-    assert record.wall_time.between(0, 60).all()
-
-
 def test_a_record_has_the_columns_of_the_contract_each_with_its_meaning():
     session = Session(named("CC4"), HUMAN, 3)
     assert session.record().num_rows == 0

@@ -1,14 +1,12 @@
 """What a learner is told in a session: copies, and nothing that is latent."""
 
 from dataclasses import fields, is_dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from causal_openlock.contract.learner import Brief, Console, Step, View
 from causal_openlock.experiment.session import Session
-from openlock_learners.oracle import Oracle
 from support.session_play import HUMAN, Curious, named
 
 PLAIN = (bool, int, float, str, type(None), np.generic, np.random.Generator)
@@ -53,24 +51,3 @@ def test_nothing_that_a_learner_is_given_leads_to_what_is_latent(condition):
                 assert not any(np.shares_memory(thing, table) for table in latent), path
             if isinstance(thing, tuple):
                 assert path in ("Brief.action_names", "Brief.generators"), path
-
-
-def test_an_informed_learner_is_told_the_truth_and_told_anew_in_every_room():
-    rooms = []
-
-    class Witness(Oracle):
-        def inform(self, truth):
-            super().inform(truth)
-            rooms.append([truth.rooms[index].layout.name for index in truth.room])
-
-    session = Session(named("CC3-CC4"), HUMAN, 4)
-    truth = session.truth
-    first = truth.room.tolist()
-    record = session.play(Witness()).to_pandas()
-    assert truth.room.tolist() == first != session.truth.room.tolist()
-    for subject in range(4):
-        told = [moment[subject] for moment in rooms]
-        changes = [told[0], *(b for a, b in pairwise(told) if a != b)]
-        # No two rooms that follow one another have the same layout, so each change shows.
-        order = record[record.subject == subject].drop_duplicates(["phase", "trial"])
-        assert changes == order.layout.tolist()
