@@ -94,31 +94,24 @@ def _chosen(form: Any, data: Mapping[str, Any], key: str) -> list[Any]:
     in_file = data[key] if isinstance(data.get(key), list) else []
     spelled = [entry for entry in in_file if isinstance(entry, Mapping)]
     named = [part for entry in spelled for part in (entry, *points(entry))]
-    chosen = [entry for entry in named if form == (entry.get("name") or entry.get("learner"))]
-    return chosen or [form]
+    return [part for part in named if form == (part.get("name") or part.get("learner"))] or [form]
 
 
 def declared(
     data: Mapping[str, Any], document: Document | None = None, changed: Iterable[str] = ()
 ) -> Experiment:
-    """The experiment that is declared.
-
-    Args:
-        data: Its parts, in any of their forms.
-        document: The file that they are from, for the places of faults.
-        changed: Keys of what is not from the file.
+    """The experiment that is declared by its parts, in any of their forms.
 
     Raises:
-        FileError: With the place of every fault in the document.
+        FileError: With the place of every fault in the document, but for what was ``changed``.
         OpenLockError: With every fault elsewhere; or if schemas do not fit a protocol.
     """
     folder = document.path.resolve().parent if document else Path.cwd()
     context = {"folders": [folder], "protocols": {}}
-    experiment: Experiment = (
-        document.validate(Experiment, data, context, changed)
-        if document
-        else read(Experiment, data, context)
-    )
+    if document:
+        experiment = document.validate(Experiment, data, context, changed)
+    else:
+        experiment = read(Experiment, data, context)
     errors = []
     for spec, condition in product(experiment.learners, experiment.conditions):
         once = replace(spec.protocol, baseline_loops=1, train_loops=1, test_loops=1)

@@ -10,13 +10,7 @@ from typing import Any
 import numpy as np
 
 from causal_openlock.errors import ExperimentError
-from causal_openlock.experiment.declare import (
-    SHOWN,
-    Condition,
-    LayoutSource,
-    Protocol,
-    Trials,
-)
+from causal_openlock.experiment.declare import SHOWN, Condition, LayoutSource, Protocol, Trials
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.wording import counted
 from causal_openlock.world.room import Layout, positions_for, published_layouts
@@ -24,14 +18,14 @@ from causal_openlock.world.room import Layout, positions_for, published_layouts
 
 @dataclass(frozen=True)
 class Visit:
-    """One trial of one subject; ``order`` has the indices of the solutions that are shown."""
+    """One trial of one subject."""
 
     phase: str
     loop: int
     trial: int
     schema: Schema
     layout: Layout
-    order: tuple[int, ...] = ()
+    order: tuple[int, ...] = ()  #: indices of the solutions that are shown
 
 
 def plan(
@@ -55,6 +49,7 @@ def plan(
     tested = condition.test
     if name := protocol.test_layout:  # in results of 0.2
         tested = tuple(replace(one, layouts=(Layout.of(one.schema, name),)) for one in tested)
+    recorded = iter(condition.rooms.get(-1 if subject is None else subject, ()))
     visits: list[Visit] = []
     for phase, groups, number, loops in (
         (SHOWN if condition.shown else "train", condition.train, *train),
@@ -62,27 +57,24 @@ def plan(
     ):
         for loop in range(1, loops + 1):
             drawn = (
-                (trials.schema, layout)
+                (trials.schema, next(recorded, layout))
                 for trials in groups
                 for layout in draw_layouts(trials, generator, number, protocol.layouts)
             )
             visits += [Visit(phase, loop, trial, *room) for trial, room in enumerate(drawn, 1)]
     for number, visit in enumerate(visits):
+        solutions = len(visit.schema.solutions) if visit.phase == SHOWN else 0
+        if solutions > protocol.attempt_limit:
+            raise ExperimentError(
+                f"{visit.schema.name} has {solutions} solutions to show, and a trial of protocol "
+                f"{protocol.name} has {counted(protocol.attempt_limit, 'attempt')}; raise its "
+                "attempt_limit"
+            )
         if visit.phase == SHOWN:
-            solutions = len(visit.schema.solutions)
-            if solutions > protocol.attempt_limit:
-                raise ExperimentError(
-                    f"{visit.schema.name} has {solutions} solutions to show, and a trial of "
-                    f"protocol {protocol.name} has {counted(protocol.attempt_limit, 'attempt')}; "
-                    "raise its attempt_limit"
-                )
             order = tuple(generator.permutation(solutions).tolist())
             visits[number] = replace(visit, order=order)
     for schema in condition.schemas:
         protocol.actions_for(schema)
-    known = condition.rooms.get(-1 if subject is None else subject, ())
-    for number, (visit, layout) in enumerate(zip(visits, known, strict=False)):
-        visits[number] = replace(visit, layout=layout)
     return visits
 
 
@@ -133,9 +125,7 @@ def shown_trials(condition: Condition, protocol: Protocol) -> int:
     >>> shown_trials(find_condition("shown-CC3-CC4"), PROTOCOLS["human"])
     6
     """
-    if not condition.shown:
-        return 0
-    visits = plan(condition, protocol, np.random.default_rng(0))
+    visits = plan(condition, protocol, np.random.default_rng(0)) if condition.shown else []
     return sum(visit.phase == SHOWN for visit in visits)
 
 

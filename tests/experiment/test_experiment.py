@@ -49,7 +49,7 @@ def test_an_experiment_is_the_same_from_its_file_and_from_its_folder(drawn):
     with tempfile.TemporaryDirectory() as folder:
         for schema in drawn.schemas:
             written(Path(folder), schema.to_yaml(), f"{schema.name}.yaml")
-        path = written(Path(folder), dump_yaml(drawn.as_file(folder)))
+        path = written(Path(folder), dump_yaml(drawn.as_file(".")))
         assert read_experiment(path).identity == drawn.identity
     kept = {"identity": drawn.identity, **drawn.as_dict(), "cells": []}
     assert parse_experiment(json.loads(json.dumps(kept))).as_dict() == drawn.as_dict()
@@ -88,17 +88,6 @@ def test_a_cell_is_another_cell_as_soon_as_anything_that_matters_changes(tmp_pat
     assert own[6:] == identities(alone.replace("cell_size: 2", "cell_size: 1"))[-6:]
 
 
-def test_schemas_are_found_beside_the_experiment_and_where_one_works(tmp_path, monkeypatch):
-    written(tmp_path, "name: gate\nlevers: [A, B]\nedges: {A: [door], B: [door]}\n", "gate.yaml")
-    (tmp_path / "elsewhere").mkdir()
-    for folder in (tmp_path, tmp_path / "elsewhere"):
-        path = written(folder, "name: e\nconditions: [gate, gate-CC3]\nlearners: [random]\n")
-        conditions = read_experiment(path).conditions
-        assert names(conditions) == ["gate", "gate-CC3"]
-        assert conditions[0].train[0].schema.levers == ("A", "B")
-        monkeypatch.chdir(tmp_path)
-
-
 def test_a_condition_can_be_any_sequence_of_schemas_and_layouts(tmp_path):
     text = """\
 name: own
@@ -123,8 +112,10 @@ def test_a_condition_has_many_forms_and_the_name_of_its_schemas(tmp_path):
     folder.mkdir()
     path = written(folder, "name: one\nlevers: [A]\nedges: {A: [door]}\n", "with-dashes.yaml")
     written(folder, find_schema("CE4").to_yaml(), "CC3-CC4.yaml")
-    trials = find_condition("CC3").train
-    assert find_condition("CC3") == Condition("CC3", trials) == Condition("", trials)
+    made = make_experiment(cc3, learner("random"), subjects=np.int64(3))  # no lists
+    assert (made.title, made.command) == ("random in CC3", "")
+    (baseline,) = made.conditions
+    assert find_condition("CC3") == baseline == Condition("", baseline.train)
     for name, train, test, *forms in (
         ("CC3", ["CC3"], [], "CC3", cc3, [cc3], {"train": "CC3"}),
         ("CC3-CC4", ["CC3"], ["CC4"], "CC3-CC4", [cc3, "CC4"], {"train": "CC3", "test": "CC4"}),
@@ -144,12 +135,6 @@ def test_a_condition_has_many_forms_and_the_name_of_its_schemas(tmp_path):
             assert names(group.schema for group in condition.train) == train
             assert names(group.schema for group in condition.test) == test
             assert condition.shown == ("shown" in str(form))
-
-
-def test_a_single_condition_and_learner_need_no_lists():
-    made = make_experiment(find_schema("CC3"), learner("random"), subjects=np.int64(3))
-    assert made.conditions == (find_condition("CC3"),)
-    assert (made.title, made.command) == ("random in CC3", "")
 
 
 def test_faults_of_meaning_come_together_each_with_its_line(tmp_path):
