@@ -1,14 +1,14 @@
 """Plots of results, each one line: ``results.plot.attempts()``.
 
-They are the public functions of :mod:`causal_openlock.analysis.plots`, which draw the report's
-figures too, with the results as their first argument.
+They are functions of :mod:`causal_openlock.analysis`, which draw the report's figures too, with the
+results as their first argument.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import wraps
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from causal_openlock.analysis.plots.attempts import plot_attempts, plot_transfer
 from causal_openlock.analysis.plots.belief import plot_beliefs
@@ -23,35 +23,26 @@ from causal_openlock.analysis.topics.pairwise import plot_pairs
 from causal_openlock.analysis.topics.savings import plot_savings
 from causal_openlock.analysis.topics.structure_recovery import plot_structure_recovery
 from causal_openlock.analysis.topics.survival import plot_survival
-from causal_openlock.errors import renamed
 from causal_openlock.files.validation import check_arguments
+from causal_openlock.paper.likeness_figure import plot_likeness
 
 
-class _Of:
-    """A plot function as a method: the results are its first argument.
-
-    It has the signature and the docstring of the function, which a method written out would repeat.
-    """
+class Plot:
+    """A plot function as a method of :class:`Plots`, which refuses an argument that it lacks."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self.function = function
-        self.__doc__ = function.__doc__
 
-    def __get__(self, plots: Plots | None, owner: type) -> Callable[..., Any]:
-        if plots is None:
-            return self.function
-        return bound_to(plots.results, self.function)
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = f"plot.{name}"
 
+    def __get__(self, plots: Plots, owner: type) -> Callable[..., Any]:
+        @wraps(self.function)
+        def plot(*values: Any, **options: Any) -> Any:
+            check_arguments(options, self.function, self.name)
+            return self.function(plots.results, *values, **options)
 
-def bound_to(results: Material, function: Callable[..., Any]) -> Callable[..., Any]:
-    """A plot function of some results, which refuses an argument that it lacks in a sentence."""
-
-    @wraps(function)
-    def plot(*values: Any, **options: Any) -> Any:
-        check_arguments(options, function, f"plot.{function.__name__.removeprefix('plot_')}")
-        return function(results, *values, **options)
-
-    return plot
+        return plot
 
 
 class Plots:
@@ -68,41 +59,24 @@ class Plots:
     def __init__(self, results: Material) -> None:
         self.results = results
 
-    attempts = _Of(plot_attempts)
-    transfer = _Of(plot_transfer)
-    course = _Of(plot_course)
-    categories = _Of(plot_categories)
-    survival = _Of(plot_survival)
-    cost = _Of(plot_cost)
-    congruency = _Of(plot_congruency)
-    savings = _Of(plot_savings)
-    pairs = _Of(plot_pairs)
-    subjects = _Of(plot_subjects)
-    beliefs = _Of(plot_beliefs)
-    sweep = _Of(plot_sweep)
-    structure_recovery = _Of(plot_structure_recovery)
-
-    @property
-    def likeness(self) -> Callable[..., Any]:
-        """Draw people's means at the fourteen points, and one learner's in each panel.
-
-        See :func:`~causal_openlock.paper.likeness_figure.plot_likeness`.
-        """
-        from causal_openlock.paper.likeness_figure import plot_likeness
-
-        return bound_to(self.results, plot_likeness)
-
-    if not TYPE_CHECKING:  # a misspelt name is still an error of types
-
-        def __getattr__(self, name: str) -> Any:
-            if name == "understanding":
-                renamed("results.plot.understanding", "results.plot.structure_recovery")
-                return self.structure_recovery
-            raise AttributeError(f"{type(self).__name__} has no plot {name!r}", name=name)
+    attempts = Plot(plot_attempts)
+    transfer = Plot(plot_transfer)
+    course = Plot(plot_course)
+    categories = Plot(plot_categories)
+    survival = Plot(plot_survival)
+    cost = Plot(plot_cost)
+    congruency = Plot(plot_congruency)
+    savings = Plot(plot_savings)
+    pairs = Plot(plot_pairs)
+    subjects = Plot(plot_subjects)
+    beliefs = Plot(plot_beliefs)
+    sweep = Plot(plot_sweep)
+    structure_recovery = Plot(plot_structure_recovery)
+    likeness = Plot(plot_likeness)
 
     def __repr__(self) -> str:
         return f"plots: {', '.join(dir(self))}; each takes ax= and returns the axes"
 
     def __dir__(self) -> list[str]:
         """The plots, for completion."""
-        return [name for name, plot in vars(type(self)).items() if isinstance(plot, _Of | property)]
+        return [name for name, plot in vars(type(self)).items() if isinstance(plot, Plot)]

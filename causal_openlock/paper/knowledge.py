@@ -29,10 +29,11 @@ import pandas as pd
 from matplotlib.patches import Patch
 
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import draws, in_rows, panels
+from causal_openlock.analysis.plots.panels import in_rows, panels
 from causal_openlock.belief.possible_schemas import listed_schemas
 from causal_openlock.belief.worth import PAPER_LIMIT, schema_worth
 from causal_openlock.errors import NothingToDrawError, OpenLockError
+from causal_openlock.files.validation import known_arguments
 from causal_openlock.paper.published import people, people_in_training
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.wording import joined, nearest
@@ -138,7 +139,7 @@ def peoples_rooms() -> pd.DataFrame:
     return table.assign(last_room=table["last_room"].mask(tests))
 
 
-@draws(pd.DataFrame | None, "steps, which knowledge_steps returns")
+@known_arguments
 def plot_knowledge_steps(steps: pd.DataFrame | None = None, *, ax: Any = None) -> Any:
     """Draw what each piece of knowledge saves, next to people's first and last rooms.
 
@@ -151,6 +152,10 @@ def plot_knowledge_steps(steps: pd.DataFrame | None = None, *, ax: Any = None) -
         rooms of CC3 and CE3. A bar is as long as the attempts that its knowledge saves.
     """
     steps = knowledge_steps([*_DRAWN]) if steps is None else steps
+    if not isinstance(steps, pd.DataFrame):
+        raise OpenLockError(
+            f"plot_knowledge_steps draws what knowledge_steps returns, not {type(steps).__name__}"
+        )
     held = {*steps["condition"]} if "condition" in steps else {}
     if lacking := [one for one in _DRAWN if one not in held]:
         raise NothingToDrawError(

@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 
 from causal_openlock.analysis.measures import TRANSFERS
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import Names, draws_results, in_rows, panels, rows_of
+from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.errors import NothingToDrawError
 from causal_openlock.paper.likeness import (
@@ -41,7 +41,6 @@ _TESTS = dict(zip(TRANSFERS, (12.3, 14.1, 16.5, 18.3), strict=True))
 _GREY = "#777777"
 
 
-@draws_results
 def plot_likeness(
     results: Material, *, learners: Names = None, together: bool = False, ax: Any = None
 ) -> Any:

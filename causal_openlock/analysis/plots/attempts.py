@@ -23,7 +23,7 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from causal_openlock.analysis.measures import BASELINES, TRANSFERS, mean_by_trial, ordered
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import Names, draws_results, in_rows, panels, rows_of
+from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of
 from causal_openlock.analysis.results.bounds import bounds_of
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.errors import NothingToDrawError
@@ -47,7 +47,6 @@ def comparable_means(
     return mean_by_trial(trials, ["phase", "trial"] if phase == "train" else ["phase"])
 
 
-@draws_results
 def plot_attempts(
     results: Material,
     *,
@@ -137,7 +136,6 @@ def _every_trial(results: Material, learners: Names, conditions: Names, ax: Any)
     return _beside(results, means, False, panel, looks, ax)
 
 
-@draws_results
 def plot_transfer(
     results: Material,
     *,

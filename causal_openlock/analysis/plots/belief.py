@@ -22,11 +22,13 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import Layout, draws, draws_results, panels
+from causal_openlock.analysis.plots.panels import Layout, panels
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.traces import replayed
 from causal_openlock.belief.trace import Moment, Trace, agreement, percent, shown_name
+from causal_openlock.errors import OpenLockError
 from causal_openlock.files.atomic import write_bytes
+from causal_openlock.files.validation import known_arguments
 from causal_openlock.render.arrange import arrange
 from causal_openlock.render.graph import draw_schema
 from causal_openlock.render.suffixes import path_of_picture
@@ -44,7 +46,6 @@ _INK, _FAINT = "#222222", "#9A9A9A"
 _RENEWED: Any = {"color": _FAINT, "lw": 1.0, "ls": (0, (1.5, 1.5))}
 
 
-@draws_results
 def plot_beliefs(
     results: Material,
     subject: int | None = None,
@@ -83,7 +84,7 @@ def plot_beliefs(
     return plot_trace(replayed(results, subject, learner, condition, trial), ax=ax)
 
 
-@draws(Trace, "a trace, which trace_trial returns")
+@known_arguments
 def plot_trace(
     trace: Trace, *, actions: int = MOST_ACTIONS, arrows: int = MOST_ARROWS, ax: Any = None
 ) -> Any:
@@ -95,6 +96,10 @@ def plot_trace(
         arrows: Most arrows to show, those that were ever most probable.
         ax: As in :func:`plot_beliefs`, as what is returned.
     """
+    if not isinstance(trace, Trace):
+        raise OpenLockError(
+            f"plot_trace draws a trace, which trace_trial returns, and not {type(trace).__name__}"
+        )
     shown = Part.of(trace, actions, arrows)
     graphs, names = _plan_graphs(shown), list(map(shown_name, shown.actions))
     heading = (

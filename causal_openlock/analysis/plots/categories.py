@@ -19,7 +19,7 @@ from matplotlib.patches import Patch
 
 from causal_openlock.analysis.measures import BASELINES, TRANSFERS, ordered
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import Names, draws_results, in_rows, panels, rows_of
+from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.errors import NothingToDrawError, OpenLockError
 from causal_openlock.experiment.declare import HUMAN_PROTOCOL
@@ -57,7 +57,6 @@ def counts_like_ddqn(
     ]
 
 
-@draws_results
 def plot_categories(
     results: Material,
     kind: Literal["baseline", "transfer"] = "baseline",

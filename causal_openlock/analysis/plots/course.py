@@ -31,7 +31,6 @@ from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import (
     Layout,
     Names,
-    draws_results,
     panels,
     set_size,
     trials_under,
@@ -93,7 +92,6 @@ def course_of(
     return Course(shown, mean_by_trial(shown, ["phase", "place"]), int(width.max()), limit, ideal)
 
 
-@draws_results
 def plot_course(
     results: Material,
     *,

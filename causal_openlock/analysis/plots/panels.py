@@ -16,10 +16,7 @@ import math
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import wraps
-from inspect import signature
-from types import UnionType
-from typing import Any, TypeVar, cast
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -30,7 +27,7 @@ from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.errors import NothingToDrawError, OpenLockError
-from causal_openlock.files.validation import check_arguments, several
+from causal_openlock.files.validation import several
 from causal_openlock.wording import counted, nearest
 
 Names = Collection[str] | None
@@ -38,37 +35,6 @@ Names = Collection[str] | None
 
 Layout = Callable[[FigureBase], Sequence[Axes]]
 """Gives a figure its size and its panels."""
-
-
-Plot = TypeVar("Plot", bound=Callable[..., Any])
-
-
-def draws(kind: type | UnionType, what: str) -> Callable[[Plot], Plot]:
-    """Have a plot function refuse in a sentence what it cannot draw, and arguments that it lacks.
-
-    Args:
-        kind: The type of its first argument, which may be left out if None is of that type.
-        what: What that is, and what returns it.
-    """
-
-    def checked(function: Plot) -> Plot:
-        name, first = function.__name__, next(iter(signature(function).parameters))
-
-        @wraps(function)
-        def plot(*values: Any, **options: Any) -> Any:
-            given = values[0] if values else options.pop(first, None)
-            if not isinstance(given, kind):
-                raise OpenLockError(f"{name} draws {what}, and not {type(given).__name__}")
-            check_arguments(options, function, name)
-            return function(given, *values[1:], **options)
-
-        return cast(Plot, plot)
-
-    return checked
-
-
-draws_results = draws(Material, "results, which compare and open_results return")
-"""Decorates a plot function of results."""
 
 
 def set_size(figure: FigureBase, width: float, height: float) -> None:

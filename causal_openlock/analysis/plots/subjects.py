@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 
 from causal_openlock.analysis.measures import by_subject, judged, ordered
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import Names, draws_results, in_rows, panels, rows_of
+from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.errors import NothingToDrawError
 
@@ -22,7 +22,6 @@ _BINS = 30  # heights that circles can have
 _WIDEST = 20.5  # diameter of a circle that is all subjects, in points
 
 
-@draws_results
 def plot_subjects(
     results: Material, *, learners: Names = None, conditions: Names = None, ax: Any = None
 ) -> Any:

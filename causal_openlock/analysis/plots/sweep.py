@@ -17,7 +17,6 @@ from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import (
     Names,
-    draws_results,
     in_rows,
     panels,
     rows_of,
@@ -109,7 +108,6 @@ def _are_numbers(values: list[Any]) -> bool:
     return all(isinstance(one, int | float) and not isinstance(one, bool) for one in values)
 
 
-@draws_results
 def plot_sweep(
     results: Material,
     parameter: str | None = None,

@@ -23,7 +23,7 @@ from causal_openlock.analysis.decisions import Decided
 from causal_openlock.analysis.effects import ALPHA, Difference, Group, weighted_difference
 from causal_openlock.analysis.measures import TRANSFERS, by_subject, judged, ordered
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import Names, draws_results, panels, trials_under
+from causal_openlock.analysis.plots.panels import Names, panels, trials_under
 from causal_openlock.analysis.plots.rows import dots, name_rows, same_scale, two_panels
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
@@ -161,7 +161,6 @@ def _saved(found: Difference, solved: float) -> dict[str, float]:
     return {"saved": values.value, "low": values.low, "high": values.high, "p": values.p}
 
 
-@draws_results
 def plot_congruency(
     results: Material,
     *,

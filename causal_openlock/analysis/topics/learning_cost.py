@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from causal_openlock.analysis.decisions import Decided
 from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT, ordered
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import Names, draws_results, in_rows, panels, rows_of
+from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.bounds import Bounds
 from causal_openlock.analysis.results.material import Material
@@ -141,7 +141,6 @@ def median_cost(cost: FloatArray) -> tuple[float, float, float]:
     return middle, low, high
 
 
-@draws_results
 def plot_cost(
     results: Material,
     *,

@@ -25,7 +25,6 @@ from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT, judged, orde
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import (
     Names,
-    draws_results,
     panels,
     set_size,
     trials_under,
@@ -139,7 +138,6 @@ def pairwise_table(held: Outcomes) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=PAIR_COLUMNS)
 
 
-@draws_results
 def plot_pairs(
     results: Material,
     *,

@@ -19,7 +19,7 @@ from matplotlib.ticker import MaxNLocator, PercentFormatter
 from causal_openlock.analysis.decisions import Decided
 from causal_openlock.analysis.measures import BASELINES, TRANSFERS, by_subject, ordered
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import Names, draws_results, panels, trials_under
+from causal_openlock.analysis.plots.panels import Names, panels, trials_under
 from causal_openlock.analysis.plots.rows import dots, name_rows, same_scale, two_panels
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
@@ -136,7 +136,6 @@ def _published(reference: Reference, protocol: str) -> list[tuple[Any, ...]]:
     return rows
 
 
-@draws_results
 def plot_savings(
     results: Material, *, learners: Names = None, protocol: str | None = None, ax: Any = None
 ) -> Any:

@@ -23,7 +23,7 @@ from matplotlib.ticker import MaxNLocator
 from causal_openlock.analysis.decisions import Decided
 from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import Names, draws_results, in_rows, panels, rows_of
+from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.structure_errors import structure_distance
@@ -225,7 +225,6 @@ def _edges(answer: Answer, positions: int) -> FloatArray:
     return edges
 
 
-@draws_results
 def plot_structure_recovery(
     results: Material,
     *,

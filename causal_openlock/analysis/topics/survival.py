@@ -20,7 +20,6 @@ from causal_openlock.analysis.measures import CELL, SUBJECT, judged, ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import (
     Names,
-    draws_results,
     in_rows,
     panels,
     trials_under,
@@ -91,7 +90,6 @@ def kaplan_meier(events: IntArray | FloatArray, at_risk: IntArray | FloatArray) 
     return np.cumprod(kept, axis=-1, dtype=np.float64)
 
 
-@draws_results
 def plot_survival(
     results: Material,
     *,
