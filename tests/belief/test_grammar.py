@@ -1,6 +1,5 @@
 """The grammar of schema classes: each class once, and what it generates."""
 
-import math
 from collections import defaultdict
 from functools import cache
 
@@ -10,7 +9,6 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from causal_openlock.belief.catalogue import catalogue, feasible, free_form_weight
 from causal_openlock.belief.grammar import (
     GATES,
     MAX_LENGTH,
@@ -22,15 +20,9 @@ from causal_openlock.belief.grammar import (
     outlines,
     schema_classes,
 )
-from causal_openlock.belief.structures import gate_dags
-from oracle import free_form
 from support.belief_arrays import (
     class_structures,
-    fits,
     keys_of,
-    of_classes,
-    partition,
-    seen_of,
 )
 
 
@@ -130,77 +122,4 @@ def test_a_class_generates_what_dealing_out_its_roles_gives(levers):
         assert ours[pair] == pytest.approx(chance, abs=1e-12)
 
 
-@pytest.mark.parametrize("levers", [1, 2, 3, 4, 5])
-def test_what_a_class_generates_adds_up_to_one_where_it_can_have_so_many_levers(levers):
-    whole = assigned(*outlines(levers))
-    total = np.bincount(whole.kind, whole.chance, minlength=len(schema_classes()))
-    can = feasible(levers)
-    # Of five levers the longest classes are not outlined.
-    listed = can[:-1] if levers < 5 else can[:-1] & (total > 0)
-    assert total == pytest.approx(listed.astype(float))
-    assert listed.sum() > 0.5 * can.sum()
-    assert can[-1]
-    assert can[:-1].tolist() == [
-        len(kind.roles) == levers
-        or (len(kind.roles) < levers and any(role.many for role in kind.roles))
-        for kind in schema_classes()
-    ]
-
-
-@pytest.mark.parametrize("levers", [1, 2, 3, 4])
-def test_the_free_form_lets_each_lever_choose_among_those_before_it(levers):
-    weights = free_form_weight(levers, 0.7)
-    assert weights.sum() == pytest.approx(1.0)
-    assert weights.min() > 0
-    if levers < 4:
-        expected = free_form(levers, 0.7)
-        assert dict(zip(keys_of(gate_dags(levers)), weights, strict=True)) == pytest.approx(
-            expected
-        )
-
-
 # -- the catalogue of what n levers can do --------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("levers", "solutions", "action_limit", "uncertain"),
-    [(2, 1, 3, False), (2, 2, 2, False), (3, 2, 3, False), (3, 2, 3, True), (3, 1, 3, False)],
-)
-def test_a_catalogue_lists_each_behaviour_once_with_all_that_stands_behind_it(
-    levers, solutions, action_limit, uncertain
-):
-    simplicity, strength = math.log(2), 0.7 if uncertain else 1.0
-    own = catalogue(levers, solutions, action_limit, uncertain, simplicity, 20_000)
-    members = keys_of(own.members)
-    assert len(set(members)) == len(members)
-    seen = [seen_of(key, action_limit, strength) for key in members]
-    assert own.behaviour.tolist() == sorted(own.behaviour.tolist())
-    assert partition(own.behaviour.tolist()) == partition(seen)
-
-    expected = {
-        key: chance
-        for key, chance in free_form(levers, simplicity).items()
-        if fits(key, solutions, action_limit)
-    }
-    free = own.kind == len(schema_classes())
-    assert {members[i] for i in own.member[free]} == expected.keys()
-    for member, chance in zip(own.member[free], own.chance[free], strict=True):
-        assert chance == pytest.approx(expected[members[member]])
-    assert {members[i] for i in own.member[~free]} <= expected.keys()
-
-    prior = class_prior(simplicity, 0.1) * feasible(levers)
-    prior /= prior.sum()
-    by_hand = defaultdict(float)
-    for _, key, chance in of_classes(prior, levers, simplicity):
-        if fits(key, solutions, action_limit):
-            by_hand[seen_of(key, action_limit, strength)] += chance
-    ours = own.prior(prior)
-    first = [seen[index] for index in np.unique(own.behaviour, return_index=True)[1]]
-    assert set(first) == by_hand.keys()
-    assert ours == pytest.approx([by_hand[behaviour] for behaviour in first], abs=1e-12)
-
-    pairs = own.pairs_given_behaviour(prior)
-    of_each = np.bincount(own.behaviour[own.member], pairs)
-    assert of_each == pytest.approx(1.0)
-    together = pairs * ours[own.behaviour[own.member]]
-    assert together == pytest.approx(prior[own.kind] * own.chance)

@@ -107,51 +107,6 @@ def test_values_of_actions_are_those_of_plain_recursion(seed, unsure):
                 assert value == pytest.approx(expected, abs=1e-7)
 
 
-def attempts_of_plan(names, positions, objective):
-    """Attempts that the plan needs on average until everything is found; exact, no sampling.
-
-    Every hypothesis is followed at once: an action splits those that are still possible by what
-    they predict.
-    """
-    hypotheses, prior = mixed(names, 3, positions)
-    thinker, total = Thinker(hypotheses, CERTAIN), 0.0
-    everyone = dict(zip(thinker.rules, prior.tolist(), strict=True))
-    todo = [(everyone, NOTHING, False, 3, NOTHING)]
-    while todo:
-        belief, pushed, _, left, found = moment = todo.pop()
-        if left == 3:
-            if len(found) == hypotheses.solutions.shape[1]:
-                continue
-            total += sum(belief.values())
-        values = thinker.values(*moment, objective)
-        node = next(n for n, value in values.items() if value >= max(values.values()) - 1e-9)
-        for seen, rest in branches(belief, pushed, node, found).items():
-            then = found | {pushed} if seen.new else found
-            over = seen.opened or left == 1
-            at = (NOTHING, False, 3) if over else (seen.pushed, seen.unlocked, left - 1)
-            todo.append((rest, *at, then))
-    return total
-
-
-@pytest.mark.parametrize(
-    ("names", "positions", "optimum", "beta"),
-    [
-        (("CC3",), None, 8 / 3, 3.0),
-        (("CE4",), None, 3.75, 3.0),
-        (("CC3", "CE3"), None, 2 + 5 / 6, 2.0),
-        (("CC4", "CE4"), None, 3.875, 5.0),
-        (("CC3", "CE3"), 7, 4.810, 3.0),
-    ],
-)
-def test_the_plan_needs_hardly_more_attempts_than_the_optimum(names, positions, optimum, beta):
-    attempts = attempts_of_plan(names, positions, Objective(1.0, beta))
-    assert optimum - 1e-3 < attempts < optimum + 0.05
-
-
-def test_information_alone_is_not_enough():
-    assert attempts_of_plan(("CC3", "CE3"), 7, Objective(1.0, 1e-6)) > 4.810 + 0.2
-
-
 # -- optimal play ----------------------------------------------------------------------------------
 
 

@@ -18,7 +18,7 @@ from causal_openlock.belief.structures import (
     merge,
 )
 from causal_openlock.testing import schemas
-from oracle import DOOR, NOTHING, Seen, free_form, structure
+from oracle import DOOR, NOTHING, Seen, structure
 from support.belief_arrays import (
     arrays_of,
     hypothesis_of,
@@ -50,13 +50,6 @@ def test_a_structure_does_what_its_schema_does(schema):
     order = np.random.default_rng(n).permutation(n)
     (renamed,) = keys_of(own.on_slots(order, n))
     assert structure(*renamed).key == rules.at(dict(enumerate(order.tolist()))).key
-
-
-@pytest.mark.parametrize("levers", [1, 2, 3])
-def test_every_gate_dag_is_listed_once(levers):
-    ours = keys_of(gate_dags(levers))
-    assert len(set(ours)) == len(ours)
-    assert set(ours) == free_form(levers, 0.0).keys()
 
 
 @pytest.mark.parametrize(
