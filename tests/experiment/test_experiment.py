@@ -88,25 +88,6 @@ def test_a_cell_is_another_cell_as_soon_as_anything_that_matters_changes(tmp_pat
     assert own[6:] == identities(alone.replace("cell_size: 2", "cell_size: 1"))[-6:]
 
 
-def test_a_condition_can_be_any_sequence_of_schemas_and_layouts(tmp_path):
-    text = """\
-name: own
-conditions:
-  - name: sequence
-    train:
-      - {schema: CC3, layouts: [trial2, {L0: LEFT, L1: UPPER, L2: LOWER}], shuffle: false}
-      - {schema: two_keys, layouts: random, trials: 3}
-    test:
-      - {schema: CE4, layouts: published, trials: 2}
-learners: [random]
-"""
-    (condition,) = read_experiment(written(tmp_path, text)).conditions
-    first, second = condition.train
-    assert [layout.places for layout in first.layouts] == [(3, 5, 1), (3, 1, 5)]
-    assert (first.shuffle, second.layouts, second.number) == (False, "random", 3)
-    assert condition.test[0].number == 2
-
-
 def test_a_condition_has_many_forms_and_the_name_of_its_schemas(tmp_path):
     cc3, folder = find_schema("CC3"), tmp_path / "my-own-schemas"
     folder.mkdir()
