@@ -10,8 +10,7 @@ play comes after it, Q. All of it is exact.
   The regrets of a trial and its luck add up to its attempts beyond V at its start, and, of a trial
   that was not solved, those that would still have been needed: V at its end. Luck is 0 on average,
   so mean regret is the mean of that.
-* **Information** expected of an action is the entropy of its outcome, since rooms in which levers
-  move surely add no noise; gained is the entropy of the posterior before less that after it.
+* **Information** gained is the entropy of the posterior before an action less that after it.
 * **Useless** is an action of which the observer knew that it would change nothing, or one that came
   when nothing in the rest of the attempt could help any more.
 """
@@ -41,16 +40,12 @@ class Worth(NamedTuple):
     Attributes:
         used: How many actions it had.
         regret: What the choices cost, in attempts.
-        expected: Bits of information that the actions were expected to give.
-        best: Bits that the best action at each of these moments was expected to give.
-        gained: Bits that were gained.
+        gained: Bits of information that were gained.
         useless: How many actions were known to be useless.
     """
 
     used: int
     regret: float
-    expected: float
-    best: float
     gained: float
     useless: int
 
@@ -84,8 +79,7 @@ class Observer:
         self._optimum = Optimum(own, np.ones(len(own)), action_limit)
         self._optimum.attempts()
         self._choice, self._entropy = cache(self._judged), cache(self._optimum.entropy)
-        self._attempt, self._most = cache(self._followed), cache(self._most_bits)
-        self._truth = cache(self._hypothesis)
+        self._attempt, self._truth = cache(self._followed), cache(self._hypothesis)
 
     def trial(self, layout: Layout, attempts: Sequence[Sequence[int]]) -> list[Worth]:
         """Worth of each attempt of a trial, until everything is found.
@@ -121,39 +115,26 @@ class Observer:
 
     def _followed(self, truth: int, point: Point, actions: tuple[int, ...]) -> tuple[Worth, Point]:
         """An attempt, and the state that it leaves."""
-        regret = expected = best = gained = 0.0
+        regret = gained = 0.0
         useless = 0
         for action in actions:
-            cost, bits, most, idle, outcomes = self._choice(point, action)
+            cost, idle, outcomes = self._choice(point, action)
             after = next(one for one in outcomes if one.possible & truth)
             gained += self._entropy(point.possible) - self._entropy(after.possible)
-            regret, expected, best = regret + cost, expected + bits, best + most
-            useless += idle
-            point = after
-        worth = Worth(len(actions), regret, expected, best, gained, useless)
+            regret, useless, point = regret + cost, useless + idle, after
+        worth = Worth(len(actions), regret, gained, useless)
         return worth, point._replace(pushed=0, left=self._limit)
 
-    def _judged(self, point: Point, action: int) -> tuple[float, float, float, bool, list[Point]]:
-        """An action's regret, its information and the most there is, whether it is useless."""
+    def _judged(self, point: Point, action: int) -> tuple[float, bool, list[Point]]:
+        """An action's regret, whether it is useless, and what may come of it."""
         optimum = self._optimum
         value, outcomes = optimum.value(point), optimum.after(point, action)
         regret = sum(share * optimum.value(one) for share, one in outcomes) - value
-        same = [(one.possible, one.found) == point[:2] for _, one in outcomes]
-        idle = all(same) and all(one.pushed == point.pushed or not one.left for _, one in outcomes)
+        then = [one for _, one in outcomes]
+        same = [(one.possible, one.found) == point[:2] for one in then]
+        idle = all(same) and all(one.pushed == point.pushed or not one.left for one in then)
         lost = optimum.value(point._replace(left=0)) - value < NO_DIFFERENCE
-        regret = regret if regret > NO_DIFFERENCE else 0.0
-        most, then = self._most(point), [one for _, one in outcomes]
-        return regret, _bits(outcomes), most, idle or lost, then
-
-    def _most_bits(self, point: Point) -> float:
-        """The most information that an action gives."""
-        actions = range(2 * len(self._schema.levers) + 1)
-        return max(_bits(self._optimum.after(point, one)) for one in actions)
-
-
-def _bits(outcomes: list[tuple[float, Point]]) -> float:
-    share = np.array([one for one, _ in outcomes])
-    return float(-(share * np.log2(share)).sum()) + 0.0
+        return regret if regret > NO_DIFFERENCE else 0.0, idle or lost, then
 
 
 @lru_cache(maxsize=64)

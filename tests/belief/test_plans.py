@@ -206,12 +206,11 @@ def test_regret_and_information_of_attempts_in_a_room():
             worths = Observer(schema, limit).trial(layout, attempts.tolist())
             possible, found = belief, NOTHING
             for attempt, worth in zip(attempts.tolist(), worths, strict=False):
-                pushed, left, told = NOTHING, limit, np.zeros(4)  # as in Worth, without useless
+                pushed, left, told = NOTHING, limit, np.zeros(2)
                 for action in attempt:
                     whole = dict(possible)
                     every = [*range(len(grey)), DOOR]
                     parts = [branches(whole, pushed, node, found) for node in every]
-                    gains = [entropy({s: sum(p.values()) for s, p in one.items()}) for one in parts]
                     pull, position = divmod(action, 7)
                     node = DOOR if pull == 2 else grey.index(position) if position in grey else None
                     does = node == DOOR or (node is not None and pull == (node in pushed))
@@ -222,13 +221,12 @@ def test_regret_and_information_of_attempts_in_a_room():
                         possible = tuple(parts[every.index(node)][seen].items())
                         found |= {pushed} if seen.new else NOTHING
                         pushed = seen.pushed
-                    expected = gains[every.index(node)] if does else 0.0
                     gained = entropy(whole) - entropy(dict(possible))
-                    told += [cost, expected, max(gains), gained]
+                    told += [cost, gained]
                     left -= 1
                     if seen and seen.opened:
                         break
-                got = [worth.regret, worth.expected, worth.best, worth.gained]
+                got = [worth.regret, worth.gained]
                 assert got == pytest.approx(told.tolist(), abs=1e-8)
 
 

@@ -33,14 +33,14 @@ if TYPE_CHECKING:
 
 _TRIAL = [*CELL, *SUBJECT, *VISIT]
 _ROOM = ["schema", "layout"]
-WORTH = ["used", "regret", "expected", "best", "gained", "useless"]
+WORTH = ["used", "regret", "gained", "useless"]
 """Measures of an attempt: the fields of :class:`~causal_openlock.belief.observer.Worth`."""
 MOST = 400_000
 """Records of more attempts than this are not judged: it takes half a minute for each million."""
 _PROSE = Prose(__name__)
 _FORMATS = {
     "subjects": ",",
-    **dict.fromkeys(("regret", "ci_low", "ci_high", "information", "best"), ".2f"),
+    **dict.fromkeys(("regret", "ci_low", "ci_high", "information"), ".2f"),
     "useless": ".0%",
 }
 
@@ -65,9 +65,7 @@ def regret(results: Material) -> pd.DataFrame:
         - ``regret``: attempts that its choices cost on average, whatever luck there was. A trial's
           regrets, added up, are on average the attempts beyond those of the ideal observer, and, of
           a trial that was not solved, those that would still have been needed.
-        - ``expected``: bits of information that its actions were expected to give.
-        - ``best``: bits that the best action would have given at each of these moments, added up.
-        - ``gained``: bits that were gained; ``expected`` on average.
+        - ``gained``: bits of information that were gained.
         - ``useless``: how many actions were known to be: sure to change nothing, or at a moment at
           which nothing in the rest of the attempt could help any more.
     """
@@ -143,24 +141,23 @@ def regret_by_condition(table: pd.DataFrame) -> pd.DataFrame:
     Returns:
         ``learner``, ``protocol``, ``subjects`` of all conditions; ``regret``, the mean of a
         trial's, with its 95% bootstrap interval over subjects ``ci_low`` and ``ci_high``;
-        ``information`` and ``best``, bits expected of an action and of the best one; ``useless``,
-        the share of actions.
+        ``information``, bits that an action gained; ``useless``, the share of actions.
     """
     subject = [*CELL, *SUBJECT]
     grouped = table.groupby(subject, observed=True, sort=True)
     each = grouped[WORTH].sum()
     trials = table.groupby([*subject, *VISIT], observed=True).size()
     each["regret"] /= trials.groupby(subject, observed=True).size()
-    for name in ("expected", "best", "useless"):
+    for name in ("gained", "useless"):
         each[name] /= each["used"]
     rows = []
     for (learner, protocol), own in each.groupby(["learner", "protocol"], observed=True):
         interval = mean_interval(own[["regret"]].to_numpy(float).T, np.random.default_rng(SEED))
         low, high = (float(end[0]) for end in interval)
-        means = own[["regret", "expected", "best", "useless"]].mean()
+        means = own[["regret", "gained", "useless"]].mean()
         rows.append((learner, protocol, len(own), means.iloc[0], low, high, *means.iloc[1:]))
     columns = ["learner", "protocol", "subjects", "regret", "ci_low", "ci_high"]
-    return pd.DataFrame(rows, columns=[*columns, "information", "best", "useless"])
+    return pd.DataFrame(rows, columns=[*columns, "information", "useless"])
 
 
 def section(material: Material, _: Decided) -> Section | None:
