@@ -36,8 +36,7 @@ class Playing(NamedTuple):
     cell: Cell
     share: float
     seconds: float
-    still: float
-    """Seconds since the last report."""
+    still: float  # seconds since the last report
 
 
 @dataclass(frozen=True)
@@ -48,10 +47,8 @@ class RunProgress:
     done: int
     failed: int
     playing: tuple[Playing, ...]
-    share: float
-    """The share of the work that is done."""
-    left: float | None
-    """Seconds left with as many cells at a time as now, if they can be estimated."""
+    share: float  # of the work that is done
+    left: float | None  # seconds with as many cells at a time as now, if they can be estimated
 
     @property
     def over(self) -> bool:

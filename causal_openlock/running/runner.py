@@ -171,17 +171,17 @@ def _checked(watching: Watching, limit: float) -> Watching:
     for name, value in waits.items():
         if isinstance(value, bool) or not (isinstance(value, Real) and float(value) >= 0):
             raise OpenLockError(f"{name} is a number of seconds, not {value!r}")
-    # A cell that is ended has to have made progress.
-    watching = replace(watching, checkpoint_every=min(watching.checkpoint_every, limit / 5))
-    if watching.tensorboard is not None:
+    tensorboard = watching.tensorboard
+    if tensorboard is not None:
         if find_spec("tensorboard") is None:
             raise OpenLockError(
                 "logs for TensorBoard need the package tensorboard; install it with: "
                 "pip install 'causal-openlock[tensorboard]'"
             )
-        # A worker may be in another directory.
-        watching = replace(watching, tensorboard=str(Path(watching.tensorboard).resolve()))
-    return watching
+        tensorboard = str(Path(tensorboard).resolve())  # a worker may be in another directory
+    # A cell that is ended has to have made progress.
+    every = min(watching.checkpoint_every, limit / 5)
+    return replace(watching, checkpoint_every=every, tensorboard=tensorboard)
 
 
 @dataclass

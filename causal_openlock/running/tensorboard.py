@@ -11,8 +11,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
-
 from causal_openlock.contract.learner import Learner
 from causal_openlock.experiment.session import Session
 
@@ -31,30 +29,24 @@ def curves(session: Session, learner: Learner, folder: Path) -> Iterator[Callabl
     brief, log = session.brief, session.log
     # In rows of the log: the attempts of all subjects.
     period = max(brief.trials * brief.attempt_limit // POINTS, 1) * brief.subjects
-    known = log.rows
-    purge = known // brief.subjects + 1 if known else None  # points after the checkpoint
+    drawn = log.rows
+    purge = drawn // brief.subjects + 1 if drawn else None  # points after the checkpoint
 
     def draw() -> None:
-        nonlocal known
-        if log.rows - known >= period or session.over:
-            for name, value in _point(session, learner, known).items():
-                writer.add_scalar(name, value, log.rows // brief.subjects)
-            known = log.rows
+        nonlocal drawn
+        if log.rows - drawn < period and not session.over:
+            return
+        new, drawn = log.since(drawn), log.rows
+        point = {"attempts/reward": new["reward"].mean(), "attempts/opened": new["opened"].mean()}
+        complete = new["solutions_found"] == session.solutions[new["subject"], new["visit"]]
+        solved = complete & new["new_solution"]
+        decided = solved | (~complete & (new["attempt"] == brief.attempt_limit))
+        if decided.any():
+            point["trials/solved_share"] = solved[decided].mean()
+            point["trials/attempts"] = new["attempt"][decided].mean()
+        point |= {f"learner/{name}": value for name, value in learner.metrics().items()}
+        for name, value in point.items():
+            writer.add_scalar(name, float(value), log.rows // brief.subjects)
 
     with SummaryWriter(str(folder), purge_step=purge, flush_secs=10) as writer:
         yield draw
-
-
-def _point(session: Session, learner: Learner, known: int) -> dict[str, float]:
-    """The values of a point, over the attempts since row ``known`` of the log."""
-    new = session.log.since(known)
-    point = {"attempts/reward": new["reward"].mean(), "attempts/opened": new["opened"].mean()}
-    complete = new["solutions_found"] == session.solutions[new["subject"], new["visit"]]
-    solved = complete & new["new_solution"]
-    failed = ~complete & (new["attempt"] == session.brief.attempt_limit)
-    decided = np.flatnonzero(solved | failed)
-    if len(decided):
-        point["trials/solved_share"] = solved[decided].mean()
-        point["trials/attempts"] = new["attempt"][decided].mean()
-    point |= {f"learner/{name}": value for name, value in learner.metrics().items()}
-    return {name: float(value) for name, value in point.items()}

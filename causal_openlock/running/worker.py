@@ -118,10 +118,7 @@ def _record_failure(store: Store, cell: Cell, error: BaseException) -> str:
         what = f"{type(error).__name__}: {what}".removesuffix(": ") + _users_line(error)
         if isinstance(error, ValueError) and "is read-only" in what:
             what += "; what a learner is given cannot be changed: work on a copy, array.copy()"
-    try:
-        trace = "".join(traceback.format_exception(error))
-    except Exception:  # a foreign exception's own attributes may raise
-        trace = f"{type(error).__name__}\n"
+    trace = "".join(traceback.format_exception(error))
     if len(trace) > MOST_WRITTEN:  # an exception's text may be of any length
         trace = f"{trace[: MOST_WRITTEN // 2]}\n...\n{trace[-MOST_WRITTEN // 2 :]}"
     failures = 0 if isinstance(error, NotAvailableError) else 1
@@ -153,9 +150,9 @@ def _begun(cell: Cell, checkpoint: Checkpoint) -> tuple[Session, Learner]:
 
 def _cautions(start: GlobalRandomness | None, learner: Learner, spec: LearnerSpec) -> list[str]:
     """What results warn of: a user's learner uses shared generators, or cannot be stored."""
-    cautions: list[str] = []
     if is_ours(spec.learner):
-        return cautions
+        return []
+    cautions = []
     if used := start.differs_from(GlobalRandomness.now()) if start else []:
         cautions.append(
             f"it uses or seeds the random numbers of {' and '.join(used)}, which all code shares, "

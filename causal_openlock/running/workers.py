@@ -226,12 +226,11 @@ def _serve(pipe: Connection, prepare: Callable[[], None] | None) -> None:
             job = pipe.recv()
             pipe.send(None)
             try:
-                answer: tuple[Any, BaseException | None] = (job(), None)
+                pipe.send((job(), None))
             except BaseException as error:
                 if not isinstance(error, OpenLockError):
                     error.add_note(traceback.format_exc())
-                answer = (None, error)
-            pipe.send(answer)
+                pipe.send((None, error))
 
 
 def begin_worker() -> None:

@@ -70,11 +70,6 @@ def suffixes(folder):
     return sorted(path.suffix for path in (folder / "cells").iterdir())
 
 
-def checkpoint_in(folder):
-    (path,) = (folder / "cells").glob("*.checkpoint")
-    return path
-
-
 class Killed(BaseException):
     """Stands for the end of a process."""
 
@@ -146,7 +141,7 @@ def made_with(**other):
 def test_a_checkpoint_that_does_not_fit_is_named_and_its_cell_begins_again(change, why, tmp_path):
     experiment = declared()
     syncs(experiment, tmp_path / "out", 25)
-    path = checkpoint_in(tmp_path / "out")
+    (path,) = (tmp_path / "out" / "cells").glob("*.checkpoint")
     path.write_bytes(change(path.read_bytes()))
     (said,) = play(experiment, tmp_path / "out")
     assert str(path) in said
