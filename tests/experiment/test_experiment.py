@@ -184,34 +184,26 @@ def test_the_command_line_changes_what_the_file_says(tmp_path):
     assert {spec.protocol.name for spec in chosen.learners} == {"rl"}
 
 
-def test_the_command_that_runs_it_again_says_what_was_changed(tmp_path):
-    path = written(tmp_path, SMALL)
-    assert read_experiment(path).command == f"causal-openlock compare {path}"
-    changed = read_experiment(path, Changes(conditions=["CC4", "CE4"], learners=["slow"], seed=1))
-    assert changed.command == (
-        f"causal-openlock compare {path} --condition CC4 --condition CE4 --learner slow --seed 1"
-    )
-    assert changed.title == "slow in CC4 and CE4"
-    assert read_experiment(path, Changes(conditions=[find_schema("CC4")])).command == ""
-
-
-def test_a_choice_of_ones_own_has_a_name_that_says_what_it_is(tmp_path):
+def test_a_choice_of_ones_own_has_a_name_and_a_command_that_say_what_it_is(tmp_path):
     """What is not what the file declares does not go by the file's name."""
     text = "name: mine\nconditions: [CC3, CE3, CC4, CE4]\nlearners: [random, oracle, bayes]\n"
     path = written(tmp_path, text)
+    transfers = ["CC3-CC4", "CC3-CE4", "CE3-CC4", "CE3-CE4"]
     crowd = ["random", "oracle", "ideal", "bayes", "ddqn"]
-    for name, changes in {
-        "mine": {"subjects": 3, "seed": 2, "protocol": "rl"},
-        "oracle_random_in_CC3-CC4": {
-            "learners": ["oracle", "random"], "conditions": ["CC3-CC4"]
-        },
-        "random_oracle_bayes_in_CC4": {"conditions": ["CC4"]},
-        "oracle_in_CC3_CE3_CC4_CE4": {"learners": ["oracle"]},
-        "5_learners_in_4_conditions": {
-            "learners": crowd, "conditions": ["CC3-CC4", "CC3-CE4", "CE3-CC4", "CE3-CE4"]
-        },
-    }.items():  # fmt: skip
-        assert read_experiment(path, Changes(**changes)).name == name
+    for learners, conditions, name in (
+        ([], [], "mine"),
+        (["oracle", "random"], ["CC3-CC4"], "oracle_random_in_CC3-CC4"),
+        ([], ["CC4"], "random_oracle_bayes_in_CC4"),
+        (["oracle"], [], "oracle_in_CC3_CE3_CC4_CE4"),
+        (crowd, transfers, "5_learners_in_4_conditions"),
+    ):
+        chosen = read_experiment(path, Changes(conditions or None, learners or None, "rl", seed=1))
+        options = [f"--condition {condition}" for condition in conditions]
+        options += [f"--learner {learner}" for learner in learners]
+        words = ["causal-openlock compare", str(path), *options, "--protocol rl --seed 1"]
+        assert (chosen.name, chosen.command) == (name, " ".join(words))
+    assert chosen.title.startswith("random, oracle, ideal")
+    assert read_experiment(path, Changes(conditions=[find_schema("CC4")])).command == ""
 
 
 GRID = "sweep: {lapse: [0.0, 0.1], policy: [thompson, solve_and_learn]}"
