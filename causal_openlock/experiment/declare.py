@@ -513,7 +513,7 @@ def label_of(name: str, values: Mapping[str, Any], mark: str) -> str:
     words = [name]
     for key, value in values.items():
         text = f"{value:.10g}" if isinstance(value, float) else str(value)
-        words += [key, re.sub(r"[^A-Za-z0-9.-]+", "_", text).strip("_")]
+        words += [str(key), re.sub(r"[^A-Za-z0-9.-]+", "_", text).strip("_")]
     return mark.join(words)
 
 
@@ -524,16 +524,16 @@ def points(entry: Mapping[str, Any]) -> list[dict[str, Any]]:
     >>> [(point["name"], point["parameters"]) for point in swept]
     [('bayes-lapse-0', {'lapse': 0.0}), ('bayes-lapse-0.1', {'lapse': 0.1})]
     """
-    common = {**entry}
-    sweep = common.pop("sweep", None)
-    if not isinstance(sweep, Mapping) or not all(isinstance(v, list) for v in sweep.values()):
+    sweep, fixed = entry.get("sweep"), entry.get("parameters") or {}
+    if not (isinstance(sweep, Mapping) and isinstance(fixed, Mapping)):
         return []
-    name = entry.get("name") or str(entry["learner"]).rpartition(":")[2]
+    name = str(entry.get("name") or str(entry.get("learner")).rpartition(":")[2])
+    lists = [values if isinstance(values, list) else [] for values in sweep.values()]
     entries = []
-    for values in islice(product(*sweep.values()), MOST_SWEPT):
+    for values in islice(product(*lists), MOST_SWEPT):
         point = dict(zip(sweep, values, strict=True))
-        parameters = {**(entry.get("parameters") or {}), **point}
-        entries.append({**common, "name": label_of(name, point, "-"), "parameters": parameters})
+        changed = {"name": label_of(name, point, "-"), "parameters": {**fixed, **point}}
+        entries.append({**{key: entry[key] for key in entry if key != "sweep"}, **changed})
     return entries
 
 

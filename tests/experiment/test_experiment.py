@@ -247,6 +247,11 @@ def test_a_sweep_or_one_of_its_learners_can_be_chosen_by_name(tmp_path):
     single = chosen(entry, every[2])
     assert names(single.learners) == [every[2]]
     assert single.command.endswith(f"experiment.yaml --learner {every[2]}")
+    for faulty in (
+        "{sweep: {lapse: [0.1]}}",
+        "{learner: bayes, name: 3, parameters: 3, sweep: {1: [2]}}",
+    ):
+        assert names(chosen(faulty, "random").learners) == ["random"]  # and the fault is no matter
     two = "{learner: bayes, sweep: {lapse: [0.1]}}\n  - {learner: bayes, sweep: {noise: [0.2]}}"
     assert names(chosen(two, "bayes").learners) == ["bayes-lapse-0.1", "bayes-noise-0.2"]
 
