@@ -9,9 +9,8 @@ reaction times also hold the attempts of a trial that is not over yet, which a r
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.record import schema_of
@@ -75,18 +74,6 @@ def read_reactions(folder: Path | str) -> pa.Table:
     return _read(folder, REACTIONS, reactions_schema()).sort_by(order)
 
 
-class Answer(NamedTuple):
-    """A subject's answer about the structure of a room, in words of :func:`answers_schema`."""
-
-    learner: str
-    condition: str
-    subject: int
-    visit: int
-    time: float
-    levers: tuple[int, ...]  #: the positions that they were asked about
-    edges: frozenset[tuple[int, int]]  #: pairs of a lever and what it enables
-
-
 def answers_schema() -> pa.Schema:
     """The columns of a table of answers: a row for every pair of levers that was asked about."""
     return schema_of(
@@ -100,37 +87,18 @@ def answers_schema() -> pa.Schema:
     )
 
 
-def write_answers(path: Path, answers: Sequence[Answer], door: int) -> None:
-    """Store one person's answers; ``door`` is the number of positions."""
-    rows = []
-    for answer in answers:
-        for cause, effect in product(answer.levers, (*answer.levers, door)):
-            if cause != effect:
-                pair = {
-                    "cause": cause,
-                    "effect": effect,
-                    "enables": (cause, effect) in answer.edges,
-                }
-                rows.append(answer._asdict() | pair)
-    _write(path, rows, answers_schema())
+def write_answers(path: Path, answers: Sequence[Mapping[str, Any]]) -> None:
+    """Store one person's answers, each a row of :func:`answers_schema`."""
+    _write(path, answers, answers_schema())
 
 
-def read_answers(folder: Path | str) -> list[Answer]:
-    """Participants' answers in a results folder; none if they were not asked.
+def read_answers(folder: Path | str) -> pa.Table:
+    """Participants' answers in a results folder, by :func:`answers_schema`; no rows without any.
 
     Raises:
         StoreError: If a file cannot be read.
     """
-    answers = []
-    table = _read(folder, STRUCTURES, answers_schema()).to_pandas()
-    for (learner, condition, subject, visit, time), pairs in table.groupby(
-        [*Answer._fields[:5]], sort=False
-    ):
-        levers = tuple(sorted(pairs["cause"].unique().tolist()))
-        edges = pairs.loc[pairs["enables"], ["cause", "effect"]].itertuples(index=False, name=None)
-        asked = (learner, condition, int(subject), int(visit), float(time))
-        answers.append(Answer(*asked, levers, frozenset(edges)))
-    return answers
+    return _read(folder, STRUCTURES, answers_schema())
 
 
 def _write(path: Path, rows: Sequence[Mapping[str, Any]], schema: pa.Schema) -> None:

@@ -10,12 +10,12 @@ actions that it is given, one after the other.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 from typing import Any, Literal
 
 import numpy as np
 
 from causal_openlock.contract.learner import View
-from causal_openlock.experiment.beside_record import Answer as SaidOfRoom
 from causal_openlock.experiment.declare import Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
 from causal_openlock.play.person import LABEL
@@ -72,7 +72,7 @@ class Game:
         turn: How many turns have been taken.
         done: The actions of the trials that count, in order.
         trials_over: How many of these trials have ended.
-        answers: What the person said of the rooms that they left.
+        answers: What the person said of the rooms that they left, a row for each pair of levers.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class Game:
         self.turn = 0
         self.done: list[PlayedAction] = []
         self._ended: list[Answer] = []
-        self.answers: list[SaidOfRoom] = []
+        self.answers: list[dict[str, Any]] = []
         self._ask, self._subject = ask, subject
         self._question: tuple[int, ...] | None = None  # the levers that are asked about
 
@@ -160,17 +160,18 @@ class Game:
 
     def answer(self, edges: list[list[int]], time: float) -> Answer:
         """Take what the person says of the room that they have left; one turn."""
-        self.answers.append(
-            SaidOfRoom(
-                LABEL,
-                self.session.condition.name,
-                self._subject,
-                self.trials_over,
-                time,
-                self._question or (),
-                frozenset((cause, effect) for cause, effect in edges),
-            )
-        )
+        about = {
+            "learner": LABEL,
+            "condition": self.session.condition.name,
+            "subject": self._subject,
+            "visit": self.trials_over,
+            "time": time,
+        }
+        levers, door = self._question or (), self.session.brief.positions
+        for cause, effect in product(levers, (*levers, door)):
+            if cause != effect:
+                pair = {"cause": cause, "effect": effect, "enables": [cause, effect] in edges}
+                self.answers.append(about | pair)
         self._question = None
         self.turn += 1
         return self.view()

@@ -93,7 +93,7 @@ class Participant:
         write_reactions(path, cell.condition.name, cell.first_subject, done)
         if answers:
             path = store.folder / STRUCTURES / cell.file_name
-            write_answers(path, answers, game.session.brief.positions)
+            write_answers(path, answers)
         if record.num_rows:
             store.write(cell, record)
         self._kept_answers = len(answers)

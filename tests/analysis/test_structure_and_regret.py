@@ -22,11 +22,7 @@ from causal_openlock.belief.placements import TooLargeError
 from causal_openlock.contract.learner import Structure
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError, StoreError
-from causal_openlock.experiment.beside_record import (
-    Answer,
-    read_answers,
-    write_answers,
-)
+from causal_openlock.experiment.beside_record import read_answers, write_answers
 from causal_openlock.experiment.declare import PROTOCOLS, find_condition
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.files.checksums import read_table, table_bytes
@@ -163,16 +159,19 @@ def test_what_people_say_is_kept_and_compared(tmp_path):
     material = played(["oracle"], ["CC3"], 2)
     row = material.trials.query("subject == 1").iloc[2]
     layout = Layout.of(find_schema("CC3"), row["layout"])
-    edges = frozenset(map(tuple, np.argwhere(edges_of("CC3", layout.places)).tolist()))
-    levers = tuple(sorted(layout.places))
+    edges = edges_of("CC3", layout.places)
+    asked = {"learner": "oracle", "condition": "CC3", "subject": 1}
     said = [
-        Answer("oracle", "CC3", 1, 3, 12.5, levers, edges),
-        Answer("oracle", "CC3", 1, 4, 20.0, levers, frozenset()),
-    ]
+        {**asked, "visit": visit, "time": time, "cause": cause, "effect": effect,
+         "enables": visit == 3 and edges[cause, effect] == 1}
+        for visit, time in ((3, 12.5), (4, 20.0))
+        for cause in sorted(layout.places)
+        for effect in (*sorted(layout.places), 7)
+        if cause != effect
+    ]  # fmt: skip
     path = tmp_path / "structures" / "one.parquet"
-    write_answers(path, said, 7)
-    assert read_answers(tmp_path) == said
-    recovered = structure_recovery(material, said)
+    write_answers(path, said)
+    recovered = structure_recovery(replace(material, folders=(tmp_path,)))
     assert recovered["visit"].tolist() == [3, 4]
     assert recovered["shd"].tolist() == [0, 4]
     assert recovered["f1"].tolist() == [1.0, 0.0]

@@ -21,7 +21,6 @@ from causal_openlock.analysis.topics.language_models import _counts
 from causal_openlock.cli.status import status
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.beside_record import (
-    Answer,
     read_answers,
     read_reactions,
     write_answers,
@@ -102,8 +101,9 @@ def readers(work):
     space = search_space("associative", {"temperature": Range(0.02, 2.0, log=True)})
     plan = ActionPlan(space, candidates=2, restarts=1, moves=0)
     fit_all(jobs_of(recorded_subjects(*Store(work / "out").record()), plan, False), work / "fit")
-    answers = [Answer("person", "CC3", 0, 1, 2.5, (0, 3, 5), frozenset({(0, 7)}))]
-    write_answers(work / "asked" / "structures" / "one.parquet", answers, 7)
+    asked = {"learner": "person", "condition": "CC3", "subject": 0, "visit": 1, "time": 2.5}
+    pairs = [asked | {"cause": 0, "effect": effect, "enables": effect == 7} for effect in (3, 7)]
+    write_answers(work / "asked" / "structures" / "one.parquet", pairs)
     for name, kind in kinds.items():
         text = export_schema(find_schema("CC4"), name)
         (work / f"schema{kind.suffixes[0]}").write_text(text)

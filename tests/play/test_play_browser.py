@@ -428,7 +428,8 @@ def test_somebody_agrees_says_what_they_think_and_is_sent_back(page: Page, tmp_p
         page.wait_for_selector("#pause:not([hidden])")
         assert "Room 2 of 5" in page.inner_text("#pause-title")
         server.stop()
-    (said,) = read_answers(tmp_path / "out")
-    assert (said.visit, said.levers, said.edges) == (1, tuple(levers), frozenset(ticked))
+    pairs = read_answers(tmp_path / "out").to_pylist()
+    assert {(pair["visit"], pair["cause"]) for pair in pairs} == {(1, lever) for lever in levers}
+    assert {(pair["cause"], pair["effect"]) for pair in pairs if pair["enables"]} == {*ticked}
     told = (tmp_path / "out" / "recruited.jsonl").read_text()
     assert '{"join":0,"PID":"p7","STUDY":"s1"}' in told

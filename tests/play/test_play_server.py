@@ -157,7 +157,8 @@ def test_a_study_has_consent_questions_and_a_link_at_the_end(tmp_path):
         assert now["completion"] == caller.call("/state", name=me)[1]["completion"] == link
         until(lambda: counts == [(1, 0), (1, 1)])
         assert caller.call("/join", join)[0] == 410
-    assert [said.edges for said in read_answers(tmp_path)][-1] == {tuple(edges[0])}
+    *_, last = (pair for pair in read_answers(tmp_path).to_pylist() if pair["enables"])
+    assert [last["cause"], last["effect"]] == edges[0]
 
 
 # -- what is refused ------------------------------------------------------------------------------

@@ -78,7 +78,7 @@ def test_people_are_asked_after_each_room_and_what_they_say_is_scored(tmp_path):
     solve_and_answer(again, name)
     assert again.view(name)["stage"] == "end"
     again.close()
-    assert [answer.visit for answer in read_answers(tmp_path)] == [1, 2, 3, 4, 5, 6, 7]
+    assert {*read_answers(tmp_path)["visit"].to_pylist()} == {1, 2, 3, 4, 5, 6, 7}
     table = Results.read(tmp_path).structure_recovery
     assert table["shd"].tolist() == [0, 0, 4, 0, 0, 0, 0]
     assert table["f1"].tolist() == [1.0, 1.0, 0.0, 1.0, 1.0, 1.0, 1.0]

@@ -12,7 +12,7 @@ only to find out which lever is which.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -34,12 +34,11 @@ from causal_openlock.contract.checks import failures_of
 from causal_openlock.contract.learner import Learner, Structure
 from causal_openlock.contract.registry import create, learner_class
 from causal_openlock.errors import LearnerError, NothingToDrawError, OpenLockError
-from causal_openlock.experiment.beside_record import Answer, read_answers
+from causal_openlock.experiment.beside_record import read_answers
 from causal_openlock.experiment.declare import Condition, LearnerSpec
 from causal_openlock.experiment.plan import shown_trials
 from causal_openlock.experiment.record import PHASES
 from causal_openlock.experiment.session import AT_ONCE, Session
-from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.world.rewards import PAPER_REWARD
 from causal_openlock.world.room import Layout, positions_for
 
@@ -58,9 +57,7 @@ _FORMATS = {
 }
 
 
-def structure_recovery(
-    results: Material, answers: Sequence[Answer] | None = None, subjects: int | None = None
-) -> pd.DataFrame:
+def structure_recovery(results: Material, subjects: int | None = None) -> pd.DataFrame:
     """How well subjects recovered each room when they left it.
 
     Learners that hold beliefs about structure and are installed as they were play again; those
@@ -73,8 +70,7 @@ def structure_recovery(
     [[0.0, 1.0, 0.0]]
 
     Args:
-        results: What was played.
-        answers: What people said; by default what is kept in the folders of the results.
+        results: What was played; what people said is in its folders.
         subjects: The most subjects of a learner in a condition; by default all.
 
     Returns:
@@ -87,9 +83,11 @@ def structure_recovery(
         StoreError: If a file of answers is damaged.
         LearnerError: If a learner fails, or does not return a structure.
     """
-    if answers is None:
-        answers = [one for folder in results.folders for one in read_answers(folder)]
-    rows = [row for answer in answers if (row := _answered(results, answer))]
+    rows = []
+    for folder in results.folders:
+        answers = read_answers(folder).to_pandas()
+        for _, pairs in answers.groupby(["learner", "condition", "subject", "visit"]):
+            rows += _answered(results, pairs)
     for spec in results.experiment.learners:
         if not _can_say(spec):
             continue
@@ -192,37 +190,31 @@ def _believed(learner: Learner, row: int, name: str, positions: int) -> Structur
     return found
 
 
-def _answered(results: Material, answer: Answer) -> dict[str, Any] | None:
-    """A person's answer on a room, compared with the room."""
+def _answered(results: Material, pairs: pd.DataFrame) -> list[dict[str, Any]]:
+    """A person's answer on a room, compared with the room; nothing if it is not on record."""
+    about = pairs[["learner", "condition", "subject", "visit"]].iloc[0].to_dict()
+    learner, condition, subject, visit = about.values()
     table = results.trials
     own = table[
-        (table["learner"].astype(str) == answer.learner)
-        & (table["condition"].astype(str) == answer.condition)
-        & (table["subject"] == answer.subject)
+        (table["learner"].astype(str) == learner)
+        & (table["condition"].astype(str) == condition)
+        & (table["subject"] == subject)
     ].sort_values(["phase", "loop", "trial"])
-    (condition,) = (o for o in results.experiment.conditions if o.name == answer.condition)
-    protocol = next(o.protocol for o in results.experiment.learners if o.name == answer.learner)
-    visit = answer.visit - shown_trials(condition, protocol)
-    if not 1 <= visit <= len(own):
-        return None
-    row = own.iloc[visit - 1]
-    schema = next(one for one in condition.schemas if one.name == row["schema"])
-    layout = Layout.of(schema, row["layout"], max(map(positions_for, condition.schemas)))
-    believed = Structure(_edges(answer, layout.positions), np.full(layout.positions + 1, np.nan))
-    return {
-        **{name: getattr(answer, name) for name in ("learner", "condition", "subject", "visit")},
-        "protocol": row["protocol"],
-        "schema": schema.name,
-        **structure_distance(believed, schema, layout),
-    }
-
-
-def _edges(answer: Answer, positions: int) -> FloatArray:
+    (declared,) = (o for o in results.experiment.conditions if o.name == condition)
+    protocol = next(o.protocol for o in results.experiment.learners if o.name == learner)
+    trial = visit - shown_trials(declared, protocol)
+    if not 1 <= trial <= len(own):
+        return []
+    row = own.iloc[trial - 1]
+    schema = next(one for one in declared.schemas if one.name == row["schema"])
+    positions = max(map(positions_for, declared.schemas))
+    layout = Layout.of(schema, row["layout"], positions)
     edges = np.zeros((positions, positions + 1))
-    for cause, effect in answer.edges:
-        if cause < positions and effect <= positions:
-            edges[cause, effect] = 1.0
-    return edges
+    inside = pairs[(pairs["cause"] < positions) & (pairs["effect"] <= positions)]
+    edges[inside["cause"], inside["effect"]] = inside["enables"]
+    believed = Structure(edges, np.full(positions + 1, np.nan))
+    about |= {"protocol": row["protocol"], "schema": schema.name}
+    return [about | structure_distance(believed, schema, layout)]
 
 
 def plot_structure_recovery(
