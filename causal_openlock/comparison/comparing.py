@@ -30,6 +30,7 @@ from causal_openlock.experiment.making import (
     listed,
     make_experiment,
 )
+from causal_openlock.experiment.plan import too_short_to_learn
 from causal_openlock.files.atomic import folder_at
 from causal_openlock.files.validation import known_arguments
 from causal_openlock.running.runner import run
@@ -172,7 +173,7 @@ def play(
         OpenLockError: If what is asked for cannot be done.
     """
     reasons = experiment.reasons if experiment.cells() else ()  # else it is an error
-    for warning in [*experiment.warnings(), *reasons]:
+    for warning in [*experiment.warnings(), *too_short_to_learn(experiment), *reasons]:
         warn(warning)
     try:
         run(experiment, folder, warn=warn, progress=progress, **options)

@@ -187,6 +187,18 @@ class LearnerBase:
         return 0
 
     @classmethod
+    def first_update(cls, parameters: Any) -> int:
+        """Actions of a subject before the first that it can learn from; fewer are warned about."""
+        return 0
+
+    def updates_made(self) -> int | None:
+        """How often it has learned; None if it does not count, or is not to learn.
+
+        Results warn of a cell that ends without any.
+        """
+        return None
+
+    @classmethod
     def cannot_play(cls, parameters: Any, schema: Schema, action_limit: int) -> str:
         """Reason to leave out a schema, such as the size of its rooms; empty if there is none."""
         return ""

@@ -96,6 +96,11 @@ class PerSubjectAdapter(Learner):
                 ) from None
         return actions
 
+    def updates_made(self) -> int | None:
+        """Those of all players."""
+        counts = [player.updates_made() for player in self._players]
+        return None if None in counts else sum(count or 0 for count in counts)
+
     def learn(self, step: Step) -> None:
         """Let each player learn from its own step."""
         left = step.view.console.solutions_left - step.new_solution

@@ -596,6 +596,13 @@ class LearnerSpec(Part):
         """The learner's recorded origin, or that of the installed code."""
         return self.recorded or origin_of(self.learner, self.parameters)
 
+    @property
+    def first_update(self) -> int:
+        """Actions of a subject before the first that the learner can learn from."""
+        parameters = parse_parameters(self.learner, self.parameters)
+        first: int = answer_of(self.learner, "first_update", int, parameters)
+        return first
+
     def cannot_play(self, condition: Condition) -> str:
         """Why the learner cannot play a condition, in a sentence; empty if it can."""
         if self.recorded is not None:  # its code need not be installed

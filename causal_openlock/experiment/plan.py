@@ -10,7 +10,14 @@ from typing import Any
 import numpy as np
 
 from causal_openlock.errors import ExperimentError
-from causal_openlock.experiment.declare import SHOWN, Condition, LayoutSource, Protocol, Trials
+from causal_openlock.experiment.declare import (
+    SHOWN,
+    Condition,
+    Experiment,
+    LayoutSource,
+    Protocol,
+    Trials,
+)
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.wording import counted
 from causal_openlock.world.room import Layout, positions_for, published_layouts
@@ -133,3 +140,23 @@ def check_trial(trial: int, trials: int, where: str) -> None:
     """Refuse a number of a trial that a condition does not have; ``where`` is for the message."""
     if not 1 <= trial <= trials:
         raise ExperimentError(f"{where} has no trial {trial}; choose one from 1 to {trials}")
+
+
+def too_short_to_learn(experiment: Experiment) -> list[str]:
+    """A sentence for each learner that learns, by its numbers, after all that a subject can do."""
+    warnings = []
+    for spec in experiment.learners:
+        first = 0 if spec.recorded else spec.first_update
+        most = 0
+        for condition in experiment.conditions if first else ():
+            if not spec.cannot_play(condition):
+                trials = plan(condition, spec.protocol, np.random.default_rng(0))
+                attempt = max(map(spec.protocol.actions_for, condition.schemas))
+                most = max(most, len(trials) * spec.protocol.attempt_limit * attempt)
+        if most and first >= most:
+            warnings.append(
+                f"{spec.name} first learns after {first:,} actions, and under protocol "
+                f"{spec.protocol.name} a subject has at most {most:,} in a condition, so it never "
+                "learns"
+            )
+    return warnings

@@ -246,13 +246,10 @@ def _require_exact(plan: ActionPlan, part: Recorded) -> None:
     middle = chosen_at(plan, np.zeros(len(plan.space.ranges)))
     table = Predictions([part], plan)(middle)
     if (table["standard_error"] > 0).any():
-        what, exact = "gives no probabilities, and draws are", ""
-        if not table["entropy"].isna().all():
-            what = "estimates its probabilities from draws, which are"
-            exact = ", or set it so that they are exact (theory_based: beliefs=mean)"
         raise LearnerError(
-            f"{plan.space.learner} {what} too rough for a hierarchical fit; fit each subject by "
-            f"itself with --each{exact}"
+            f"{plan.space.learner} gives no exact probabilities, and draws are too rough for a "
+            "hierarchical fit; fit each subject by itself with --each, or set it so that they are "
+            "exact (theory_based: beliefs=mean)"
         )
 
 

@@ -149,17 +149,21 @@ def _begun(cell: Cell, checkpoint: Checkpoint) -> tuple[Session, Learner]:
 
 
 def _cautions(start: GlobalRandomness | None, learner: Learner, spec: LearnerSpec) -> list[str]:
-    """What results warn of: a user's learner uses shared generators, or cannot be stored."""
-    if is_ours(spec.learner):
-        return []
-    cautions = []
-    if used := start.differs_from(GlobalRandomness.now()) if start else []:
+    """What results warn of: no learning, and of a user's learner shared generators or no state."""
+    cautions: list[str] = []
+    if learner.updates_made() == 0:
         cautions.append(
-            f"it uses or seeds the random numbers of {' and '.join(used)}, which all code shares, "
-            "so no subject is independent of the others in its cell; let it draw from "
+            f"it never learned, as its trials under protocol {spec.protocol.name} ended before its "
+            "first update; give it parameters that learn earlier, or more trials"
+        )
+    generators = start.differs_from(GlobalRandomness.now()) if start else []
+    if generators and not is_ours(spec.learner):
+        cautions.append(
+            f"it uses or seeds the random numbers of {' and '.join(generators)}, which all code "
+            "shares, so no subject is independent of the others in its cell; let it draw from "
             "brief.generators (or self.generator), and seed a torch.Generator from these"
         )
-    if reason := unresumable(learner):
+    if not is_ours(spec.learner) and (reason := unresumable(learner)):
         cautions.append(f"a killed cell begins again, as {reason}")
     return [f"{spec.name}: {caution}" for caution in cautions]
 

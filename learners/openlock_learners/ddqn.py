@@ -243,6 +243,10 @@ class DDQN(Learner):
         if settings.epsilon_after_trial is not None:
             self.epsilon[step.trial_over & playing] = settings.epsilon_after_trial
 
+    def updates_made(self) -> int:
+        """Gradient steps."""
+        return self.q.updates
+
     def metrics(self) -> dict[str, float]:
         """Epsilon, differing rewards, loss of the last minibatch, values, dead units.
 

@@ -166,6 +166,10 @@ class Recurrent(Learner):
             decayed[step.trial_over] = settings.epsilon_after_trial
         self.epsilon = np.where(playing, decayed, self.epsilon)
 
+    def updates_made(self) -> int:
+        """Gradient steps."""
+        return self.q.updates
+
     def metrics(self) -> dict[str, float]:
         """Epsilon, the loss of the last minibatch, and the values of what was seen last."""
         metrics = {"epsilon": float(self.epsilon.mean())}

@@ -7,25 +7,30 @@ everything happens in the same order each time, and the library works as it alwa
 seed and the same room give the same actions as without this learner.
 
 The library draws from NumPy's, torch's and Python's global generators, and seeds them. Each model
-has global generators of its own (:class:`OwnRandomness`).
+has global generators of its own.
 
 It gives no probabilities. Each algorithm has its own way of acting and of exploring, and a model
 learns from the actions that it took itself, so it could not be put in another subject's place.
 
-A model in the midst of ``learn`` cannot be saved. Everything that it was given is saved, a few
-bytes for each action, and a new model is brought to the same point with it.
+A model in the midst of ``learn`` cannot be saved. What it was given is saved, some forty bytes for
+each action, and a new model is brought to the same point with it.
+
+Of a trained model's file only tensors are read. What else is in there the library would unpickle,
+which runs code of whoever made the file; so the model is made from ``algorithm`` and ``settings``.
 """
 
 from __future__ import annotations
 
+import inspect
 import threading
 import weakref
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib import import_module
+from pathlib import Path
 from queue import SimpleQueue
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal
 
 import gymnasium
 import numpy as np
@@ -33,15 +38,18 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from causal_openlock.contract.checks import GlobalRandomness
-from causal_openlock.contract.learner import Brief, Learner, Step, View
+from causal_openlock.contract.learner import Brief, Learner, Observations, Step, View
 from causal_openlock.contract.parameters import Count
-from causal_openlock.errors import LearnerError
-from causal_openlock.schemas.fsm import BoolArray, IntArray
+from causal_openlock.errors import LearnerError, in_short
+from causal_openlock.files.digest import digest
+from causal_openlock.schemas.fsm import IntArray
 from causal_openlock.wording import nearest
 
 LIBRARIES = ("stable_baselines3", "sb3_contrib")
 OURS = ("policy", "env", "seed", "_init_setup_model")
 """Arguments of a model that the learner sets, so that ``settings`` cannot."""
+CLASSES = {"activation_fn": "torch.nn", "optimizer_class": "torch.optim"}
+"""Modules of the classes that ``policy_kwargs`` names."""
 
 
 @dataclass(frozen=True)
@@ -65,104 +73,103 @@ class StableBaselinesParameters:
         "of a whole run, for schedules (exploration of DQN); null takes the most that the protocol "
         "allows",
     ] = None
+    model: Annotated[
+        str | None, "file of a trained model, as the library saves it; its weights are taken"
+    ] = None
+    prior_attempts: Annotated[
+        int | None, "attempts that it was trained with; null if nobody knows"
+    ] = None
+    learns: Annotated[bool, "whether it goes on learning; a trained model can be frozen"] = True
     threads: Annotated[Count, "of torch; more than one gains nothing at this size"] = 1
 
     def __post_init__(self) -> None:
         for name in OURS:
             if name in self.settings:
                 raise ValueError(f"settings cannot hold {name!r}, which the learner itself sets")
-
-
-class Feedback(NamedTuple):
-    """Outcome and reward of one action of one subject."""
-
-    outcome: NDArray[np.int8]
-    reward: float
-    terminated: bool
-    truncated: bool
-    next: NDArray[np.int8]
+        if self.model is None and (self.prior_attempts is not None or not self.learns):
+            raise ValueError(
+                "prior_attempts and learns: false belong to a trained model; name its file in model"
+            )
 
 
 class _Ended(BaseException):
     """No more actions are needed: ends a model's ``learn``."""
 
 
-class OwnRandomness:
-    """Global generators of a model's own: what it draws depends on nobody else.
-
-    They begin as ``random.seed``, ``numpy.random.seed`` and ``torch.manual_seed`` would set them.
-    """
-
-    def __init__(self, seed: int) -> None:
-        import torch  # noqa: F401  # so that its generator is among them
-
-        with GlobalRandomness.seeded(seed) as self._states:
-            pass
-
-    @contextmanager
-    def in_place(self) -> Iterator[None]:
-        """A block in which these are the global generators."""
-        outside = GlobalRandomness.now()
-        self._states.restore()
-        try:
-            yield
-        finally:
-            self._states = GlobalRandomness.now()
-            outside.restore()
-
-
-class _Environment(gymnasium.Env[NDArray[np.int8], np.int64]):
-    """The environment of a model."""
+class _Environment(gymnasium.Env[Observations, np.int64]):
+    """The environment of a model; feedback is a row of the learner's history."""
 
     def __init__(self, brief: Brief) -> None:
         self.observation_space = spaces.MultiBinary(brief.observation_size)
         self.action_space: spaces.Space[Any] = spaces.Discrete(brief.actions)
-        self.feedback: SimpleQueue[Feedback | None] = SimpleQueue()
+        self.feedback: SimpleQueue[np.void | None] = SimpleQueue()
         self.actions: SimpleQueue[int | Exception] = SimpleQueue()
         self._observation = np.zeros(brief.observation_size, dtype=np.int8)
 
-    def wait(self) -> Feedback:
+    def wait(self) -> np.void:
         """Wait for feedback."""
         feedback = self.feedback.get()
         if feedback is None:
             raise _Ended
-        self._observation = feedback.next
+        self._observation = feedback["next"]
         return feedback
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[np.int8], dict[str, Any]]:
+    ) -> tuple[Observations, dict[str, Any]]:
         """The observation now: the session resets the room itself."""
         super().reset(seed=seed)
         return self._observation.copy(), {}
 
-    def step(self, action: np.int64) -> tuple[NDArray[np.int8], float, bool, bool, dict[str, Any]]:
+    def step(self, action: np.int64) -> tuple[Observations, float, bool, bool, dict[str, Any]]:
         """Pass on an action, and wait for what it led to."""
         self.actions.put(int(action))
-        outcome, reward, terminated, truncated, _ = self.wait()
-        return outcome, reward, terminated, truncated, {}
+        feedback = self.wait()
+        over = bool(feedback["terminated"]), bool(feedback["truncated"])
+        return feedback["outcome"].copy(), float(feedback["reward"]), *over, {}
 
 
 class _Model:
-    """A model, the thread that it learns in, and its global generators."""
+    """A model, the thread that it learns in, and global generators of its own.
 
-    def __init__(self, kind: Any, policy: str, settings: Mapping[str, Any], brief: Brief) -> None:
+    They begin as ``random.seed``, ``numpy.random.seed`` and ``torch.manual_seed`` would set them.
+    """
+
+    def __init__(self, kind: Any, policy: str, settings: dict[str, Any], brief: Brief) -> None:
+        import torch  # noqa: F401  # so that its generator is among the global ones
+
         self._environment = _Environment(brief)
         self._thread: threading.Thread | None = None
-        self._randomness = OwnRandomness(settings["seed"])
-        with self._randomness.in_place():
+        with GlobalRandomness.seeded(settings["seed"]) as self._randomness:
+            pass
+        with self._own_randomness():
             self.model = kind(policy, self._environment, **settings)
             if "tensorboard_log" not in settings:  # or it makes a folder for each model
                 from stable_baselines3.common.logger import Logger
 
                 self.model.set_logger(Logger(folder=None, output_formats=[]))
 
-    def act(self, feedback: Feedback, total: int) -> int:
-        """The model's next action, after all that it does before it chooses."""
-        with self._randomness.in_place():
+    @contextmanager
+    def _own_randomness(self) -> Iterator[None]:
+        outside = GlobalRandomness.now()
+        self._randomness.restore()
+        try:
+            yield
+        finally:
+            self._randomness = GlobalRandomness.now()
+            outside.restore()
+
+    def act(self, feedback: np.void, actions: int) -> int:
+        """The model's next action, after all that it does before it chooses.
+
+        Args:
+            feedback: What its last action led to.
+            actions: How many it learns from, of the whole run.
+        """
+        with self._own_randomness():
             self._environment.feedback.put(feedback)
             if self._thread is None:
-                arguments = (self.model, self._environment, total)
+                arguments = (self.model, self._environment, actions)
                 self._thread = threading.Thread(target=_run, args=arguments, daemon=True)
                 self._thread.start()
             action = self._environment.actions.get()
@@ -182,11 +189,14 @@ class _Model:
                 model._thread.join()
 
 
-def _run(model: Any, environment: _Environment, total: int) -> None:
+def _run(model: Any, environment: _Environment, actions: int) -> None:
     """Learn, then play with what was learned until no more actions are needed."""
     try:
         environment.wait()
-        model.learn(total_timesteps=total)
+        if actions:
+            model.learn(total_timesteps=actions)
+        elif hasattr(model, "exploration_final_eps"):  # as it ends to explore
+            model.exploration_rate = model.exploration_final_eps
         memory, fresh = None, np.ones(1, dtype=bool)
         while True:
             action, memory = model.predict(environment.reset()[0][None], memory, fresh)
@@ -223,6 +233,26 @@ def find_algorithm(name: str) -> Any:
     return known[name]
 
 
+def as_python(settings: dict[str, Any]) -> dict[str, Any]:
+    """Settings as the library takes them: pairs as tuples, and the classes that names stand for.
+
+    >>> as_python({"train_freq": [1, "episode"], "policy_kwargs": {"activation_fn": "ReLU"}})
+    {'train_freq': (1, 'episode'), 'policy_kwargs': {'activation_fn': <class 'torch.nn....ReLU'>}}
+    """
+    made = dict(settings)
+    if isinstance(made.get("train_freq"), list):
+        made["train_freq"] = tuple(made["train_freq"])
+    if isinstance(made.get("policy_kwargs"), dict):
+        made["policy_kwargs"] = dict(made["policy_kwargs"])
+        for key, module in CLASSES.items():
+            if isinstance(name := made["policy_kwargs"].get(key), str):
+                known = {k: v for k, v in vars(import_module(module)).items() if inspect.isclass(v)}
+                if name not in known:
+                    raise LearnerError(f"{module} has no {key} {name!r}; {nearest(name, known)}")
+                made["policy_kwargs"][key] = known[name]
+    return made
+
+
 class StableBaselines(Learner):
     """An algorithm of Stable-Baselines3 (extra ``sb3``), one model for each subject."""
 
@@ -230,106 +260,135 @@ class StableBaselines(Learner):
     parameters: StableBaselinesParameters
     learns_from_others = False  # a model takes for granted that its own action was done
 
+    @classmethod
+    def artifact_hash(cls, parameters: StableBaselinesParameters) -> str:
+        """A hash of the trained model."""
+        return "" if parameters.model is None else digest(_content(parameters.model))
+
+    @classmethod
+    def prior_attempts(cls, parameters: StableBaselinesParameters) -> int | None:
+        """Those of the trained model."""
+        return 0 if parameters.model is None else parameters.prior_attempts
+
+    @classmethod
+    def first_update(cls, parameters: StableBaselinesParameters) -> int:
+        """The algorithm's ``n_steps`` or ``learning_starts``, whichever is more."""
+        try:
+            arguments = inspect.signature(find_algorithm(parameters.algorithm)).parameters
+        except LearnerError:  # which is said when it plays
+            return 0
+        numbers = [
+            parameters.settings.get(name, arguments[name].default)
+            for name in ("n_steps", "learning_starts")
+            if name in arguments
+        ]
+        return max((int(n) for n in numbers if isinstance(n, int) and parameters.learns), default=0)
+
     def begin(self, brief: Brief) -> None:
         """Make a model for each subject."""
-        kind = find_algorithm(self.parameters.algorithm)
-        self.brief = brief
-        most = brief.trials * brief.attempt_limit * brief.action_limit
-        self._total = self.parameters.total_actions or most
+        super().begin(brief)
         self._seeds = [int(generator.integers(2**31 - 1)) for generator in brief.generators]
-        # What was seen first, and the feedback of every step so far; and by subject, what its model
-        # has yet to get.
-        bits = ("u1", -(-brief.observation_size // 8))
-        flags = [(name, "?") for name in ("terminated", "truncated", "playing")]
-        self._kept = np.dtype([("outcome", *bits), ("next", *bits), ("reward", "f8"), *flags])
-        self._first: NDArray[np.uint8] | None = None
-        self._history = bytearray()
-        self._pending: list[Feedback | None] = []
+        observation = (np.int8, (brief.observation_size,))
+        flags = [(name, bool) for name in ("terminated", "truncated", "playing")]
+        self._row = np.dtype(
+            [("outcome", *observation), ("next", *observation), ("reward", float), *flags]
+        )
+        self._history: list[NDArray[np.void]] = []  # what was seen first, and then all feedback
+        self._passed_on = 0  # how much of it the models have got
         self._actions: IntArray = np.zeros(brief.subjects, dtype=np.int64)
-        self._make_models(kind)
+        self._make_models()
 
-    def _make_models(self, kind: Any) -> None:
-        chosen = self.parameters
+    def _make_models(self) -> None:
+        chosen, kind = self.parameters, find_algorithm(self.parameters.algorithm)
         plain = "MlpPolicy" if "MlpPolicy" in kind.policy_aliases else "MlpLstmPolicy"
-        policy = chosen.policy or plain
+        weights = None if chosen.model is None else _weights(chosen.model)
         self._models: list[_Model] = []
         # The models hold no reference to the learner, so that it can be collected and ends them.
         self._end = weakref.finalize(self, _Model.end_all, self._models)
         for seed in self._seeds:
-            settings = {"device": "cpu", "verbose": 0, **chosen.settings, "seed": seed}
+            settings = {"device": "cpu", "verbose": 0, **as_python(chosen.settings), "seed": seed}
             try:
-                model = _Model(kind, policy, settings, self.brief)
-            except Exception as error:  # the library refuses settings in many ways
+                model = _Model(kind, chosen.policy or plain, settings, self.brief)
+                if weights is not None:
+                    model.model.set_parameters(weights, device=model.model.device)
+            except Exception as error:  # the library refuses settings and weights in many ways
+                of = f" for the weights in {chosen.model}" if weights else ""
                 raise LearnerError(
-                    f"{chosen.algorithm} of Stable-Baselines3 refuses its settings: "
-                    f"{type(error).__name__}: {error}"
+                    f"{chosen.algorithm} of Stable-Baselines3 refuses its settings{of}: "
+                    f"{type(error).__name__}: {in_short(error)}"
                 ) from error
             self._models.append(model)
 
     def act(self, view: View) -> IntArray:
         """``[B]`` the action of each model."""
-        if self._first is None:
-            self._begin_with(view.observation.copy())
-        self._act(view.playing)
+        if not self._history:
+            first = np.zeros(self.brief.subjects, self._row)
+            first["next"], first["playing"] = view.observation, view.playing
+            self._history.append(first)
+        self._pass_on(self._history[self._passed_on :])
+        self._passed_on = len(self._history)
         return self._actions.copy()
 
-    def _begin_with(self, observation: NDArray[np.int8]) -> None:
-        self._pending = [Feedback(row, 0.0, False, False, row) for row in observation]
-        self._first = _packed(observation)
-
-    def _act(self, playing: BoolArray) -> None:
-        for subject in np.flatnonzero(playing):
-            if (feedback := self._pending[subject]) is not None:
-                self._actions[subject] = self._models[subject].act(feedback, self._total)
-                self._pending[subject] = None
+    def _pass_on(self, history: Sequence[NDArray[np.void]]) -> None:
+        """Give feedback to the models, and keep the actions that they answer with."""
+        brief, chosen = self.brief, self.parameters
+        most = brief.trials * brief.attempt_limit * brief.action_limit
+        actions = (chosen.total_actions or most) if chosen.learns else 0
+        for feedback in history:
+            for subject in np.flatnonzero(feedback["playing"]).tolist():
+                self._actions[subject] = self._models[subject].act(feedback[subject], actions)
 
     def learn(self, step: Step) -> None:
         """Keep the feedback until the models act again."""
-        if self.parameters.episode == "attempt":
-            terminated, truncated = step.attempt_over, step.trial_over & False
-            outcome = step.outcome
-        else:
-            solved = step.view.console.solutions_left == step.new_solution
-            terminated, truncated = step.trial_over & solved, step.trial_over & ~solved
-            over = step.trial_over[:, None]
-            outcome = np.where(over, step.outcome, step.next.observation)
-        kept = np.empty(self.brief.subjects, self._kept)
-        kept["outcome"], kept["next"] = _packed(outcome), _packed(step.next.observation)
-        kept["reward"], kept["playing"] = step.reward, step.view.playing
-        kept["terminated"], kept["truncated"] = terminated, truncated
-        self._history += kept.tobytes()
-        self._take(kept)
-
-    def _take(self, kept: NDArray[np.void]) -> None:
-        outcome, following = self._unpacked(kept["outcome"]), self._unpacked(kept["next"])
-        reward, terminated, truncated = (
-            kept[name].tolist() for name in ("reward", "terminated", "truncated")
+        row = np.zeros(self.brief.subjects, self._row)
+        row["outcome"], row["next"], row["reward"] = (
+            step.outcome,
+            step.next.observation,
+            step.reward,
         )
-        for subject in np.flatnonzero(kept["playing"]):
-            flags = reward[subject], terminated[subject], truncated[subject]
-            self._pending[subject] = Feedback(outcome[subject], *flags, following[subject])
+        row["terminated"], row["playing"] = step.attempt_over, step.next.playing
+        if self.parameters.episode == "trial":
+            solved = step.view.console.solutions_left == step.new_solution
+            row["terminated"] = step.trial_over & solved
+            row["truncated"] = step.trial_over & ~solved
+            over = step.trial_over[:, None]
+            row["outcome"] = np.where(over, step.outcome, step.next.observation)
+        self._history.append(row)
+
+    def updates_made(self) -> int | None:
+        """How often its models have learned; None if they are frozen."""
+        counts = [getattr(model.model, "_n_updates", 1) for model in self._models]
+        return sum(counts) if self.parameters.learns else None
 
     def __getstate__(self) -> dict[str, Any]:
         """All but the models: one in the midst of ``learn`` cannot be saved."""
-        return {name: part for name, part in vars(self).items() if name not in ("_models", "_end")}
+        kept = {name: part for name, part in vars(self).items() if name not in ("_models", "_end")}
+        return {**kept, "_history": np.array(self._history, self._row)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Bring new models to the same point, which takes as long as it did then."""
         vars(self).update(state)
-        self._make_models(find_algorithm(self.parameters.algorithm))
-        if self._first is None:
-            return
-        asked = np.array([feedback is None for feedback in self._pending])
-        self._begin_with(self._unpacked(self._first))
-        for kept in np.frombuffer(bytes(self._history), self._kept).reshape(-1, len(self._seeds)):
-            self._act(kept["playing"])
-            self._take(kept)
-        self._act(asked)
-
-    def _unpacked(self, bits: NDArray[np.uint8]) -> NDArray[np.int8]:
-        whole = np.unpackbits(bits, axis=1, count=self.brief.observation_size)
-        return whole.astype(np.int8)
+        self._history = [*state["_history"]]
+        self._make_models()
+        self._pass_on(self._history[: self._passed_on])
 
 
-def _packed(observation: NDArray[np.int8]) -> NDArray[np.uint8]:
-    return np.packbits(observation.astype(bool), axis=1)
+def _content(path: str) -> bytes:
+    try:
+        return Path(path).read_bytes()
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise LearnerError(f"the model of sb3 cannot be read: {path}: {reason}") from None
+
+
+def _weights(path: str) -> dict[str, Any]:
+    """The tensors of a trained model's file; nothing is unpickled."""
+    from stable_baselines3.common.save_util import load_from_zip_file
+
+    try:
+        _, weights, _ = load_from_zip_file(path, load_data=False, device="cpu")
+    except Exception as error:  # whatever else the file is
+        raise LearnerError(
+            f"{path} is not a model that Stable-Baselines3 has saved ({in_short(error)})"
+        ) from None
+    return weights

@@ -3,15 +3,22 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
+from causal_openlock.comparison.comparing import play as play_experiment
+from causal_openlock.comparison.results import Results
 from causal_openlock.contract.checks import GlobalRandomness
+from causal_openlock.contract.one_subject import OneSubjectLearner
 from causal_openlock.contract.registry import create
 from causal_openlock.envs import OpenLockEnv
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.declare import Condition, Protocol, Trials
+from causal_openlock.experiment.making import learner as spec_of
+from causal_openlock.experiment.making import make_experiment
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.world.room import Layout
@@ -159,6 +166,113 @@ def test_after_all_its_actions_it_plays_on_without_learning():
         course.append(model._n_updates)
     assert course[-1] == 4  # one update after every five actions
     assert len(course) > 80
+
+
+# -- a trained model, by its file ------------------------------------------------------------------
+
+
+class Ran:
+    """Unpickled, it leaves a file."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return Path.touch, (self.path,)
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    """The file of a model that prefers one action, with a pickle among its data."""
+    folder = tmp_path_factory.mktemp("trained")
+    room = OpenLockEnv(schema="CC3", layout="trial1")
+    before = GlobalRandomness.now()
+    model = sb3.PPO("MlpPolicy", room, device="cpu", seed=1)
+    before.restore()
+    with torch.no_grad():
+        model.policy.action_net.bias[3] = 50.0
+    model.planted = Ran(folder / "it ran")
+    model.save(folder / "ppo.zip")
+    return folder / "ppo.zip"
+
+
+def test_a_trained_model_plays_by_its_weights_and_nothing_is_unpickled(trained):
+    session = session_of(subjects=2)
+    learner = create("sb3", {"model": str(trained), "learns": False})
+    learner.begin(session.brief)
+    for _ in range(9):
+        action = learner.act(session.view)
+        assert action.tolist() == [3, 3]
+        learner.learn(session.step(action))
+    assert learner.updates_made() is None
+    assert not [*trained.parent.glob("it ran")]
+    sb3.PPO.load(trained)  # as the library reads it
+    assert [*trained.parent.glob("it ran")]
+
+
+def test_a_trained_model_goes_on_learning(trained):
+    learner = create("sb3", {"model": str(trained), "settings": QUICK["PPO"]})
+    session = session_of()
+    learner.begin(session.brief)
+    assert learner.act(session.view).tolist() == [3]
+    play(learner, session)
+    assert learner.updates_made() > 4
+
+
+def test_a_trained_model_that_does_not_fit_is_refused(trained, tmp_path):
+    assert "for the weights" in refused(
+        model=str(trained), algorithm="A2C", policy="MultiInputPolicy"
+    )
+    shape = {"policy_kwargs": {"net_arch": [8]}}
+    assert "for the weights" in refused(model=str(trained), settings=shape)
+    (tmp_path / "no.zip").write_text("no")
+    assert "not a model" in refused(model=str(tmp_path / "no.zip"))
+
+
+def test_the_report_has_what_it_was_trained_with(trained):
+    given = spec_of("sb3", label="given", model=str(trained), prior_attempts=6700)
+    unknown = spec_of("sb3", label="unknown", model=str(trained))
+    made = make_experiment(["CC3"], [given, unknown, "sb3"])
+    assert [spec.origin.prior_attempts for spec in made.learners] == [6700, None, 0]
+    assert made.learners[0].origin.artifact_hash
+
+
+# -- learning too late ----------------------------------------------------------------------------
+
+
+class Late(OneSubjectLearner):
+    """A learner of a user's own that never comes to learn."""
+
+    def act(self, observation):
+        return 14
+
+    def updates_made(self):
+        return 0
+
+
+def test_who_never_learns_is_named_before_and_after(tmp_path):
+    short = Protocol("short", attempt_limit=5, stop_when_solved=True, baseline_trials=1)
+    quick = spec_of("sb3", label="quick", settings={"n_steps": 5, "batch_size": 5})
+    learners = ["sb3", quick, Late]
+    told = []
+    made = make_experiment(["CC3"], learners, subjects=1, protocol=short)
+    play_experiment(made, tmp_path, warn=told.append, workers=0)
+    results = Results.read(tmp_path)
+    assert "sb3 first learns after 2,048 actions" in told[0]
+    assert "at most 15" in told[0]
+    named = [warning for warning in results.warnings if "never learned" in warning]
+    assert [name.partition(":")[0] for name in named] == ["sb3", "Late"]
+
+
+def test_settings_of_a_file_become_what_the_library_takes():
+    settings = {"train_freq": [1, "episode"], "policy_kwargs": {"activation_fn": "ReLU"}}
+    session = session_of()
+    learner = create("sb3", {"algorithm": "DQN", "settings": {**QUICK["DQN"], **settings}})
+    learner.begin(session.brief)
+    model = learner._models[0].model
+    assert (model.train_freq.frequency, model.train_freq.unit.value) == (1, "episode")
+    assert "ReLU" in str(model.policy)
+    assert "ReLU" in refused(settings={"policy_kwargs": {"activation_fn": "Relu"}})
 
 
 # -- what is said where something is wrong --------------------------------------------------------
