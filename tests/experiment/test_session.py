@@ -9,7 +9,7 @@ import pytest
 from causal_openlock.experiment.declare import Condition, Protocol, Trials
 from causal_openlock.experiment.record import record_schema, with_times
 from causal_openlock.experiment.session import Session
-from causal_openlock.schemas.schema import Gate, Schema
+from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.rewards import PRESETS
 from causal_openlock.world.room import Layout
 from oracle import Room, Rules
@@ -26,16 +26,9 @@ from support.session_play import (
 )
 
 EIGHT = Schema("eight", [f"A{i}" for i in range(8)], {f"A{i}": ["door"] for i in range(8)})
-LOCK = Schema(
-    "lock",
-    ["A", "B", "C", "D"],
-    {"A": {"B": 0.7, "door": 1.0}, "B": {"C": 1.0, "door": 0.6}, "D": ["door"]},
-    gates={"door": Gate("at_least", 2)},
-    inert=["C"],
-)
 MIXED = Condition(
     "mixed",
-    (Trials(SCHEMAS["chain3"], number=2), Trials(LOCK, "random", 2)),
+    (Trials(SCHEMAS["chain3"], number=2), Trials(SCHEMAS["noisy_CC3"], "random", 2)),
     (Trials(EIGHT, number=1), Trials(SCHEMAS["two_of_four"], number=1)),
 )
 
@@ -46,13 +39,6 @@ class Restless(Curious):
     def act(self, view):
         anything = (self.streams.uniform() * (2 * self.positions + 1)).astype(int)
         return np.where(self.streams.uniform() < 0.25, anything, super().act(view))
-
-
-def places_of(layout, schema, positions):
-    """Where a layout puts the levers; random layouts are called by the names of positions."""
-    if not layout.startswith("trial"):
-        layout = dict(zip(schema.levers, layout.split(), strict=True))
-    return Layout.of(schema, layout, positions).places
 
 
 @pytest.mark.parametrize(
@@ -77,8 +63,8 @@ def test_a_session_is_the_oracles_room_action_by_action(condition, protocol, rew
         steps, trials = iter(learner.steps), 0
         for _, trial in attempts.groupby(["phase", "loop", "trial"], observed=True, sort=False):
             schema = schemas[trial.schema.iloc[0]]
-            places = places_of(trial.layout.iloc[0], schema, session.brief.positions)
-            rules = Rules.of(schema).at(dict(zip(schema.levers, places, strict=True)))
+            layout = Layout.of(schema, trial.layout.iloc[0], session.brief.positions)
+            rules = Rules.of(schema).at(dict(zip(schema.levers, layout.places, strict=True)))
             limit = protocol.action_limit or max(3, 1 + max(map(len, rules.solutions)))
             room, trials = Room(rules, session.brief.positions, limit), trials + 1
             for attempt, row in enumerate(trial.itertuples(), 1):
@@ -108,7 +94,7 @@ def test_a_session_is_the_oracles_room_action_by_action(condition, protocol, rew
                     assert event.moved == moved
                     total += paid(event, terms)
                 solution = rules.solution(room.pushed) if room.opened else None
-                levers = {places[i]: lever for i, lever in enumerate(schema.levers)}
+                levers = dict(zip(layout.places, schema.levers, strict=True))
                 roles = solution and frozenset(map(levers.get, solution))
                 sets = [*map(frozenset, schema.solutions)]
                 assert room.over

@@ -1,15 +1,11 @@
 """Rewards: names, weights, worked examples, and every event against the oracle."""
 
-from functools import cache
-
-import jsonschema
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import oracle
-from causal_openlock.experiment.declare import json_schema
 from causal_openlock.world.events import Events
 from causal_openlock.world.kernel import IDLE
 from causal_openlock.world.rewards import PRESETS, TERMS, Weights, find_reward
@@ -60,20 +56,11 @@ FORMS = st.builds(
 )
 
 
-@cache
-def validator():
-    """What checks experiment files by their JSON schema."""
-    schema = json_schema()
-    return jsonschema.validators.validator_for(schema)(schema)
-
-
 @settings(max_examples=40, deadline=None)
 @given(form=FORMS)
 def test_a_reward_pays_what_the_oracle_does_and_comes_back_from_every_form(form):
     whole = find_reward(form)
     assert find_reward(whole.written()) == whole
-    experiment = {"name": "e", "conditions": ["CC3"], "learners": ["ddqn"], "reward": form}
-    validator().validate(experiment)
     words = np.arange(IDLE)
     events = Events.of(words, words % 4)
     fields = (events.first, events.repeated, events.first & events.on_path, events.changed,

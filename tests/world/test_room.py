@@ -110,19 +110,15 @@ def test_tables_of_a_room_by_position(data, schema, more):
         roles = [lever for bit, lever in enumerate(schema.levers) if state >> bit & 1]
         plain.begin()
         plain.pushed = frozenset(layout.places[schema.levers.index(lever)] for lever in roles)
-        plain.opened = bool(state >> len(schema.levers))
+        is_open = plain.opened = bool(state >> len(schema.levers))
         assert room.observation[state].tolist() == plain.observation()
         for action in range(2 * positions + 1):
-            verb, node = plain.named(action)
-            can = node == DOOR or (verb == "pull") == (node in plain.pushed)
-            chance = plain.rules.chance(node, plain.pushed) if can else 0.0
-            chance *= not (node == DOOR and plain.opened)
+            _, node = plain.named(action)
+            plain.opened = is_open and node == DOOR
+            chance = plain.can_do(action)
             assert room.chance[state, action] == pytest.approx(chance, rel=1e-9)
-            after = int(room.next_state[state, action])
-            bit = len(schema.levers) if node == DOOR else None
-            if chance and bit is None:
-                bit = layout.places.index(node)
-            assert after == (state ^ 1 << bit if chance else state)
+            bit = [*layout.places, node].index(node)  # the door's is above the levers
+            assert room.next_state[state, action] == (state ^ 1 << bit if chance else state)
 
 
 # -- names and layouts -----------------------------------------------------------------------------
