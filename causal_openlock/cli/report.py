@@ -45,7 +45,7 @@ def report(
         bool,
         typer.Option(
             "--figures",
-            help="Also write figures (SVG, PNG, PDF) and tables (CSV, LaTeX) as files; without it, "
+            help="Also write figures (PDF) and tables (CSV, LaTeX) as files; without it, "
             "those of an earlier report are removed.",
         ),
     ] = False,

@@ -301,7 +301,7 @@ class Results(Material):
         Args:
             folder: Where to write it; by default into the results folder, or, of results from
                 several folders, into a temporary one.
-            figures: Whether every figure is also written as SVG, PNG and PDF (``figures/``), and
+            figures: Whether every figure is also written as PDF (``figures/``), and
                 every table as CSV and LaTeX (``tables/``).
 
         Raises:

@@ -92,7 +92,7 @@ def write_fitted_learner(fitted: Fit, found: FittedLearner, folder: Path | str) 
 
     Returns:
         The files: ``experiment.yaml``, which plays the fitted learner and the plain one,
-        ``candidates.csv``, ``points.csv``, ``effects.csv``, ``fit.svg`` and ``fit.png``.
+        ``candidates.csv``, ``points.csv``, ``effects.csv`` and ``fit.svg``.
 
     Raises:
         OpenLockError: If they cannot be written.
@@ -121,5 +121,5 @@ def write_fitted_learner(fitted: Fit, found: FittedLearner, folder: Path | str) 
     effects = {found.label: found.effects, PUBLISHED_MODEL: effects_of(model)}
     fitted_numbers = {found.label: len(plan.space.searched)} if plan.target == "people" else {}
     draw_points(points, effects, figure, fitted_numbers)
-    style.save(figure, folder / "fit")
-    return [*(folder / name for name in texts), folder / "fit.svg", folder / "fit.png"]
+    style.save(figure, folder / "fit.svg")
+    return [*(folder / name for name in texts), folder / "fit.svg"]

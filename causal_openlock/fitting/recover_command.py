@@ -111,7 +111,7 @@ def recover(
 
         found = recovery(predicted(chosen, folder, size, running("scores")), chosen.seed)
         files = found.save(folder)
-        style.save(draw_recovery(found), folder / "recovery")
+        style.save(draw_recovery(found), folder / "recovery.svg")
         _print(found, console)
         for spec, space in zip(wanted, spaces, strict=True):
             own = folder / f"parameters_{spec.name}"

@@ -27,7 +27,6 @@ from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.traces import replayed
 from causal_openlock.belief.trace import Moment, Trace, agreement, percent, shown_name
 from causal_openlock.errors import OpenLockError
-from causal_openlock.files.atomic import write_bytes
 from causal_openlock.files.validation import known_arguments
 from causal_openlock.render.arrange import arrange
 from causal_openlock.render.graph import draw_schema
@@ -161,7 +160,7 @@ def save_trace_figure(trace: Trace, path: Path | str, actions: int = MOST_ACTION
     path = path_of_picture(path)
     figure = Figure()
     plot_trace(trace, actions=actions, ax=figure)
-    write_bytes(path, style.image(figure, path.suffix.lower()[1:]))
+    style.save(figure, path)
 
 
 @dataclass(frozen=True)

@@ -40,9 +40,6 @@ them."""
 WIDTH = 7.2
 """Width of a full figure in inches: two columns of a printed page."""
 
-KINDS = ("svg", "png", "pdf")
-"""Formats in which a figure is written."""
-
 _RC: Any = {
     "font.family": "DejaVu Sans",  # comes with matplotlib
     "font.size": 8.5,
@@ -171,8 +168,11 @@ class plot_style:  # noqa: N801 - it is called as a function is
 
 
 _IDEAL_LOOK: Any = {"color": "#333333", "lw": 1.0, "ls": (0, (4, 2)), "dash_capstyle": "butt"}
-_NO_PDF_METADATA: dict[str, Any] = dict.fromkeys(("CreationDate", "Creator", "Producer"))
-_NO_METADATA: dict[str, Any] = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+_NO_METADATA: dict[str, dict[str, Any]] = {
+    "svg": dict.fromkeys(("Date", "Creator", "Format", "Type")),
+    "pdf": dict.fromkeys(("CreationDate", "Creator", "Producer")),
+    "png": {"Software": None},
+}
 
 
 @contextmanager
@@ -240,60 +240,18 @@ def ideal_key() -> Line2D:
     return Line2D([], [], **_IDEAL_LOOK, label=IDEAL)
 
 
-def save(figure: Figure, stem: Path) -> None:
-    """Write ``stem.svg``, ``stem.png`` and ``stem.pdf``; equal figures, equal bytes.
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure as SVG, PNG or PDF, by the suffix.
 
     Raises:
-        OpenLockError: If they cannot be written.
+        OpenLockError: If it cannot be written.
     """
-    for kind, content in images(figure, KINDS).items():
-        write_bytes(stem.with_name(f"{stem.name}.{kind}"), content)
-
-
-def images(figure: Figure, kinds: Sequence[str]) -> dict[str, bytes]:
-    """Return the figure in several formats (:data:`KINDS`), laid out once."""
-    _settle(figure)
-    return {kind: image(figure, kind) for kind in kinds}
-
-
-def _settle(figure: Figure) -> None:
-    """Lay the figure out once for all.
-
-    The solver of the layout ends within rounding of the same places, and not always on the same
-    side of it: rounding its result is what makes equal figures equal byte for byte.
-    """
-    if engine := figure.get_layout_engine():
-        with settings():
-            engine.execute(figure)
-    figure.set_layout_engine("none")
-    for axes in figure.axes:
-        left, bottom, width, height = (round(edge, 6) for edge in axes.get_position().bounds)
-        axes.set_position((left, bottom, width, height))
+    write_bytes(path, image(figure, path.suffix.lower()[1:]))
 
 
 def image(figure: Figure, kind: str, dots: int = 200) -> bytes:
-    """The figure as ``svg``, ``png`` (``dots`` per inch) or ``pdf``, without a date.
-
-    It is drawn once; ``savefig`` would do it twice, in case the layout changes. Each format has a
-    backend of its own, which is loaded when it is asked for: that of PDF takes long.
-    """
+    """The figure as ``svg``, ``png`` (``dots`` per inch) or ``pdf``, without a date."""
     content = io.BytesIO()
-    canvas: Any
     with settings():
-        if kind == "png":
-            from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-            figure.set_dpi(dots)
-            canvas = FigureCanvasAgg(figure)
-            canvas.print_png(content, metadata={"Software": None})
-        elif kind == "pdf":
-            from matplotlib.backends.backend_pdf import FigureCanvasPdf
-
-            canvas = FigureCanvasPdf(figure)
-            canvas.print_pdf(content, metadata=_NO_PDF_METADATA)
-        else:
-            from matplotlib.backends.backend_svg import FigureCanvasSVG
-
-            canvas = FigureCanvasSVG(figure)
-            canvas.print_svg(content, metadata=_NO_METADATA)
+        figure.savefig(content, format=kind, dpi=dots, metadata=_NO_METADATA[kind])
     return content.getvalue()

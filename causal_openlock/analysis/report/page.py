@@ -17,7 +17,7 @@ from causal_openlock.analysis.prose import environment
 from causal_openlock.analysis.section import Section, SectionPlot
 from causal_openlock.analysis.table import write_table
 from causal_openlock.errors import OpenLockError
-from causal_openlock.files.atomic import write_bytes, write_text
+from causal_openlock.files.atomic import write_text
 from causal_openlock.wording import counted
 
 if TYPE_CHECKING:
@@ -85,11 +85,10 @@ class Written:
     def plot(self, plot: SectionPlot) -> dict[str, Any]:
         """Draw a plot; returns what the template shows."""
         self.begin(plot.name)
-        images = style.images(plot.figure, style.KINDS if self.figures else ("svg",))
+        svg = style.image(plot.figure, "svg").decode()
         if self.figures:
-            for kind, image in images.items():
-                write_bytes(self._file(f"figures/{plot.name}.{kind}"), image)
-        return inline(plot, images["svg"].decode())
+            style.save(plot.figure, self._file(f"figures/{plot.name}.pdf"))
+        return inline(plot, svg)
 
     def table(self, name: str, frame: pd.DataFrame) -> None:
         """Write a table as CSV."""

@@ -2,7 +2,7 @@
 
 ``report.html`` is a single file: its style, its figures and its tables are inside it, and it
 fetches nothing. Next to it is ``summary.csv``. On request, since they take longer than the page,
-there are also the figures as SVG, PNG and PDF (``figures/``) and the tables as CSV and LaTeX
+there are also the figures as PDF (``figures/``) and the tables as CSV and LaTeX
 (``tables/``). Nothing in any of them depends on when or where the report was written.
 """
 

@@ -52,7 +52,6 @@ def paid_section(material, _):
 
 OURS = Topic("paid", 1, paid_section, columns=("reward",))
 SOLVED = trial_rows([1, 2, 3])
-KINDS = ("pdf", "png", "svg")
 
 
 def written(record, folder, topics=(OURS,), figures=False, **known):
@@ -202,7 +201,7 @@ def test_figures_and_tables_are_files_only_where_asked_and_the_page_is_the_same(
     names = {*listed.search(whole)[1].split()}
     plots = {"paid", "survival_human", "baseline_categories", "transfer_categories"}
     plots |= {"attempts_by_trial_human", "attempts_by_trial_loops", "learner_a", "learner_b"}
-    assert names >= {f"figures/{stem}.{kind}" for stem in plots for kind in KINDS}
+    assert names >= {f"figures/{stem}.pdf" for stem in plots}
     assert names >= {f"tables/learner_{name}.{kind}" for name in "ab" for kind in ("csv", "tex")}
     assert {Path(name).name for name in names} == files_in(tmp_path / "whole", "figures", "tables")
     assert listed.sub("", alone) == listed.sub("", whole)
@@ -219,10 +218,10 @@ def test_files_of_an_earlier_report_are_removed_and_nothing_else(tmp_path):
         (tmp_path / "figures" / name).write_text("")
     (tmp_path / "tables" / "mine.csv").write_text("")
     first = files_in(tmp_path, "figures", "tables")
-    assert {"attempts_by_trial_rl.svg", "paid.svg", "paid.tex"} < first
+    assert {"attempts_by_trial_rl.pdf", "paid.pdf", "paid.tex"} < first
     written(SOLVED, tmp_path, [], figures=True)
     stems = ("attempts_by_trial_human", "learner_a")
-    assert files_in(tmp_path, "figures") == mine | {f"{s}.{kind}" for s in stems for kind in KINDS}
+    assert files_in(tmp_path, "figures") == mine | {f"{stem}.pdf" for stem in stems}
     assert files_in(tmp_path, "tables") == {
         *("mine.csv", "leaderboard.csv", "learner_a.csv", "learner_a.tex")
     }
@@ -251,7 +250,7 @@ def test_a_report_says_how_many_files_it_removed(tmp_path):
         said.append(at_once("report", "a", *more, cwd=tmp_path).stdout)
     removed = [re.findall(r"\d+ files? of the earlier page .*--figures", one) for one in said]
     assert [len(found) for found in removed] == [0, 0, 1, 0, 0, 1]
-    assert not [path for path in tmp_path.rglob("*") if path.suffix in (".svg", ".tex")]
+    assert not [path for path in tmp_path.rglob("*") if path.suffix in (".pdf", ".tex")]
 
 
 def test_a_path_that_cannot_be_written_is_named(tmp_path):
