@@ -45,7 +45,7 @@ def compare(
     workers: Workers = None,
     cluster: Annotated[
         str | None,
-        typer.Option(help="Let workers of Dask play: tcp://host:8786, or local:8."),
+        typer.Option(help="Let workers of Dask play: tcp://host:8786."),
     ] = None,
     shard: Annotated[
         str | None,

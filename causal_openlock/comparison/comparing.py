@@ -91,8 +91,7 @@ def compare(
             default they are kept until Python ends, or :meth:`Results.save` keeps them.
         workers: Number of processes; by default one for each core. With 0 this process plays, one
             cell after another: small comparisons need not wait for another one to start.
-        cluster: Address of a Dask scheduler whose workers play, ``"tcp://host:8786"``; or
-            ``"local:8"``, which starts one with eight workers here.
+        cluster: Address of a Dask scheduler whose workers play, such as ``"tcp://host:8786"``.
         retry_failed: Whether cells that have failed three times are tried again.
         allow_version: Whether a folder that was made with other versions of packages is completed
             with those here.

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import re
 import sys
 from collections import deque
 from collections.abc import Callable
@@ -20,15 +19,11 @@ from typing import Any
 from causal_openlock.errors import OpenLockError, in_short
 from causal_openlock.experiment.declare import Cell, Experiment
 from causal_openlock.files.atomic import write_bytes
-from causal_openlock.running.workers import Doing, LostError, begin_worker, done_jobs
+from causal_openlock.running.workers import Doing, LostError, done_jobs
 from causal_openlock.storage.versions import other_versions, versions
 from causal_openlock.usercode.own_files import digest_of, own_files
 
-# As in the scripts of examples/clusters. Code that holds Python's lock for minutes keeps a worker
-# from reporting to the scheduler, which would give it up.
-SETTINGS = {"distributed.scheduler.allowed-failures": 0, "distributed.scheduler.worker-ttl": None}
-PATIENCE = 10.0
-"""Seconds to wait for a scheduler."""
+PATIENCE = 10.0  # seconds to wait for a scheduler
 
 
 def in_cluster(
@@ -39,15 +34,11 @@ def in_cluster(
     folder: Path,
     warn: Callable[[str], None],
 ) -> Doing:
-    """Let the workers of a Dask cluster do jobs; ``local:8`` starts eight of them here."""
+    """Let the workers of a Dask cluster do jobs."""
     try:
-        import dask
         from distributed import Client, KilledWorker
     except ImportError:
-        raise OpenLockError(
-            "a cluster needs the package distributed; install it with: "
-            "pip install 'causal-openlock[cluster]'"
-        ) from None
+        raise OpenLockError("--cluster needs: pip install 'causal-openlock[cluster]'") from None
 
     def workers() -> int:
         if client.status != "running":
@@ -62,19 +53,11 @@ def in_cluster(
     for inside, path in files.items():
         write_bytes(code / inside, path.read_bytes())
     there = partial(_play_there, do, str(code) if files else "", folder, versions())
-    if local := re.fullmatch(r"local:([1-9]\d{0,3})", address, re.ASCII):
-        dask.config.set(SETTINGS)
-        quiet = {"dashboard_address": ":0", "silence_logs": logging.CRITICAL}
-        options = {"threads_per_worker": 1, "memory_limit": 0, "preload": [__name__], **quiet}
-        client = Client(n_workers=int(local[1]), set_as_default=False, **options)
-    else:
-        _require_scheduler(address)
-        client = Client(address, set_as_default=False)
+    _require_scheduler(address)
     # It would say that the scheduler is lost, which is said anyway.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
-    with client:
-        # Not pure, or the answer to a job that is given again would be the old one. And a job for
-        # each worker, not more: Dask blames all jobs that a lost worker had.
+    with Client(address, set_as_default=False) as client:
+        # Not pure, as a job may be given again; one a worker, as Dask blames all of a lost worker.
         executor = client.get_executor(pure=False, retries=0)
         try:
             for done in done_jobs(executor, there, jobs, workers):
@@ -104,7 +87,7 @@ def _play_there(
     elif others := other_versions(expected, versions()):
         fault = f"lacks {others}, as the comparison has it; install the same versions for both"
     elif not (folder / "experiment.json").is_file():
-        fault = f"does not see {folder}; give --out a folder that all machines share"
+        fault = f"does not see {folder}; give --out a folder that all see under this path"
     if fault:
         raise OpenLockError(f"the worker {worker.address} {fault}")
     if code and sys.path[0] != code:
@@ -133,10 +116,5 @@ def _require_scheduler(address: str) -> None:
         raise OpenLockError(
             f"there is no Dask scheduler at {address!r} ({why or 'nothing answers'}); give "
             "--cluster its address, such as tcp://host:8786 (not that of its dashboard, "
-            "http://host:8787), or local:8 for eight workers here, from 1 to 9999"
+            "http://host:8787); on this machine alone, --workers 8 needs none"
         )
-
-
-def dask_setup(worker: object) -> None:
-    """Let a worker that was started here ignore signals that its parent handles; Dask calls it."""
-    begin_worker()

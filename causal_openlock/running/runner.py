@@ -77,8 +77,7 @@ def run(
         executor: Plays the cells; by default processes of this machine do.
         workers: Number of these processes; by default one for each core. With 0 this process plays,
             one cell after another.
-        cluster: Address of a Dask scheduler whose workers play, ``"tcp://host:8786"``; or
-            ``"local:8"``, which starts eight workers here.
+        cluster: Address of a Dask scheduler whose workers play, such as ``"tcp://host:8786"``.
         shard: A share of the cells, which alone is played, while others may play in this folder.
         retry_failed: Whether cells that have failed three times are tried again.
         allow_version: Whether a folder that was made with other versions of packages is completed.

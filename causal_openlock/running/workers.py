@@ -217,8 +217,17 @@ class _Process:
 
 
 def _serve(pipe: Connection, prepare: Callable[[], None] | None) -> None:
-    """Do the jobs that come through a pipe, and say when one begins and how it ends."""
-    begin_worker()
+    """Do the jobs that come through a pipe, and say when one begins and how it ends.
+
+    The process is the head of a group, which ends when its parent has ended. It ignores Ctrl-C and
+    SIGTERM, which its parent handles: a batch system sends SIGTERM to all processes at once, and a
+    worker that it ends would look like a learner that ended its process.
+    """
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: None)  # SIG_IGN would be inherited
+    with suppress(AttributeError, OSError):  # Windows has no groups
+        os.setsid()
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     if prepare:
         prepare()
     with suppress(EOFError, OSError):
@@ -233,26 +242,12 @@ def _serve(pipe: Connection, prepare: Callable[[], None] | None) -> None:
                 pipe.send((None, error))
 
 
-def begin_worker() -> None:
-    """Make this process a worker: the head of a group, which ends when its parent has ended.
-
-    It ignores Ctrl-C and SIGTERM, which its parent handles: a batch system sends SIGTERM to all
-    processes at once, and a worker that it ends would look like a learner that ended its process.
-    """
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: None)  # SIG_IGN would be inherited
-    with suppress(AttributeError, OSError):  # Windows has none; or it is the head already
-        os.setsid()
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-
-        def end_with_parent() -> None:
-            parent.join()
-            with suppress(AttributeError):
-                os.killpg(os.getpid(), signal.SIGKILL)
-            os._exit(1)
-
-        threading.Thread(target=end_with_parent, daemon=True).start()
+def _end_with_parent() -> None:
+    if parent := multiprocessing.parent_process():
+        parent.join()
+        with suppress(AttributeError):
+            os.killpg(os.getpid(), signal.SIGKILL)
+        os._exit(1)
 
 
 def may_start_processes() -> bool:
