@@ -111,27 +111,13 @@ class Belief:
         """``[E]`` likelihood of an event."""
         return likelihood(self.space.hypotheses, self.which, self.space.strengths, event)
 
-    def explain(self, events: Mapping[Event, int]) -> None:
-        """Condition a new belief on all events of a trial, and how often each was observed."""
-        with np.errstate(divide="ignore"):
-            log_prob = np.log(self.weight)
-            for event, times in events.items():
-                log_prob += times * np.log(self.likelihood(event))
-        best = log_prob.max(initial=-np.inf)
-        self.possible = bool(np.isfinite(best))
-        if self.possible:
-            weight = np.exp(log_prob - best)
-            kept = weight > 0 if self.start is None else np.ones(len(weight), dtype=bool)
-            self.which, self.weight = self.which[kept], weight[kept] / weight.sum()
-
-    def remember(self, events: Iterable[Event]) -> None:
-        """Make events part of the baseline, unless no hypothesis explains them."""
-        assert self.start is not None, "the subject forgets"
-        weight = self.start.copy()
+    def given(self, prior: FloatArray, events: Iterable[Event]) -> FloatArray:
+        """``[E]`` posterior after events; the prior, ``[E]``, if no hypothesis explains them."""
+        weight = prior.copy()
         for event in events:
             weight *= self.likelihood(event)
         total = weight.sum()
-        self.start = weight / total if total > 0 else self.start
+        return weight / total if total > 0 else prior
 
     def forget(self, lost: float, keeps: bool) -> None:
         """Lose a part of the trial's evidence at the end of an attempt.
@@ -142,7 +128,7 @@ class Belief:
         if self.start is None:
             return
         if keeps:
-            self.remember(self.attempt)
+            self.start = self.given(self.start, self.attempt)
             self.kept += self.attempt
         self.attempt = ()
         self.weight = (1.0 - lost) * self.weight + lost * self.start
@@ -314,7 +300,7 @@ class Beliefs:
         fresh = self._prior_belief(subject, past.space.sight, past.slots, past.events)
         fresh.events, fresh.found = past.events, past.found
         fresh.attempt, fresh.kept = past.attempt, past.kept
-        fresh.explain(past.events)
+        fresh.possible = all(map(fresh.observe, past.events.elements()))
         if fresh.possible and fresh.start is not None:
-            fresh.remember(fresh.kept)
+            fresh.start = fresh.given(fresh.start, fresh.kept)
         return fresh

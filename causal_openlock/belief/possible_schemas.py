@@ -65,7 +65,7 @@ def possible_schemas(schema: Schema, among: Among, action_limit: int) -> Possibl
         if source in (ALL, GRAMMAR):
             raise OpenLockError(f"{source} stands alone and has no weight; leave out the others")
         other = declared(source)
-        if not (isinstance(weight, Real) and 0 < weight < np.inf):
+        if not (isinstance(weight, Real) and 0 < float(weight) < np.inf):
             raise OpenLockError(f"the weight of {other.name} has to be more than 0, not {weight!r}")
         weights[other] = float(weight)
     weights = {schema: weights.pop(schema, 1.0), **weights}
