@@ -34,7 +34,6 @@ from pydantic import (
     Field,
     InstanceOf,
     PlainSerializer,
-    TypeAdapter,
     ValidationInfo,
     WrapValidator,
     field_validator,
@@ -164,6 +163,9 @@ AnyReward = Annotated[
 
 LayoutSource = Literal["published", "random"]
 LayoutForms = LayoutSource | list[str | dict[str, str]] | None
+LayoutOfSchema = Annotated[
+    InstanceOf[Layout], BeforeValidator(lambda layout, info: Layout.of(info.context, layout))
+]
 
 
 def default_action_limit(schema: Schema) -> int:
@@ -312,8 +314,7 @@ class Trials(Part):
             raise ExperimentError(
                 f"layouts are 'published', 'random' or a list, not {layouts!r:.200}"
             )
-        fitting = BeforeValidator(lambda layout: Layout.of(schema, layout))
-        return TypeAdapter(tuple[Annotated[Layout, fitting], ...]).validate_python(layouts)
+        return adapter(tuple[LayoutOfSchema, ...]).validate_python(layouts, context=schema)
 
     def __post_init__(self) -> None:
         if isinstance(self.layouts, tuple) and (self.number or 0) > len(self.layouts):
