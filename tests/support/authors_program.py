@@ -5,22 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import product
 
+from causal_openlock.schemas.finding import bundled_schemas
 from causal_openlock.schemas.schema import DOOR
 from causal_openlock.world.room import PAPER_POSITIONS, Layout
-from support.reward_play import LAYOUTS, SCHEMAS
 
-AUTHORS_MODES = [
-    "basic",
-    "change_state",
-    "unique_solutions",
-    "change_state_unique_solutions",
-    "negative_immovable",
-    "negative_immovable_unique_solutions",
-    "negative_immovable_negative_repeat",
-    "negative_immovable_partial_action_seq",
-    "negative_immovable_solution_multiplier",
-    "negative_immovable_partial_action_seq_solution_multiplier",
-]
+SCHEMAS = bundled_schemas()
+LAYOUTS = {"CC3": "trial3", "CE3": "trial1", "CC4": "trial7", "CE4": "trial10"}
+"""One of the published rooms of each schema."""
 
 
 @dataclass(frozen=True)

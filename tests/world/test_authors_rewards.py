@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from causal_openlock.world.kernel import SOLUTIONS_FOUND
-from causal_openlock.world.rewards import find_reward
+from causal_openlock.world.rewards import PRESETS, find_reward
 from causal_openlock.world.room import Layout
 from causal_openlock.world.rooms import Rooms, RoomTables
-from support.authors_program import AUTHORS_MODES, authors_reward, authors_room
-from support.reward_play import LAYOUTS, SCHEMAS
+from support.authors_program import LAYOUTS, SCHEMAS, authors_reward, authors_room
 
+PREFIX = "authors_2018_"
+MODES = [name.removeprefix(PREFIX) for name in PRESETS if name.startswith(PREFIX)]
 SEQUENCES = np.array([*product(range(15), repeat=3)])
 authors_room = cache(authors_room)
 
@@ -30,7 +31,7 @@ def rewards_of_all(name, reward, found):
 
 
 @pytest.mark.parametrize("name", LAYOUTS)
-@pytest.mark.parametrize("mode", AUTHORS_MODES)
+@pytest.mark.parametrize("mode", MODES)
 def test_the_authors_presets_pay_what_their_program_paid_for_every_sequence(name, mode):
     happened, solutions = authors_room(name)
     numbers = range(len(solutions))

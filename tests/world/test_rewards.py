@@ -6,10 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import oracle
+from causal_openlock.envs import OpenLockEnv
 from causal_openlock.world.events import Events
 from causal_openlock.world.kernel import IDLE
 from causal_openlock.world.rewards import PRESETS, TERMS, Weights, find_reward
-from support.reward_play import Play
+from causal_openlock.world.room import Layout
+
+PUSH = {"L0": 0, "L1": 1, "L2": 2, "L3": 3, "white": 6, "door": 14}
 
 
 @pytest.mark.parametrize(
@@ -40,9 +43,14 @@ from support.reward_play import Play
     ],
 )  # fmt: skip
 def test_worked_examples(form, attempts):
-    play = Play(form)
+    env = OpenLockEnv("CC4", Layout((0, 1, 2, 3)), form)
+    env.reset(seed=0)
     for words, paid in attempts:
-        assert play.attempt(words) == pytest.approx(paid)
+        env.reset()
+        actions = [
+            PUSH[word.removeprefix("-")] + 7 * word.startswith("-") for word in words.split()
+        ]
+        assert [env.step(action)[1] for action in actions] == pytest.approx(paid)
 
 
 NUMBERS = st.floats(-100, 100, allow_nan=False).map(lambda x: round(x, 6))
