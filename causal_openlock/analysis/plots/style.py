@@ -250,8 +250,13 @@ def save(figure: Figure, path: Path) -> None:
 
 
 def image(figure: Figure, kind: str, dots: int = 200) -> bytes:
-    """The figure as ``svg``, ``png`` (``dots`` per inch) or ``pdf``, without a date."""
+    """The figure as ``svg``, ``png`` (``dots`` per inch) or ``pdf``; equal ones are equal bytes."""
     content = io.BytesIO()
     with settings():
+        if engine := figure.get_layout_engine():
+            engine.execute(figure)
+            figure.set_layout_engine("none")
+            for axes in figure.axes:  # the solver's last digits are not always the same
+                axes.set_position([round(edge, 6) for edge in axes.get_position().bounds])
         figure.savefig(content, format=kind, dpi=dots, metadata=_NO_METADATA[kind])
     return content.getvalue()
