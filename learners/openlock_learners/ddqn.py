@@ -8,9 +8,8 @@ whether values reach over the end of an attempt) is a parameter here.
 
 :class:`DDQN` sees the room and nothing of what came before in the trial: it cannot know which
 solutions it has found. :class:`SemiMarkovDDQN` sees in a few more bits how many. All subjects of a
-cell are trained at once, each with a network, a replay buffer and randomness of its own: on a CPU
-by compiled loops (:mod:`openlock_learners.networks.double_q_compiled`), on a GPU by torch
-(:mod:`openlock_learners.networks.double_q`).
+cell are trained at once by compiled loops, each with a network, a replay buffer and randomness of
+its own (:mod:`openlock_learners.networks.double_q`).
 """
 
 from __future__ import annotations
@@ -23,61 +22,30 @@ from pydantic import Field
 
 from causal_openlock.contract.learner import Brief, Learner, Observations, Step, View
 from causal_openlock.contract.parameters import Count, Share
-from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.world.randomness import Streams
+from openlock_learners.exploration import Exploration, ExplorationParameters
 from openlock_learners.networks.denormals import denormals_flushed
-from openlock_learners.networks.replay_buffer import (
-    ObservationTable,
-    PrioritisedReplayBuffer,
-    ReplayBuffer,
-)
+from openlock_learners.networks.replay_buffer import ObservationTable, ReplayBuffer
 
 if TYPE_CHECKING:
-    import torch
-    from torch import Tensor
-
-    from openlock_learners.networks.double_q import StackedDoubleQ
+    from openlock_learners.networks.double_q import DoubleQ, Floats
 
 
 @dataclass(frozen=True)
-class DDQNParameters:
+class DDQNParameters(ExplorationParameters):
     """Hyper-parameters; the defaults are the paper's, or documented choices where it is silent."""
 
     gamma: Annotated[Share, "discount factor (paper: .8)"] = 0.8
-    learning_rate: Annotated[float, Field(gt=0), "of the optimiser (paper: .001)"] = 0.001
-    optimiser: Annotated[
-        Literal["adam", "rmsprop", "sgd"], "with torch's defaults (paper: not given)"
-    ] = "adam"
-    loss: Annotated[
-        Literal["huber", "squared"], "of the TD error (paper: not given; authors' program: huber)"
-    ] = "huber"
-    epsilon_start: Annotated[Share, "share of random actions at first (paper: 1)"] = 1.0
-    epsilon_min: Annotated[Share, "and at least (paper: .01)"] = 0.01
-    epsilon_decay: Annotated[Share, "factor by which it shrinks (paper: .995)"] = 0.995
+    learning_rate: Annotated[float, Field(gt=0), "of Adam (paper: .001)"] = 0.001
     epsilon_decays_with: Annotated[
         Literal["action", "attempt", "trial"], "what it shrinks with every (paper: not given)"
     ] = "action"
-    epsilon_after_trial: Annotated[
-        Share | None, "set at each trial's end (paper: .5); null continues the decay"
-    ] = 0.5
     hidden_layers: Annotated[Count, "layers between input and output (paper: 4)"] = 4
     hidden_units: Annotated[Count, "units in each of them (paper: 128)"] = 128
     batch_size: Annotated[Count, "transitions in a gradient step (paper: not given)"] = 64
     gradient_steps: Annotated[Count, "with every action (paper: not given)"] = 1
     replay_size: Annotated[Count, "transitions remembered (authors' program: 2,000)"] = 2000
-    prioritised: Annotated[
-        bool, "whether transitions are replayed by their TD error (Schaul et al. 2016)"
-    ] = False
-    priority_exponent: Annotated[
-        Share, "alpha: 0 replays uniformly, 1 in proportion to the error"
-    ] = 0.6
-    importance_start: Annotated[
-        Share, "beta at first: how much of the bias of priorities is undone"
-    ] = 0.4
-    importance_actions: Annotated[
-        Count | None,
-        "actions until beta has grown to 1; null takes the most that the protocol allows",
-    ] = None
     target_period: Annotated[
         Count | None, "gradient steps between updates of the target network; null never updates it"
     ] = 100
@@ -89,10 +57,6 @@ class DDQNParameters:
     bootstrap_over_attempts: Annotated[
         bool, "whether a value reaches over the end of an attempt into the room put back"
     ] = False
-    device: Annotated[
-        Literal["auto", "cpu", "cuda"], "where networks are trained; auto: on a GPU if there is one"
-    ] = "auto"
-    threads: Annotated[Count, "of torch on a CPU; more than one gains nothing at this size"] = 1
 
     def __post_init__(self) -> None:
         if self.batch_size > self.replay_size:
@@ -100,14 +64,6 @@ class DDQNParameters:
                 f"a batch of {self.batch_size} transitions can never be drawn from "
                 f"{self.replay_size}; make replay_size at least batch_size"
             )
-
-
-def double_q_class(device: torch.device) -> type[StackedDoubleQ]:
-    """The implementation for a device: compiled loops on a CPU, torch on a GPU."""
-    from openlock_learners.networks.double_q import StackedDoubleQ
-    from openlock_learners.networks.double_q_compiled import CompiledDoubleQ
-
-    return CompiledDoubleQ if device.type == "cpu" else StackedDoubleQ
 
 
 class DDQN(Learner):
@@ -118,38 +74,28 @@ class DDQN(Learner):
 
     def begin(self, brief: Brief) -> None:
         """Make a network, a replay buffer and streams of randomness for each subject."""
-        from openlock_learners.networks.double_q import find_device
+        from openlock_learners.networks.double_q import DoubleQ
 
         settings = self.parameters
-        self._device = find_device(settings.device)
         self.brief = brief
         weights, exploration, batches = zip(
             *(generator.spawn(3) for generator in brief.generators), strict=True
         )
-        self._exploration = Streams(exploration, width=2)
+        self._luck = Streams(exploration, width=2)
         self._batches = Streams(batches, width=settings.batch_size, block=64)
         hidden = [settings.hidden_units] * settings.hidden_layers
-        self.q: StackedDoubleQ = double_q_class(self._device)(
+        self.q: DoubleQ = DoubleQ(
             [self._inputs, *hidden, brief.actions],
             weights,
             settings.learning_rate,
             settings.gamma,
             settings.target_period,
-            settings.loss,
-            settings.optimiser,
-            self._device,
             settings.double,
         )
         self._table = ObservationTable(self._inputs)
-        size = (brief.subjects, settings.replay_size)
-        self._replay = (
-            PrioritisedReplayBuffer(*size, settings.priority_exponent)
-            if settings.prioritised
-            else ReplayBuffer(*size)
-        )
-        self.epsilon = np.full(brief.subjects, settings.epsilon_start)
-        self._actions = np.zeros(brief.subjects, dtype=np.int64)
-        self._errors: Tensor | None = None
+        self._replay = ReplayBuffer(brief.subjects, settings.replay_size)
+        self.exploration = Exploration(settings, brief.subjects)
+        self._errors: Floats | None = None
 
     @property
     def _inputs(self) -> int:
@@ -161,8 +107,8 @@ class DDQN(Learner):
 
     def act(self, view: View) -> IntArray:
         """``[B]`` epsilon-greedy actions."""
-        uniform = self._exploration.uniform()
-        explores = uniform[:, 0] < self.epsilon
+        uniform = self._luck.uniform()
+        explores = uniform[:, 0] < self.exploration.epsilon
         actions = (uniform[:, 1] * self.brief.actions).astype(np.int64)
         if not explores.all():
             inputs = self._network_input(view.observation, view.console.solutions_found)
@@ -173,8 +119,7 @@ class DDQN(Learner):
         """``[B, A]`` exploration and the greedy action, mixed by epsilon."""
         inputs = self._network_input(view.observation, view.console.solutions_found)
         greedy = np.eye(self.brief.actions)[self.q.greedy(inputs)]
-        share = self.epsilon[:, None]
-        return share * self._exploring(view) + (1.0 - share) * greedy
+        return self.exploration.mixed(greedy, self._exploring(view))
 
     def _exploring(self, view: View) -> FloatArray:
         """``[B, A]`` the probability of each action of those that explore."""
@@ -182,18 +127,18 @@ class DDQN(Learner):
 
     def learn(self, step: Step) -> None:
         """Add the transition to the buffer, take a gradient step, and lower epsilon."""
-        playing = step.view.playing
+        playing, settings = step.view.playing, self.parameters
         self._add_transition(step, np.flatnonzero(playing))
-        self._actions += playing
-        trains = playing & (self._replay.length >= self.parameters.batch_size)
+        trains = playing & (self._replay.length >= settings.batch_size)
         if trains.any():
-            for _ in range(self.parameters.gradient_steps):
-                self._train(trains)
-        self._decay_epsilon(step)
+            for _ in range(settings.gradient_steps):
+                batch = self._replay.sample(self._batches.uniform())
+                with denormals_flushed():
+                    self._errors = self.q.update(batch, trains)
+        decays = {"action": playing, "attempt": step.attempt_over, "trial": step.trial_over}
+        self.exploration.decay(step, decays[settings.epsilon_decays_with])
 
     def _add_transition(self, step: Step, who: IntArray) -> None:
-        import torch
-
         found = step.view.console.solutions_found
         before = self._network_input(step.view.observation, found)
         if self.parameters.bootstrap_over_attempts:
@@ -212,36 +157,7 @@ class DDQN(Learner):
             ~done[who],
         )
         if len(self._table.rows) > known:
-            self.q.observe(torch.from_numpy(self._table.rows))
-
-    def _train(self, trains: BoolArray) -> None:
-        import torch
-
-        replay = self._replay
-        prioritised = isinstance(replay, PrioritisedReplayBuffer)
-        batch = replay.sample(self._batches.uniform(), self.importance if prioritised else 1.0)
-        mask = None if trains.all() else torch.from_numpy(trains).to(self._device)
-        with denormals_flushed():
-            self._errors = self.q.update(batch, mask)
-        if isinstance(replay, PrioritisedReplayBuffer):
-            replay.update_priorities(batch.slot, self._errors.cpu().numpy(), trains)
-
-    @property
-    def importance(self) -> FloatArray:
-        """``[B]`` beta of prioritised replay, which grows linearly to 1."""
-        brief, start = self.brief, self.parameters.importance_start
-        most = brief.trials * brief.attempt_limit * brief.action_limit
-        course = self._actions / (self.parameters.importance_actions or most)
-        return np.minimum(start + (1.0 - start) * course, 1.0)
-
-    def _decay_epsilon(self, step: Step) -> None:
-        settings, playing = self.parameters, step.view.playing
-        decays_at = {"action": playing, "attempt": step.attempt_over, "trial": step.trial_over}
-        decays = decays_at[settings.epsilon_decays_with] & playing
-        decayed = self.epsilon * settings.epsilon_decay
-        np.maximum(decayed, settings.epsilon_min, out=self.epsilon, where=decays)
-        if settings.epsilon_after_trial is not None:
-            self.epsilon[step.trial_over & playing] = settings.epsilon_after_trial
+            self.q.observe(self._table.rows)
 
     def updates_made(self) -> int:
         """Gradient steps."""
@@ -257,21 +173,16 @@ class DDQN(Learner):
         A unit is dead if no observation met so far switches it on: its ReLU passes nothing on, and
         no gradient back that could change it (Sokar et al. 2023, "dormant neurons").
         """
-        import torch
-
+        metrics = {"epsilon": float(self.exploration.epsilon.mean())}
         pairs, transitions = self._replay.differing().mean(axis=1).tolist()
-        metrics = {"epsilon": float(self.epsilon.mean())}
         metrics |= {"differing_pairs": pairs, "differing_transitions": transitions}
         if self._errors is not None:
-            size = self._errors.abs()
-            square = size.square() / 2
-            huber = torch.where(size < 1, square, size - 0.5)
-            metrics["loss"] = float((huber if self.parameters.loss == "huber" else square).mean())
-            rows = torch.from_numpy(self._table.rows).to(self._errors)
-            *layers, values = self.q.online.activations(rows)
-            metrics["max_q"] = float(values.amax(dim=2).mean())
-            dead = [(layer <= 0).all(dim=1).float().mean() for layer in layers[1:]]
-            metrics["dead_units"] = float(torch.stack(dead).mean())
+            size = np.abs(self._errors)
+            metrics["loss"] = float(np.where(size < 1, size**2 / 2, size - 0.5).mean())
+            *hidden, values = self.q.activations()
+            metrics["max_q"] = float(values.max(axis=2).mean())
+            dead = [(layer <= 0).all(axis=1).mean() for layer in hidden]
+            metrics["dead_units"] = float(np.mean(dead))
         return metrics
 
 

@@ -24,6 +24,7 @@ from causal_openlock.contract.learner import Brief, Learner, Step, View
 from causal_openlock.contract.parameters import Count, Share
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.world.randomness import Streams
+from openlock_learners.exploration import Exploration, ExplorationParameters
 from openlock_learners.networks.denormals import denormals_flushed
 from openlock_learners.networks.perception import Perception
 from openlock_learners.networks.sequence_buffer import SequenceBuffer
@@ -35,10 +36,9 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class RecurrentParameters:
+class RecurrentParameters(ExplorationParameters):
     """Hyper-parameters; those that the DDQN has too have its defaults."""
 
-    cell: Annotated[Literal["gru", "lstm"], "kind of the recurrent layer"] = "gru"
     hidden_units: Annotated[
         Count, "units of the recurrent layer, and of the hidden layer behind it"
     ] = 64
@@ -55,10 +55,6 @@ class RecurrentParameters:
     replay_size: Annotated[Count, "steps remembered for training"] = 2000
     gamma: Annotated[Share, "discount factor"] = 0.8
     learning_rate: Annotated[float, Field(gt=0), "of Adam"] = 0.001
-    epsilon_start: Annotated[Share, "share of random actions at first"] = 1.0
-    epsilon_min: Annotated[Share, "and at least"] = 0.01
-    epsilon_decay: Annotated[Share, "factor with every action"] = 0.995
-    epsilon_after_trial: Annotated[Share | None, "set at each trial's end"] = 0.5
     target_period: Annotated[
         Count | None,
         "gradient steps between updates of the target network (by default as many actions as the "
@@ -67,7 +63,6 @@ class RecurrentParameters:
     bootstrap_over_attempts: Annotated[
         bool, "whether a value reaches over the end of an attempt into the room put back"
     ] = False
-    threads: Annotated[Count, "of torch; more than one gains nothing at this size"] = 1
 
     def __post_init__(self) -> None:
         longest = self.burn_in + self.unroll + 1
@@ -94,30 +89,27 @@ class Recurrent(Learner):
             *(generator.spawn(3) for generator in brief.generators), strict=True
         )
         self._perception = Perception(brief)
-        inputs = self._perception.size
-        network = StackedRecurrentNetwork(
-            settings.cell, inputs, settings.hidden_units, brief.actions, weights
-        )
+        inputs, hidden = self._perception.size, settings.hidden_units
+        network = StackedRecurrentNetwork(inputs, hidden, brief.actions, weights)
         self.q: RecurrentDoubleQ = RecurrentDoubleQ(
             network, settings.learning_rate, settings.gamma, settings.target_period
         )
-        state = network.cell.state_size
-        self._hidden_state = np.zeros((brief.subjects, state), dtype=np.float32)
+        self._hidden_state = np.zeros((brief.subjects, hidden), dtype=np.float32)
         self._replay = SequenceBuffer(
-            brief.subjects, settings.replay_size, settings.burn_in, settings.unroll, inputs, state
+            brief.subjects, settings.replay_size, settings.burn_in, settings.unroll, inputs, hidden
         )
-        self._exploration = Streams(exploration, width=2)
+        self._luck = Streams(exploration, width=2)
         self._batches = Streams(batches, width=2 * settings.batch_size, block=64)
-        self.epsilon = np.full(brief.subjects, settings.epsilon_start)
+        self.exploration = Exploration(settings, brief.subjects)
         self._values: Tensor | None = None
         self._losses: Tensor | None = None
 
     def act(self, view: View) -> IntArray:
         """``[B]`` epsilon-greedy actions; :meth:`learn` then keeps the next hidden state."""
         greedy = self._greedy(view)
-        uniform = self._exploration.uniform()
+        uniform = self._luck.uniform()
         random = (uniform[:, 1] * self.brief.actions).astype(np.int64)
-        return np.where(uniform[:, 0] < self.epsilon, random, greedy)
+        return np.where(uniform[:, 0] < self.exploration.epsilon, random, greedy)
 
     def _greedy(self, view: View) -> IntArray:
         """``[B]`` the best actions; keeps the values, and the hidden state that follows."""
@@ -131,8 +123,8 @@ class Recurrent(Learner):
 
     def probabilities(self, view: View) -> FloatArray:
         """``[B, A]`` a random and the greedy action, mixed by epsilon."""
-        share, actions = self.epsilon[:, None], self.brief.actions
-        return share / actions + (1.0 - share) * np.eye(actions)[self._greedy(view)]
+        greedy = np.eye(self.brief.actions)[self._greedy(view)]
+        return self.exploration.mixed(greedy, 1.0 / self.brief.actions)
 
     def learn(self, step: Step) -> None:
         """Add the step to the buffer, take a gradient step if one is due, and lower epsilon."""
@@ -161,10 +153,7 @@ class Recurrent(Learner):
             batch = self._replay.sample(self._batches.uniform())
             with denormals_flushed():
                 self._losses = self.q.update(batch, from_numpy(trains))
-        decayed = np.maximum(self.epsilon * settings.epsilon_decay, settings.epsilon_min)
-        if settings.epsilon_after_trial is not None:
-            decayed[step.trial_over] = settings.epsilon_after_trial
-        self.epsilon = np.where(playing, decayed, self.epsilon)
+        self.exploration.decay(step)
 
     def updates_made(self) -> int:
         """Gradient steps."""
@@ -172,7 +161,7 @@ class Recurrent(Learner):
 
     def metrics(self) -> dict[str, float]:
         """Epsilon, the loss of the last minibatch, and the values of what was seen last."""
-        metrics = {"epsilon": float(self.epsilon.mean())}
+        metrics = {"epsilon": float(self.exploration.epsilon.mean())}
         if self._losses is not None:
             metrics["loss"] = float(self._losses.mean())
         if self._values is not None:

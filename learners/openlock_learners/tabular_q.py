@@ -20,21 +20,16 @@ import numpy as np
 from causal_openlock.contract.learner import Brief, Learner, Observations, Step, View
 from causal_openlock.contract.parameters import Share
 from causal_openlock.schemas.fsm import FloatArray, IntArray
+from openlock_learners.exploration import Exploration, ExplorationParameters
 
 
 @dataclass(frozen=True)
-class TabularQParameters:
+class TabularQParameters(ExplorationParameters):
     """Hyper-parameters; discount and exploration are those of the paper's DDQN."""
 
     learning_rate: Annotated[Share, "share of the error that is corrected at once"] = 0.2
     gamma: Annotated[Share, "discount factor"] = 0.8
     initial_value: Annotated[float, "of every action in every state"] = 0.0
-    epsilon_start: Annotated[Share, "share of random actions at first"] = 1.0
-    epsilon_min: Annotated[Share, "and at least"] = 0.01
-    epsilon_decay: Annotated[Share, "factor by which it shrinks with every action"] = 0.995
-    epsilon_after_trial: Annotated[
-        Share | None, "set at each trial's end; null continues the decay"
-    ] = 0.5
 
 
 class TabularQ(Learner):
@@ -50,7 +45,7 @@ class TabularQ(Learner):
         self._weights = 1 << np.arange(brief.observation_size, dtype=np.int64)
         self._numbers: dict[int, int] = {}
         self._values = np.full((brief.subjects, 64, brief.actions), self.parameters.initial_value)
-        self.epsilon = np.full(brief.subjects, self.parameters.epsilon_start)
+        self.exploration = Exploration(self.parameters, brief.subjects)
 
     def _rows(self, observations: Observations) -> IntArray:
         """``[B]`` the row of each observation; all subjects use the same rows of their tables."""
@@ -69,9 +64,10 @@ class TabularQ(Learner):
 
     def probabilities(self, view: View) -> FloatArray:
         """``[B, A]`` a random action and the best ones, mixed by epsilon."""
-        values, share = self.values(view.observation), self.epsilon[:, None]
+        values = self.values(view.observation)
         best = values == values.max(axis=1, keepdims=True)
-        return share / self.brief.actions + (1.0 - share) * best / best.sum(axis=1, keepdims=True)
+        greedy = best / best.sum(axis=1, keepdims=True)
+        return self.exploration.mixed(greedy, 1.0 / self.brief.actions)
 
     def learn(self, step: Step) -> None:
         """Correct the value of each action that was taken, and lower epsilon."""
@@ -81,7 +77,4 @@ class TabularQ(Learner):
         to_come = self._values[who, after[who]].max(axis=1) * ~step.attempt_over[who]
         error = step.reward[who] + settings.gamma * to_come - self._values[place]
         self._values[place] += settings.learning_rate * error
-        decayed = np.maximum(self.epsilon[who] * settings.epsilon_decay, settings.epsilon_min)
-        self.epsilon[who] = decayed
-        if settings.epsilon_after_trial is not None:
-            self.epsilon[who[step.trial_over[who]]] = settings.epsilon_after_trial
+        self.exploration.decay(step)

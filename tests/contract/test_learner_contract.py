@@ -78,11 +78,7 @@ TestDDQNOfFullSize = contract(
     "ddqn", parameters={"target_period": 20}, schemas=TWO, subjects=3, attempts=20
 )
 TestSemiMarkovDDQN = contract(
-    "semi_markov_ddqn",
-    parameters=SMALL | {"prioritised": True},
-    schemas=TWO,
-    subjects=3,
-    attempts=20,
+    "semi_markov_ddqn", parameters=SMALL, schemas=TWO, subjects=3, attempts=20
 )
 TestBayesNetDDQN = contract(
     "bayes_net_ddqn", parameters=SMALL, schemas=(*TWO, "noisy_CC3"), subjects=3, attempts=10
@@ -98,9 +94,6 @@ RECURRENT = {
     "target_period": 3,
 }
 TestRecurrent = contract("recurrent", parameters=RECURRENT, schemas=TWO, subjects=3, attempts=8)
-TestRecurrentLSTM = contract(
-    "recurrent", parameters=RECURRENT | {"cell": "lstm"}, schemas=TWO, subjects=3, attempts=8
-)
 TestRL2 = contract("rl2")
 
 

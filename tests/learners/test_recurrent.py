@@ -39,7 +39,7 @@ def in_double(learner):
 
     def doubled(batch):
         floats = ("inputs", "state", "reward", "not_done", "mask")
-        return losses(replace(batch, **{f: getattr(batch, f).astype(np.float64) for f in floats}))
+        return losses(batch._replace(**{f: getattr(batch, f).astype(np.float64) for f in floats}))
 
     q.losses = doubled
     learner._hidden_state = learner._hidden_state.astype(np.float64)
@@ -64,7 +64,7 @@ def test_a_recurrent_ddqn_in_plain_torch_follows_the_same_course(reset, over_att
     learner.begin(session.brief)
     in_double(learner)
     drawn = []
-    for streams in (learner._exploration, learner._batches):
+    for streams in (learner._luck, learner._batches):
         uniform = streams.uniform
         streams.uniform = lambda of=uniform: drawn.append(of()) or drawn[-1]
 
@@ -80,7 +80,7 @@ def test_a_recurrent_ddqn_in_plain_torch_follows_the_same_course(reset, over_att
         step = session.step(action)
         learner.learn(step)
         plain.learn(step, agent, lambda: drawn[-1][agent])
-        assert learner.epsilon[agent] == pytest.approx(plain.epsilon)
+        assert learner.exploration.epsilon[agent] == pytest.approx(plain.epsilon)
     assert plain.updates == learner.q.updates > 45
     assert greedily > 50
     assert plain.online.distance(learner.q.online, agent) < 1e-7
@@ -194,12 +194,12 @@ def test_a_subject_that_has_finished_learns_no_more():
         learner.learn(session.step(np.array([action, 14])))
     assert session.view.playing.tolist() == [False, True]
     before = [PlainNetwork(learner.q.online, subject) for subject in range(2)]
-    epsilon = learner.epsilon.copy()
+    epsilon = learner.exploration.epsilon.copy()
     assert learner.q.updates == 3
     play(learner, session, [14] * 9)
     assert learner.q.updates == 12
     assert before[0].distance(learner.q.online, 0) == 0.0
     assert before[1].distance(learner.q.online, 1) > 1e-3
     assert learner._replay.count.tolist() == [6, 15]
-    assert learner.epsilon[0] == epsilon[0] == 0.5
-    assert learner.epsilon[1] < epsilon[1]
+    assert learner.exploration.epsilon[0] == epsilon[0] == 0.5
+    assert learner.exploration.epsilon[1] < epsilon[1]

@@ -147,10 +147,10 @@ def test_a_greedy_one_draws_among_equals_and_its_epsilon_follows_the_paper():
     assert set(np.concatenate(record["actions"].to_numpy())) == {*range(15)}
     learner = create("tabular_q", {"epsilon_decay": 0.9})
     shown(learner, [0, 0, 0])
-    assert learner.epsilon[0] == pytest.approx(0.9**3)
+    assert learner.exploration.epsilon[0] == pytest.approx(0.9**3)
     learner = create("tabular_q")
     play(learner, "CC3", subjects=2)
-    assert (learner.epsilon == 0.5).all()  # as every trial has ended
+    assert (learner.exploration.epsilon == 0.5).all()  # as every trial has ended
 
 
 # -- posterior sampling ----------------------------------------------------------------------------

@@ -19,7 +19,7 @@ IMPORTED = [
     "causal_openlock.running.worker",
     "openlock_learners.bayes",
     "openlock_learners.ideal",
-    "openlock_learners.networks.double_q_compiled",
+    "openlock_learners.networks.double_q",
     "openlock_learners.recurrent",
 ]
 _get_context: Any = multiprocessing.get_context

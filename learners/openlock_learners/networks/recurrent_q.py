@@ -1,25 +1,131 @@
-"""Double Q-learning on sequences with recurrent networks, for N agents (R2D2)."""
+"""Double Q-learning on sequences with recurrent networks, for N agents (R2D2).
+
+N agents keep their weights as ``[N, in, out]`` tensors, and nothing is shared between them. An
+agent's numbers do not depend on how many others there are: torch operations that compute the last
+few numbers of a tensor, or tensors at unaligned addresses, in another way are avoided
+(:func:`sigmoid`, :func:`padded`, Adam that is not fused).
+"""
 
 from __future__ import annotations
 
 import copy
-from dataclasses import fields
+from collections.abc import Sequence
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
-from openlock_learners.networks.recurrent_cells import CELLS, CellName, Generators, StackedLinear
 from openlock_learners.networks.sequence_buffer import Sequences
+
+ALIGNED = 16
+"""Single-precision numbers in the longest vector of today's processors."""
+
+Generators = Sequence[np.random.Generator]
+
+
+def initial(generators: Generators, width: int, *shape: int) -> nn.Parameter:
+    """``[N, *shape]`` weights, uniform within 1/sqrt(width) as torch's own are."""
+    bound = width**-0.5
+    drawn = np.empty((len(generators), *shape))
+    for agent, generator in enumerate(generators):
+        drawn[agent] = generator.uniform(-bound, bound, shape)
+    return nn.Parameter(torch.tensor(drawn, dtype=torch.float32))
+
+
+def sigmoid(numbers: Tensor) -> Tensor:
+    """The logistic function, each number by itself.
+
+    ``torch.sigmoid`` takes another formula for the last few numbers of a tensor on a CPU, and which
+    these are depends on how many agents there are.
+    """
+    return torch.tanh(numbers / 2) / 2 + 0.5
+
+
+def padded(bias: Tensor, weight: Tensor) -> tuple[Tensor, Tensor]:
+    """Pad a bias and a weight with columns of zeros, up to a multiple of the processor's vectors.
+
+    Each agent's part of a product then begins where a vector does: how a product is rounded may
+    depend on that.
+    """
+    if not (rest := -weight.shape[-1] % ALIGNED):
+        return bias, weight
+    return nn.functional.pad(bias, (0, rest)), nn.functional.pad(weight, (0, rest))
+
+
+def product(bias: Tensor, inputs: Tensor, weight: Tensor) -> Tensor:
+    """``[N, M, out]``: ``bias + inputs @ weight`` of each agent."""
+    bias_, weight_ = padded(bias, weight)
+    return torch.baddbmm(bias_, inputs, weight_)[..., : weight.shape[-1]]
+
+
+class StackedLinear(nn.Module):
+    """N linear layers, from ``[N, M, in]`` to ``[N, M, out]``."""
+
+    def __init__(self, inputs: int, outputs: int, generators: Generators) -> None:
+        super().__init__()
+        self.weight = initial(generators, inputs, inputs, outputs)
+        self.bias = initial(generators, inputs, 1, outputs)
+
+    def forward(self, inputs: Tensor) -> Tensor:
+        """One product for all agents."""
+        return product(self.bias, inputs, self.weight)
+
+
+class StackedGRU(nn.Module):
+    """N layers of gated recurrent units; weights are laid out as in torch's cells, transposed.
+
+    Args:
+        inputs: Width of the input.
+        hidden: Width of the output, H, which is also the hidden state.
+        generators: One source of initial weights for each agent.
+    """
+
+    def __init__(self, inputs: int, hidden: int, generators: Generators) -> None:
+        super().__init__()
+        self.hidden = hidden
+        self.input_weight = initial(generators, hidden, inputs, 3 * hidden)
+        self.hidden_weight = initial(generators, hidden, hidden, 3 * hidden)
+        self.input_bias = initial(generators, hidden, 1, 3 * hidden)
+        self.hidden_bias = initial(generators, hidden, 1, 3 * hidden)
+
+    def forward(
+        self, inputs: Tensor, state: Tensor, mask: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """Run over T steps.
+
+        Args:
+            inputs: ``[N, T, M, in]`` for M sequences of T steps.
+            state: ``[N, M, H]`` hidden state before the first step.
+            mask: ``[N, T, M]`` which steps are real; the others leave the state as it is. By
+                default all are.
+
+        Returns:
+            ``[N, T, M, H]`` the outputs, and ``[N, M, H]`` the last of them.
+        """
+        projected = product(self.input_bias, inputs.flatten(1, 2), self.input_weight)
+        # Splitting time once makes autograd join the gradients of the steps once.
+        steps = projected.view(*inputs.shape[:3], -1).unbind(1)
+        masks = [None] * len(steps) if mask is None else mask[..., None].unbind(1)
+        bias, weight = padded(self.hidden_bias, self.hidden_weight)
+        two, width = 2 * self.hidden, 3 * self.hidden
+        outputs = []
+        for step, real in zip(steps, masks, strict=True):
+            recurrent = torch.baddbmm(bias, state, weight)[..., :width]
+            reset, keep = sigmoid(step[..., :two] + recurrent[..., :two]).chunk(2, dim=-1)
+            new = torch.tanh(torch.addcmul(step[..., two:], reset, recurrent[..., two:]))
+            after = torch.lerp(new, state, keep)
+            state = after if real is None else torch.where(real, after, state)
+            # A view's gradient is added after those of the next step: results depend on the order.
+            outputs.append(state.view_as(state))
+        return torch.stack(outputs, dim=1), state
 
 
 class StackedRecurrentNetwork(nn.Module):
     """N networks of a recurrent layer and a perceptron, both of ``hidden`` units, that reads it."""
 
-    def __init__(
-        self, cell: CellName, inputs: int, hidden: int, outputs: int, generators: Generators
-    ) -> None:
+    def __init__(self, inputs: int, hidden: int, outputs: int, generators: Generators) -> None:
         super().__init__()
-        self.cell = CELLS[cell](inputs, hidden, generators)
+        self.cell = StackedGRU(inputs, hidden, generators)
         self.reads = StackedLinear(hidden, hidden, generators)
         self.values = StackedLinear(hidden, outputs, generators)
 
@@ -67,9 +173,7 @@ class RecurrentDoubleQ:
 
     def losses(self, batch: Sequences) -> Tensor:
         """``[N]`` the Huber loss of each agent, a mean over all steps of its own sequences."""
-        inputs, state, burn_in_mask, action, reward, not_done, mask = (
-            torch.from_numpy(getattr(batch, field.name)) for field in fields(batch)
-        )
+        inputs, state, burn_in_mask, action, reward, not_done, mask = map(torch.from_numpy, batch)
         burn_in = burn_in_mask.shape[1]
         online = target = state
         with torch.no_grad():

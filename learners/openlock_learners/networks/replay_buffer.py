@@ -1,8 +1,7 @@
 """Experience replay for B subjects at once.
 
 Each subject has a ring of its own. A transition holds no observation but its number in a table of
-distinct observations, which all subjects share: the room shows a few dozen. Transitions are drawn
-uniformly, or by :class:`PrioritisedReplayBuffer` in proportion to their last TD error.
+distinct observations, which all subjects share: the room shows a few dozen.
 """
 
 from __future__ import annotations
@@ -14,9 +13,6 @@ from numpy.typing import NDArray
 
 from causal_openlock.contract.learner import Observations
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
-
-LEAST_PRIORITY = 1e-6
-"""Added to every TD error, so that a transition without one can still be drawn."""
 
 
 class ObservationTable:
@@ -40,9 +36,7 @@ class ObservationTable:
 
 
 class Batch(NamedTuple):
-    """A minibatch of M transitions for each of N agents.
-
-    Every part is ``[N, M]``: an array, or a tensor on the device that needs one.
+    """A minibatch of M transitions for each of N agents; every part is ``[N, M]``.
 
     Attributes:
         before: Number of the observation that the action was taken in.
@@ -50,17 +44,13 @@ class Batch(NamedTuple):
         reward: Its reward.
         after: Number of the observation that followed.
         not_done: 1 where the value of what followed counts, 0 where the TD target is the reward.
-        weight: How much the transition counts in the loss.
-        slot: Where in its ring it is.
     """
 
-    before: Any
-    action: Any
+    before: IntArray
+    action: IntArray
     reward: Any
-    after: Any
+    after: IntArray
     not_done: Any
-    weight: Any
-    slot: Any
 
 
 class ReplayBuffer:
@@ -92,24 +82,22 @@ class ReplayBuffer:
         reward: FloatArray,
         after: IntArray,
         not_done: BoolArray,
-    ) -> IntArray:
-        """Add a transition for each of the subjects ``who``; return its slot in each one's ring."""
+    ) -> None:
+        """Add a transition for each of the subjects ``who``."""
         slot = self._next[who]
         self.rings[:, who, slot] = before, action, after, reward, not_done
         self._next[who] = (slot + 1) % self.capacity
         self.length[who] = np.minimum(self.length[who] + 1, self.capacity)
-        return slot
 
-    def sample(self, uniform: FloatArray, beta: FloatArray | float = 1.0) -> Batch:
+    def sample(self, uniform: FloatArray) -> Batch:
         """Transitions drawn with replacement, for each subject from its own ring.
 
-        Args:
-            uniform: ``[B, M]`` numbers in [0, 1) that they are drawn by.
-            beta: By subject, ``[B]``, or for all: how much of the bias of priorities is undone,
-                from 0 to 1.
+        ``uniform`` are the ``[B, M]`` numbers in [0, 1) that they are drawn by.
         """
         slots = (uniform * self.length[:, None]).astype(np.int64)
-        return self._at(slots, np.ones(slots.shape))
+        held = self.rings.reshape(5, -1).take(slots + self._begins, axis=1)
+        before, action, after = held[:3].astype(np.int64)
+        return Batch(before, action, held[3], after, held[4])
 
     def differing(self) -> FloatArray:
         """``[2, B]`` shares of what each ring holds with more than one reward.
@@ -119,65 +107,10 @@ class ReplayBuffer:
         none.
         """
         shares = np.zeros((2, len(self.length)))
-        for subject, length in enumerate(self.length):
-            before, action, _, reward, _ = self.rings[:, subject, :length]
-            _, pair, count = np.unique(
-                np.stack([before, action]), axis=1, return_inverse=True, return_counts=True
-            )
-            rewards = np.unique(np.stack([pair.ravel(), reward]), axis=1)[0].astype(np.int64)
-            differ = np.bincount(rewards, minlength=len(count)) > 1
-            if length:
-                shares[:, subject] = differ.mean(), count[differ].sum() / length
+        for subject in np.flatnonzero(self.length).tolist():
+            before, action, _, reward, _ = self.rings[:, subject, : self.length[subject]]
+            _, count = np.unique(np.stack([before, action]), axis=1, return_counts=True)
+            paid = np.unique(np.stack([before, action, reward]), axis=1)[:2]
+            differ = np.unique(paid, axis=1, return_counts=True)[1] > 1
+            shares[:, subject] = differ.mean(), count[differ].sum() / count.sum()
         return shares
-
-    def _at(self, slots: IntArray, weight: FloatArray) -> Batch:
-        held = self.rings.reshape(5, -1).take(slots + self._begins, axis=1)
-        before, action, after = held[:3].astype(np.int64)
-        return Batch(before, action, held[3], after, held[4], weight, slots)
-
-
-class PrioritisedReplayBuffer(ReplayBuffer):
-    """Rings drawn from in proportion to priorities (Schaul et al. 2016, "proportional").
-
-    The priority of a transition is its last absolute TD error to the power alpha; a new one has
-    the highest priority of its ring so far, so that it is soon drawn. To undo the bias that this
-    brings, a transition drawn with probability P from a ring of n weighs (n P)^-beta, relative to
-    the heaviest of its minibatch. Each of the M transitions comes from one Mth of the ring's
-    total priority.
-
-    Args:
-        alpha: 0 draws uniformly, 1 in proportion to the error; the others as before.
-    """
-
-    def __init__(self, subjects: int, capacity: int, alpha: float) -> None:
-        super().__init__(subjects, capacity)
-        self.alpha = alpha
-        self.priority: FloatArray = np.zeros((subjects, capacity))
-        self._highest: FloatArray = np.ones(subjects)
-
-    def add(self, who: IntArray, *transition: Any) -> IntArray:
-        """See :class:`ReplayBuffer`."""
-        slot = super().add(who, *transition)
-        self.priority[who, slot] = self._highest[who]
-        return slot
-
-    def sample(self, uniform: FloatArray, beta: FloatArray | float = 1.0) -> Batch:
-        """Transitions drawn by priority, for each subject from its own ring."""
-        stratum = (np.arange(uniform.shape[1]) + uniform) / uniform.shape[1]
-        upto = self.priority.cumsum(axis=1)
-        total = upto[:, -1:]
-        drawn = zip(upto, stratum * total, strict=True)
-        slots = np.array([np.searchsorted(own, share, side="right") for own, share in drawn])
-        slots = np.maximum(np.minimum(slots, self.length[:, None] - 1), 0)
-        exponent = np.broadcast_to(beta, self.length.shape)[:, None]
-        with np.errstate(invalid="ignore"):  # an empty ring has no total
-            probability = np.take_along_axis(self.priority, slots, axis=1) / total
-            weight = (self.length[:, None] * probability) ** -exponent
-        return self._at(slots, weight / weight.max(axis=1, keepdims=True))
-
-    def update_priorities(self, slots: IntArray, errors: FloatArray, who: BoolArray) -> None:
-        """Set those of transitions, ``[B, M]``, by their errors, for the subjects ``who``."""
-        mine = np.flatnonzero(who)
-        priority = (np.abs(errors[mine], dtype=np.float64) + LEAST_PRIORITY) ** self.alpha
-        self.priority[mine[:, None], slots[mine]] = priority
-        self._highest[mine] = np.maximum(self._highest[mine], priority.max(axis=1))

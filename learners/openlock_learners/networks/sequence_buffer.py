@@ -8,7 +8,7 @@ crosses the border of a segment: the network must not carry over in replay what 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +18,7 @@ from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 Floats = NDArray[np.float32]
 
 
-@dataclass(frozen=True)
-class Sequences:
+class Sequences(NamedTuple):
     """M sequences for each of N agents: K steps of burn-in, U steps to learn from, and one more.
 
     Time is the second axis. The steps to learn from are in the columns from K on. A sequence

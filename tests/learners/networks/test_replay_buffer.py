@@ -1,13 +1,8 @@
 """What is remembered: rings of transitions, by what they are drawn, and numbered observations."""
 
 import numpy as np
-import pytest
 
-from openlock_learners.networks.replay_buffer import (
-    ObservationTable,
-    PrioritisedReplayBuffer,
-    ReplayBuffer,
-)
+from openlock_learners.networks.replay_buffer import ObservationTable, ReplayBuffer
 
 
 def filled(replay, many):
@@ -44,9 +39,7 @@ def test_rings_fill_each_at_its_own_pace():
 def test_samples_are_uniform_and_from_the_ring_of_the_subject():
     replay = filled(ReplayBuffer(3, 8), many=5)
     luck = np.random.default_rng(0).random((3, 20_000))
-    before, action, reward, after, not_done, weight, slot = replay.sample(luck)
-    assert (weight == 1).all()
-    assert (np.take_along_axis(replay.rings[0], slot, axis=1) == before).all()
+    before, action, reward, after, not_done = replay.sample(luck)
     for subject in range(3):
         marks, counts = np.unique(before[subject], return_counts=True)
         assert marks.tolist() == [100 * subject + t for t in range(5)]
@@ -56,20 +49,6 @@ def test_samples_are_uniform_and_from_the_ring_of_the_subject():
     assert np.array_equal(not_done, before % 2 == 0)
     edge = replay.sample(np.full((3, 1), np.nextafter(1.0, 0.0)))[0]
     assert edge[:, 0].tolist() == [4, 104, 204]
-
-
-def test_priorities_decide_what_is_drawn_and_importance_weights_undo_it():
-    replay = filled(PrioritisedReplayBuffer(1, 7, 1.0), many=4)
-    replay.update_priorities(
-        np.arange(4)[None], np.array([[1.0, -3.0, 4.0, 8.0]]), np.ones(1, bool)
-    )
-    drawn = replay.sample(np.full((1, 16), 0.5))
-    assert np.bincount(drawn.slot[0]).tolist() == [1, 3, 4, 8]  # one from each sixteenth
-    weight = replay.sample(np.full((1, 1600), 0.5), 1.0)
-    sums = np.bincount(weight.slot[0], weight.weight[0], minlength=4)
-    assert sums == pytest.approx([100.0] * 4, rel=1e-4)
-    filled(replay, many=1)  # a new transition has the highest priority so far
-    assert replay.priority[0, 4] == pytest.approx(8.0)
 
 
 def test_observations_are_numbered_in_order_of_appearance():
