@@ -8,14 +8,17 @@ the network learns along with its policy; the advantage of an action is estimate
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
+from openlock_learners.meta.training_file import TrainingFile
 from openlock_learners.networks.recurrent_policy import RecurrentPolicy
+
+VALUE_WEIGHT, MAX_NORM = 0.5, 0.5
+"""Weight of the squared error of the values, and the norm that gradients are clipped to."""
 
 
 def sample_actions(logits: Tensor, uniform: Tensor) -> Tensor:
@@ -42,6 +45,11 @@ class Rollout(NamedTuple):
     state: Tensor  # [M, S] hidden state before the first step
     bootstrap: Tensor  # [M] value of what follows the last step
 
+    def of_rooms(self, part: Tensor) -> Rollout:
+        """The same steps in some of the rooms, ``[m]``."""
+        *steps, state, bootstrap = self
+        return Rollout(*(tensor[:, part] for tensor in steps), state[part], bootstrap[part])
+
 
 def advantages(rollout: Rollout, gamma: float, gae_lambda: float) -> Tensor:
     """``[T, M]`` how much better each action was than expected (GAE).
@@ -59,64 +67,44 @@ def advantages(rollout: Rollout, gamma: float, gae_lambda: float) -> Tensor:
     return advantage
 
 
-@dataclass(frozen=True)
-class PPOSettings:
-    """Settings of proximal policy optimization."""
-
-    learning_rate: float = 0.001
-    gamma: float = 0.97
-    gae_lambda: float = 0.95
-    clip: float = 0.2  # how far an action's probability may move, as a share of what it was
-    value_weight: float = 0.5  # of the squared error of the values
-    epochs: int = 2
-    minibatches: int = 4  # parts of the rooms, learned from one after another
-    max_grad_norm: float = 0.5
-
-
 class PPO:
-    """Improves a policy from its rollouts."""
+    """Improves a policy from its rollouts, with the settings of a training's file."""
 
-    def __init__(self, network: RecurrentPolicy, settings: PPOSettings) -> None:
-        self.network, self.settings = network, settings
-        self.optimizer = torch.optim.Adam(network.parameters(), lr=settings.learning_rate, eps=1e-5)
+    def __init__(self, network: RecurrentPolicy, file: TrainingFile) -> None:
+        self.network, self.file = network, file
+        self.optimizer = torch.optim.Adam(network.parameters(), lr=file.learning_rate, eps=1e-5)
 
     def update(
         self, rollout: Rollout, entropy_weight: float, generator: np.random.Generator
     ) -> float:
         """Learn from a rollout, whose rooms the generator mixes; returns the mean entropy."""
-        settings, entropies = self.settings, []
-        advantage = advantages(rollout, settings.gamma, settings.gae_lambda)
+        file, entropies = self.file, []
+        advantage = advantages(rollout, file.gamma, file.decay)
         returns = advantage + rollout.value
         advantage = (advantage - advantage.mean()) / (advantage.std(correction=0) + 1e-6)
         rooms = advantage.shape[1]
-        for _ in range(settings.epochs):
+        for _ in range(file.epochs):
             order = torch.from_numpy(generator.permutation(rooms))
-            for part in order.tensor_split(min(settings.minibatches, rooms)):
-                loss, entropy = self.loss(rollout, advantage, returns, part, entropy_weight)
+            for part in order.tensor_split(min(file.minibatches, rooms)):
+                loss, entropy = self.loss(
+                    rollout.of_rooms(part), advantage[:, part], returns[:, part], entropy_weight
+                )
                 self.optimizer.zero_grad()
                 loss.backward()  # type: ignore[no-untyped-call]
-                nn.utils.clip_grad_norm_(self.network.parameters(), settings.max_grad_norm)
+                nn.utils.clip_grad_norm_(self.network.parameters(), MAX_NORM)
                 self.optimizer.step()
                 entropies.append(float(entropy))
         return float(np.mean(entropies))
 
     def loss(
-        self,
-        rollout: Rollout,
-        advantage: Tensor,
-        returns: Tensor,
-        part: Tensor,
-        entropy_weight: float,
+        self, rollout: Rollout, advantage: Tensor, returns: Tensor, entropy_weight: float
     ) -> tuple[Tensor, Tensor]:
-        """The mean loss in a ``part`` of the rooms, ``[m]``, and the mean entropy there."""
-        settings = self.settings
-        inputs, fresh, action, before = (tensor[:, part] for tensor in rollout[:4])
-        advantage, returns = advantage[:, part], returns[:, part]
-        logits, values, _ = self.network(inputs, rollout.state[part], fresh)
-        ratio = (log_prob(logits, action) - before).exp()
-        clipped = ratio.clamp(1 - settings.clip, 1 + settings.clip)
+        """The mean loss, and the mean entropy of the policy."""
+        logits, values, _ = self.network(rollout.inputs, rollout.state, rollout.fresh)
+        ratio = (log_prob(logits, rollout.action) - rollout.log_prob).exp()
+        clipped = ratio.clamp(1 - self.file.clip, 1 + self.file.clip)
         gain = torch.minimum(ratio * advantage, clipped * advantage)
         log_probs = torch.log_softmax(logits, dim=-1)
         entropy = -(log_probs.exp() * log_probs).sum(dim=-1)
-        loss = settings.value_weight * (values - returns) ** 2 - gain - entropy_weight * entropy
+        loss = VALUE_WEIGHT * (values - returns) ** 2 - gain - entropy_weight * entropy
         return loss.mean(), entropy.detach().mean()

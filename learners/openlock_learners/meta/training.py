@@ -32,7 +32,7 @@ import torch
 from causal_openlock.errors import ExperimentError, in_short
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.files.seal import SealError, sealed, unsealed
-from openlock_learners.meta.ppo import PPO, PPOSettings, Rollout, log_prob, sample_actions
+from openlock_learners.meta.ppo import PPO, Rollout, log_prob, sample_actions
 from openlock_learners.meta.rooms import MetaRooms
 from openlock_learners.meta.training_file import TrainingFile
 from openlock_learners.networks.network_file import write_network
@@ -55,17 +55,7 @@ class MetaTraining:
         self.rooms = MetaRooms(file.rooms, file.schemas(beside), file.at_once, rooms)
         positions = self.rooms.brief.positions
         self.network = make_policy(file.network, positions, weights)
-        self.trainer = PPO(
-            self.network,
-            PPOSettings(
-                learning_rate=file.learning_rate,
-                gamma=file.gamma,
-                gae_lambda=file.decay,
-                clip=file.clip,
-                epochs=file.epochs,
-                minibatches=file.minibatches,
-            ),
-        )
+        self.trainer = PPO(self.network, file)
         self.perception = Perception(self.rooms.brief)
         self._hidden_state = torch.zeros(file.at_once, self.network.state_size(positions))
         self._fresh = torch.zeros(file.at_once, dtype=torch.bool)
@@ -130,11 +120,6 @@ class MetaTraining:
         mean = f"{attempts / trials:.2f} attempts a trial"
         return f"{share}: {mean}, {solved / trials:.1%} of trials solved"
 
-    def save(self, path: Path | str) -> None:
-        """Write the network, as :mod:`openlock_learners.networks.network_file` reads it."""
-        about = {"actions": self.actions, "training": self.file.model_dump()}
-        write_network(path, self.network, self.rooms.brief.positions, about)
-
 
 def resume(training: MetaTraining, path: Path) -> None:
     """Continue an interrupted training, if it was the same one."""
@@ -178,5 +163,6 @@ def run_training(training: MetaTraining, out: Path, log: Callable[[str], None]) 
                 write_bytes(interrupted, sealed(state))
             except SealError as error:
                 log(f"{in_short(error)}; an interrupted training begins again")
-    training.save(out)
+    about = {"actions": training.actions, "training": training.file.model_dump()}
+    write_network(out, training.network, training.rooms.brief.positions, about)
     interrupted.unlink(missing_ok=True)

@@ -1,14 +1,9 @@
 """The double-Q update as compiled loops: one agent after the other, and every row by itself.
 
 A minibatch holds only some ten distinct observations, and half or more of the activations are zero:
-too little for a library of matrix products, which rearranges 64 kB of weights before it multiplies
-them with six rows. Here each row of a product is summed by itself, zeros left out, in an order that
-depends on the row alone. That is quicker, and it makes an agent's numbers its own: they do
-not depend on which observations are evaluated together, on which agents share a cell, or on whether
-a run was interrupted.
-
-On the way back, the weights are gone through once. For each row of weights: what it passes on to
-the layer below, its gradient, and Adam's step, while all of it is in the cache.
+too little for a library of matrix products. Here each row of a product is summed by itself, zeros
+left out, in an order that depends on the row alone. That is quicker, and an agent's numbers do not
+depend on which observations are evaluated together or on which agents share a cell.
 
 The parameters of an agent are one vector: layer by layer, ``[in, out]`` weights before ``[1, out]``
 biases; ``sizes`` are the widths of the input and of each layer's output. What an evaluation leaves

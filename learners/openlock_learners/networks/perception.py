@@ -37,17 +37,14 @@ class Perception:
 
     def inputs(self, view: View) -> Inputs:
         """``[B, size]`` what is perceived now."""
-        console = view.console
-        shown = np.stack(
-            [
-                console.solutions_found / SOLUTIONS,
-                console.solutions_left / SOLUTIONS,
-                console.attempts_left / self._brief.attempt_limit,
-                console.actions_left / self._brief.action_limit,
-            ],
-            axis=1,
-        )
-        return np.concatenate([view.observation, self._last, shown], axis=1).astype(np.float32)
+        console, brief = view.console, self._brief
+        shown = [
+            console.solutions_found / SOLUTIONS,
+            console.solutions_left / SOLUTIONS,
+            console.attempts_left / brief.attempt_limit,
+            console.actions_left / brief.action_limit,
+        ]
+        return np.column_stack([view.observation, self._last, *shown]).astype(np.float32)
 
     def note(self, step: Step) -> None:
         """Note what the subjects that play did and what it led to."""

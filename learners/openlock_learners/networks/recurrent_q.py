@@ -3,7 +3,7 @@
 N agents keep their weights as ``[N, in, out]`` tensors, and nothing is shared between them. An
 agent's numbers do not depend on how many others there are: torch operations that compute the last
 few numbers of a tensor, or tensors at unaligned addresses, in another way are avoided
-(:func:`sigmoid`, :func:`padded`, Adam that is not fused).
+(:func:`sigmoid`, :func:`product`, Adam that is not fused).
 """
 
 from __future__ import annotations
@@ -35,27 +35,22 @@ def initial(generators: Generators, width: int, *shape: int) -> nn.Parameter:
 def sigmoid(numbers: Tensor) -> Tensor:
     """The logistic function, each number by itself.
 
-    ``torch.sigmoid`` takes another formula for the last few numbers of a tensor on a CPU, and which
-    these are depends on how many agents there are.
+    ``torch.sigmoid`` takes another formula for the last few numbers of a tensor, and which these
+    are depends on how many agents there are.
     """
     return torch.tanh(numbers / 2) / 2 + 0.5
 
 
-def padded(bias: Tensor, weight: Tensor) -> tuple[Tensor, Tensor]:
-    """Pad a bias and a weight with columns of zeros, up to a multiple of the processor's vectors.
-
-    Each agent's part of a product then begins where a vector does: how a product is rounded may
-    depend on that.
-    """
-    if not (rest := -weight.shape[-1] % ALIGNED):
-        return bias, weight
-    return nn.functional.pad(bias, (0, rest)), nn.functional.pad(weight, (0, rest))
-
-
 def product(bias: Tensor, inputs: Tensor, weight: Tensor) -> Tensor:
-    """``[N, M, out]``: ``bias + inputs @ weight`` of each agent."""
-    bias_, weight_ = padded(bias, weight)
-    return torch.baddbmm(bias_, inputs, weight_)[..., : weight.shape[-1]]
+    """``[N, M, out]``: ``bias + inputs @ weight`` of each agent.
+
+    Columns of zeros are added up to a multiple of the processor's vectors, so that each agent's
+    part begins where a vector does: how a product is rounded may depend on that.
+    """
+    outputs = weight.shape[-1]
+    if rest := -outputs % ALIGNED:
+        bias, weight = nn.functional.pad(bias, (0, rest)), nn.functional.pad(weight, (0, rest))
+    return torch.baddbmm(bias, inputs, weight)[..., :outputs]
 
 
 class StackedLinear(nn.Module):
@@ -106,11 +101,9 @@ class StackedGRU(nn.Module):
         # Splitting time once makes autograd join the gradients of the steps once.
         steps = projected.view(*inputs.shape[:3], -1).unbind(1)
         masks = [None] * len(steps) if mask is None else mask[..., None].unbind(1)
-        bias, weight = padded(self.hidden_bias, self.hidden_weight)
-        two, width = 2 * self.hidden, 3 * self.hidden
-        outputs = []
+        two, outputs = 2 * self.hidden, []
         for step, real in zip(steps, masks, strict=True):
-            recurrent = torch.baddbmm(bias, state, weight)[..., :width]
+            recurrent = product(self.hidden_bias, state, self.hidden_weight)
             reset, keep = sigmoid(step[..., :two] + recurrent[..., :two]).chunk(2, dim=-1)
             new = torch.tanh(torch.addcmul(step[..., two:], reset, recurrent[..., two:]))
             after = torch.lerp(new, state, keep)
@@ -141,14 +134,8 @@ class RecurrentDoubleQ:
 
     The hidden state that was kept with a sequence was computed with older weights. Some steps of
     burn-in bring it up to date, separately for the online network and for the target network,
-    before the others are learned from; no gradient flows back into them.
-
-    Args:
-        network: The agents' networks.
-        learning_rate: Of Adam.
-        gamma: Discount factor.
-        target_period: Updates between copies of the network to the target network; ``None`` never
-            copies it again.
+    before the others are learned from; no gradient flows back into them. The target network becomes
+    a copy of the network after every ``target_period`` updates; ``None`` never copies it again.
     """
 
     def __init__(

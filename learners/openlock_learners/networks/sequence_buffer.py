@@ -1,9 +1,8 @@
 """Replay of sequences of steps, for recurrent networks of B subjects at once.
 
-Each subject has a ring of its steps in the order in which they happened. The hidden state of the
-network before each step is kept with it, so that any step can begin a sequence. The steps between
-two resets of the hidden state are a segment (a trial, or a whole condition), and no sequence
-crosses the border of a segment: the network must not carry over in replay what it forgot in play.
+The steps between two resets of the hidden state are a segment (a trial, or a whole condition), and
+no sequence crosses the border of a segment: the network must not carry over in replay what it
+forgot in play.
 """
 
 from __future__ import annotations
@@ -46,7 +45,7 @@ class Sequences(NamedTuple):
 
 
 class SequenceBuffer:
-    """B rings of steps, one for each subject.
+    """B rings of steps with the hidden state before each, so that any step can begin a sequence.
 
     Args:
         subjects: B.
@@ -117,8 +116,7 @@ class SequenceBuffer:
         start = np.maximum(drawn - (where * self.unroll).astype(np.int64), first)
 
         subject = np.arange(len(self.count))[:, None, None]
-        column = np.arange(-self.burn_in, self.unroll + 1)[None, :, None]
-        step = start[:, None] + column
+        step = start[:, None] + np.arange(-self.burn_in, self.unroll + 1)[None, :, None]
         inside = (
             (step >= first[:, None])
             & (step <= newest[:, None])

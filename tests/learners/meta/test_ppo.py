@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 import torch
 
+from openlock_learners.meta import ppo
 from openlock_learners.meta.ppo import (
     PPO,
-    PPOSettings,
     Rollout,
     advantages,
     log_prob,
     sample_actions,
 )
+from openlock_learners.meta.training_file import RoomsFile, TrainingFile
 from openlock_learners.networks.recurrent_policy import Sizes, make_policy
 
 TINY = Sizes(lever=5, room=6, reader=7)
@@ -102,9 +103,11 @@ def test_actions_are_drawn_by_their_chances():
     assert log_prob(logits, actions).numpy() == pytest.approx(expected, abs=1e-6)
 
 
-def test_the_first_step_follows_the_plain_policy_gradient():
+def test_the_first_step_follows_the_plain_policy_gradient(monkeypatch):
     # Where nothing is clipped yet, PPO's gradient is that of log-chance times advantage.
-    settings = PPOSettings(epochs=1, minibatches=1, value_weight=0.0, max_grad_norm=1e9)
+    monkeypatch.setattr(ppo, "VALUE_WEIGHT", 0.0)
+    monkeypatch.setattr(ppo, "MAX_NORM", 1e9)
+    settings = TrainingFile(rooms=RoomsFile(rewards=["basic"]), epochs=1, minibatches=1)
     network, rollout = network_of("levers"), made_up()
     with torch.no_grad():
         logits, _, _ = network(rollout.inputs, rollout.state, rollout.fresh)
@@ -113,7 +116,7 @@ def test_the_first_step_follows_the_plain_policy_gradient():
     trainer.optimizer = torch.optim.SGD(network.parameters(), lr=1.0)
     trainer.update(rollout, 0.0, rng())
 
-    better = advantages(rollout, settings.gamma, settings.gae_lambda)
+    better = advantages(rollout, settings.gamma, settings.decay)
     better = (better - better.mean()) / (better.std(unbiased=False) + 1e-6)
     logits, _, _ = plain(rollout.inputs, rollout.state, rollout.fresh)
     (log_prob(logits, rollout.action) * better).mean().backward()
