@@ -71,33 +71,27 @@ def test_a_value_ends_with_the_attempt_or_reaches_over_it(over_attempts):
     assert np.array_equal(third, start) == over_attempts
 
 
-def test_epsilon_shrinks_with_every_action_and_returns_after_each_trial():
-    learner, session = begun(DDQNParameters(batch_size=2000), attempt_limit=4, baseline_loops=3)
-    course = []
-    for _ in range(24):
-        play(learner, session, [14])
-        course.append(learner.exploration.epsilon[0])
-    of_trial = [0.995**action for action in range(1, 12)]
-    assert course == pytest.approx([*of_trial, 0.5, *(0.5 * e for e in of_trial), 0.5])
-
-
 @pytest.mark.parametrize(
     ("settings", "course"),
     [
         # Two trials of two attempts of three actions; then the third trial begins.
-        ({"epsilon_decay": 0.25}, [0.25, 0.0625, 0.015625] + [0.01] * 9),
+        ({}, [0.995**n for n in (1, 2, 3, 4, 5)] + [0.5 * 0.995**n for n in range(6)] + [0.5]),
         (
-            {"epsilon_decay": 0.9, "epsilon_decays_with": "attempt"},
+            {"epsilon_decay": 0.25, "epsilon_after_trial": None},
+            [0.25, 0.0625, 0.015625] + [0.01] * 9,
+        ),
+        (
+            {"epsilon_decay": 0.9, "epsilon_decays_with": "attempt", "epsilon_after_trial": None},
             [1, 1, 0.9, 0.9, 0.9, 0.81, 0.81, 0.81, 0.729, 0.729, 0.729, 0.6561],
         ),
         (
-            {"epsilon_decay": 0.9, "epsilon_decays_with": "trial"},
+            {"epsilon_decay": 0.9, "epsilon_decays_with": "trial", "epsilon_after_trial": None},
             [1, 1, 1, 1, 1, 0.9, 0.9, 0.9, 0.9, 0.9, 0.9, 0.81],
         ),
     ],
 )
-def test_epsilon_has_a_floor_and_may_shrink_more_seldom(settings, course):
-    settings = DDQNParameters(epsilon_after_trial=None, batch_size=2000, **settings)
+def test_epsilon_shrinks_to_a_floor_and_returns_after_each_trial(settings, course):
+    settings = DDQNParameters(batch_size=2000, **settings)
     learner, session = begun(settings, attempt_limit=2, baseline_loops=3)
     seen = []
     for _ in course:

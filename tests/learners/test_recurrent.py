@@ -1,4 +1,4 @@
-"""The recurrent learner: what it remembers, how it is trained, and that memory makes it able."""
+"""The recurrent learner: what it remembers, when it is trained, and who learns."""
 
 from dataclasses import replace
 
@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from causal_openlock.contract.learner import Brief, Console, Step, View
-from causal_openlock.experiment.declare import Protocol, find_condition
+from causal_openlock.experiment.declare import Protocol
 from causal_openlock.experiment.session import Session
 from openlock_learners.recurrent import Recurrent, RecurrentParameters
-from support.plain_recurrent import PlainNetwork, PlainRecurrent
 from support.session_play import one_room
 
 pytestmark = pytest.mark.slow
@@ -29,136 +27,11 @@ SMALL = RecurrentParameters(
 )
 
 
-def in_double(learner):
-    """Let a learner that has begun compute in float64."""
-    q, replay = learner.q, learner._replay
-    q.online.double()
-    q.target.double()
-    values, losses = q.values, q.losses
-    q.values = lambda inputs, state: values(inputs.double(), state.double())
-
-    def doubled(batch):
-        floats = ("inputs", "state", "reward", "not_done", "mask")
-        return losses(batch._replace(**{f: getattr(batch, f).astype(np.float64) for f in floats}))
-
-    q.losses = doubled
-    learner._hidden_state = learner._hidden_state.astype(np.float64)
-    replay._state = replay._state.astype(np.float64)
-    replay._reward = replay._reward.astype(np.float64)
-
-
 def play(learner, session, actions):
     """Make all subjects do the same; the learner is asked, told, and not obeyed."""
     for action in actions:
         learner.act(session.view)
         learner.learn(session.step(np.full(session.subjects, action)))
-
-
-# -- the same as a plain one, and each agent the same as alone ------------------------------------
-
-
-@pytest.mark.parametrize(("reset", "over_attempts"), [("trial", False), ("condition", True)])
-def test_a_recurrent_ddqn_in_plain_torch_follows_the_same_course(reset, over_attempts):
-    session = Session(find_condition("CC3"), PROTOCOL, 3, seed=5)
-    learner = Recurrent(replace(SMALL, reset=reset, bootstrap_over_attempts=over_attempts))
-    learner.begin(session.brief)
-    in_double(learner)
-    drawn = []
-    for streams in (learner._luck, learner._batches):
-        uniform = streams.uniform
-        streams.uniform = lambda of=uniform: drawn.append(of()) or drawn[-1]
-
-    agent = 1
-    plain = PlainRecurrent(PlainNetwork(learner.q.online, agent), learner.parameters)
-    greedily = 0
-    while not session.over:
-        drawn.clear()
-        action = learner.act(session.view)
-        explores, which = drawn.pop()[agent]
-        greedily += explores >= plain.epsilon
-        assert action[agent] == plain.act(session.view, agent, explores, which)
-        step = session.step(action)
-        learner.learn(step)
-        plain.learn(step, agent, lambda: drawn[-1][agent])
-        assert learner.exploration.epsilon[agent] == pytest.approx(plain.epsilon)
-    assert plain.updates == learner.q.updates > 45
-    assert greedily > 50
-    assert plain.online.distance(learner.q.online, agent) < 1e-7
-    assert plain.target.distance(learner.q.target, agent) < 1e-7
-
-
-# -- memory ---------------------------------------------------------------------------------------
-
-
-TRIALS = 160
-
-
-class Forgetful(Recurrent):
-    """The control: its state is reset with every step."""
-
-    def learn(self, step):
-        super().learn(step)
-        self._hidden_state[:] = 0
-
-
-def share_right(learner, trials, subjects=8):
-    """How often the learner is right in the last trials of a task that asks for memory.
-
-    A trial has two attempts of two actions. What is seen in the first moment alone says which
-    action will earn something in the last; what is done in between is not the learner's choice, so
-    that it cannot hand the answer on to itself by its actions.
-    """
-    generators = tuple(np.random.default_rng(index) for index in range(subjects))
-    learner.begin(Brief(subjects, 1, ("push", "pull", "push_door"), 2, 2, trials, generators))
-    answers = np.random.default_rng(0).integers(2, size=(trials + 1, subjects))
-    ones, nothing = np.ones(subjects, dtype=np.int64), np.zeros((subjects, 4), dtype=np.int8)
-
-    def view(time):
-        trial, moment = divmod(time, 4)
-        attempt, used = divmod(moment, 2)
-        observation = nothing.copy()
-        if moment == 0:
-            observation[:, 0] = answers[trial]
-        console = Console(ones, ones, ones * (2 - attempt), (ones * (2 - used)).astype(np.uint8))
-        return View(observation, console, ones * (trial + 1), ones * (attempt + 1), ones == 1)
-
-    right = np.zeros((trials, subjects))
-    for time in range(4 * trials):
-        trial, moment = divmod(time, 4)
-        action = learner.act(view(time))
-        if moment == 3:
-            right[trial] = action == answers[trial]
-        learner.learn(
-            Step(
-                view=view(time),
-                action=action if moment == 3 else ones * 2,
-                outcome=nothing,
-                reward=right[trial],
-                attempt_over=ones * (moment % 2) == 1,
-                trial_over=ones * moment == 3,
-                new_solution=ones == 0,
-                next=view(time + 1),
-            )
-        )
-    return float(right[-60:].mean())
-
-
-REMEMBERS = RecurrentParameters(
-    hidden_units=16,
-    burn_in=2,
-    unroll=4,
-    train_period=2,
-    learning_rate=0.01,
-    epsilon_min=0.05,
-    epsilon_after_trial=None,
-)
-
-
-def test_with_memory_it_solves_what_cannot_be_solved_without():
-    # One action in twenty is random, and two in three of those are wrong.
-    assert share_right(Recurrent(replace(REMEMBERS, reset="condition")), TRIALS) > 0.9
-    forgetful = Forgetful(replace(REMEMBERS, burn_in=0))
-    assert 0.4 < share_right(forgetful, TRIALS) < 0.6
 
 
 @pytest.mark.parametrize("reset", ["trial", "condition"])
@@ -182,6 +55,30 @@ def test_it_remembers_across_attempts_until_the_memory_is_reset(reset):
     assert alike == [reset == "trial"] * 2
 
 
+def test_what_it_perceives_is_the_room_its_last_action_and_the_console():
+    session = Session(ROOM, PROTOCOL, 1, reward="basic")
+    learner = Recurrent(SMALL)
+    learner.begin(session.brief)
+    room = session.truth.rooms[0]
+    solution = room.action_of(room.schema.solutions[0])
+    play(learner, session, solution)
+    action, told = np.eye(15)[solution[-1]], [np.log(51), 1]  # the door moved, and paid 50
+    console = [1 / 3, (len(room.schema.solutions) - 1) / 3, 11 / 12, 1]
+    expected = [*session.view.observation[0], *action, *told, *console]
+    assert learner._perception.inputs(session.view)[0] == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize(("over_attempts", "resets"), [(False, "trial"), (True, "condition")])
+def test_values_end_with_the_attempt_or_the_trial(over_attempts, resets):
+    session = Session(ROOM, replace(PROTOCOL, attempt_limit=2, baseline_loops=2), 1)
+    learner = Recurrent(replace(SMALL, bootstrap_over_attempts=over_attempts, reset=resets))
+    learner.begin(session.brief)
+    play(learner, session, [14] * 9)
+    ends = [6] if over_attempts else [3, 6, 9]
+    assert (np.flatnonzero(learner._replay._not_done[0, :9] == 0) + 1).tolist() == ends
+    assert learner._replay._begins[0, :9].tolist() == [0] * 6 + [6 * (resets == "trial")] * 3
+
+
 def test_a_subject_that_has_finished_learns_no_more():
     protocol = replace(PROTOCOL, attempt_limit=12, stop_when_solved=True, baseline_trials=1)
     session = Session(ROOM, protocol, 2)
@@ -193,13 +90,13 @@ def test_a_subject_that_has_finished_learns_no_more():
         learner.act(session.view)
         learner.learn(session.step(np.array([action, 14])))
     assert session.view.playing.tolist() == [False, True]
-    before = [PlainNetwork(learner.q.online, subject) for subject in range(2)]
+    before = learner.q.online.values.weight.detach().clone()
     epsilon = learner.exploration.epsilon.copy()
     assert learner.q.updates == 3
     play(learner, session, [14] * 9)
     assert learner.q.updates == 12
-    assert before[0].distance(learner.q.online, 0) == 0.0
-    assert before[1].distance(learner.q.online, 1) > 1e-3
+    moved = (learner.q.online.values.weight - before).abs().amax(dim=(1, 2)).tolist()
+    assert moved[0] == 0.0 < 1e-3 < moved[1]
     assert learner._replay.count.tolist() == [6, 15]
     assert learner.exploration.epsilon[0] == epsilon[0] == 0.5
     assert learner.exploration.epsilon[1] < epsilon[1]

@@ -75,18 +75,6 @@ def test_it_carries_a_schema_to_the_next_rooms_unless_its_memory_is_reset():
     assert incongruent - congruent > 0.1
 
 
-class Forgetful(RL2):
-    """The control: its memory is empty before every action."""
-
-    def act(self, view):
-        self.hidden_state[:] = 0
-        return super().act(view)
-
-
-def test_without_its_memory_it_is_lost():
-    assert min(attempts(Forgetful(), "CC4", 20).values()) > 15
-
-
 def test_a_probe_reads_the_structure_off_its_memory(capsys):
     runpy.run_path(str(ROOT / "examples" / "probe_rl2.py"))
     memory, untrained = (

@@ -14,8 +14,7 @@ from causal_openlock.errors import (
     Interrupted,
     LearnerError,
 )
-from causal_openlock.experiment.declare import Protocol, Trials, find_condition
-from causal_openlock.experiment.plan import draw_layouts
+from causal_openlock.experiment.declare import Protocol, find_condition
 from causal_openlock.experiment.session import Session
 from causal_openlock.files.seal import sealed
 from causal_openlock.schemas.finding import bundled, find_schema
@@ -99,35 +98,21 @@ def test_its_rooms_are_as_the_environment_in_the_same_layouts():
     assert solved > 10
 
 
-def grey_sets(rooms):
-    return {frozenset(np.flatnonzero(row >= 0).tolist()) for row in rooms.layout}
-
-
 def test_no_room_has_its_levers_where_a_published_layout_has_them():
     published = {
         frozenset(PAPER_POSITIONS.index(place) for place in layout.values())
         for layout in room_facts()["layouts"].values()
     }
-    assert excluded_places("published") == published
+    file = read_training(bundled("experiments") / "meta_training" / "rl2.yaml")
+    assert excluded_places(file.rooms.excluded_layouts) == published
     declared = RoomsFile(rewards=REWARDS, attempt_limit=1)
     rooms, met = MetaRooms(declared, {CC3: 1.0, CE4: 1.0}, 300, rng()), set()
     for _ in range(60):
         rooms.step(np.full(300, 14))
-        met |= grey_sets(rooms)
+        met |= {frozenset(np.flatnonzero(row >= 0).tolist()) for row in rooms.layout}
     # All other sets of three and of four of the seven positions are met: 35 and 35.
     assert met.isdisjoint(published)
     assert len(met) == 70 - len(published)
-
-
-def test_the_bundled_training_leaves_out_every_layout_that_is_tested():
-    file = read_training(bundled("experiments") / "meta_training" / "rl2.yaml")
-    tested = {
-        frozenset(layout.places)
-        for schema in (CC3, CE4)
-        for visit in [Trials(schema)]
-        for layout in draw_layouts(visit, rng(), 10, "published")
-    }
-    assert tested <= excluded_places(file.rooms.excluded_layouts)
 
 
 def test_a_life_keeps_its_schema_unless_it_changes():
@@ -259,36 +244,18 @@ def test_schemas_can_be_drawn_by_the_seed_of_the_training(tmp_path):
 
 
 def test_meta_training_improves_its_play():
-    file = TrainingFile.model_validate(
-        {
-            "rooms": {
-                "schemas": {"CC3": 1},
-                "attempt_limit": 10,
-                "trials": [1, 1],
-                "rewards": ["basic"],
-            },
-            "at_once": 64,
-            "steps": 15,
-            "actions": 64 * 15 * 40,
-            "network": {"kind": "levers", "lever": 12, "room": 12, "reader": 12},
-            "learning_rate": 0.01,
-            "minibatches": 2,
-        }
+    rooms = {"schemas": {"CC3": 1}, "attempt_limit": 10, "trials": [1, 1], "rewards": ["basic"]}
+    network = {"lever": 12, "room": 12, "reader": 12}
+    given = {"at_once": 64, "steps": 15, "learning_rate": 0.01, "minibatches": 2}
+    training = MetaTraining(
+        TrainingFile.model_validate({"rooms": rooms, "network": network} | given)
     )
-    training = MetaTraining(file)
-    found = []
-    step = training.rooms.step
-
-    def counted(action):
-        taken = step(action)
-        found.append(taken.new_solution.sum())
-        return taken
-
-    training.rooms.step = counted
-    while not training.over:
-        training.update()
-    early, late = np.sum(found[:150]), np.sum(found[-150:])
-    assert late > 10 * early + 50, (early, late)
+    earned = []
+    for _ in range(40):
+        rollout = training.rollout()
+        earned.append(float((rollout.reward > 0).sum()))
+        training.trainer.update(rollout, 0.01, rng())
+    assert sum(earned[-10:]) > 10 * sum(earned[:10]) + 50, earned
 
 
 def test_a_spoiled_state_of_a_training_is_named(tmp_path):
