@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from html import escape
 from threading import Event, Thread
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from causal_openlock.files.escaping import printable
 
 if TYPE_CHECKING:
     from causal_openlock.comparison.console import Terminal
-    from causal_openlock.running.progress import Playing, RunProgress
+    from causal_openlock.running.progress import RunProgress
 
 Show = Callable[["RunProgress"], None]
 """Called repeatedly with the progress of all cells."""
+Say = Callable[[str], None]
+"""Prints a line."""
 
 LINE_EVERY = 25.0
 """Seconds between two lines."""
@@ -31,33 +32,31 @@ MOST_NAMED = 3
 
 @contextmanager
 def shown(name: str, console: Terminal) -> Iterator[Show]:
-    """Show the progress of a comparison of this name on a terminal, or as lines in a file."""
-    if not console.is_terminal:
-        yield Lines(name, console.print_line)
+    """Show the progress of a comparison of this name, and which of its cells take no steps."""
+    if console.is_jupyter:
+        yield naming_still_cells(notebook_bar(name), console.print_line)
+    elif console.is_terminal:
+        with terminal_bar(name, console) as show:
+            yield naming_still_cells(show, console.print_line)
+    else:
+        yield naming_still_cells(lines(name, console.print_line), console.print_line)
+
+
+@contextmanager
+def shown_here(name: str) -> Iterator[Show | None]:
+    """Show progress where Python runs: in a notebook, on a terminal, or not at all in a file."""
+    from causal_openlock.comparison.console import Terminal
+
+    console = Terminal(stderr=True)
+    if not (console.is_jupyter or console.is_terminal):
+        yield None
         return
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    bar = Progress(
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        TextColumn("{task.fields[more]}", markup=False),
-        TimeElapsedColumn(),
-        console=console,
-    )
-    hanging = Hanging()
-    with bar:
-        task = bar.add_task(printable(name), total=1.0, more="")
-
-        def show(standing: RunProgress) -> None:
-            bar.update(task, completed=standing.share, more=f"{_cells(standing)}{_left(standing)}")
-            for line in hanging.news(standing):
-                console.print_line(line, "yellow")
-
+    with shown(name, console) as show:
         yield show
 
 
 @contextmanager
-def shown_steps(name: str) -> Iterator[Callable[[str], None]]:
+def shown_steps(name: str) -> Iterator[Say]:
     """Show on standard error which step of a long task is running.
 
     On a terminal it is a line that disappears at the end. In a file, it is a line after three
@@ -78,13 +77,13 @@ def shown_steps(name: str) -> Iterator[Callable[[str], None]]:
         return
     steps, over = [""], Event()
 
-    def lines() -> None:
+    def print_lines() -> None:
         wait = FIRST_AFTER
         while not over.wait(wait):
             console.print_line(f"{name}: {steps[-1]}")
             wait = LINE_EVERY
 
-    thread = Thread(target=lines, daemon=True)
+    thread = Thread(target=print_lines, daemon=True)
     thread.start()
     try:
         yield steps.append
@@ -94,120 +93,86 @@ def shown_steps(name: str) -> Iterator[Callable[[str], None]]:
 
 
 @contextmanager
-def shown_here(name: str) -> Iterator[Show | None]:
-    """Show progress where Python runs: in a notebook, on a terminal, or not at all in a file."""
-    if in_notebook():
-        yield NotebookBar(name)
-        return
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from causal_openlock.comparison.console import Terminal
+def terminal_bar(name: str, console: Terminal) -> Iterator[Show]:
+    """A bar on a terminal, below whatever else is printed."""
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-    with shown(name, Terminal(stderr=True)) as show:
-        yield show
-
-
-def in_notebook() -> bool:
-    """Whether a notebook's kernel runs this program."""
-    if "IPython" not in sys.modules:
-        return False
-    from IPython.core.getipython import get_ipython
-
-    return hasattr(get_ipython(), "kernel")
+    bar = Progress(
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TextColumn("{task.fields[more]}", markup=False),
+        TimeElapsedColumn(),
+        console=console,
+    )
+    with bar:
+        task = bar.add_task(printable(name), total=1.0, more="")
+        yield lambda progress: bar.update(
+            task, completed=progress.share, more=f"{_cells(progress)}{_left(progress)}"
+        )
 
 
-class NotebookBar:
+def notebook_bar(name: str) -> Show:
     """A bar below the cell that runs a comparison; when all is done, one line."""
+    from IPython.display import HTML, display
 
-    def __init__(self, name: str) -> None:
-        from IPython.display import HTML, display
+    begun = time.monotonic()
+    output = display(HTML(escape(name)), display_id=True)  # type: ignore[no-untyped-call]
 
-        self._html: Any = HTML
-        self._name = name
-        self._begun = time.monotonic()
-        self._hanging = Hanging()
-        self._lines: list[str] = []
-        self._shown: Any = display(HTML(self._bar("", 0.0)), display_id=True)  # type: ignore[no-untyped-call]
+    def show(progress: RunProgress) -> None:
+        if progress.over:
+            text = escape(f"{_cells(progress)}, in {duration(time.monotonic() - begun)}")
+        else:
+            bar = f'<progress value="{progress.share:.4f}" max="1"></progress>'
+            text = f"{escape(name)} {bar} {escape(_cells(progress) + _left(progress))}"
+        output.update(HTML(f"<div>{text}</div>"))  # type: ignore[no-untyped-call]
 
-    def __call__(self, standing: RunProgress) -> None:
-        """Show the progress."""
-        if standing.over:
-            passed = duration(time.monotonic() - self._begun)
-            self._shown.update(self._html(escape(f"{_cells(standing)}, in {passed}")))
+    return show
+
+
+def lines(name: str, say: Say, clock: Callable[[], float] = time.monotonic) -> Show:
+    """A line of text from time to time, and one at the end."""
+    begun = due = clock()
+    ended = False
+
+    def show(progress: RunProgress) -> None:
+        nonlocal due, ended
+        if ended or not (progress.over or clock() >= due):
             return
-        self._lines += self._hanging.news(standing)
-        more = f"{_cells(standing)}{_left(standing)}"
-        self._shown.update(self._html(self._bar(more, standing.share)))
+        due, ended = clock() + LINE_EVERY, progress.over
+        rest = f"{100 * progress.share:.0f}% of the work{_left(progress)}{_playing(progress)}"
+        more = f"in {duration(clock() - begun)}" if ended else rest
+        say(f"{name}: {_cells(progress)}, {more}")
 
-    def _bar(self, more: str, share: float) -> str:
-        lines = "".join(f"<div>{escape(line)}</div>" for line in self._lines)
-        bar = f'<progress value="{share:.4f}" max="1"></progress>'
-        return f"<div>{escape(self._name)} {bar} {escape(more)}</div>{lines}"
+    return show
 
 
-class Hanging:
-    """Reports cells that take no step: each after a minute, then after two, four, ..."""
+def naming_still_cells(show: Show, say: Say) -> Show:
+    """Show the progress, and name each cell once that has taken no step for a minute."""
+    named: set[str] = set()
 
-    def __init__(self) -> None:
-        self._next: dict[str, float] = {}
+    def show_and_name(progress: RunProgress) -> None:
+        show(progress)
+        for report in progress.playing:
+            if report.still >= STILL and report.cell.file_name not in named:
+                named.add(report.cell.file_name)
+                say(f"no step for {duration(report.still)}: learner {report.cell.in_words}")
 
-    def news(self, standing: RunProgress) -> list[str]:
-        """A line for each cell that is due."""
-        lines = []
-        for one in standing.playing:
-            due = self._next.get(one.cell.file_name, STILL)
-            if one.still < STILL:
-                self._next.pop(one.cell.file_name, None)
-            elif one.still >= due:
-                self._next[one.cell.file_name] = 2 * one.still
-                lines.append(f"no step for {duration(one.still)}: learner {one.cell.in_words}")
-        return lines
+    return show_and_name
 
 
-class Lines:
-    """Progress of a comparison in lines of text."""
-
-    def __init__(
-        self, name: str, say: Callable[[str], None], clock: Callable[[], float] = time.monotonic
-    ) -> None:
-        self._name, self._say, self._clock = name, say, clock
-        self._due: float | None = None
-        self._over = False
-        self._hanging = Hanging()
-        self._begun = clock()
-
-    def __call__(self, standing: RunProgress) -> None:
-        """Write a line if it is time to."""
-        now = self._clock()
-        if self._due is None or (standing.over and not self._over) or now >= self._due:
-            self._due, self._over = now + LINE_EVERY, standing.over
-            text = f"{self._name}: {_cells(standing)}"
-            if standing.over:
-                text += f", in {duration(now - self._begun)}"
-            else:
-                text += f", {100 * standing.share:.0f}% of the work{_left(standing)}"
-                text += _playing(standing.playing)
-            self._say(text)
-        for line in self._hanging.news(standing):
-            self._say(line)
+def _cells(progress: RunProgress) -> str:
+    failed = f", {progress.failed} failed" if progress.failed else ""
+    return f"{progress.done} of {progress.cells} cells done{failed}"
 
 
-def _cells(standing: RunProgress) -> str:
-    failed = f", {standing.failed} failed" if standing.failed else ""
-    return f"{standing.done} of {standing.cells} cells done{failed}"
+def _left(progress: RunProgress) -> str:
+    return "" if progress.left is None else f", about {duration(progress.left)} left"
 
 
-def _left(standing: RunProgress) -> str:
-    return "" if standing.left is None else f", about {duration(standing.left)} left"
-
-
-def _playing(those: tuple[Playing, ...]) -> str:
-    if not those:
-        return ""
-    named = [f"{one.cell.in_words} ({100 * one.share:.0f}%)" for one in those[:MOST_NAMED]]
-    more = len(those) - MOST_NAMED
-    return "; playing " + "; ".join(named) + (f"; and {more} more" if more > 0 else "")
+def _playing(progress: RunProgress) -> str:
+    cells = [f"{report.cell.in_words} ({100 * report.share:.0f}%)" for report in progress.playing]
+    more = [f"and {len(cells) - MOST_NAMED} more"] if len(cells) > MOST_NAMED else []
+    return f"; playing {'; '.join(cells[:MOST_NAMED] + more)}" if cells else ""
 
 
 def duration(seconds: float) -> str:
