@@ -203,15 +203,11 @@ def test_progress_inside_a_cell_is_reported(tmp_path, monkeypatch):
 # -- players, which are pickled -------------------------------------------------------------------
 
 
-class Noting(OneSubjectLearner):
-    """Remembers what it did."""
-
-    def begin(self):
-        self.done = []
+class Draws(OneSubjectLearner):
+    """Draws its actions."""
 
     def act(self, observation):
-        self.done.append(int(self.generator.integers(self.brief.actions)))
-        return sum(self.done) % self.brief.actions
+        return int(self.generator.integers(self.brief.actions))
 
 
 class Runs:
@@ -224,7 +220,7 @@ class Runs:
         return Path.write_text, (self.mark, "it ran")
 
 
-class Trapped(Noting):
+class Trapped(Draws):
     """Holds something that runs a program when it is unpickled."""
 
     def begin(self):
@@ -259,7 +255,7 @@ def test_without_a_key_there_is_no_checkpoint(tmp_path, monkeypatch, content):
         folder.mkdir()
         (folder / "seal.key").write_bytes(content)
         (folder / "seal.key").chmod(0o644 if content else 0o600)
-    (warning,) = play(declared("test_checkpoint:Noting"), tmp_path / "out")
+    (warning,) = play(declared("test_checkpoint:Draws"), tmp_path / "out")
     assert f"cannot be stored in {folder}" in warning
     assert STATE in warning
     assert suffixes(tmp_path / "out") == [".parquet"]
@@ -286,7 +282,7 @@ class OddAtOnce(RandomLearner):
         self.drawn = lambda: None
 
 
-class Unwilling(Noting):
+class Unwilling(Draws):
     """Could be stored, and says no."""
 
     resumable = False
@@ -306,7 +302,7 @@ def test_a_learner_that_cannot_be_stored_is_played_and_named_once(learner, named
     assert results.warnings.count(said) == 1
 
 
-class Global(Noting):
+class Global(Draws):
     """Draws from the generators that all code shares."""
 
     def act(self, observation):
@@ -326,9 +322,8 @@ def curves(folder):
     }
 
 
-DEEP = {"epsilon", "loss", "max_q"}
-OWN = {"random": set(), "recurrent": DEEP}
-OWN["ddqn"] = {*DEEP, "dead_units", "differing_pairs", "differing_transitions"}
+DDQN = {"epsilon", "loss", "max_q", "dead_units", "differing_pairs", "differing_transitions"}
+OWN = {"random": set(), "ddqn": DDQN}
 
 
 @pytest.mark.parametrize("learner", [*OWN])

@@ -1,13 +1,12 @@
 """Cells played by a cluster's workers or in shards: the same bytes, and nothing lost on the way."""
 
 import asyncio
-import contextlib
 import os
 import socket
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import chdir, contextmanager
 
 import pytest
 
@@ -109,7 +108,7 @@ def cluster_of(workers, threads=1, processes=True):
 def address(tmp_path_factory):
     """A cluster of two workers, in another directory."""
     prepared()
-    with contextlib.chdir(tmp_path_factory.mktemp("workers")), cluster_of(2) as cluster:
+    with chdir(tmp_path_factory.mktemp("workers")), cluster_of(2) as cluster:
         yield cluster.scheduler_address
 
 

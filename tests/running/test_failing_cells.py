@@ -213,19 +213,6 @@ def test_what_a_learner_starts_ends_with_a_run_that_is_killed(folder):
     assert all_are_ended(folder)
 
 
-def test_a_repaired_learner_alone_is_played_again(folder):
-    out, standings = folder / "out", []
-    broken = declared("Fine", "Raises")
-    fails(broken, out, workers=0)
-    first = Store(out).read(Store(out).files()[0][0])
-    fine, raises = broken.learners
-    repaired = replace(broken, learners=(fine, replace(raises, learner="lethal:Fine")))
-    runner.run(repaired, out, workers=0, progress=standings.append)
-    assert (standings[0].done, standings[-1].done) == (2, 4)
-    assert Store(out).read(Store(out).files()[0][0]).equals(first)
-    assert not list((out / "errors").iterdir())
-
-
 def test_compare_says_what_is_missing_and_exits_with_1(folder, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     words = ["compare", "-c", "CC3", "--subjects", 4, "-l", "lethal:Raises"]
@@ -247,17 +234,25 @@ def test_compare_says_what_is_missing_and_exits_with_1(folder, monkeypatch):
     assert not (folder / "other" / "report.html").exists()
 
 
-def test_a_cell_that_failed_three_times_is_left_out_until_it_is_asked_for(folder):
-    experiment, out = declared("Stray"), folder / "out"
+def test_a_cell_that_failed_three_times_is_left_out_until_it_is_asked_for_or_repaired(folder):
+    experiment, out, standings = declared("Fine", "Stray"), folder / "out", []
+    done, *_, failed = [Store(out).path(cell) for cell in experiment.cells()]
     for number in range(3):
         reasons = fails(experiment, out, workers=0).reasons
         assert all("[99 99]" in reason for reason in reasons)
-        assert failures_of(Store(out).path(experiment.cells()[0]))[0] == number + 1
-    played = []
-    assert "--retry-failed" in fails(experiment, out, workers=0, progress=played.append).reasons[0]
-    assert (played[-1].failed, played[-1].over) == (2, True)
+        assert failures_of(failed)[0] == number + 1
+    left_out = fails(experiment, out, workers=0, progress=standings.append)
+    assert "--retry-failed" in left_out.reasons[0]
+    assert (standings[-1].failed, standings[-1].over) == (2, True)
     assert "left out" not in fails(experiment, out, workers=0, retry_failed=True).reasons[0]
-    assert failures_of(Store(out).path(experiment.cells()[0]))[0] == 1
+    assert failures_of(failed)[0] == 1
+    fine, stray = experiment.learners
+    repaired = replace(experiment, learners=(fine, replace(stray, learner="lethal:Fine")))
+    before, standings = Store(out).read(done), []
+    runner.run(repaired, out, workers=0, progress=standings.append)
+    assert (standings[0].done, standings[-1].done) == (2, 4)
+    assert Store(out).read(done).equals(before)
+    assert not list((out / "errors").iterdir())
 
 
 # -- processes that may start no others -----------------------------------------------------------
