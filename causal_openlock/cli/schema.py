@@ -13,7 +13,6 @@ from causal_openlock.files.atomic import write_text
 from causal_openlock.wording import counted
 
 if TYPE_CHECKING:
-    from causal_openlock.schemas.fsm import FSM
     from causal_openlock.schemas.schema import Schema
 
 app = typer.Typer(no_args_is_help=True, help="List, show, check, draw, export and begin schemas.")
@@ -59,20 +58,14 @@ def show(
     layout: Annotated[
         str | None, typer.Option(help="Also show the solutions in this layout, such as trial7.")
     ] = None,
-    states: Annotated[
-        bool, typer.Option("--states", help="Also list the states that an attempt can reach.")
-    ] = False,
 ) -> None:
     """Show a schema: its graph and its solutions."""
     from causal_openlock.render.graph import schema_text
-    from causal_openlock.schemas.fsm import compile_schema
 
     schema = _read(name)
     say(schema_text(schema).rstrip())
     if layout is not None:
         _show_layout(schema, layout)
-    if states:
-        _show_states(compile_schema(schema))
 
 
 def _show_layout(schema: Schema, layout: str) -> None:
@@ -83,34 +76,6 @@ def _show_layout(schema: Schema, layout: str) -> None:
     say(f"\nIn {room.layout.name}:")
     for levers in schema.solutions:
         say("  " + ", ".join(names[action] for action in room.action_of(levers)))
-
-
-def _show_states(fsm: FSM) -> None:
-    from rich.table import Table
-
-    from causal_openlock.comparison.console import Terminal
-    from causal_openlock.experiment.declare import default_action_limit
-    from causal_openlock.schemas.fsm import NO_SOLUTION, unroll
-
-    limit = default_action_limit(fsm.schema)
-    attempt = unroll(fsm, limit)
-    reached = list(dict.fromkeys(attempt.state.tolist()))
-    shown = reached[:64]
-    table = Table("state", "after it, these actions do something", box=None, pad_edge=False)
-    for state in shown:
-        does = [
-            fsm.action_name(action)
-            + ("" if fsm.chance[state, action] == 1 else f" ({fsm.chance[state, action]:.2g})")
-            for action in range(fsm.actions)
-            if fsm.chance[state, action] > 0 and not fsm.opened[state]
-        ]
-        solution = fsm.solution[state]
-        mark = f"  = solution {solution + 1}" if solution != NO_SOLUTION else ""
-        table.add_row(fsm.describe(state) + mark, ", ".join(does))
-    say(f"\n{len(reached)} of {fsm.states} states can be reached in an attempt of {limit} actions:")
-    Terminal(soft_wrap=True).print(table, highlight=False)
-    if len(reached) > len(shown):
-        say(f"and {len(reached) - len(shown)} more")
 
 
 @app.command()

@@ -65,7 +65,7 @@ SESSIONS = {
     "schemas": """
         schema list
         schema show CC4 --layout trial7
-        schema show vault.yaml --states
+        schema show vault.yaml
         schema check vault.yaml seven
         schema draw vault.yaml
         schema draw seven --out seven.png
