@@ -376,9 +376,9 @@ class Condition(Part):
     """
 
     name: Name = ""  #: by default that of the schemas, where they alone are declared
-    train: Annotated[  # type: ignore[misc]  # required, as the name is not
+    train: Annotated[
         SomeTrials, BeforeValidator(_trials, json_schema_input_type=str | list[Trials] | Shown)
-    ] = Field()
+    ] = ()
     test: Annotated[
         tuple[Trials, ...], BeforeValidator(_trials, json_schema_input_type=str | list[Trials])
     ] = ()
@@ -395,6 +395,8 @@ class Condition(Part):
     shown: Annotated[bool, SkipJsonSchema(), Field(exclude_if=lambda shown: not shown)] = False
 
     def __post_init__(self) -> None:
+        if not self.train:
+            raise ExperimentError("train: is missing; add it")
         if not self.name:
             trials = (*self.train, *self.test)
             if any(group != Trials(group.schema) for group in trials):
@@ -864,4 +866,5 @@ def _digest(data: Mapping[str, Any], *without: str) -> str:
 def json_schema() -> dict[str, Any]:
     """The JSON Schema of experiment files, for editors."""
     made = adapter(Experiment).json_schema()
+    made["$defs"]["Condition"]["required"] = ["train"]  # in Python the name comes first
     return {"$schema": JSON_SCHEMA_ID, **made, "title": "causal_openlock experiment"}
