@@ -25,8 +25,7 @@ from causal_openlock.files.atomic import write_bytes
 from causal_openlock.files.seal import sealed, unsealed
 from causal_openlock.storage.beside_cell import CHECKPOINT
 
-MOST_TIME = 0.02
-"""The share of the time that checkpoints may take: slow ones are taken less often."""
+MOST_TIME = 0.02  # share of the time that checkpoints may take: slow ones are taken less often
 
 
 class CheckpointError(OpenLockError):

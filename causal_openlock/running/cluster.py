@@ -10,14 +10,14 @@ import asyncio
 import logging
 import sys
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from causal_openlock.errors import OpenLockError, in_short
-from causal_openlock.experiment.declare import Cell, Experiment
+from causal_openlock.experiment.declare import Cell
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.running.workers import Doing, LostError, done_jobs
 from causal_openlock.storage.versions import other_versions, versions
@@ -30,11 +30,11 @@ def in_cluster(
     address: str,
     do: Callable[[Cell], Any],
     jobs: deque[Cell],
-    experiment: Experiment,
+    names: Iterable[str],
     folder: Path,
     warn: Callable[[str], None],
 ) -> Doing:
-    """Let the workers of a Dask cluster do jobs."""
+    """Let the workers of a Dask cluster do jobs, with the files of the user's ``names``."""
     try:
         from distributed import Client, KilledWorker
     except ImportError:
@@ -47,7 +47,6 @@ def in_cluster(
             warn("there is no worker at the moment; the cells wait for one")
         return number
 
-    names = {name for spec in experiment.learners for name in (spec.learner, spec.reward.name)}
     files = own_files(name.partition(":")[0] for name in names if ":" in name).files
     code = folder / "code" / digest_of(files)
     for inside, path in files.items():

@@ -26,8 +26,7 @@ from causal_openlock.storage.beside_cell import failures_of, reported_progress
 from causal_openlock.storage.store import Store
 from causal_openlock.storage.stored import StoredExperiment
 
-QUIET = 120.0
-"""Seconds without a report after which a cell counts as stopped: steps rarely take as long."""
+QUIET = 120.0  # seconds without a report after which a cell counts as stopped
 
 
 class Playing(NamedTuple):

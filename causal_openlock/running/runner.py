@@ -89,21 +89,17 @@ def run(
         elsewhere: File names of cells that are not played, as their results are kept elsewhere.
 
     Raises:
-        CellsFailed: If cells failed, after all others were played; the folder's ``errors`` has the
-            reasons.
+        CellsFailed: If cells failed, after all others were played; ``errors`` has the reasons.
         LearnerError: If no learner can play any of the conditions.
         OpenLockError: If no process can be started, or the folder holds something else, was made
             with other versions of packages, or cannot be written to.
 
     Example:
-        >>> from concurrent.futures import ThreadPoolExecutor
         >>> from tempfile import TemporaryDirectory
-        >>> from causal_openlock import find_experiment, read_experiment
-        >>> from causal_openlock.experiment.making import Changes
-        >>> changes = Changes(learners=["oracle"], conditions=["CC3"], subjects=2)
-        >>> experiment = read_experiment(find_experiment("default"), changes)
-        >>> with TemporaryDirectory() as folder, ThreadPoolExecutor(1) as executor:
-        ...     record, _ = run(experiment, folder, executor=executor).record()
+        >>> from causal_openlock import make_experiment
+        >>> with TemporaryDirectory() as folder:
+        ...     store = run(make_experiment("CC3", "oracle", subjects=2), folder, workers=0)
+        ...     record, _ = store.record()
         >>> record.num_rows
         20
     """
@@ -145,7 +141,7 @@ def run(
         if not jobs or (here and workers == 0):
             doing = done_jobs(ThisProcess(), do, jobs, lambda: 1)
         elif cluster:
-            doing = in_cluster(cluster, do, jobs, experiment, place, warn_once)
+            doing = in_cluster(cluster, do, jobs, names, place, warn_once)
         elif executor:
             doing = done_jobs(executor, do, jobs)
         else:

@@ -14,8 +14,7 @@ from pathlib import Path
 from causal_openlock.contract.learner import Learner
 from causal_openlock.experiment.session import Session
 
-POINTS = 500
-"""Points of a curve, at most."""
+POINTS = 500  # of a curve, at most
 
 
 @contextmanager

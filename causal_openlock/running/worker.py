@@ -30,10 +30,8 @@ from causal_openlock.usercode.own_files import is_users_own
 from causal_openlock.usercode.session_code import unpack
 from causal_openlock.world.reward_code import OwnReward, reward_source
 
-REPORT_EVERY = 1.0
-"""Seconds between a worker's reports of its progress."""
-MOST_WRITTEN = 20_000
-"""Characters of a traceback."""
+REPORT_EVERY = 1.0  # seconds between a worker's reports of its progress
+MOST_WRITTEN = 20_000  # characters of a traceback
 
 
 @dataclass(frozen=True)

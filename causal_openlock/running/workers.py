@@ -22,7 +22,7 @@ from functools import partial
 from math import inf
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 from causal_openlock.errors import OpenLockError
 
@@ -200,7 +200,7 @@ class _Process:
         self._process.kill()
         self._process.join()
         with suppress(OSError, AttributeError):  # nothing is left of it, or this is Windows
-            os.killpg(self._process.pid or 0, signal.SIGKILL)
+            os.killpg(cast(int, self._process.pid), signal.SIGKILL)
 
     def _loss(self) -> OpenLockError:
         self.end()  # one that has ended keeps its exit code

@@ -6,7 +6,6 @@ import os
 import subprocess
 import sys
 import time
-import warnings
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +21,7 @@ from causal_openlock.storage.beside_cell import failures_of
 from causal_openlock.storage.store import Store
 from support.command import at_once, modules_of
 from support.processes import prepared, start_prepared
+from support.waiting import until
 
 pytestmark = pytest.mark.slow
 
@@ -114,13 +114,6 @@ def some_sleep(folder):
     return subprocess.run(["pgrep", "-f", f"^sleep {seconds}"], capture_output=True).returncode == 0
 
 
-def all_are_ended(folder):
-    last = time.monotonic() + 60
-    while some_sleep(folder) and time.monotonic() < last:
-        time.sleep(0.1)
-    return not some_sleep(folder)
-
-
 def declared(*learners, subjects=4):
     entries = [f"lethal:{name}" for name in learners]
     protocol = {"attempt_limit": 3, "baseline_trials": 1}
@@ -176,7 +169,7 @@ def test_what_ends_or_blocks_its_process_is_named_and_all_it_started_is_ended(fo
     assert (last.cells, last.done, last.failed, last.playing, last.share) == (6, 1, 5, (), 1)
     assert seen[0].done == seen[0].failed == 0
     assert max(cell.still for progress in seen for cell in progress.playing) > 0.5
-    assert all_are_ended(folder)
+    until(lambda: not some_sleep(folder))
 
 
 def test_an_executor_is_not_ended_and_its_lost_workers_are_named(folder):
@@ -200,17 +193,16 @@ def test_what_a_learner_starts_ends_with_a_run_that_is_stopped(folder):
     with pytest.raises(KeyboardInterrupt) as traceback:  # a notebook keeps it, too
         runner.run(declared("Hangs"), folder / "out", workers=1, progress=stop)
     assert traceback
-    assert all_are_ended(folder)
+    until(lambda: not some_sleep(folder))
 
 
 def test_what_a_learner_starts_ends_with_a_run_that_is_killed(folder):
     words = ["compare", "-c", "CC3", "-l", "lethal:Hangs", "--workers", "1", "--out", "out"]
     command = subprocess.Popen([sys.executable, "-m", "causal_openlock", *words])
-    while not some_sleep(folder):
-        time.sleep(0.1)
+    until(lambda: some_sleep(folder))
     command.kill()
     command.wait()
-    assert all_are_ended(folder)
+    until(lambda: not some_sleep(folder))
 
 
 def test_compare_says_what_is_missing_and_exits_with_1(folder, monkeypatch):
@@ -258,22 +250,17 @@ def test_a_cell_that_failed_three_times_is_left_out_until_it_is_asked_for_or_rep
 # -- processes that may start no others -----------------------------------------------------------
 
 
-def compares(pipe):
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
+def compares():
+    with pytest.warns(UserWarning, match="this process is itself a worker"):
         results = ol.compare("CC3", "random", subjects=1, workers=1)
-    pipe.send((len(results.trials), [str(warning.message) for warning in said]))
+    assert len(results.trials) == 5
 
 
 def test_a_process_that_may_start_none_plays_itself_and_says_so():
-    here, there = multiprocessing.Pipe()
-    fork = multiprocessing.get_context("fork")
-    daemon = fork.Process(target=compares, args=(there,), daemon=True)
+    daemon = multiprocessing.get_context("fork").Process(target=compares, daemon=True)
     daemon.start()
-    trials, said = here.recv()
     daemon.join()
-    assert trials == 5
-    assert any("this process is itself a worker" in sentence for sentence in said)
+    assert daemon.exitcode == 0
 
 
 @pytest.mark.parametrize(
