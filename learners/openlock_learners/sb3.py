@@ -7,10 +7,8 @@ everything happens in the same order each time, and the library works as it alwa
 seed and the same room give the same actions as without this learner.
 
 The library draws from NumPy's, torch's and Python's global generators, and seeds them. Each model
-has global generators of its own.
-
-It gives no probabilities. Each algorithm has its own way of acting and of exploring, and a model
-learns from the actions that it took itself, so it could not be put in another subject's place.
+has global generators of its own. It gives no probabilities: each algorithm has its own way of
+exploring, and a model learns from its own actions, so it could not be in another subject's place.
 
 A model in the midst of ``learn`` cannot be saved. What it was given is saved, some forty bytes for
 each action, and a new model is brought to the same point with it.
@@ -25,7 +23,7 @@ import inspect
 import threading
 import weakref
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -45,7 +43,6 @@ from causal_openlock.files.digest import digest
 from causal_openlock.schemas.fsm import IntArray
 from causal_openlock.wording import nearest
 
-LIBRARIES = ("stable_baselines3", "sb3_contrib")
 OURS = ("policy", "env", "seed", "_init_setup_model")
 """Arguments of a model that the learner sets, so that ``settings`` cannot."""
 CLASSES = {"activation_fn": "torch.nn", "optimizer_class": "torch.optim"}
@@ -215,21 +212,15 @@ def find_algorithm(name: str) -> Any:
         LearnerError: If the libraries are not installed or have no such class.
     """
     known: dict[str, Any] = {}
-    missing = []
-    for library in LIBRARIES:
-        try:
+    for library in ("stable_baselines3", "sb3_contrib"):
+        with suppress(ImportError):
             known |= vars(import_module(library))
-        except ImportError:
-            missing.append(library)
-    if LIBRARIES[0] in missing:
-        raise LearnerError(
-            "the learner sb3 needs Stable-Baselines3, which is not installed; install it with "
-            "pip install 'causal-openlock[sb3]'"
-        )
     known = {key: value for key, value in known.items() if hasattr(value, "policy_aliases")}
     if name not in known:
-        also = "; more come with pip install 'causal-openlock[sb3]'" if missing else ""
-        raise LearnerError(f"there is no algorithm {name!r}; {nearest(name, known)}{also}")
+        install = "pip install 'causal-openlock[sb3]' has all of Stable-Baselines3"
+        raise LearnerError(
+            f"there is no algorithm {name!r} here; {nearest(name, known)}; {install}"
+        )
     return known[name]
 
 
@@ -239,18 +230,15 @@ def as_python(settings: dict[str, Any]) -> dict[str, Any]:
     >>> as_python({"train_freq": [1, "episode"], "policy_kwargs": {"activation_fn": "ReLU"}})
     {'train_freq': (1, 'episode'), 'policy_kwargs': {'activation_fn': <class 'torch.nn....ReLU'>}}
     """
-    made = dict(settings)
-    if isinstance(made.get("train_freq"), list):
-        made["train_freq"] = tuple(made["train_freq"])
-    if isinstance(made.get("policy_kwargs"), dict):
-        made["policy_kwargs"] = dict(made["policy_kwargs"])
-        for key, module in CLASSES.items():
-            if isinstance(name := made["policy_kwargs"].get(key), str):
-                known = {k: v for k, v in vars(import_module(module)).items() if inspect.isclass(v)}
-                if name not in known:
-                    raise LearnerError(f"{module} has no {key} {name!r}; {nearest(name, known)}")
-                made["policy_kwargs"][key] = known[name]
-    return made
+    of_policy = dict(settings.get("policy_kwargs", {}))
+    for key, module in CLASSES.items():
+        if isinstance(name := of_policy.get(key), str):
+            known = {k: v for k, v in vars(import_module(module)).items() if inspect.isclass(v)}
+            if name not in known:
+                raise LearnerError(f"{module} has no {key} {name!r}; {nearest(name, known)}")
+            of_policy[key] = known[name]
+    pairs = {key: tuple(value) for key, value in settings.items() if isinstance(value, list)}
+    return {**settings, **pairs, **({"policy_kwargs": of_policy} if of_policy else {})}
 
 
 class StableBaselines(Learner):
@@ -263,7 +251,10 @@ class StableBaselines(Learner):
     @classmethod
     def artifact_hash(cls, parameters: StableBaselinesParameters) -> str:
         """A hash of the trained model."""
-        return "" if parameters.model is None else digest(_content(parameters.model))
+        try:
+            return digest(Path(parameters.model).read_bytes()) if parameters.model else ""
+        except (OSError, ValueError) as error:
+            raise LearnerError(f"{parameters.model} cannot be read: {in_short(error)}") from None
 
     @classmethod
     def prior_attempts(cls, parameters: StableBaselinesParameters) -> int | None:
@@ -306,8 +297,9 @@ class StableBaselines(Learner):
         # The models hold no reference to the learner, so that it can be collected and ends them.
         self._end = weakref.finalize(self, _Model.end_all, self._models)
         for seed in self._seeds:
-            settings = {"device": "cpu", "verbose": 0, **as_python(chosen.settings), "seed": seed}
             try:
+                given = as_python(chosen.settings)
+                settings = {"device": "cpu", "verbose": 0, **given, "seed": seed}
                 model = _Model(kind, chosen.policy or plain, settings, self.brief)
                 if weights is not None:
                     model.model.set_parameters(weights, device=model.model.device)
@@ -371,14 +363,6 @@ class StableBaselines(Learner):
         self._history = [*state["_history"]]
         self._make_models()
         self._pass_on(self._history[: self._passed_on])
-
-
-def _content(path: str) -> bytes:
-    try:
-        return Path(path).read_bytes()
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise LearnerError(f"the model of sb3 cannot be read: {path}: {reason}") from None
 
 
 def _weights(path: str) -> dict[str, Any]:

@@ -17,9 +17,7 @@ is left untried, as in a room that does not always obey, it starts over.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import permutations
-from typing import Annotated
 
 import numpy as np
 
@@ -27,21 +25,8 @@ from causal_openlock.contract.learner import Brief, Learner, Step, View
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 
 
-@dataclass(frozen=True)
-class WinStayParameters:
-    """Hyper-parameters."""
-
-    grey_only: Annotated[bool, "whether it pushes none but grey levers, if there are enough"] = (
-        False
-    )
-    across_rooms: Annotated[bool, "whether it tries first what worked in earlier rooms"] = True
-
-
 class WinStay(Learner):
     """Never repeats a failed pair of levers, and stays near those that worked."""
-
-    Parameters = WinStayParameters
-    parameters: WinStayParameters
 
     def begin(self, brief: Brief) -> None:
         """List all sequences of different levers."""
@@ -66,21 +51,17 @@ class WinStay(Learner):
         positions, actions = self._positions, self._actions(view)
         found = np.zeros((len(actions), 2 * positions + 1))
         for subject in np.flatnonzero(view.playing).tolist():
-            grey = view.observation[subject, positions : 2 * positions] == 1
-            odds = self._odds(subject, grey)
+            odds = self._odds(subject)
             # Another subject may have done what no sequence asks for; then any of them goes on.
             odds = odds & self._same[subject] if (odds & self._same[subject]).any() else odds
             found[subject] = np.bincount(actions[subject, odds], minlength=2 * positions + 1)
         return found / np.maximum(found.sum(axis=1, keepdims=True), 1.0)
 
-    def _odds(self, subject: int, grey: BoolArray) -> BoolArray:
+    def _odds(self, subject: int) -> BoolArray:
         """``[C]`` the sequences to draw from."""
         if self._tried[subject].all():
             self._tried[subject] = self._won[subject]
         open_to_try = ~self._tried[subject]
-        if self.parameters.grey_only:
-            of_grey = grey[self._sequences].all(axis=1)
-            open_to_try &= of_grey if (of_grey & open_to_try).any() else True
         nearness = self._won_before[subject].astype(int)
         if self._won[subject].any():
             worked = self._sequences[self._won[subject]]
@@ -100,6 +81,5 @@ class WinStay(Learner):
         self._won[won] |= self._same[won]
         self._same[ended] = True
         over = np.flatnonzero(playing & step.trial_over)
-        if self.parameters.across_rooms:
-            self._won_before[over] |= self._won[over]
+        self._won_before[over] |= self._won[over]
         self._tried[over] = self._won[over] = False

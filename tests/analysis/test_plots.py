@@ -313,8 +313,8 @@ def test_points_of_a_sweep_are_the_numbers_of_its_table():
     results = played_results.swept()
     points = sweep_table(results)
     assert points["value"].tolist() == [True, False] * 2  # in the order of the experiment
-    assert set(points["parameter"]) == {"grey_only"}
-    assert set(points["series"]) == {"win_stay"}
+    assert set(points["parameter"]) == {"top_down"}
+    assert set(points["series"]) == {"theory_based"}
     headline = results.headline.set_index(["learner", "condition"])["attempts"]
     by = zip(points["learner"], points["condition"], strict=True)
     assert points["attempts"].tolist() == [headline[key] for key in by]

@@ -233,7 +233,7 @@ def test_labels_show_values_as_they_are_written():
         "mine-lapse-0.1-strength_alpha-1e-09",
         "mine-lapse-0.3-strength_alpha-1e-09",
     ]
-    assert sweep("win_stay", grey_only=[True])[0]["name"] == "win_stay-grey_only-True"
+    assert sweep("theory_based", top_down=[True])[0]["name"] == "theory_based-top_down-True"
     (own,) = sweep(learner("bayes", noise=0.2), lapse=[0.1])
     assert own["parameters"] == {"noise": 0.2, "lapse": 0.1}
 

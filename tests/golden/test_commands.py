@@ -59,7 +59,7 @@ SESSIONS = {
         bundle out
         trace CC3 --attempts 2
         learners
-        learners win_stay
+        learners associative
         learners oracle
     """,
     "schemas": """

@@ -284,10 +284,12 @@ def refused(**parameters):
     return str(error.value)
 
 
-@pytest.mark.parametrize("module", ["stable_baselines3", "sb3_contrib"])
-def test_a_library_that_is_not_installed_is_named(module, monkeypatch):
+@pytest.mark.parametrize(
+    ("module", "algorithm"), [("stable_baselines3", "PPO"), ("sb3_contrib", "RecurrentPPO")]
+)
+def test_a_library_that_is_not_installed_is_named(module, algorithm, monkeypatch):
     monkeypatch.setitem(sys.modules, module, None)
-    assert "pip install 'causal-openlock[sb3]'" in refused(algorithm="RecurrentPPO")
+    assert "pip install 'causal-openlock[sb3]'" in refused(algorithm=algorithm)
 
 
 def test_wrong_settings_are_named():

@@ -69,7 +69,7 @@ def believed() -> Material:
 @cache
 def swept() -> Material:
     """A learner once for each of two values, and another one, in two conditions."""
-    return played([*sweep("win_stay", grey_only=[True, False]), "random"], ["CC3", "CE3"], 2)
+    return played([*sweep("theory_based", top_down=[True, False]), "random"], ["CC3", "CE3"], 2)
 
 
 @cache

@@ -34,9 +34,10 @@ def sweep_table(results: Material, parameter: str | None = None) -> pd.DataFrame
     """The result of each learner in each condition, by the value of a parameter.
 
     >>> from causal_openlock import compare, sweep
-    >>> results = compare("CC3", sweep("win_stay", grey_only=[False, True]), subjects=2, workers=0)
+    >>> halves = sweep("theory_based", top_down=[False, True])
+    >>> results = compare("CC3", halves, subjects=2, workers=0)
     >>> sweep_table(results)[["parameter", "value", "series"]].values.tolist()
-    [['grey_only', False, 'win_stay'], ['grey_only', True, 'win_stay']]
+    [['top_down', False, 'theory_based'], ['top_down', True, 'theory_based']]
 
     Args:
         results: What was played.
@@ -124,10 +125,11 @@ def plot_sweep(
     its marker is empty. The numbers are those of :func:`sweep_table`.
 
     >>> from causal_openlock import compare, sweep
-    >>> results = compare("CC3", sweep("win_stay", grey_only=[False, True]), subjects=2, workers=0)
-    >>> axes = plot_sweep(results, "grey_only")
+    >>> halves = sweep("theory_based", top_down=[False, True])
+    >>> results = compare("CC3", halves, subjects=2, workers=0)
+    >>> axes = plot_sweep(results, "top_down")
     >>> axes.get_xlabel(), [label.get_text() for label in axes.get_xticklabels()]
-    ('grey_only', ['False', 'True'])
+    ('top_down', ['False', 'True'])
 
     The protocol is by default ``human``, or else the first by alphabet. The other arguments, what
     is returned and errors are those of
