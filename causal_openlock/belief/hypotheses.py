@@ -119,14 +119,8 @@ def at_least(strength: float) -> FloatArray:
     return np.clip(more, 0.0, 1.0)
 
 
-@dataclass(frozen=True, eq=False)
-class Block:
-    """The hypotheses that make the same levers active.
-
-    Attributes:
-        slots: The active slots in ascending order.
-        catalogue: The possible behaviours of these levers.
-    """
+class Block(NamedTuple):
+    """The hypotheses that make the same levers active: their slots, and what these may do."""
 
     slots: tuple[int, ...]
     catalogue: Catalogue

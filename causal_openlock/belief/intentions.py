@@ -152,11 +152,8 @@ def in_order(
 ) -> NDArray[np.int8]:
     """``[k, n]`` the levers of solutions still to be pushed, causes before effects; then -1.
 
-    Args:
-        hypotheses: ``[h]`` hypotheses.
-        which: ``[n]`` which of them orders the levers.
-        solution: ``[n]`` a solution, as a bit mask of slots.
-        pushed: What is pushed already, likewise.
+    Each ``solution``, ``[n]``, is ordered by the hypothesis ``which``, ``[n]``; these sets of slots
+    and ``pushed``, what is pushed already, are bit masks.
     """
     missing = (solution & ~pushed).astype(np.uint16)
     most = int(np.bitwise_count(missing).max(initial=0))

@@ -125,12 +125,8 @@ class Knowledge:
     ) -> None:
         """Update with the final posterior of a room.
 
-        Args:
-            subject: Whose room it was.
-            space: Its hypotheses.
-            which: ``[E]`` those still possible.
-            weight: ``[E]`` their probabilities.
-            slots: ``[P]`` the slot of each position.
+        ``which``, ``[E]``, are the hypotheses that are still possible, ``weight`` their
+        probabilities, and ``slots``, ``[P]``, the slot of each position.
         """
         many = len(space.strengths)
         in_block = np.searchsorted(space.ends, which, side="right")

@@ -142,18 +142,11 @@ class Optimum:
 
         If no action can do anything in the rest of the attempt, the door stands for any.
         """
-        tie = TIE * self._weight(point.possible)
-        least, values = math.inf, {}
-        for option in self._options(point):
-            # As if something had changed: wasting the rest of the attempt has a value, too.
-            values[option.action] = self._value(option, point, True, least + tie)
-            least = min(least, values[option.action])
         alike = self._alike(point.possible, point.found, point.pushed)
+        # As if something had changed: wasting the rest of the attempt has a value, too.
+        options = self._best_options(point, True)
         return sorted(
-            same
-            for action, value in values.items()
-            if value <= least + tie
-            for same in alike.get(action, (action,))
+            same for option in options for same in alike.get(option.action, (option.action,))
         ) or [2 * self._slots]
 
     def value(self, point: Point) -> float:
@@ -239,8 +232,10 @@ class Optimum:
             if not point.left:
                 return begin(point.possible, point.found)
             if (point, changed) not in charged:
+                options = self._best_options(point, changed)
+                plans = [option.outcomes for option in options] or [[point._replace(left=0)]]
                 followed = []
-                for outcomes in self._plans(point, changed) or [[point._replace(left=0)]]:
+                for outcomes in plans:
                     parts = [after(one, _differs(one, point, changed)) for one in outcomes]
                     followed.append(tuple(map(over_outcomes, zip(*parts, strict=True))))
                 charged[point, changed] = min(followed, key=_rounded)
@@ -248,13 +243,13 @@ class Optimum:
 
         return begin(self._everything, ())
 
-    def _plans(self, point: Point, changed: bool) -> list[list[Point]]:
-        """The outcomes of each of the best actions."""
+    def _best_options(self, point: Point, changed: bool) -> list[_Option]:
+        """The best actions, one for levers that are alike."""
         tie, least, values = TIE * self._weight(point.possible), math.inf, []
         for option in self._options(point):
-            values.append((self._value(option, point, changed, least + tie), option.outcomes))
+            values.append((self._value(option, point, changed, least + tie), option))
             least = min(least, values[-1][0])
-        return [outcomes for value, outcomes in values if value <= least + tie]
+        return [option for value, option in values if value <= least + tie]
 
     # -- values, times the probability of the possible hypotheses --------------------------------
 

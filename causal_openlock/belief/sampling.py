@@ -313,13 +313,8 @@ def metropolis(
     factor, so in the long run they appear in proportion to their posterior probability; the chains
     are short. All take a fixed number of steps, whatever the machine's speed.
 
-    Args:
-        sampler: Draws gates from their posterior.
-        start: ``[D]`` where the chains begin.
-        order: ``[D, n]`` the levers of each, causes before effects.
-        required: The number of solutions, and the action limit that each has to fit.
-        steps: Steps of each chain.
-        generator: Source of randomness.
+    ``order``, ``[D, n]``, has the levers of each ``start``, causes before effects; ``required`` are
+    the number of solutions, and the action limit that each has to fit.
     """
     n, rows = start.levers, np.arange(len(start))
     current, order = Structures(start.causes.copy(), start.threshold.copy()), order.copy()

@@ -70,7 +70,6 @@ class PosteriorSampling(Learner):
         self._stays = (after == masks)[:, :-1].astype(np.int64)  # the lever stands there already
         shape = brief.subjects, len(pushed), 2, brief.actions
         self._counts = np.zeros((*shape, 4))
-        self._known_looks: dict[bytes, IntArray] = {}  # by the levers that are grey
         self._looks = np.zeros((brief.subjects, 10, 4))
         self._found = np.zeros(shape[:2], dtype=bool)
         self._policy = np.zeros((brief.subjects, limit + 1, *shape[1:3]), dtype=np.int64)
@@ -94,14 +93,12 @@ class PosteriorSampling(Learner):
         return np.minimum(number, len(self._moved) - 1), 1 - observation[:, -2].astype(np.int64)
 
     def _look(self, grey: IntArray) -> IntArray:
-        """``[S, 2, A]`` what each action looks like in each state; not to be changed."""
-        if (looks := self._known_looks.get(grey.tobytes())) is None:
-            verb = np.repeat([0, 4], self.brief.positions)
-            levers = verb + 2 * np.tile(grey, 2) + self._stays
-            looks = np.full((*levers.shape[:1], 2, self.brief.actions), 8)
-            looks[:, :, :-1] = levers[:, None]
-            looks[:, 1, -1] = 9
-            self._known_looks[grey.tobytes()] = looks
+        """``[S, 2, A]`` what each action looks like in each state."""
+        verb = np.repeat([0, 4], self.brief.positions)
+        levers = verb + 2 * np.tile(grey, 2) + self._stays
+        looks = np.full((len(levers), 2, self.brief.actions), 8)
+        looks[:, :, :-1] = levers[:, None]
+        looks[:, 1, -1] = 9
         return looks
 
     def model(self, subject: int, grey: IntArray) -> FloatArray:
@@ -141,9 +138,8 @@ class PosteriorSampling(Learner):
         self._counts[who, state, unlocked, action, came] += 1.0
         for index, subject in enumerate(who.tolist()):
             look = self._look(seen[index, positions:-2].astype(np.int64))
-            self._looks[
-                subject, look[state[index], unlocked[index], action[index]], came[index]
-            ] += 1
+            seen_as = look[state[index], unlocked[index], action[index]]
+            self._looks[subject, seen_as, came[index]] += 1
         new = step.new_solution[who]
         self._found[who[new], state[new]] = True
         self._planned &= ~(step.attempt_over & step.view.playing)

@@ -68,16 +68,6 @@ def test_no_more_structures_are_looked_at_than_the_effort_says(looked_at, effort
     assert fits(own.members, SIGHT.solutions, SIGHT.action_limit).all()
 
 
-def test_steps_find_more_than_as_many_draws():
-    sampler, effort = Sampler(12, SIMPLICITY, 1.0), 8000
-    drawn = stepped = 0
-    for seed in range(3):
-        generator = np.random.default_rng(seed)
-        drawn += int(fits(sampler.draw(effort, generator)[0], 8, 3).sum())
-        stepped += len(sampled(sampler, SIGHT, 500, generator, effort))
-    assert stepped > 2 * drawn
-
-
 def shares(structures, n):
     """How often each arrow is there, and how often each lever is free."""
     arrows = structures.causes[:, :, None] >> np.arange(n) & 1
