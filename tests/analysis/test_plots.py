@@ -125,7 +125,7 @@ def test_it_draws_in_axes_that_are_given_and_nowhere_else(name):
     figure = Figure(layout="constrained", figsize=(8, 4 * count))
     aside, *rows = figure.subplots(count + 1, 1)
     before = figure.get_size_inches().tolist()
-    assert draw(name, ax=[rows[:1], rows[1:]] if count > 1 else rows[0]) == rows
+    assert draw(name, ax=rows if count > 1 else rows[0]) == rows
     assert figure.axes == [aside, *rows]
     drawn_aside = [*aside.get_children()[:-11], *aside.texts, *figure.texts, *figure.legends]
     assert drawn_aside == []

@@ -12,7 +12,7 @@ needs (see :mod:`~causal_openlock.analysis.results.bounds`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -82,58 +82,49 @@ def plot_attempts(
     """
     means = comparable_means(results, "train", learners, conditions)
     asked = [conditions] if isinstance(conditions, str) else conditions or ()
-    if means.empty or not {*asked} <= {*BASELINES}:
-        return _every_trial(results, learners, conditions, ax)
-    count = max([5, *means["trial"]])
+    as_people = len(means) > 0 and {*asked} <= {*BASELINES}
+    if as_people:
+        looks = {name: _trained(name) for name in BASELINES}
+    else:
+        means = _every_trial(results, learners, conditions)
+        looks = _looks(ordered(means["condition"].unique(), results.conditions))
+    width = 0.8 / len(looks)
+    train = max([5 * as_people, *means.loc[means["phase"] == "train", "trial"]])
+    last = train + max([0, *means.loc[means["phase"] == "test", "trial"]])
 
     def panel(axes: Axes, rows: pd.DataFrame, ideal: Mapping[str, float]) -> None:
-        for side, condition in enumerate(BASELINES):
-            one = rows[rows["condition"] == condition]
-            _bars(axes, one["trial"] + 0.4 * side - 0.2, one, _trained(condition))
+        for number, (condition, look) in enumerate(looks.items()):
+            bars = rows[rows["condition"] == condition]
+            aside = width * (number - (len(looks) - 1) / 2)
+            places = bars["trial"] + train * (bars["phase"] == "test")
+            _bars(axes, places + aside, bars, look, 0.95 * width)
         for attempts in sorted(set(ideal.values())):
-            style.ideal_line(axes, attempts, 0.4, count + 0.6)
-        axes.set_xticks(range(1, count + 1))
-        axes.set(xlim=(0.4, count + 0.6), xlabel="Trial")
+            style.ideal_line(axes, attempts, 0.4, last + 0.6)
+        step = -(-last // 12)
+        ticks = [*range(1, train + 1, step), *range(train + 1, last + 1, step)]
+        axes.set_xticks(ticks, [str(place) if place <= train else "test" for place in ticks])
+        axes.set(xlim=(0.4, last + 0.6), xlabel="Trial")
 
-    keys = {name: _trained(name) for name in BASELINES}
-    return _beside(results, means, published, panel, keys, ax)
+    return _beside(results, means, published and as_people, panel, looks, ax)
 
 
-def _every_trial(results: Material, learners: Names, conditions: Names, ax: Any) -> Any:
-    """A panel for each learner: the trials of conditions in order, those of the test last."""
+def _every_trial(results: Material, learners: Names, conditions: Names) -> pd.DataFrame:
+    """Means of every trial; a learner with several protocols is one learner for each."""
     trials = rows_of(results, results.trials, learners, conditions)
     if trials.empty:
         raise NothingToDrawError("no such learner played such a condition")
     means = mean_by_trial(trials)
-    tested = means["phase"] == "test"
-    before = int(means.loc[~tested, "trial"].max()) if not tested.all() else 0
     several = means.groupby("learner", observed=True)["protocol"].transform("nunique") > 1
     labels = means["learner"].astype(str)
     labels = labels.where(~several, labels + " (" + means["protocol"].astype(str) + ")")
-    means = means.assign(
-        place=means["trial"] + before * tested, learner=pd.Categorical(labels, labels.unique())
-    )
-    last = int(means["place"].max())
-    names = ordered(means["condition"].unique(), results.conditions)
-    looks = {
+    return means.assign(learner=pd.Categorical(labels, labels.unique()))
+
+
+def _looks(names: Sequence[str]) -> dict[str, dict[str, Any]]:
+    return {
         name: {"color": style.current().other(number), "hatch": ("", "///", "...")[number // 5 % 3]}
         for number, name in enumerate(names)
     }
-    width = 0.8 / len(names)
-
-    def panel(axes: Axes, rows: pd.DataFrame, ideal: Mapping[str, float]) -> None:
-        for number, condition in enumerate(names):
-            one = rows[rows["condition"] == condition]
-            aside = width * (number - (len(names) - 1) / 2)
-            _bars(axes, one["place"] + aside, one, looks[condition], 0.95 * width)
-        for attempts in sorted(set(ideal.values())):
-            style.ideal_line(axes, attempts, 0.4, last + 0.6)
-        step = -(-last // 12)
-        places = [*range(1, before + 1, step), *range(before + 1, last + 1, step)]
-        axes.set_xticks(places, [str(one) if one <= before else "test" for one in places])
-        axes.set(xlim=(0.4, last + 0.6), xlabel="Trial")
-
-    return _beside(results, means, False, panel, looks, ax)
 
 
 def plot_transfer(
@@ -224,7 +215,7 @@ def _beside(
     return at.returned
 
 
-def _trained(condition: str) -> dict[str, str]:
+def _trained(condition: str) -> dict[str, Any]:
     return {"color": style.current().trained(condition)}
 
 

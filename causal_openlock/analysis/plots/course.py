@@ -138,7 +138,7 @@ def plot_course(
                 )
             _scale(axes, int(visits[family]["visit"].max()), top, limit)
             _mark_test(axes, visits[family])
-            for span in ideal[family]:
+            for span in sorted(ideal[family]):
                 style.ideal_line(axes, *span)
             if len(families) == 1 or family is families[0]:
                 style.panel_title(axes, name, style.sizes(means[means["learner"] == name]))
@@ -267,18 +267,11 @@ def _mark_test(axes: Axes, visits: pd.DataFrame) -> None:
 
 def _spans(
     visits: pd.DataFrame, ideal: dict[tuple[str, str], Bound]
-) -> list[tuple[float, float, float]]:
-    """Attempts of the ideal observer in each phase, from where to where; once where they agree."""
-    spans: dict[float, list[tuple[float, float]]] = {}
-    for key, own in visits.groupby(["condition", "phase"], observed=True)["visit"]:
-        if key in ideal:
-            span = float(own.min()) - 0.5, float(own.max()) + 0.5
-            spans.setdefault(ideal[key].attempts, []).append(span)
-    found = []
-    for attempts, stretches in spans.items():
-        end = -math.inf
-        for start, until in sorted(stretches):
-            if until > end:
-                found.append((attempts, max(start, end), until))
-                end = until
-    return found
+) -> set[tuple[float, float, float]]:
+    """Attempts of the ideal observer in each condition and phase, from where to where."""
+    phases = visits.groupby(["condition", "phase"], observed=True)["visit"]
+    return {
+        (ideal[key].attempts, float(played.min()) - 0.5, float(played.max()) + 0.5)
+        for key, played in phases
+        if key in ideal
+    }

@@ -6,7 +6,7 @@ Every plot function takes ``ax``, which is one of three things:
 * An empty :class:`~matplotlib.figure.Figure`: it is given its size and its panels. The report does
   this, so that pyplot holds none of its figures. Or an empty
   :class:`~matplotlib.figure.SubFigure`: it is given panels, and keeps the size that it has.
-* Axes, as many as there are panels, in any nesting. Nothing is drawn outside of them: what a figure
+* Axes, or an array of as many as there are panels. Nothing is drawn outside of them: what a figure
   has above its panels, such as a legend, is then inside the first of them.
 """
 
@@ -97,8 +97,13 @@ def panels(ax: Any, count: int, lay_out: Layout) -> Iterator[Panels]:
                 ax = plt.figure()
             yield Panels(list(lay_out(ax)), ax)
         return
-    given = list(_flat(ax))
-    if len(set(map(id, given))) < len(given):
+    given = np.ravel(np.array(ax, dtype=object)).tolist()
+    if not all(isinstance(axes, Axes) for axes in given):
+        raise OpenLockError(
+            f"ax is axes of matplotlib, or an empty figure or subfigure, and not "
+            f"{type(ax).__name__}"
+        )
+    if len(set(given)) < len(given):
         raise OpenLockError("ax holds the same axes twice; a panel needs axes of its own")
     if len(given) != count:
         rows = max(n for n in range(1, math.isqrt(count) + 1) if count % n == 0)
@@ -108,19 +113,6 @@ def panels(ax: Any, count: int, lay_out: Layout) -> Iterator[Panels]:
             f"{counted(len(given), 'axes', 'axes')}; pass plt.subplots({shape})[1], or leave ax out"
         )
     yield Panels(given, None)
-
-
-def _flat(ax: Any) -> Iterator[Axes]:
-    if isinstance(ax, Axes):
-        yield ax
-    elif several(ax):
-        for each in ax:
-            yield from _flat(each)
-    else:
-        raise OpenLockError(
-            f"ax is axes of matplotlib, or an empty figure or subfigure, and not "
-            f"{type(ax).__name__}"
-        )
 
 
 def in_rows(

@@ -12,11 +12,12 @@ import io
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import matplotlib.style
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -27,6 +28,7 @@ from matplotlib.lines import Line2D
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.record import CATEGORIES
 from causal_openlock.files.atomic import write_bytes
+from causal_openlock.files.validation import check_arguments
 from causal_openlock.wording import nearest
 
 CATEGORY_NAMES = dict(
@@ -96,10 +98,9 @@ class PlotStyle:
             )
         if not isinstance(self.rc, Mapping):
             raise OpenLockError(f"rc is settings of matplotlib, {{name: value}}, not {self.rc!r}")
-        for name in self.rc:
-            if name not in mpl.rcParams:
-                known = [each for each in mpl.rcParams if each[:4] == name[:4]]
-                raise OpenLockError(f"matplotlib has no setting {name}; {nearest(name, known)}")
+        for name in self.rc.keys() - mpl.rcParams.keys():
+            known = [each for each in mpl.rcParams if each[:4] == name[:4]]
+            raise OpenLockError(f"matplotlib has no setting {name}; {nearest(name, known)}")
 
     def trained(self, condition: str) -> str:
         """Colour of a condition of the paper, by what it trains."""
@@ -152,10 +153,7 @@ class plot_style:  # noqa: N801 - it is called as a function is
         style = style or self._before
         if not isinstance(style, PlotStyle):
             raise OpenLockError(f"plot_style takes a PlotStyle, and not {type(style).__name__}")
-        names = [each.name for each in fields(PlotStyle)]
-        for name in changes:
-            if name not in names:
-                raise OpenLockError(f"a style has no {name}; {nearest(name, names)}")
+        check_arguments(changes, PlotStyle.__init__, "plot_style")
         if isinstance(changes.get("rc"), Mapping):
             changes["rc"] = {**style.rc, **changes["rc"]}
         _style[-1] = replace(style, **changes)
@@ -178,10 +176,7 @@ _NO_METADATA: dict[str, dict[str, Any]] = {
 @contextmanager
 def settings() -> Iterator[None]:
     """Draw, and save, with the settings that all figures share."""
-    with mpl.rc_context():
-        mpl.rcdefaults()
-        own: Any = current().rc
-        mpl.rcParams.update(own)
+    with mpl.style.context(dict(current().rc), after_reset=True):
         yield
         interactive = mpl.is_interactive()
     mpl.interactive(interactive)  # a notebook's first figure turns it on, for those that follow
@@ -257,6 +252,7 @@ def image(figure: Figure, kind: str, dots: int = 200) -> bytes:
             engine.execute(figure)
             figure.set_layout_engine("none")
             for axes in figure.axes:  # the solver's last digits are not always the same
-                axes.set_position([round(edge, 6) for edge in axes.get_position().bounds])
+                left, low, width, height = (round(edge, 6) for edge in axes.get_position().bounds)
+                axes.set_position((left, low, width, height))
         figure.savefig(content, format=kind, dpi=dots, metadata=_NO_METADATA[kind])
     return content.getvalue()

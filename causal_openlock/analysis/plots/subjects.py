@@ -19,7 +19,8 @@ from causal_openlock.analysis.results.material import Material
 from causal_openlock.errors import NothingToDrawError
 
 _BINS = 30  # heights that circles can have
-_WIDEST = 20.5  # diameter of a circle that is all subjects, in points
+_WIDEST = 16.0  # diameter of a circle that is all subjects, in points
+_CIRCLES = 84.0  # of those of all conditions next to one another
 
 
 def plot_subjects(
@@ -74,7 +75,8 @@ def plot_subjects(
             known = [(means[f"{of}_attempts"] + means[f"{of}_se"]).max() for of in looks]
             ideal = means["ideal_attempts"].max()
             highest = float(np.nanmax([played["attempts"].max(), *known, ideal]))
-            widest = _scale(axes, list(own["condition"]), highest)
+            widest = min(_WIDEST, _CIRCLES / len(own))
+            _scale(axes, list(own["condition"]), highest)
             for place, row in enumerate(own.to_dict("records")):
                 of_row = (played["learner"] == name) & (played["condition"] == row["condition"])
                 mine = played.loc[of_row, "attempts"].to_numpy(float)
@@ -126,17 +128,11 @@ def _means(
         style.ideal_line(axes, row["ideal_attempts"], place - 0.38, place + 0.4)
 
 
-def _scale(axes: Axes, conditions: Sequence[str], highest: float) -> float:
-    """Axes with room for a circle at either end, and the diameter of the largest, in points."""
-    box, points = axes.get_window_extent(), 72 / axes.figure.dpi
-    spacing = box.width * points / len(conditions)
-    height = 0.75 * box.height * points  # titles, a legend and labels take the rest
+def _scale(axes: Axes, conditions: Sequence[str], highest: float) -> None:
+    """Axes with a place for each condition, and room for a circle at either end."""
     names = [style.label(name, 16) for name in conditions]
     axes.set_xlim(-0.6, len(names) - 0.4)
     turned = style.SLANTED if style.crowded(axes, range(len(names)), names) else {}
     axes.set_xticks(range(len(names)), names, **turned)
-    room = min(_WIDEST, 0.3 * height)
-    beyond = highest * 0.5 * room / (height - room)
-    axes.set_ylim(-beyond, highest + beyond)
+    axes.set_ylim(-0.07 * highest, 1.07 * highest)
     axes.yaxis.set_major_locator(MaxNLocator(6, integer=True, steps=[1, 2, 5, 10]))
-    return min(room, 0.42 * spacing)
