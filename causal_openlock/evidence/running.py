@@ -36,7 +36,6 @@ from causal_openlock.evidence.keeping import (
     parts_of,
     write_measured,
 )
-from causal_openlock.evidence.metric_runs import run_metrics
 from causal_openlock.evidence.recovery_runs import run_design, run_recovery
 from causal_openlock.evidence.study import FILE, Networks, Study
 from causal_openlock.evidence.study_files import COSTS, UNITS, older_results, read_run, read_units
@@ -75,8 +74,9 @@ def run_study(study: Study, results: Path, watched: Watched, anew: bool = False)
         run_design(study, results, watched, anew)
         return
     if study.file.measured == "metrics":
-        run_metrics(study, watched, anew)
-        return
+        raise EvidenceError(
+            f"{study.name}: what learners measure of themselves, version 0.2 stored"
+        )
     failed: list[CellsFailed] = []
     found = {} if anew else _stored(study)
     try:

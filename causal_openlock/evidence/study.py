@@ -83,7 +83,7 @@ NO_SHARES = (*ATTEMPTS, *IN_BITS, "minutes")
 """Measures that are not between 0 and 1."""
 
 METRICS = ("differing_pairs", "differing_transitions")
-"""Metrics of a learner (:meth:`Learner.metrics`) at the end of its visits; all are shares."""
+"""Metrics of the DDQN's replay, which version 0.2 measured at the end of visits; all are shares."""
 
 CORRELATION = "r"
 """Measure of a recovery: correlation of true parameters with fitted ones."""

@@ -29,7 +29,8 @@ from openlock_learners.networks.denormals import denormals_flushed
 from openlock_learners.networks.replay_buffer import ObservationTable, ReplayBuffer
 
 if TYPE_CHECKING:
-    from openlock_learners.networks.double_q import DoubleQ, Floats
+    from openlock_learners.networks.double_q import DoubleQ
+    from openlock_learners.networks.double_q_loops import Floats
 
 
 @dataclass(frozen=True)
@@ -164,18 +165,12 @@ class DDQN(Learner):
         return self.q.updates
 
     def metrics(self) -> dict[str, float]:
-        """Epsilon, differing rewards, loss of the last minibatch, values, dead units.
-
-        Rewards differ where the replay buffer holds an observation and an action with more than
-        one reward: ``differing_pairs`` is the share of such pairs, ``differing_transitions`` that
-        of their transitions. Values are of the observations met so far.
+        """Epsilon, loss of the last minibatch, values of observations met so far, dead units.
 
         A unit is dead if no observation met so far switches it on: its ReLU passes nothing on, and
         no gradient back that could change it (Sokar et al. 2023, "dormant neurons").
         """
         metrics = {"epsilon": float(self.exploration.epsilon.mean())}
-        pairs, transitions = self._replay.differing().mean(axis=1).tolist()
-        metrics |= {"differing_pairs": pairs, "differing_transitions": transitions}
         if self._errors is not None:
             size = np.abs(self._errors)
             metrics["loss"] = float(np.where(size < 1, size**2 / 2, size - 0.5).mean())

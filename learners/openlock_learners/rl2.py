@@ -112,5 +112,6 @@ class RL2(Learner):
         """Entropy of the policy, in nats, and the mean of its values."""
         import torch
 
-        entropy = torch.distributions.Categorical(logits=self._logits).entropy()
+        log_probs = torch.log_softmax(self._logits, dim=1)
+        entropy = -(log_probs.exp() * log_probs).sum(dim=1)
         return {"entropy": float(entropy.mean()), "value": float(self._values.mean())}

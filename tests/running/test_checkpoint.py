@@ -315,7 +315,7 @@ def curves(folder):
     }
 
 
-DDQN = {"epsilon", "loss", "max_q", "dead_units", "differing_pairs", "differing_transitions"}
+DDQN = {"epsilon", "loss", "max_q", "dead_units"}
 OWN = {"random": set(), "ddqn": DDQN}
 
 

@@ -48,7 +48,7 @@ class Rollout(NamedTuple):
     def of_rooms(self, part: Tensor) -> Rollout:
         """The same steps in some of the rooms, ``[m]``."""
         *steps, state, bootstrap = self
-        return Rollout(*(tensor[:, part] for tensor in steps), state[part], bootstrap[part])
+        return Rollout(*[*(tensor[:, part] for tensor in steps), state[part], bootstrap[part]])
 
 
 def advantages(rollout: Rollout, gamma: float, gae_lambda: float) -> Tensor:

@@ -97,7 +97,7 @@ class MetaTraining:
             self._fresh = torch.from_numpy(rooms.life_over)
         inputs = torch.from_numpy(self.perception.inputs(rooms.view))
         _, following, _ = self.network.step(inputs, self._hidden_state * ~self._fresh[:, None])
-        return Rollout(*map(torch.stack, zip(*steps, strict=True)), before, following)
+        return Rollout(*[*map(torch.stack, zip(*steps, strict=True)), before, following])
 
     def update(self) -> float:
         """One rollout and the updates by it; returns the mean entropy of the policy."""

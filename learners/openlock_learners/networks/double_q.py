@@ -69,10 +69,8 @@ class DoubleQ:
         self.online: Floats = np.concatenate(drawn, axis=1).astype(precision)
         self.target = self.online.copy()
         self.learning_rate, self.gamma, self.double = learning_rate, gamma, double
-        self.target_period = target_period
-        self.updates = 0
-        self._means = np.zeros_like(self.online)
-        self._squares = np.zeros_like(self.online)
+        self.target_period, self.updates = target_period, 0
+        self._means, self._squares = np.zeros((2, *self.online.shape), precision)
         self._everyone = np.ones(agents, dtype=bool)
         self.observe(np.zeros((0, sizes[0])))
 
@@ -97,7 +95,7 @@ class DoubleQ:
 
     def activations(self) -> list[Floats]:
         """``[N, D, width]`` what each layer after the first is given for the table; then values."""
-        activations = []
+        activations: list[Floats] = []
         given = self._table.rows[None]
         for weights, biases in self.layers():
             activations.append(given @ weights + biases)
@@ -113,13 +111,13 @@ class DoubleQ:
         inputs = observations.astype(self.online.dtype)
         return loops.greedy(self.online, self.sizes, inputs, wanted)
 
-    def update(self, batch: Batch, trains: BoolArray | None = None) -> Floats:
+    def update(self, batch: Batch, trains: BoolArray) -> Floats:
         """One gradient step for every agent on its own minibatch, on the mean Huber loss.
 
         Args:
             batch: The minibatches.
             trains: ``[N]`` which agents take the step; the networks of the others, and the state
-                of Adam, stay as they are, whatever their minibatches hold. By default all do.
+                of Adam, stay as they are, whatever their minibatches hold.
 
         Returns:
             ``[N, M]`` the TD errors before the step.
@@ -138,7 +136,7 @@ class DoubleQ:
             np.array(settings, precision),
             self.sizes,
             batch._replace(reward=reward, not_done=not_done),
-            self._everyone if trains is None else trains,
+            trains,
             self._table,
             self.gamma,
             self.double,

@@ -58,8 +58,8 @@ def write_network(
     ``about`` is anything else to write about it, as plain data.
     """
     about = {"format": 1, "sizes": network.sizes.model_dump(), "positions": positions, **about}
-    weights = {
-        stored_name(name): torch.atleast_2d(tensor.t()).numpy()
+    weights: Any = {
+        stored_name(name): _as_stored(tensor).numpy()
         for name, tensor in network.state_dict().items()
     }
     with replacing(path) as file:
@@ -117,6 +117,11 @@ def stored_name(name: str) -> str:
     return f"{layer}.{STORED_NAMES.get(weight, weight)}"
 
 
+def _as_stored(weight: Tensor) -> Tensor:
+    """``[in, out]`` of ``[out, in]`` weights, ``[1, out]`` of biases."""
+    return weight.t() if weight.dim() == 2 else weight[None]
+
+
 def _archive(path: Path | str) -> Any:
     """NumPy's archive of arrays, none of which is unpacked yet."""
     if Path(path).exists() and not Path(path).is_file():
@@ -125,7 +130,7 @@ def _archive(path: Path | str) -> Any:
 
 
 def _unpacked(archive: Any, name: str, least: int, most: int) -> Any:
-    """An array, unpacked only if it has so many bytes."""
+    """An array, unpacked only if it has between so many bytes."""
     if not least <= archive.zip.getinfo(f"{name}.npy").file_size <= most:
         raise ValueError(f"it does not fit its own sizes at {name}")
     return archive[name]
@@ -139,7 +144,7 @@ def _weights(archive: Any, name: str, expected: Tensor) -> Tensor:
     """A weight of the network, if it has the shape of the expected one and its numbers are."""
     name, least = stored_name(name), 4 * math.prod(expected.shape)
     weights = _unpacked(archive, name, least, least + HEADER)
-    if weights.shape != torch.atleast_2d(expected.t()).shape or weights.dtype != np.float32:
+    if weights.shape != _as_stored(expected).shape or weights.dtype != np.float32:
         raise ValueError(f"it does not fit its own sizes at {name}")
     if not np.isfinite(weights).all():
         raise ValueError(f"not all numbers in {name} are finite")

@@ -1,10 +1,8 @@
 """Input of a recurrent network: what its learner perceives, as numbers.
 
 A room looks the same at the start of every attempt. Attempts differ in what the console shows and
-in what the subject did: its last action, the reward of it, and whether it changed anything. The
-last of these would otherwise be lost at an attempt's end, since the room is reset before it is seen
-again, while a person watches the lever move. The network itself must remember what lies further
-back.
+in what the subject did: its last action, the reward of it, and whether it changed anything, which
+would be lost as the room is put back. The network itself must remember what lies further back.
 """
 
 from __future__ import annotations

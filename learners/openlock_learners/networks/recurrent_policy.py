@@ -182,8 +182,9 @@ def make_policy(sizes: Sizes, positions: int, generator: np.random.Generator) ->
     """A network with random weights: all actions are about equally likely at first."""
     network, weights = empty_policy(sizes, positions), {}
     for name, layer in network.named_children():
-        # Uniform within 1/sqrt(width) as torch's own weights, but drawn by this generator.
-        width = layer.hidden_size if isinstance(layer, nn.GRUCell) else layer.in_features
+        # Uniform within 1/sqrt(width) as torch's own weights, but drawn by this generator. The
+        # width of a cell is that of its hidden state, and of its last matrix.
+        *_, width = (part.shape[1] for part in layer.parameters() if part.dim() == 2)
         for part, tensor in layer.named_parameters():
             drawn = generator.uniform(-1.0, 1.0, tensor.shape) * width**-0.5
             if name in network.heads:

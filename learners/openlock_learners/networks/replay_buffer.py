@@ -54,11 +54,7 @@ class Batch(NamedTuple):
 
 
 class ReplayBuffer:
-    """B rings of transitions, one for each subject, drawn from uniformly.
-
-    Args:
-        subjects: B.
-        capacity: Transitions that each ring holds; a new one then overwrites the oldest.
+    """B rings of transitions, one for each subject; a full one overwrites its oldest.
 
     Attributes:
         length: ``[B]`` transitions that each ring holds now.
@@ -98,19 +94,3 @@ class ReplayBuffer:
         held = self.rings.reshape(5, -1).take(slots + self._begins, axis=1)
         before, action, after = held[:3].astype(np.int64)
         return Batch(before, action, held[3], after, held[4])
-
-    def differing(self) -> FloatArray:
-        """``[2, B]`` shares of what each ring holds with more than one reward.
-
-        The first row is of the pairs of observation and action in the ring, the second of its
-        transitions: those whose pair also stands there with another reward. An empty ring has
-        none.
-        """
-        shares = np.zeros((2, len(self.length)))
-        for subject in np.flatnonzero(self.length).tolist():
-            before, action, _, reward, _ = self.rings[:, subject, : self.length[subject]]
-            _, count = np.unique(np.stack([before, action]), axis=1, return_counts=True)
-            paid = np.unique(np.stack([before, action, reward]), axis=1)[:2]
-            differ = np.unique(paid, axis=1, return_counts=True)[1] > 1
-            shares[:, subject] = differ.mean(), count[differ].sum() / count.sum()
-        return shares

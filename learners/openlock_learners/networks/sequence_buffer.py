@@ -20,9 +20,8 @@ Floats = NDArray[np.float32]
 class Sequences(NamedTuple):
     """M sequences for each of N agents: K steps of burn-in, U steps to learn from, and one more.
 
-    Time is the second axis. The steps to learn from are in the columns from K on. A sequence
-    that has fewer steps is padded with copies of its first step to learn from, which
-    ``burn_in_mask`` and ``mask`` leave out.
+    Time is the second axis; the first step to learn from is in column K. A sequence that has fewer
+    steps is padded with copies of that step, which ``burn_in_mask`` and ``mask`` leave out.
 
     Attributes:
         inputs: ``[N, K + U + 1, M, in]`` what was perceived; the last is what follows step U.

@@ -58,25 +58,3 @@ def test_observations_are_numbered_in_order_of_appearance():
     assert table.number(np.stack([a, c, c, b])).tolist() == [1, 2, 2, 0]
     assert table.number(np.zeros((0, 4), dtype=np.int8)).tolist() == []
     assert table.rows.tolist() == [b.tolist(), a.tolist(), c.tolist()]
-
-
-def test_a_state_and_an_action_with_two_rewards_differ():
-    replay = ReplayBuffer(3, 6)
-    # Of two subjects the same pairs; the first is paid alike for each, the second not for (0, 1).
-    for before, action, first, second in (
-        (0, 1, 60, 60),
-        (0, 2, 0, 0),
-        (1, 1, 5, 5),
-        (0, 1, 60, 0),
-    ):
-        who, of = np.arange(2), np.full(2, before)
-        paid = np.array([first, second], dtype=float)
-        replay.add(who, of, np.full(2, action), paid, of, np.ones(2, dtype=bool))
-    pairs, transitions = replay.differing()
-    assert pairs.tolist() == [0, 1 / 3, 0]
-    assert transitions.tolist() == [0, 2 / 4, 0]
-    replay = ReplayBuffer(1, 2)  # what was overwritten differs no more
-    one, done = np.zeros(1, dtype=np.int64), np.ones(1, dtype=bool)
-    for reward, share in [(60.0, 0.0), (0.0, 1.0), (0.0, 0.0)]:
-        replay.add(one, one, one, np.array([reward]), one, done)
-        assert replay.differing().tolist() == [[share], [share]]
