@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -40,10 +40,6 @@ from causal_openlock.analysis.topics.leaderboard import (
     legend,
 )
 from causal_openlock.files.atomic import folder_at
-from causal_openlock.storage.stored import StoredExperiment
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 
 @dataclass(frozen=True)
@@ -66,40 +62,6 @@ class Report:
     def open(self) -> None:
         """Open the page in a browser."""
         webbrowser.open(self.path.resolve().as_uri())
-
-
-def write_report(
-    record: pa.Table,
-    out_dir: Path | str,
-    experiment: StoredExperiment,
-    topics: Sequence[Topic] | None = None,
-    figures: bool = False,
-) -> Path:
-    """Write the report of a record.
-
-    Args:
-        record: Columns as in :func:`causal_openlock.experiment.record.record_schema`, rows in any
-            order.
-        out_dir: The folder to write ``report.html`` and ``summary.csv`` to; it is made if it does
-            not exist. Figures and tables of an earlier report that this one does not write are
-            removed; other files stay.
-        experiment: What was run, as :meth:`causal_openlock.storage.store.Store.record` gives it
-            with the record. Learners appear in its order; the page opens with the cells that are
-            missing. Published results are shown with learners that did what people did; see
-            :mod:`~causal_openlock.analysis.results.references`.
-        topics: What it is about; by default
-            :func:`~causal_openlock.analysis.topic.all_topics`.
-        figures: Whether figures and tables are also written as files, to ``figures/`` and
-            ``tables/``.
-
-    Returns:
-        The path of ``report.html``.
-
-    Raises:
-        StoreError: If the record has attempts missing or twice.
-        OpenLockError: If a file cannot be written; those that were there stay whole.
-    """
-    return make_report(Material.of(record, experiment), out_dir, topics, figures=figures).path
 
 
 @contextmanager
@@ -125,9 +87,20 @@ def make_report(
     begin: Callable[[str], None] | None = None,
     figures: bool = False,
 ) -> Report:
-    """Write a report as :func:`write_report` does, of what is counted already.
+    """Write the report of some results.
 
-    ``begin`` is called before each step with its name, such as ``drawing survival``.
+    Args:
+        material: The results.
+        out_dir: The folder to write ``report.html`` and ``summary.csv`` to; it is made if it does
+            not exist. Figures and tables of an earlier report that this one does not write are
+            removed; other files stay.
+        topics: What it is about; by default :func:`~causal_openlock.analysis.topic.all_topics`.
+        begin: Called before each step with its name, such as ``drawing survival``.
+        figures: Whether figures and tables are also written as files, to ``figures/`` and
+            ``tables/``.
+
+    Raises:
+        OpenLockError: If a file cannot be written; those that were there stay whole.
     """
     folder = folder_at(out_dir)
     experiment = material.experiment

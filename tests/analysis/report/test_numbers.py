@@ -10,7 +10,8 @@ import pytest
 from scipy import stats
 
 from causal_openlock.analysis.measures import count
-from causal_openlock.analysis.report.writing import write_report
+from causal_openlock.analysis.report.writing import make_report
+from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.reading import read_results
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.running.runner import run
@@ -41,7 +42,7 @@ def folder(tmp_path_factory):
     with ThreadPoolExecutor(1) as pool:
         store = run(read_experiment(folder / "numbers.yaml"), folder / "out", executor=pool)
         record, description = read_results(store)
-        write_report(record, store.folder, description, figures=True)
+        make_report(Material.of(record, description), store.folder, figures=True)
         yield store.folder
 
 

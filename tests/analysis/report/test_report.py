@@ -15,7 +15,8 @@ from matplotlib.figure import Figure
 
 import causal_openlock as ol
 from causal_openlock.analysis.report.what_was_run import edges
-from causal_openlock.analysis.report.writing import make_report, write_report
+from causal_openlock.analysis.report.writing import make_report
+from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.section import Section, SectionPlot
 from causal_openlock.analysis.table import Table, printed
 from causal_openlock.analysis.topic import Topic, all_topics, columns_of, sections_of
@@ -58,7 +59,7 @@ def written(record, folder, topics=(OURS,), figures=False, **known):
     """The report on few topics, which is quick."""
     record = table(record) if isinstance(record, list) else record
     experiment = experiment_of(record, **known)
-    return write_report(record, folder, experiment, topics, figures=figures)
+    return make_report(Material.of(record, experiment), folder, topics, figures=figures).path
 
 
 # -- what is on the page --------------------------------------------------------------------------
@@ -361,7 +362,8 @@ def test_trials_are_told_as_they_were_played(tmp_path):
     protocol = ol.Protocol("quick", attempt_limit=7, stop_when_solved=False, train_loops=4)
     experiment = ol.make_experiment(["CC4", "CC3-CE4"], ["random"], protocol=protocol)
     record = table(trial_rows([0] * 7, learner="random", protocol="quick"))
-    text = lines_of(write_report(record, tmp_path, stored(experiment), [OURS]).read_text("utf-8"))
+    page = make_report(Material.of(record, stored(experiment)), tmp_path, [OURS]).path
+    text = lines_of(page.read_text("utf-8"))
     assert "7 attempts in every trial, also after it is solved." in text
     assert "6 training trials, gone through 4 times, then 1 test trial" in text
     assert "| CC3-CE4 | CC3 | CE4 | –" in text
