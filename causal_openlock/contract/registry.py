@@ -202,8 +202,8 @@ class ParameterInfo(NamedTuple):
 def parameter_table(learner: str | type) -> list[ParameterInfo]:
     """The hyper-parameters of a learner, or of a class of parameters.
 
-    >>> parameter_table("ddqn")[0]
-    ParameterInfo(name='gamma', default=0.8, meaning='discount factor (paper: .8)')
+    >>> parameter_table("rl2")[-1].default
+    False
     """
     declared: Any = learner_class(learner).Parameters if isinstance(learner, str) else learner
     hints = get_type_hints(declared, include_extras=True)

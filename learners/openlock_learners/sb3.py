@@ -227,8 +227,10 @@ def find_algorithm(name: str) -> Any:
 def as_python(settings: dict[str, Any]) -> dict[str, Any]:
     """Settings as the library takes them: pairs as tuples, and the classes that names stand for.
 
-    >>> as_python({"train_freq": [1, "episode"], "policy_kwargs": {"activation_fn": "ReLU"}})
-    {'train_freq': (1, 'episode'), 'policy_kwargs': {'activation_fn': <class 'torch.nn....ReLU'>}}
+    >>> as_python({"train_freq": [1, "episode"]})
+    {'train_freq': (1, 'episode')}
+    >>> as_python({"policy_kwargs": {"activation_fn": "ReLU"}})["policy_kwargs"]
+    {'activation_fn': <class 'torch.nn.modules.activation.ReLU'>}
     """
     of_policy = dict(settings.get("policy_kwargs", {}))
     for key, module in CLASSES.items():
