@@ -4,7 +4,7 @@ A cell's record depends on the cell alone, not on the number of workers, the ord
 finish, or how often the run was killed and started again. If a cell fails, the others are played
 all the same. A learner that fails does so again, so its cell has failed until the same command is
 given again. A worker may be lost for reasons of its own, so its cell is played again, from its
-checkpoint. After :data:`MOST_FAILURES` failures without progress a cell is left out.
+checkpoint. After three failures without progress a cell is left out.
 """
 
 from __future__ import annotations
@@ -49,8 +49,7 @@ from causal_openlock.usercode.session_code import (
     session_source,
 )
 
-MOST_FAILURES = 3
-"""Failures after which a cell is left out."""
+MOST_FAILURES = 3  # after which a cell is left out
 
 
 def run(
@@ -103,8 +102,7 @@ def run(
         >>> record.num_rows
         20
     """
-    warn = warn or (lambda sentence: None)
-    warn_once = cache(warn)  # it is called with each sentence once
+    warn = cache(warn or (lambda sentence: None))  # it is called with each sentence once
     limit = inf if time_limit is None else time_limit
     watching = _checked(watching or Watching(), limit)
     here = executor is None and cluster is None
@@ -127,7 +125,7 @@ def run(
         stack.callback(store.close)
         for name in filter(is_of_session, names):
             write_text(store.source(session_origin(name)), session_source(name))
-        playing = _Run(store, cells, warn, warn_once, progress or (lambda standing: None))
+        playing = _Run(store, cells, warn, progress or (lambda standing: None))
         playing.jobs = jobs = playing.missing(elsewhere, retry_failed)
         if jobs and not allow_version:
             store.require_versions()
@@ -141,23 +139,21 @@ def run(
         if not jobs or (here and workers == 0):
             doing = done_jobs(ThisProcess(), do, jobs, lambda: 1)
         elif cluster:
-            doing = in_cluster(cluster, do, jobs, names, place, warn_once)
+            doing = in_cluster(cluster, do, jobs, names, place, warn)
         elif executor:
             doing = done_jobs(executor, do, jobs)
         else:
             many = workers or workplaces.available_cores()
-            pool = workplaces.Processes(many, fresh=_is_of_others, time_limit=float(limit))
+            # Other people's code may change its process for the cells after it.
+            pool = workplaces.Processes(
+                many, fresh=lambda cell: not is_ours(cell.spec.learner), time_limit=float(limit)
+            )
             doing = done_jobs(stack.enter_context(pool), do, jobs, lambda: many)
         playing.follow(stack.enter_context(closing(doing)))
     if playing.reasons:
         named = (playing.reasons.get(cell.file_name) for cell in cells)
         raise CellsFailed(filter(None, named), len(cells))
     return store
-
-
-def _is_of_others(cell: Cell) -> bool:
-    """Whether a learner is not ours: its code may change its process for the cells after it."""
-    return not is_ours(cell.spec.learner)
 
 
 def _checked(watching: Watching, limit: float) -> Watching:
@@ -186,7 +182,6 @@ class _Run:
     store: Store
     cells: Sequence[Cell]
     warn: Callable[[str], None]
-    warn_once: Callable[[str], None]
     progress: Callable[[RunProgress], None]
     left: dict[str, Cell] = field(default_factory=dict)
     jobs: deque[Cell] = field(default_factory=deque)
@@ -245,7 +240,7 @@ class _Run:
             raise error
         else:
             for remark in remarks:
-                self.warn_once(remark)
+                self.warn(remark)
             self.is_done(cell)
 
     def is_done(self, cell: Cell) -> None:

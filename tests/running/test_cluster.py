@@ -211,12 +211,11 @@ def test_shards_share_a_folder_and_nobody_else_gets_in(folder):
     first, second, other = Store(out), Store(out), Store(out)
     first.open(experiment, shard=Shard(1, 2))
     second.open(experiment, shard=Shard(2, 2))
-    with pytest.raises(StoreError, match="in use by another comparison"):
-        other.open(experiment)
-    with pytest.raises(StoreError, match="in use by another comparison"):
-        other.open(experiment, shard=Shard(1, 2))
-    first.close()
-    second.close()
+    for shard in (None, Shard(1, 2)):
+        with pytest.raises(StoreError, match="in use by another comparison"):
+            other.open(experiment, shard=shard)
+    for store in (first, second):
+        store.close()
     other.open(experiment)
     other.close()
 

@@ -157,7 +157,7 @@ def test_what_ends_or_blocks_its_process_is_named_and_all_it_started_is_ended(fo
     seen, told = [], []
     options = {"time_limit": np.int64(5), "progress": seen.append, "warn": told.append}
     error = fails(experiment, folder / "out", workers=2, **options)
-    assert sum("it is tried again" in sentence for sentence in told) == 3 * 2
+    assert sum("it is tried again" in sentence for sentence in told) == 3
     reasons = [reason.split("; see ") for reason in error.reasons[:-1]]
     assert [why for why, _ in reasons] == [
         f"the learner {name} in CC3, subjects 0-1, {why}"
