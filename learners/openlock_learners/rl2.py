@@ -75,7 +75,7 @@ class RL2(Learner):
         from openlock_learners.networks.network_file import BUNDLED, read_network
 
         super().begin(brief)
-        self.network, self.about = read_network(self.parameters.checkpoint or BUNDLED)
+        self.network, _ = read_network(self.parameters.checkpoint or BUNDLED)
         if self.network.positions not in (None, brief.positions):
             raise LearnerError(
                 f"this network of rl2 is for rooms of {self.network.positions} positions and this "

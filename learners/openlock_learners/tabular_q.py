@@ -21,6 +21,7 @@ from causal_openlock.contract.learner import Brief, Learner, Observations, Step,
 from causal_openlock.contract.parameters import Share
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 from openlock_learners.exploration import Exploration, ExplorationParameters
+from openlock_learners.networks.replay_buffer import ObservationTable
 
 
 @dataclass(frozen=True)
@@ -42,16 +43,14 @@ class TabularQ(Learner):
         """Begin with an empty table; it grows with the observations that are met."""
         super().begin(brief)
         self._everyone = np.arange(brief.subjects)
-        self._weights = 1 << np.arange(brief.observation_size, dtype=np.int64)
-        self._numbers: dict[int, int] = {}
+        self._table = ObservationTable(brief.observation_size)
         self._values = np.full((brief.subjects, 64, brief.actions), self.parameters.initial_value)
         self.exploration = Exploration(self.parameters, brief.subjects)
 
     def _rows(self, observations: Observations) -> IntArray:
         """``[B]`` the row of each observation; all subjects use the same rows of their tables."""
-        numbers, keys = self._numbers, (observations @ self._weights).tolist()
-        rows = np.array([numbers.setdefault(key, len(numbers)) for key in keys])
-        while len(numbers) > self._values.shape[1]:
+        rows = self._table.number(observations)
+        while len(self._table.rows) > self._values.shape[1]:
             fresh = np.full_like(self._values, self.parameters.initial_value)
             self._values = np.concatenate([self._values, fresh], axis=1)
         return rows

@@ -178,15 +178,6 @@ def test_each_solution_found_sets_one_more_bit_until_all_are_set(bits):
     assert np.array_equal(rows[0:3, :16], rows[3:6, :16])
 
 
-def test_the_bits_are_cleared_in_the_next_trial():
-    learner, session = begun(
-        SEMI, kind=SemiMarkovDDQN, condition=ROOM4, attempt_limit=3, baseline_loops=2
-    )
-    play(learner, session, solving(session, 0, 1, 0, 0))
-    rows = learner._table.rows[learner._replay.rings[0, 0, :12].astype(int)]
-    assert rows[:, 16:].sum(axis=1).tolist() == [0, 0, 0, 1, 1, 1, 2, 2, 2, 0, 0, 0]
-
-
 @pytest.mark.parametrize("over_attempts", [False, True])
 def test_what_follows_a_solution_knows_of_it(over_attempts):
     settings = replace(SEMI, bootstrap_over_attempts=over_attempts)

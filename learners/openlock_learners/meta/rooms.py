@@ -80,17 +80,6 @@ class MetaRooms:
         self._new_trials(np.arange(rooms), self._playing)
         self.view = self._perceive()
 
-    @property
-    def schema(self) -> IntArray:
-        """``[B]`` index of the schema of each room."""
-        return self._schema.copy()
-
-    @property
-    def layout(self) -> IntArray:
-        """``[B, 7]`` which lever of its schema is where; -1 where none is."""
-        lever = self._rooms.state.column[:, :POSITIONS].astype(np.int64)
-        return np.where(lever < self._levers[self._schema][:, None], lever, -1)
-
     def _new_trials(self, who: IntArray, lives: BoolArray) -> None:
         """Begin a trial in the rooms ``who``, and in those of ``lives`` also a new life."""
         generator, (least, most) = self.generator, self.file.trials

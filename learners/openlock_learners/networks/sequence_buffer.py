@@ -81,10 +81,9 @@ class SequenceBuffer:
         not_done: BoolArray,
         resets: BoolArray,
     ) -> None:
-        """Add one step for each of the subjects ``who``; all arguments are as long.
+        """Add one step for each of the subjects ``who``, with the hidden state before it.
 
-        ``state`` is the hidden state before what was perceived, ``inputs``. Where the hidden state
-        ``resets`` after the step, ``not_done`` must be false.
+        Where the hidden state ``resets`` after the step, ``not_done`` must be false.
         """
         slot = self.count[who] % self.capacity
         self._begins[who, slot] = self._segment[who]

@@ -25,17 +25,6 @@ def test_a_full_ring_overwrites_its_oldest_transition():
     assert np.array_equal(not_done, before % 2 == 0)
 
 
-def test_rings_fill_each_at_its_own_pace():
-    replay = ReplayBuffer(3, 4)
-    for t in range(6):
-        who = np.array([0, 2]) if t < 3 else np.array([2])
-        replay.add(who, who * 10 + t, who, who.astype(float), who, who > 0)
-    assert replay.length.tolist() == [3, 0, 4]
-    assert replay.rings[0].tolist() == [[0, 1, 2, 0], [0, 0, 0, 0], [24, 25, 22, 23]]
-    late = replay.sample(np.full((3, 1), 0.99))[0]
-    assert late[:, 0].tolist() == [2, 0, 23]
-
-
 def test_samples_are_uniform_and_from_the_ring_of_the_subject():
     replay = filled(ReplayBuffer(3, 8), many=5)
     luck = np.random.default_rng(0).random((3, 20_000))
