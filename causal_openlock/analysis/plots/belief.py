@@ -8,10 +8,11 @@ depends on how long names are or how many arrows there were.
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import networkx as nx
 import numpy as np
@@ -100,13 +101,14 @@ def plot_trace(
             f"plot_trace draws a trace, which trace_trial returns, and not {type(trace).__name__}"
         )
     shown = Part.of(trace, actions, arrows)
-    graphs, names = _plan_graphs(shown), list(map(shown_name, shown.actions))
+    structures, names = _structures(trace), list(map(shown_name, shown.actions))
+    height = _graph_height([schema for schema, _ in structures])
     heading = (
         f"{trace.learner} in {trace.condition}, trial {trace.trial} of {trace.trials} "
         f"(subject {trace.subject}, protocol {trace.protocol.name})"
     )
-    with panels(ax, 6, _layout(shown, graphs, heading, names)) as at:
-        timeline, entropy, gains, matrix, *structures = at.axes
+    with panels(ax, 6, _layout(shown, height, heading, names)) as at:
+        timeline, entropy, gains, matrix, *graphs = at.axes
         for axes in at.axes[:4]:
             axes.set_xlim(-0.5, len(shown.actions) + 0.5)
             axes.tick_params(axis="x", length=0, labelbottom=False)
@@ -115,11 +117,11 @@ def plot_trace(
         _draw_entropy(entropy, shown)
         _draw_gains(gains, shown)
         _draw_arrows(matrix, shown)
-        for axes, graph in zip(structures, graphs, strict=True):
-            draw_schema(graph.schema, axes)
+        for axes, (schema, title) in zip(graphs, structures, strict=True):
+            draw_schema(schema, axes)
             for name in axes.texts:
                 name.set(fontsize=0.92 * float(name.get_fontsize()))  # capitals are wide
-            axes.set_title(graph.title, loc="center", fontsize="medium", weight="bold")
+            axes.set_title(title, loc="center", fontsize="medium", weight="bold")
         if at.figure is None:
             timeline.set_title(style.label(heading, 84), loc="left", fontsize="medium")
             entropy.legend(handles=_legend_handles(shown), fontsize="small", ncols=2)
@@ -254,7 +256,7 @@ class Part:
             axes.axvline(first - 0.5, **look)
 
 
-def _layout(shown: Part, graphs: list[_Graph], heading: str, names: list[str]) -> Layout:
+def _layout(shown: Part, graph_height: float, heading: str, names: list[str]) -> Layout:
     """The six panels under a title and a legend, every one as high as what it shows."""
     title = [(line, "bold") for line in textwrap.wrap(heading, 84)]
     if shown.cut:
@@ -271,7 +273,7 @@ def _layout(shown: Part, graphs: list[_Graph], heading: str, names: list[str]) -
         "another gap": 0.14,
         "arrows": max(0.135 * len(shown.arrows), 0.5),
         "below": 0.55,
-        "graphs": max(graph.height for graph in graphs),
+        "graphs": graph_height,
         "bottom": 0.08,
     }
     total, width = sum(heights.values()), shown.width
@@ -298,15 +300,9 @@ def _layout(shown: Part, graphs: list[_Graph], heading: str, names: list[str]) -
             figure.add_subplot(grid[place[name]], label=name)
             for name in ("timeline", "entropy", "gains", "arrows")
         ]
-        top = heights["graphs"] + heights["bottom"]
-        for index, graph in enumerate(graphs):
-            left = (0.25 + 0.5 * index) * width - graph.width / 2
-            box = (left / width, (top - graph.height) / total, graph.width / width)
-            axes.append(
-                figure.add_axes(
-                    (*box, graph.height / total), label=("most probable", "truth")[index]
-                )
-            )
+        for left, name in ((0.015, "most probable"), (0.515, "truth")):
+            box = (left, heights["bottom"] / total, 0.47, graph_height / total)
+            axes.append(figure.add_axes(box, label=name))
         return axes
 
     return lay_out
@@ -418,35 +414,21 @@ def _legend_handles(shown: Part) -> list[Any]:
     return handles
 
 
-class _Graph(NamedTuple):
-    """A structure to draw, under which title, and how large in inches."""
-
-    schema: Schema
-    title: str
-    width: float
-    height: float
-
-
-def _plan_graphs(shown: Part) -> list[_Graph]:
-    """The most probable structure in the end and the true one, both at one scale."""
-    trace = shown.trace
+def _structures(trace: Trace) -> list[tuple[Schema, str]]:
+    """The most probable structure in the end and the true one, with their titles."""
     final = trace.moments[-1]
     same = {
         "same": "the true one",
         "alike": "acts like the true one",
         "different": "acts otherwise",
     }[agreement(trace)]
-    titled = (
+    return [
         (final.structure, f"Most probable in the end ({percent(final.probability)}): {same}"),
         (trace.truth, "True structure"),
-    )
-    sizes = []
-    for schema, _ in titled:
-        left, right, bottom, top = arrange(schema).limits
-        sizes.append((right - left, top - bottom))
-    most = 0.47 * shown.width
-    unit = min(_UNIT, *(min(most / width, _GRAPH_HEIGHT / height) for width, height in sizes))
-    return [
-        _Graph(schema, title, width * unit, height * unit)
-        for (schema, title), (width, height) in zip(titled, sizes, strict=True)
     ]
+
+
+def _graph_height(schemas: Sequence[Schema]) -> float:
+    """Height of the graphs in inches."""
+    limits = [arrange(schema).limits for schema in schemas]
+    return min(_GRAPH_HEIGHT, _UNIT * max(top - bottom for _, _, bottom, top in limits))

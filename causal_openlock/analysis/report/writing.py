@@ -8,10 +8,8 @@ there are also the figures as PDF (``figures/``) and the tables as CSV and LaTeX
 
 from __future__ import annotations
 
-import gc
 import webbrowser
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -64,22 +62,6 @@ class Report:
         webbrowser.open(self.path.resolve().as_uri())
 
 
-@contextmanager
-def _cycles_left() -> Iterator[None]:
-    """Look for no cycles: while figures are drawn, that takes a sixth of the time and frees little.
-
-    All of them are found once Python looks again.
-    """
-    before = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if before:
-            gc.enable()
-
-
-@_cycles_left()
 def make_report(
     material: Material,
     out_dir: Path | str,
