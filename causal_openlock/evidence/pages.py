@@ -268,7 +268,7 @@ def _run_in_words(evidence: Evidence, run: Mapping[str, Any]) -> str:
             f"apart) on {run['machine']}; {versions}.",
             *(
                 f"Its declaration is written otherwise since: {made['reason']} One subject of "
-                f"every learner did the same by the code before ({made['by']}) and after."
+                f"every learner concerned did the same by the code before ({made['by']}) and after."
                 for made in run.get("stamps", ())
             ),
             "",
