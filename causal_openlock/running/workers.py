@@ -30,6 +30,8 @@ from causal_openlock.errors import OpenLockError
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 LOOK_EVERY = 1.0
 """Seconds between two looks at jobs that are being done."""
+GRACE = 1.0
+"""Seconds in which processes can end by themselves."""
 GUARD = 'call compare under: if __name__ == "__main__":'
 WORKER_ITSELF = (
     "this process is itself a worker and may not start others, so it plays one cell after another"
@@ -199,11 +201,14 @@ class _Process:
         self.is_over = True
         self._process.kill()
         self._process.join()
-        with suppress(OSError, AttributeError):  # nothing is left of it, or this is Windows
-            os.killpg(cast(int, self._process.pid), signal.SIGKILL)
+        end_group(cast(int, self._process.pid))
 
     def _loss(self) -> OpenLockError:
-        self.end()  # one that has ended keeps its exit code
+        self._process.join(GRACE)  # one that is ending keeps its exit code
+        if self._process.is_alive():
+            self.end()
+            return LostError("closed the connection to its worker")
+        self.end()
         code = self._process.exitcode or 0
         how = f"exit status {code}" if code >= 0 else f"killed by {signal.Signals(-code).name}"
         if code == -signal.SIGKILL:
@@ -245,9 +250,21 @@ def _serve(pipe: Connection, prepare: Callable[[], None] | None) -> None:
 def _end_with_parent() -> None:
     if parent := multiprocessing.parent_process():
         parent.join()
-        with suppress(AttributeError):
-            os.killpg(os.getpid(), signal.SIGKILL)
-        os._exit(1)
+        with suppress(OSError):  # a learner has closed all descriptors, and the parent lives
+            os.fstat(parent.sentinel)
+            end_group(os.getpid())
+            os._exit(1)
+
+
+def end_group(group: int) -> None:
+    """End a process group: with SIGTERM, and after some time with SIGKILL."""
+    with suppress(OSError, AttributeError):  # nothing is left of it, or this is Windows
+        os.killpg(group, signal.SIGTERM)
+        last = time.monotonic() + GRACE
+        while time.monotonic() < last:
+            os.killpg(group, 0)
+            time.sleep(0.02)
+        os.killpg(group, signal.SIGKILL)
 
 
 def may_start_processes() -> bool:

@@ -82,7 +82,7 @@ KILLED = "ended its process (killed by SIGKILL, perhaps for lack of memory)"
 WITH_ITS_PROCESS = {
     "Dies": ("os._exit(9)", "ended its process (exit status 9)"),
     "Killed": ("os.kill(os.getpid(), signal.SIGKILL)", KILLED),
-    "Closes": ("os.closerange(3, 256); time.sleep(1000)", KILLED),
+    "Closes": ("os.closerange(3, 256); time.sleep(1000)", "closed the connection to its worker"),
     "Hangs": ("time.sleep(1000)", "was ended after 5 s"),
 }
 PROGRAM = """\
