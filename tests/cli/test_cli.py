@@ -76,8 +76,8 @@ def here(*words, expect=0, **options):
 
 def workers_of(process):
     """The processes that a comparison plays in, where there is /proc to find them."""
-    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
-    return [int(pid) for pid in children.read_text().split()] if children.exists() else []
+    threads = Path(f"/proc/{process.pid}/task").glob("*/children")
+    return [int(pid) for children in threads for pid in children.read_text().split()]
 
 
 def alive(pid):

@@ -131,7 +131,7 @@ def test_a_fit_runs_no_code_and_opens_no_file_unasked(tmp_path, changed):
     space = {**SPACE.as_dict(), "learner": "mine:Learner"}
     with pytest.raises(StoreError, match=r"code .* name it too"):
         read_fit(changed("code", space=space))
-    rl2 = search_space("rl2", {"gamma": Range(0.5, 0.9)}).as_dict()
-    space = {**rl2, "fixed": {"checkpoint": "/etc/passwd"}}
-    with pytest.raises(StoreError, match="checkpoint"):
+    trained = search_space("sb3", {"threads": Range(1, 2)}).as_dict()
+    space = {**trained, "fixed": {"model": "/etc/passwd"}}
+    with pytest.raises(StoreError, match="model"):
         read_fit(changed("file", space=space))
