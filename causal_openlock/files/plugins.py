@@ -10,17 +10,20 @@ registered in the same way, so the core knows no guest by name::
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Mapping
 from functools import lru_cache
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint, distributions, entry_points
 from typing import Any
 
 from causal_openlock.errors import OpenLockError
+from causal_openlock.version import __version__
 
 LEARNERS = "causal_openlock.learners"  # classes
 COMMANDS = "causal_openlock.commands"  # functions, or Typer apps
 TOPICS = "causal_openlock.topics"  # each a causal_openlock.analysis.topic.Topic
 REFERENCES = "causal_openlock.references"  # functions that return a Reference
+TOOLKIT = "causal-openlock"
 
 
 def registered(group: str) -> Mapping[str, EntryPoint]:
@@ -33,8 +36,23 @@ def registered(group: str) -> Mapping[str, EntryPoint]:
 
 @lru_cache(maxsize=16)
 def _registered(group: str, path: tuple[str, ...]) -> dict[str, EntryPoint]:
+    # entry_points() takes the first of what has the same name, which may be another version's.
+    installed = [*distributions(name=TOOLKIT, path=[*path])]
+    complete = [package for package in installed if package.entry_points]
+    current = [package for package in complete if package.version == __version__] or complete
+    for package in installed:
+        if package not in current:
+            warnings.warn(
+                f"{package.locate_file('')} holds a causal_openlock-*.dist-info that is left over "
+                f"from another version; remove it, and keep that of {__version__}",
+                stacklevel=3,
+            )
     entries: dict[str, EntryPoint] = {}
+    for package in current[:1]:
+        entries = {entry.name: entry for entry in package.entry_points.select(group=group)}
     for entry in entry_points(group=group):
+        if entry.dist and entry.dist.name == TOOLKIT:
+            continue
         if entries.setdefault(entry.name, entry).value != entry.value:
             raise OpenLockError(
                 f"the {_described(entries[entry.name])} is registered twice, also as "

@@ -42,6 +42,26 @@ def test_a_name_that_two_packages_register_is_an_error(guests):
     assert "random" in registered(LEARNERS)
 
 
+@pytest.mark.parametrize("entries", ["", "[causal_openlock.learners]\nrandom = gone:Learner\n"])
+def test_leftovers_of_other_versions_hide_no_learner_and_are_named(guests, entries):
+    before = dict(registered(LEARNERS))
+    info = guests / "causal_openlock-0.1.0.dist-info"
+    info.mkdir()
+    if entries:
+        (info / "METADATA").write_text(
+            "Metadata-Version: 2.1\nName: causal-openlock\nVersion: 0.1.0\n"
+        )
+        (info / "entry_points.txt").write_text(entries)
+    sys.path.insert(0, f"{guests}/")  # which nobody has looked at
+    try:
+        with pytest.warns(
+            UserWarning, match=f"{guests}.* is left over from another version; remove"
+        ):
+            assert registered(LEARNERS) == before
+    finally:
+        sys.path.pop(0)
+
+
 def test_the_core_is_loaded_without_its_guests():
     code = (
         "import sys, causal_openlock as ol; ol.compare\n"
