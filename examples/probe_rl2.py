@@ -39,7 +39,7 @@ def rooms_left(condition: str) -> list[tuple[ol.Room, dict]]:
     session.begin(trained)
     session.begin(untrained)
     sizes = trained.network.sizes
-    untrained.network = make_policy(sizes, LEVERS, np.random.default_rng(0))
+    untrained.network = make_policy(sizes, np.random.default_rng(0))
     left = []
     while not session.over:
         view, truth = session.view, session.truth

@@ -76,11 +76,6 @@ class RL2(Learner):
 
         super().begin(brief)
         self.network, _ = read_network(self.parameters.checkpoint or BUNDLED)
-        if self.network.positions not in (None, brief.positions):
-            raise LearnerError(
-                f"this network of rl2 is for rooms of {self.network.positions} positions and this "
-                f"one has {brief.positions}; train one of kind levers, which fits them all"
-            )
         self._perception = Perception(brief)
         size = self.network.state_size(brief.positions)
         self.hidden_state = np.zeros((brief.subjects, size), dtype=np.float32)

@@ -39,7 +39,7 @@ rooms: {schemas: {CC3: 1}, rewards: [paper]}
 actions: 600
 at_once: 10
 steps: 30
-network: {kind: flat, room: 8, reader: 8}
+network: {room: 8, reader: 8}
 """,
     "schemas/own.yaml": "name: own\nlevers: [A, B]\nedges: {A: [B], B: [door]}\n",
     "schemas/broken.yaml": "name: broken\n",

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from openlock_learners.meta.training_file import TrainingFile
-from openlock_learners.networks.recurrent_policy import RecurrentPolicy
+from openlock_learners.networks.recurrent_policy import LeverPolicy
 
 VALUE_WEIGHT, MAX_NORM = 0.5, 0.5
 """Weight of the squared error of the values, and the norm that gradients are clipped to."""
@@ -70,7 +70,7 @@ def advantages(rollout: Rollout, gamma: float, gae_lambda: float) -> Tensor:
 class PPO:
     """Improves a policy from its rollouts, with the settings of a training's file."""
 
-    def __init__(self, network: RecurrentPolicy, file: TrainingFile) -> None:
+    def __init__(self, network: LeverPolicy, file: TrainingFile) -> None:
         self.network, self.file = network, file
         self.optimizer = torch.optim.Adam(network.parameters(), lr=file.learning_rate, eps=1e-5)
 

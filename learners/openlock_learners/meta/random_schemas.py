@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from itertools import permutations
+from collections.abc import Sequence
 
 import networkx as nx
 import numpy as np
@@ -15,48 +14,13 @@ from causal_openlock.schemas.schema import DOOR, Gate, Schema
 MOST_SOLUTIONS = 4
 
 
-def behaviour(schema: Schema) -> tuple[int, ...]:
-    """The behaviour of a schema, chance aside: equal if schemas differ in levers' names alone.
-
-    For each set of pushed levers there is a number, whose bits say which levers can move then and
-    whether the door is unlocked. Of all orders of the levers, that with the least numbers counts.
-    """
-    count = len(schema.levers)
-    sets = np.arange(1 << count)
-    nodes = [*schema.levers, DOOR]
-    causes = np.array([schema.mask(schema.causes(node)) for node in nodes])
-    needed = np.array([schema.threshold(node) for node in nodes])
-    enabled = np.bitwise_count(sets[:, None] & causes) >= needed
-    least: tuple[int, ...] = ()
-    for order in permutations(range(count)):
-        renamed = np.empty_like(sets)
-        weights = 1 << np.array([*order, count])
-        renamed[(sets[:, None] >> np.arange(count) & 1) @ weights[:-1]] = enabled @ weights
-        least = min(least or tuple(renamed.tolist()), tuple(renamed.tolist()))
-    return least
-
-
-def random_schemas(
-    number: int,
-    levers: Sequence[int],
-    seed: int,
-    excluded: Iterable[Schema] = (),
-    solutions: Mapping[int, int] | None = None,
-) -> list[Schema]:
+def random_schemas(number: int, levers: Sequence[int], seed: int) -> list[Schema]:
     """Random gate-DAG schemas that attempts of three actions can solve, no two the same.
 
     Every lever has causes among those before it in a random order, every node a random gate, and
-    levers that lead nowhere are inert.
-
-    Args:
-        number: How many.
-        levers: The numbers of levers that one may have.
-        seed: All of them follow from it.
-        excluded: None behaves as one of these.
-        solutions: How many solutions a schema has, by its number of levers; by default at most
-            :data:`MOST_SOLUTIONS`.
+    levers that lead nowhere are inert. At most :data:`MOST_SOLUTIONS` solve one. ``levers`` are the
+    numbers of levers that a schema may have.
     """
-    forbidden = {behaviour(schema) for schema in excluded}
     generator = np.random.default_rng(seed)
     made: dict[str, Schema] = {}
     while len(made) < number:
@@ -87,10 +51,6 @@ def random_schemas(
         except SchemaError:
             continue
         if len(schema.solutions) > MOST_SOLUTIONS or schema.least_action_limit > PAPER_ACTION_LIMIT:
-            continue
-        if solutions and solutions.get(len(names)) != len(schema.solutions):
-            continue
-        if forbidden and behaviour(schema) in forbidden:
             continue
         form = {**schema.as_dict(), "name": ""}
         made.setdefault(str(form), schema)

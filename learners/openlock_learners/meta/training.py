@@ -54,7 +54,7 @@ class MetaTraining:
         weights, rooms, policy, order = np.random.default_rng(file.seed).spawn(4)
         self.rooms = MetaRooms(file.rooms, file.schemas(beside), file.at_once, rooms)
         positions = self.rooms.brief.positions
-        self.network = make_policy(file.network, positions, weights)
+        self.network = make_policy(file.network, weights)
         self.trainer = PPO(self.network, file)
         self.perception = Perception(self.rooms.brief)
         self._hidden_state = torch.zeros(file.at_once, self.network.state_size(positions))
@@ -164,5 +164,5 @@ def run_training(training: MetaTraining, out: Path, log: Callable[[str], None]) 
             except SealError as error:
                 log(f"{in_short(error)}; an interrupted training begins again")
     about = {"actions": training.actions, "training": training.file.model_dump()}
-    write_network(out, training.network, training.rooms.brief.positions, about)
+    write_network(out, training.network, about)
     interrupted.unlink(missing_ok=True)

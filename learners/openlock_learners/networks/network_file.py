@@ -3,14 +3,13 @@
 The file is NumPy's own ``.npz``: one array of numbers for each of the network's weights, and one
 text in JSON, ``about``, with the sizes of the network and the meta-training that it went through.
 
-A file may come from anybody. So its sizes are compared with limits, then the shapes that follow
-from them with the shapes that the file declares, and only then is anything of it unpacked.
+A file may come from anybody. So its sizes are compared with limits, then the bytes that follow from
+them with those that each array takes, and only then is anything of it unpacked.
 """
 
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -22,13 +21,11 @@ from torch import Tensor
 from causal_openlock.errors import LearnerError, in_short
 from causal_openlock.files.atomic import replacing
 from causal_openlock.files.validation import StrictModel
-from causal_openlock.schemas.schema import MAX_LEVERS
-from causal_openlock.world.room import PAPER_POSITIONS
-from openlock_learners.networks.recurrent_policy import RecurrentPolicy, Sizes, empty_policy
+from openlock_learners.networks.recurrent_policy import LeverPolicy, Sizes, empty_policy
 
 MOST_BYTES = 1 << 27
 """Most bytes that a file of a network may have."""
-HEADER, _MOST_ABOUT = 1 << 14, 1 << 20
+HEADER, MOST_ABOUT = 1 << 14, 1 << 20
 """Most bytes before the numbers of an array, and of the description."""
 BUNDLED = Path(__file__).parents[1] / "checkpoints" / "rl2.npz"
 """The checkpoint that comes with the package."""
@@ -42,31 +39,24 @@ STORED_NAMES = {
 
 
 class About(StrictModel, extra="ignore"):
-    """Fields of a file's description that its network is made from; others are ignored."""
+    """Fields of a file's description that are used; others are ignored."""
 
     format: Literal[1]
     sizes: Sizes
-    positions: Annotated[int, Field(ge=len(PAPER_POSITIONS), le=MAX_LEVERS)]
     actions: Annotated[int, Field(ge=0)] = 0
 
 
-def write_network(
-    path: Path | str, network: RecurrentPolicy, positions: int, about: dict[str, Any]
-) -> None:
-    """Write a network, whole or not at all, with the positions of its rooms.
-
-    ``about`` is anything else to write about it, as plain data.
-    """
-    about = {"format": 1, "sizes": network.sizes.model_dump(), "positions": positions, **about}
+def write_network(path: Path | str, network: LeverPolicy, about: dict[str, Any]) -> None:
+    """Write a network, whole or not at all, with anything else about it, as plain data."""
+    about = {"format": 1, "sizes": network.sizes.model_dump(), **about}
     weights: Any = {
-        stored_name(name): _as_stored(tensor).numpy()
-        for name, tensor in network.state_dict().items()
+        stored_name(name): _as_stored(part).numpy() for name, part in network.state_dict().items()
     }
     with replacing(path) as file:
         np.savez_compressed(file, about=np.array(json.dumps(about)), **weights)
 
 
-def read_network(path: Path | str) -> tuple[RecurrentPolicy, dict[str, Any]]:
+def read_network(path: Path | str) -> tuple[LeverPolicy, dict[str, Any]]:
     """Read a network and its description.
 
     Raises:
@@ -75,8 +65,7 @@ def read_network(path: Path | str) -> tuple[RecurrentPolicy, dict[str, Any]]:
     try:
         with _archive(path) as archive:
             about = _about(archive)
-            checked = About.model_validate(about)
-            network = empty_policy(checked.sizes, checked.positions)
+            network = empty_policy(About.model_validate(about).sizes)
             expected = network.state_dict()
             if {*archive} != {"about", *map(stored_name, expected)}:
                 raise ValueError("it does not hold the weights of a network of its sizes")
@@ -129,21 +118,21 @@ def _archive(path: Path | str) -> Any:
     return np.load(path, allow_pickle=False)
 
 
-def _unpacked(archive: Any, name: str, least: int, most: int) -> Any:
-    """An array, unpacked only if it has between so many bytes."""
-    if not least <= archive.zip.getinfo(f"{name}.npy").file_size <= most:
+def _unpacked(archive: Any, name: str, most: int) -> Any:
+    """An array, unpacked only if it has at most so many bytes."""
+    if archive.zip.getinfo(f"{name}.npy").file_size > most:
         raise ValueError(f"it does not fit its own sizes at {name}")
     return archive[name]
 
 
 def _about(archive: Any) -> Any:
-    return json.loads(str(_unpacked(archive, "about", 0, _MOST_ABOUT)).encode("ascii"))
+    return json.loads(str(_unpacked(archive, "about", MOST_ABOUT)).encode("ascii"))
 
 
 def _weights(archive: Any, name: str, expected: Tensor) -> Tensor:
-    """A weight of the network, if it has the shape of the expected one and its numbers are."""
-    name, least = stored_name(name), 4 * math.prod(expected.shape)
-    weights = _unpacked(archive, name, least, least + HEADER)
+    """A weight of the network, if it has the shape of the expected one and is finite."""
+    name = stored_name(name)
+    weights = _unpacked(archive, name, 4 * expected.numel() + HEADER)
     if weights.shape != _as_stored(expected).shape or weights.dtype != np.float32:
         raise ValueError(f"it does not fit its own sizes at {name}")
     if not np.isfinite(weights).all():

@@ -1,17 +1,15 @@
-"""Recurrent networks that choose actions: a policy, and a value of the reward still to come.
+"""A recurrent network that chooses actions: a policy, and a value of the reward still to come.
 
-:class:`LeverPolicy` treats all positions alike: every lever has a small hidden state of its own,
-all of them are updated by the same weights, and one more state belongs to the room as a whole. What
-was learned about one position so holds for every other, and in rooms of any size. This is built in
-and not learned, and it is all that is built in; :class:`FlatPolicy`, an ordinary recurrent network,
-has nothing built in, to show what the assumption is worth.
+All positions are treated alike: every lever has a small hidden state of its own, all of them are
+updated by the same weights, and one more state belongs to the room as a whole. What was learned
+about one position so holds for every other, and in rooms of any size. This is built in and not
+learned, and it is all that is built in.
 
-A network is evaluated in M rooms at once: subjects, or the rooms of meta-training.
+The network is evaluated in M rooms at once: subjects, or the rooms of meta-training.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from typing import Annotated, Literal
 
 import numpy as np
@@ -23,71 +21,28 @@ from causal_openlock.files.validation import StrictModel
 
 OWN, SHARED = 4, 9
 """Numbers perceived of each lever (pushed, grey, just pushed, just pulled), and of the room."""
-MOST_UNITS = 1024
-"""The largest size that a network may have."""
-Units = Annotated[int, Field(ge=1, le=MOST_UNITS)]
+HEADS = "moves", "door_and_value"
+"""Layers that give logits and values."""
+Units = Annotated[int, Field(ge=1, le=1024)]
 
 
 class Sizes(StrictModel):
-    """Kind and sizes of a network, as in a checkpoint and in a file of meta-training.
+    """Sizes of a network, as in a checkpoint and in a file of meta-training.
 
     Attributes:
-        kind: ``levers``, :class:`LeverPolicy`, or ``flat``, :class:`FlatPolicy`.
-        lever: Hidden units of each lever, H; a flat policy has none.
+        kind: ``levers``; other kinds are of earlier versions.
+        lever: Hidden units of each lever, H.
         room: Hidden units of the room as a whole, G.
         reader: Units of the layer that reads the hidden state.
     """
 
-    kind: Literal["levers", "flat"] = "levers"
+    kind: Literal["levers"] = "levers"
     lever: Units = 32
     room: Units = 48
     reader: Units = 48
 
 
-class RecurrentPolicy(nn.Module, ABC):
-    """A recurrent network with a policy and a value.
-
-    Attributes:
-        sizes: Kind and sizes.
-        positions: Levers of the rooms that it fits, if it does not fit them all.
-        heads: Names of the layers that give logits and values.
-    """
-
-    sizes: Sizes
-    positions: int | None = None
-    heads: tuple[str, ...]
-
-    @abstractmethod
-    def state_size(self, positions: int) -> int:
-        """Numbers in a hidden state for a room with this number of positions, S."""
-
-    @abstractmethod
-    def step(self, inputs: Tensor, state: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """``[M, A]`` logits, ``[M]`` values and ``[M, S]`` next state, from ``[M, in]``."""
-
-    def forward(
-        self, inputs: Tensor, state: Tensor, fresh: Tensor
-    ) -> tuple[Tensor, Tensor, Tensor]:
-        """Run over T steps.
-
-        Args:
-            inputs: ``[T, M, in]`` what is perceived in M rooms at T steps.
-            state: ``[M, S]`` hidden state before the first step.
-            fresh: ``[T, M]`` steps before which the hidden state is reset.
-
-        Returns:
-            ``[T, M, A]`` logits of the actions, ``[T, M]`` values, and ``[M, S]`` the last hidden
-            state.
-        """
-        all_logits, all_values = [], []
-        for now, resets in zip(inputs, fresh, strict=True):
-            logits, values, state = self.step(now, state * ~resets[:, None])
-            all_logits.append(logits)
-            all_values.append(values)
-        return torch.stack(all_logits), torch.stack(all_values), state
-
-
-class LeverPolicy(RecurrentPolicy):
+class LeverPolicy(nn.Module):
     """A network with a hidden state for each lever, wherever it is.
 
     The room's state is updated from what is perceived of the room, from the states of all levers
@@ -95,8 +50,6 @@ class LeverPolicy(RecurrentPolicy):
     is perceived of it, and from the room's. A lever's own state and the room's then give the logits
     of pushing it and of pulling it.
     """
-
-    heads = "moves", "door_and_value"
 
     def __init__(self, sizes: Sizes) -> None:
         super().__init__()
@@ -110,11 +63,11 @@ class LeverPolicy(RecurrentPolicy):
         self.door_and_value = nn.Linear(reader, 2)
 
     def state_size(self, positions: int) -> int:
-        """H for each lever, and G."""
+        """Numbers in a hidden state, S: H for each lever, and G."""
         return positions * self.sizes.lever + self.sizes.room
 
     def step(self, inputs: Tensor, state: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Update the room's state and then the levers', and read both."""
+        """``[M, A]`` logits, ``[M]`` values and ``[M, S]`` next state, from ``[M, in]``."""
         rooms, positions = len(inputs), (inputs.shape[1] - SHARED) // OWN
         own, shared = split(inputs, positions)
         room = state[:, positions * self.sizes.lever :]
@@ -130,6 +83,20 @@ class LeverPolicy(RecurrentPolicy):
         door, value = self.door_and_value(torch.relu(for_room)).unbind(-1)
         logits = torch.cat([moves[..., 0], moves[..., 1], door[:, None]], dim=-1)
         return logits, value, torch.cat([levers.flatten(1), room], dim=-1)
+
+    def forward(
+        self, inputs: Tensor, state: Tensor, fresh: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """``[T, M, A]`` logits, ``[T, M]`` values and ``[M, S]`` last state of T steps.
+
+        Before the steps that are ``fresh``, ``[T, M]``, the hidden state is reset.
+        """
+        all_logits, all_values = [], []
+        for now, resets in zip(inputs, fresh, strict=True):
+            logits, values, state = self.step(now, state * ~resets[:, None])
+            all_logits.append(logits)
+            all_values.append(values)
+        return torch.stack(all_logits), torch.stack(all_values), state
 
 
 def split(inputs: Tensor, positions: int) -> tuple[Tensor, Tensor]:
@@ -148,46 +115,22 @@ def pooled(levers: Tensor) -> Tensor:
     return torch.cat([levers.mean(dim=1), levers.amax(dim=1)], dim=-1)
 
 
-class FlatPolicy(RecurrentPolicy):
-    """A plain recurrent network, with inputs and actions of each position of its own."""
-
-    heads = "moves", "value"
-
-    def __init__(self, sizes: Sizes, positions: int) -> None:
-        super().__init__()
-        self.sizes, self.positions = sizes, positions
-        self.room = nn.GRUCell(OWN * positions + SHARED, sizes.room)
-        self.reads = nn.Linear(sizes.room, 2 * sizes.reader)
-        self.moves = nn.Linear(sizes.reader, 2 * positions + 1)
-        self.value = nn.Linear(sizes.reader, 1)
-
-    def state_size(self, positions: int) -> int:
-        """G, in any room."""
-        return self.sizes.room
-
-    def step(self, inputs: Tensor, state: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Update the state, and read it."""
-        state = self.room(inputs, state)
-        policy, critic = torch.relu(self.reads(state)).chunk(2, dim=-1)
-        return self.moves(policy), self.value(critic)[:, 0], state
-
-
-def empty_policy(sizes: Sizes, positions: int) -> RecurrentPolicy:
-    """A network without weights, which takes no memory; ``positions`` is the size of a flat one."""
+def empty_policy(sizes: Sizes) -> LeverPolicy:
+    """A network without weights, which takes no memory."""
     with torch.device("meta"):
-        return FlatPolicy(sizes, positions) if sizes.kind == "flat" else LeverPolicy(sizes)
+        return LeverPolicy(sizes)
 
 
-def make_policy(sizes: Sizes, positions: int, generator: np.random.Generator) -> RecurrentPolicy:
+def make_policy(sizes: Sizes, generator: np.random.Generator) -> LeverPolicy:
     """A network with random weights: all actions are about equally likely at first."""
-    network, weights = empty_policy(sizes, positions), {}
+    network, weights = empty_policy(sizes), {}
     for name, layer in network.named_children():
         # Uniform within 1/sqrt(width) as torch's own weights, but drawn by this generator. The
         # width of a cell is that of its hidden state, and of its last matrix.
         *_, width = (part.shape[1] for part in layer.parameters() if part.dim() == 2)
         for part, tensor in layer.named_parameters():
             drawn = generator.uniform(-1.0, 1.0, tensor.shape) * width**-0.5
-            if name in network.heads:
+            if name in HEADS:
                 drawn *= 0.0 if part == "bias" else 0.1
             weights[f"{name}.{part}"] = torch.tensor(drawn, dtype=torch.float32)
     network.load_state_dict(weights, assign=True)

@@ -1,7 +1,6 @@
 """Meta-training of rl2: the rooms it draws, and that it trains and goes on where it was."""
 
 import pickle
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,18 +11,16 @@ from causal_openlock.envs import OpenLockEnv
 from causal_openlock.errors import (
     ExperimentError,
     Interrupted,
-    LearnerError,
 )
 from causal_openlock.experiment.declare import Protocol, find_condition
 from causal_openlock.experiment.session import Session
 from causal_openlock.files.seal import sealed
 from causal_openlock.schemas.finding import bundled, find_schema
-from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.facts import room_facts
 from causal_openlock.world.kernel import PAYER
 from causal_openlock.world.room import PAPER_POSITIONS, Layout
 from openlock_learners.meta.command import train
-from openlock_learners.meta.random_schemas import behaviour, random_schemas
+from openlock_learners.meta.random_schemas import random_schemas
 from openlock_learners.meta.rooms import MetaRooms
 from openlock_learners.meta.training import MetaTraining
 from openlock_learners.meta.training_file import (
@@ -109,7 +106,7 @@ def test_no_room_has_its_levers_where_a_published_layout_has_them():
         for layout in room_facts()["layouts"].values()
     }
     file = read_training(bundled("experiments") / "meta_training" / "rl2.yaml")
-    assert excluded_places(file.rooms.excluded_layouts) == published
+    assert {*map(frozenset, excluded_places(file.rooms.excluded_layouts))} == published
     declared = RoomsFile(rewards=REWARDS, attempt_limit=1)
     rooms, met = MetaRooms(declared, {CC3: 1.0, CE4: 1.0}, 300, rng()), set()
     for _ in range(60):
@@ -151,19 +148,6 @@ def test_random_schemas_are_different_and_can_be_solved():
     ]
 
 
-def test_schemas_that_do_the_same_under_other_names_can_be_left_out():
-    one = Schema("one", ["A", "B", "C"], {"C": ["A", "B"], "A": ["door"], "B": ["door"]})
-    assert behaviour(one) == behaviour(CC3)
-    known = [find_schema(name) for name in ("CC3", "CE3", "CC4", "CE4", "chain3")]
-    forms = {behaviour(schema) for schema in known}
-    assert len(forms) == 5
-    drawn = random_schemas(300, [3, 4], 1)
-    assert any(behaviour(schema) in forms for schema in drawn)
-    shaped = random_schemas(20, [3, 4], 1, known, solutions={3: 2, 4: 3})
-    assert not any(behaviour(schema) in forms for schema in shaped)
-    assert {(len(schema.levers), len(schema.solutions)) for schema in shaped} == {(3, 2), (4, 3)}
-
-
 # -- meta-training --------------------------------------------------------------------------------
 
 
@@ -177,14 +161,14 @@ rooms:
 at_once: 16
 steps: 6
 actions: {actions}
-network: {{kind: {kind}, lever: 5, room: 6, reader: 7}}
+network: {{lever: 5, room: 6, reader: 7}}
 minibatches: 2
 """
 
 
-def small(tmp_path, actions=960, kind="levers"):
+def small(tmp_path, actions=960):
     path = tmp_path / "small.yaml"
-    path.write_text(SMALL.format(actions=actions, kind=kind))
+    path.write_text(SMALL.format(actions=actions))
     return path
 
 
@@ -216,17 +200,12 @@ def test_an_interrupted_training_ends_with_the_same_weights(tmp_path, monkeypatc
     ]
 
 
-@pytest.mark.parametrize("kind", ["levers", "flat"])
-def test_a_trained_network_plays(tmp_path, kind):
+def test_a_trained_network_plays(tmp_path):
     out = tmp_path / "net.npz"
-    train(small(tmp_path, 96, kind), out)
+    train(small(tmp_path, 96), out)
     assert np.array(1e-310) / 10 > 0  # denormal numbers are there again
     session = Session(find_condition("CC3"), PROTOCOL, 3)
     assert session.play(create("rl2", {"checkpoint": str(out)})).num_rows == 3 * 3 * 12
-    if kind == "flat":
-        large = replace(session.brief, positions=9)
-        with pytest.raises(LearnerError, match="rooms of 7 positions and this one has 9"):
-            create("rl2", {"checkpoint": str(out)}).begin(large)
 
 
 def test_returns_end_with_the_trial_or_with_the_life(tmp_path):

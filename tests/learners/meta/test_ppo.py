@@ -30,12 +30,12 @@ def inputs(*shape):
     return torch.from_numpy(rng(6).integers(0, 2, size=(*shape, WIDTH)).astype(float))
 
 
-def network_of(kind):
-    return make_policy(TINY.model_copy(update={"kind": kind}), 7, rng()).double()
+def made_network():
+    return make_policy(TINY, rng()).double()
 
 
 def test_to_the_network_of_levers_all_places_are_alike():
-    network, seen, never = network_of("levers"), inputs(6, 4), torch.zeros(6, 4, dtype=torch.bool)
+    network, seen, never = made_network(), inputs(6, 4), torch.zeros(6, 4, dtype=torch.bool)
     places = rng(3).permutation(7)
     pairs = [places, 7 + places, [14, 15], 16 + places, 23 + places, range(30, WIDTH)]
     order = np.concatenate([np.array(part) for part in pairs])
@@ -49,9 +49,8 @@ def test_to_the_network_of_levers_all_places_are_alike():
     assert not torch.allclose(moved_logits, logits, atol=1e-3)
 
 
-@pytest.mark.parametrize("kind", ["levers", "flat"])
-def test_a_walk_is_its_steps_and_a_fresh_one_forgets(kind):
-    network, seen = network_of(kind), inputs(5, 3)
+def test_a_walk_is_its_steps_and_a_fresh_one_forgets():
+    network, seen = made_network(), inputs(5, 3)
     state = torch.from_numpy(rng(1).normal(size=(3, network.state_size(7))))
     fresh = torch.zeros(5, 3, dtype=torch.bool)
     fresh[2, 1] = True
@@ -108,7 +107,7 @@ def test_the_first_step_follows_the_plain_policy_gradient(monkeypatch):
     monkeypatch.setattr(ppo, "VALUE_WEIGHT", 0.0)
     monkeypatch.setattr(ppo, "MAX_NORM", 1e9)
     settings = TrainingFile(rooms=RoomsFile(rewards=["basic"]), epochs=1, minibatches=1)
-    network, rollout = network_of("levers"), made_up()
+    network, rollout = made_network(), made_up()
     with torch.no_grad():
         logits, _, _ = network(rollout.inputs, rollout.state, rollout.fresh)
     rollout = rollout._replace(log_prob=log_prob(logits, rollout.action))
