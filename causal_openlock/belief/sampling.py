@@ -20,7 +20,6 @@ that number. Where hardly any draw fits, :func:`metropolis` takes over.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -30,7 +29,7 @@ from causal_openlock.belief.grammar import schema_classes
 from causal_openlock.belief.hypotheses import Block, RoomSight, Space, at_least
 from causal_openlock.belief.knowledge import EFFORT
 from causal_openlock.belief.likelihoods import DOOR, Event
-from causal_openlock.belief.structures import Hypotheses, Structures, gate_options, merge
+from causal_openlock.belief.structures import Hypotheses, Structures, merge
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 
 ROUNDS = 12
@@ -44,33 +43,6 @@ PULL = 1.5
 """Cost of each unit of distance in a Markov chain, in nats."""
 LOOKS = 8
 """Times that structures at distance 0 are collected, in the second half of the steps."""
-
-
-@dataclass(frozen=True, eq=False)
-class Gates:
-    """The O gates that one node can have.
-
-    Attributes:
-        causes: ``[O]`` as bit masks.
-        threshold: ``[O]`` how many must be pushed.
-        weight: ``[O]`` their prior weights.
-    """
-
-    causes: IntArray
-    threshold: IntArray
-    weight: FloatArray
-
-    @classmethod
-    @cache
-    def of(cls, levers: int, node: int, simplicity: float) -> Gates:
-        """All gates of a lever, or of the door if ``node`` is the number of levers."""
-        causes, threshold = np.array(gate_options(levers, node), dtype=np.int64).T
-        weight = gate_weight(np.bitwise_count(causes), threshold, simplicity)
-        return cls(causes, threshold, weight)
-
-    def holding(self, pushed: int, chance: FloatArray) -> FloatArray:
-        """``[O]`` probability that enough causes transmit."""
-        return chance[np.bitwise_count(self.causes & pushed), self.threshold]
 
 
 class Sampler:
@@ -95,27 +67,25 @@ class Sampler:
         events: Iterable[tuple[Event, int]] = (),
     ) -> None:
         self.levers = levers
-        chance, surely = at_least(strength), at_least(1.0)
-        self._gates = [Gates.of(levers, node, simplicity) for node in range(levers + 1)]
-        prior = _prior_of_all(levers, simplicity)
-        self._events = tuple(events)
-        weights = [gates.weight.copy() for gates in self._gates]
+        self._chance, self._events = at_least(strength), tuple(events)
+        sets = np.arange(1 << levers)
+        prior, prior_of_all = _prior(levers, simplicity)
+        weights = prior.copy()
         for (slot, pushed, took_effect, unlocked, *_), times in self._events:
             after = pushed ^ (took_effect << slot) if slot != DOOR else pushed
             node = self._node(slot)
             if node is None:  # white levers have no gate, and never move
                 weights[levers] *= not took_effect
             else:
-                works = self._gates[node].holding(pushed, chance)
+                works = self._chance[np.bitwise_count(sets & pushed), : levers + 1]
                 weights[node] *= (works if took_effect else 1.0 - works) ** times
-            weights[levers] *= (self._gates[levers].holding(after, surely) > 0) == unlocked
-        self._chance = chance
-        self._ladders = [weight.cumsum() for weight in weights]
-        self._weights = np.zeros((levers, 1 << levers, levers + 1))
-        for lever, gates in enumerate(self._gates[:levers]):
-            self._weights[lever, gates.causes, gates.threshold] = weights[lever]
-        self._by_causes, self._sums, self._ways = _tables(self._gates, weights)
-        self.evidence = float(self._ways[-1] * weights[levers].sum()) / prior
+            pushed_causes = np.bitwise_count(sets & after)[:, None]
+            weights[levers] *= (pushed_causes >= np.arange(levers + 1)) == unlocked
+        self._gates = weights.cumsum(axis=2)
+        self._ladders = weights.reshape(levers + 1, -1).cumsum(axis=1)
+        self._sums, self._ways = _orders(weights)
+        self.evidence = float(self._ways[-1] * weights[levers, prior[levers] > 0].sum())
+        self.evidence /= prior_of_all
 
     def _node(self, slot: int) -> int | None:
         """The node whose gate decides a push of a slot; grey levers come first."""
@@ -125,19 +95,17 @@ class Sampler:
 
     def draw(self, number: int, generator: np.random.Generator) -> tuple[Structures, IntArray]:
         """Independent structures, none if nothing is possible, and their orders ``[D, n]``."""
-        n = self.levers
+        n, levers = self.levers, np.arange(self.levers)
         number = number if self.evidence > 0 else 0
         order = np.zeros((number, n), dtype=np.int64)
         causes = np.zeros((number, n + 1), dtype=np.uint16)
         threshold = np.zeros((number, n + 1), dtype=np.uint8)
         left = np.full(number, (1 << n) - 1)
         for before in reversed(range(n)):
-            ladder = np.empty((number, n))
-            for lever in range(n):
-                others = left & ~(1 << lever)
-                is_left = left >> lever & 1
-                ladder[:, lever] = is_left * self._ways[others] * self._sums[lever, others]
-            last = _pick(ladder.cumsum(axis=1), generator.random(number))
+            others = left[:, None] & ~np.left_shift(1, levers)
+            is_left = left[:, None] >> levers & 1
+            ladder = (is_left * self._ways[others] * self._sums[levers, others]).cumsum(axis=1)
+            last = _pick(ladder, generator.random(number) * ladder[:, -1])
             left &= ~np.left_shift(1, last)
             order[:, before] = last
             by_lever = np.argsort(last, kind="stable")
@@ -148,29 +116,24 @@ class Sampler:
 
     def guess(self, node: IntArray, generator: np.random.Generator) -> tuple[IntArray, IntArray]:
         """``[D]`` causes and threshold of a gate of each node, without regard to the order."""
-        draws = generator.random(len(node))
-        causes = np.zeros(len(node), dtype=np.int64)
-        threshold = np.zeros(len(node), dtype=np.int64)
-        for own in np.unique(node).tolist():
-            mine = np.flatnonzero(node == own)
-            hit = _pick(self._ladders[own][None], draws[mine])
-            causes[mine] = self._gates[own].causes[hit]
-            threshold[mine] = self._gates[own].threshold[hit]
-        return causes, threshold
+        draws, gate = generator.random(len(node)), np.zeros(len(node), dtype=np.int64)
+        for index in np.unique(node).tolist():
+            rows, ladder = np.flatnonzero(node == index), self._ladders[index]
+            below = np.minimum(draws[rows] * ladder[-1], np.nextafter(ladder[-1], 0.0))
+            gate[rows] = np.searchsorted(ladder, below, side="right")
+        return np.divmod(gate, self.levers + 1)
 
     def _gates_of(
         self, lever: IntArray, before: IntArray, size: int, generator: np.random.Generator
     ) -> tuple[IntArray, IntArray]:
         """``[D]`` causes and threshold of each lever, its causes among the ``size`` before it."""
         rows, subsets = np.arange(len(lever)), _subsets(before, size, self.levers)
-        draws = generator.random(len(lever))
-        ladder = self._by_causes[lever[:, None], subsets].cumsum(axis=1)
+        ladder = self._gates[lever[:, None], subsets, -1].cumsum(axis=1)
+        draws = generator.random(len(lever)) * ladder[:, -1]
         at = _pick(ladder, draws)
+        rest = draws - np.where(at > 0, ladder[rows, at - 1], 0.0)
         causes = subsets[rows, at]
-        rest = draws * ladder[:, -1] - np.where(at > 0, ladder[rows, at - 1], 0.0)
-        gates = self._weights[lever, causes].cumsum(axis=1)
-        rest = np.minimum(rest, np.nextafter(gates[:, -1], 0.0))
-        return causes, (gates <= rest[:, None]).sum(axis=1)
+        return causes, _pick(self._gates[lever, causes], rest)
 
     def likelihood(self, structures: Structures) -> FloatArray:
         """``[M]`` likelihood of the levers' movements; that of the lock is 1 for all draws."""
@@ -185,31 +148,32 @@ class Sampler:
 
 
 @cache
-def _prior_of_all(levers: int, simplicity: float) -> float:
-    """The prior weight of all structures, in all orders of their levers."""
-    gates = [Gates.of(levers, node, simplicity) for node in range(levers + 1)]
-    weights = [own.weight for own in gates]
-    return float(_tables(gates, weights)[2][-1] * weights[-1].sum())
+def _prior(levers: int, simplicity: float) -> tuple[FloatArray, float]:
+    """``[n + 1, 2^n, n + 1]`` weight of each gate by node, causes, threshold; that of all orders.
+
+    The last node is the door. Gates that a node cannot have weigh nothing.
+    """
+    causes, threshold = np.arange(1 << levers)[:, None], np.arange(levers + 1)
+    size = np.bitwise_count(causes)
+    exists = (threshold <= size) & ((threshold > 0) == (size > 0))
+    weights = np.tile(exists * gate_weight(size, threshold, simplicity), (levers + 1, 1, 1))
+    for lever in range(levers):
+        weights[lever, causes[:, 0] >> lever & 1 == 1] = 0.0  # no lever enables itself
+    door = weights[levers]
+    door[0] = 0.0  # the door is never free
+    return weights, float(_orders(weights)[1][-1] * door[door > 0].sum())
 
 
-def _tables(
-    gates: list[Gates], weights: list[FloatArray]
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _orders(weights: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Summed weights of gates and of orders, by sets of levers.
 
     Returns:
-        ``[n, 2^n]`` of each lever's gates with exactly these causes; ``[n, 2^n]`` with causes among
-        these; and ``[2^n]`` of the orders in which exactly these levers come first.
+        ``[n, 2^n]`` of each lever's gates with causes among these levers, and ``[2^n]`` of the
+        orders in which exactly these levers come first.
     """
-    levers = len(gates) - 1
+    levers = len(weights) - 1
     every = np.arange(1 << levers)
-    by_causes: FloatArray = np.stack(
-        [
-            np.bincount(gates[lever].causes, weights[lever], minlength=len(every))
-            for lever in range(levers)
-        ]
-    )
-    sums: FloatArray = by_causes.copy()
+    sums: FloatArray = weights[:levers].cumsum(axis=2)[..., -1]
     for other in range(levers):
         halves = sums.reshape(levers, -1, 2, 1 << other)
         halves[:, :, 1] += halves[:, :, 0]
@@ -221,7 +185,7 @@ def _tables(
             having = listed[listed >> lever & 1 == 1]
             before = having ^ 1 << lever
             ways[having] += ways[before] * sums[lever, before]
-    return by_causes, sums, ways
+    return sums, ways
 
 
 def _subsets(sets: IntArray, size: int, levers: int) -> IntArray:
@@ -233,13 +197,11 @@ def _subsets(sets: IntArray, size: int, levers: int) -> IntArray:
     return subsets
 
 
-def _pick(ladder: FloatArray, draws: FloatArray) -> IntArray:
-    """One index for each draw, by cumulative weights, ``[1, N]`` or ``[D, N]``."""
-    if len(ladder) == 1:
-        at = np.searchsorted(ladder[0], draws * ladder[0, -1], side="right")
-    else:
-        at = (ladder <= (draws * ladder[:, -1])[:, None]).sum(axis=1)
-    return np.minimum(at, ladder.shape[1] - 1)
+def _pick(ladder: FloatArray, value: FloatArray) -> IntArray:
+    """``[D]`` the first step of each row of cumulative weights, ``[D, N]``, above a value."""
+    below = np.minimum(value, np.nextafter(ladder[:, -1], 0.0))
+    above: IntArray = (ladder <= below[:, None]).sum(axis=1)
+    return above
 
 
 def sampled(
@@ -287,9 +249,10 @@ def sampled(
         worth = sum(map(len, kept)) * tried / max(accepted, 0.5)
     every = Structures.joined(kept)
     first, member = merge(every.labels())
-    members = every[first]
+    index, members = np.arange(len(first)), every[first]
+    kind = np.full(len(first), len(schema_classes()))
     chance = np.bincount(member, minlength=len(first)) * sampler.evidence / worth
-    return listed(members, chance / sampler.likelihood(members))
+    return Catalogue(members, index, index, kind, chance / sampler.likelihood(members))
 
 
 def metropolis(
@@ -348,13 +311,6 @@ def metropolis(
         if step in looks:
             taken.append(current[away == 0])
     return Structures.joined(taken)
-
-
-def listed(members: Structures, chance: FloatArray) -> Catalogue:
-    """A catalogue of structures with estimated prior probabilities, each a behaviour of its own."""
-    index = np.arange(len(members))
-    kind = np.full(len(members), len(schema_classes()))
-    return Catalogue(members, index, index, kind, chance)
 
 
 def with_sampled(space: Space, own: Catalogue) -> Space:
