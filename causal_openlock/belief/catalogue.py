@@ -136,7 +136,7 @@ def catalogue(
     others are sampled from the free form. For ``simplicity`` see :func:`free_form_weight`.
     """
     outline, splits = outlines(levers)
-    fitting = np.flatnonzero(fits(outline.structures, solutions, action_limit))
+    fitting = np.flatnonzero(fits(outline, solutions, action_limit))
     if levers > FREE_FORM_LEVERS:  # classes come in the order of their length
         orders = math.factorial(levers)
         ways = [orders // math.prod(map(math.factorial, splits[index])) for index in fitting]
@@ -148,10 +148,11 @@ def catalogue(
         chosen = np.flatnonzero(fits(structures, solutions, action_limit))
         kind = np.full(len(chosen), len(schema_classes()))
         chance = free_form_weight(levers, simplicity)[chosen]
-        free_form = Generated(structures[chosen], kind, chance)
+        causes, threshold = structures.causes[chosen], structures.threshold[chosen]
+        free_form = Generated(causes, threshold, kind, chance)
         generated = Generated.joined([generated, free_form])
-    first, member = merge(generated.structures.labels())
-    members = generated.structures[first]
+    first, member = merge(generated.labels())
+    members = Structures(generated.causes[first], generated.threshold[first])
     _, behaviour = merge(members.behaviour(action_limit, uncertain))
     rank = np.argsort(behaviour, kind="stable")  # structures of a behaviour side by side
     place = np.empty_like(rank)

@@ -22,7 +22,7 @@ from itertools import combinations, pairwise, permutations
 
 import numpy as np
 
-from causal_openlock.belief.structures import Rows, Structures, renamed
+from causal_openlock.belief.structures import Structures
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 
 MAX_ROLES = 4
@@ -180,16 +180,14 @@ def class_prior(simplicity: float, free_form: float) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class Generated(Rows):
-    """Structures of n levers and their classes: G pairs of a structure and a generating class.
+class Generated(Structures):
+    """G structures on n levers, each as often as classes generate it, and these classes.
 
     Attributes:
-        structures: ``[G]`` the structures, each as often as classes generate it.
         kind: ``[G]`` index of the class.
         chance: ``[G]`` probability that the class generates it, of all structures on n levers.
     """
 
-    structures: Structures
     kind: IntArray
     chance: FloatArray
 
@@ -217,8 +215,9 @@ def outlines(levers: int) -> tuple[Generated, tuple[tuple[int, ...], ...]]:
             chances.append(1.0 / len(ways))
             splits.append(sizes)
     table = np.array(nodes, dtype=np.int64).reshape(-1, levers + 1, 2)
-    structures = Structures(table[..., 0].astype(np.uint16), table[..., 1].astype(np.uint8))
-    return Generated(structures, np.array(kinds, dtype=np.int64), np.array(chances)), tuple(splits)
+    causes, threshold = table[..., 0].astype(np.uint16), table[..., 1].astype(np.uint8)
+    classes = np.array(kinds, dtype=np.int64)
+    return Generated(causes, threshold, classes, np.array(chances)), tuple(splits)
 
 
 def _outline(kind: SchemaClass, sizes: tuple[int, ...]) -> list[tuple[int, int]]:
@@ -235,22 +234,14 @@ def _outline(kind: SchemaClass, sizes: tuple[int, ...]) -> list[tuple[int, int]]
 
 def assigned(outline: Generated, splits: tuple[tuple[int, ...], ...]) -> Generated:
     """Each outline with every assignment of levers to roles of these sizes, equally probable."""
-    levers = outline.structures.levers
     parts = [outline[:0]]
     for split in sorted(set(splits)):
-        rows = np.array([index for index, own in enumerate(splits) if own == split])
-        orders = np.array(list(assignments(split)))[:, None]
-        each = outline[rows]
-        own_place = np.full((len(orders), 1, 1), levers)  # the door's
-        at = np.concatenate([orders.argsort(axis=2), own_place], axis=2)
-        called = renamed(each.structures.causes, orders[:, :, None])
-        causes = np.take_along_axis(called, at, axis=2).reshape(-1, levers + 1)
-        gates = np.take_along_axis(each.structures.threshold[None], at, axis=2)
-        structures = Structures(causes, gates.reshape(-1, levers + 1))
-        many = len(orders)
-        parts.append(
-            Generated(structures, np.tile(each.kind, many), np.tile(each.chance / many, many))
-        )
+        of_split = outline[np.flatnonzero([sizes == split for sizes in splits])]
+        orders = [*assignments(split)]
+        for order in orders:
+            placed = of_split.on_slots(order, outline.levers)
+            chance = of_split.chance / len(orders)
+            parts.append(Generated(placed.causes, placed.threshold, of_split.kind, chance))
     return Generated.joined(parts)
 
 

@@ -48,12 +48,8 @@ class Rows:
         """The elements of several; empty parts may have other columns."""
         parts = [part for part in parts if len(part)] or parts[:1]
 
-        def column(name: str) -> Any:
-            values = [getattr(part, name) for part in parts]
-            rows = isinstance(values[0], Rows)
-            return values[0].joined(values) if rows else np.concatenate(values)
-
-        return cls(*map(column, cls.__dataclass_fields__))
+        names = cls.__dataclass_fields__
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,20 +88,11 @@ class Structures(Rows):
     def solutions(self) -> BoolArray:
         """``[M, 2^n]`` whether this set of levers is a solution: it works, and no subset does."""
         works = self.working().T
-        # Whether a set, or any subset of it, works: subsets lack one lever after another.
-        above = works.copy()
-        larger = np.zeros_like(works)
+        subsets = works.astype(np.uint16)  # how many subsets of each set work, itself among them
         for lever in range(self.levers):
-            without, having = _halves(above, lever)
-            having |= without
-        for lever in range(self.levers):
-            _halves(larger, lever)[1][:] |= _halves(above, lever)[0]
-        return (works & ~larger).T
-
-    def solution_masks(self) -> Masks:
-        """``[M, k]`` the solutions of structures that all have k."""
-        which = np.nonzero(self.solutions())[1]
-        return which.reshape(len(self), -1 if len(self) else 0).astype(np.uint16)
+            pairs = subsets.reshape(len(works) >> lever + 1, 2, 1 << lever, len(self))
+            pairs[:, 1] += pairs[:, 0]  # sets with the lever, and the same sets without it
+        return (works & (subsets == 1)).T
 
     def working(self) -> BoolArray:
         """``[M, 2^n]`` whether this set of levers unlocks the door.
@@ -113,19 +100,17 @@ class Structures(Rows):
         A set works if every gate in it, and the door's, is met by the set itself; as causes come
         before effects, its levers can then be pushed one after another.
         """
-        n = self.levers
-        sets = np.arange(1 << n, dtype=np.uint16)
-        works = self._met_by(sets, n)
-        for lever in range(n):
+        sets = np.arange(1 << self.levers, dtype=np.uint16)
+        works = self._met_by(sets, self.levers)
+        for lever in range(self.levers):
             having = np.flatnonzero(sets >> np.uint16(lever) & 1)
             works[having] &= self._met_by(sets[having], lever)
         return works.T
 
     def _met_by(self, sets: Masks, node: int) -> BoolArray:
         """``[S, M]`` whether the gate of a node holds while a set of levers is pushed."""
-        live = np.bitwise_count(self.causes[:, node] & sets[:, None])
-        met: BoolArray = live >= self.threshold[:, node]
-        return met
+        live: Masks = self.causes[:, node] & sets[:, None]
+        return np.asarray(np.bitwise_count(live) >= self.threshold[:, node])
 
     def inert(self) -> Masks:
         """``[M]`` the levers from which no path leads to the door."""
@@ -161,17 +146,14 @@ class Structures(Rows):
         inert, solutions = self.inert(), self.solutions()
         reached = np.zeros((1 << n, len(self)), dtype=bool)
         reached[0] = True
+        for _ in range(action_limit):
+            acting = reached.copy()  # in the end, the states in which there is an action left
+            for pushed in sets:
+                if acting[pushed].any():
+                    moves = acting[pushed, :, None] & self.holds(pushed)
+                    for lever in range(n):
+                        reached[pushed ^ 1 << lever] |= moves[:, lever]
         parts: list[NDArray[Any]] = []
-        for action in range(action_limit + 1):
-            before = reached.copy()
-            for pushed in sets if action < action_limit else ():
-                if pushed.bit_count() > action:
-                    continue  # so many actions push no more levers
-                holds = self.holds(pushed)
-                for lever in range(n):
-                    reached[pushed ^ 1 << lever] |= before[pushed] & holds[:, lever]
-            if action == action_limit - 1:
-                acting = before  # states in which there is an action left
         for pushed in sets:
             holds = self.holds(pushed)
             # Above 0 also for a free lever, to distinguish it from one that cannot move.
@@ -213,12 +195,13 @@ class Hypotheses(Rows):
     @classmethod
     def of(cls, structures: Structures) -> Hypotheses:
         """Structures with equally many solutions, each lever in the slot of its number."""
+        many, solutions = len(structures), np.nonzero(structures.solutions())[1]
         return cls(
             structures.causes,
             structures.threshold,
             structures.inert(),
-            structures.solution_masks(),
-            np.zeros(len(structures), dtype=np.uint8),
+            solutions.reshape(many, -1 if many else 0).astype(np.uint16),
+            np.zeros(many, dtype=np.uint8),
         )
 
     def on_slots(self, slots: Sequence[int], positions: int) -> Hypotheses:
@@ -292,10 +275,3 @@ def linear_extensions(causes: Masks) -> FloatArray:
                 ready = causes[:, lever] & ~np.uint16(listed) == 0
                 ways[:, listed | 1 << lever] += np.where(ready, ways[:, listed], 0.0)
     return ways[:, -1]
-
-
-def _halves(families: BoolArray, lever: int) -> tuple[BoolArray, BoolArray]:
-    """Views of ``[2^n, M]``: of the sets without a lever, and of the same sets with it."""
-    sets, many = families.shape
-    by_lever = families.reshape(sets >> lever + 1, 2, 1 << lever, many)
-    return by_lever[:, 0], by_lever[:, 1]

@@ -106,7 +106,7 @@ def test_a_description_is_as_long_as_its_parts_and_the_prior_falls_with_it():
 def test_a_class_generates_what_dealing_out_its_roles_gives(levers):
     ours, whole = defaultdict(float), assigned(*outlines(levers))
     for key, kind, chance in zip(
-        keys_of(whole.structures), whole.kind.tolist(), whole.chance.tolist(), strict=True
+        keys_of(whole), whole.kind.tolist(), whole.chance.tolist(), strict=True
     ):
         ours[kind, key] += chance
     # Dealing four levers out by hand takes long: every class of up to three, one in forty of four.
