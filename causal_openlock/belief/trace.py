@@ -13,8 +13,9 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from itertools import groupby, pairwise
-from typing import TYPE_CHECKING
+from itertools import groupby
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -59,41 +60,60 @@ RENEWED = {
 """Why hypotheses are others than before, and how it is written."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Moment:
-    """What a subject believes, and which action came before it; P positions.
+    """An action, and what the subject believes after it: a row of :meth:`Trace.table`.
 
     Attributes:
-        entropy: Entropy of the belief in bits.
-        hypotheses: How many hypotheses are possible.
-        structure: The most probable structure, its levers named by position.
-        probability: Its probability.
-        edges: ``[P, P + 1]`` probability of each edge from a position to another or the door.
         attempt: Number of the attempt in the trial, from 1; 0 before the first action.
         number: Number of the action in the attempt, from 1.
         action: The action, such as ``push_UPPER``.
         outcome: Its result, one of :data:`OUTCOMES`.
         chance: The subject's predictive probability of what it then observed.
-        predicted: Expected information gain of the action alone, in bits.
-        obtained: Information gain in bits: the entropy before the action less that after it.
+        entropy_before: Entropy of the belief before the action, in bits.
+        entropy_after: The same after it.
+        gain_predicted: Expected information gain of the action alone, in bits.
+        gain_obtained: Information gain in bits: the difference of the entropies.
         renewed: Why the subject has other hypotheses than before: ``sampled`` if too few of the
             sampled ones were left, ``noise`` if it concluded that levers may fail to move; empty if
             they are the same. Entropies of different hypotheses differ by no information.
+        hypotheses: How many hypotheses are possible.
+        structure: The most probable structure, its levers named by position.
+        probability: Its probability.
+        edges: ``[P, P + 1]`` probability of each edge from a position to another or the door.
     """
 
-    entropy: float
-    hypotheses: int
-    structure: Schema
-    probability: float
-    edges: FloatArray
     attempt: int = 0
     number: int = 0
     action: str = ""
     outcome: str = ""
     chance: float = 1.0
-    predicted: float = 0.0
-    obtained: float = 0.0
+    entropy_before: float
+    entropy_after: float
+    gain_predicted: float = 0.0
+    gain_obtained: float
     renewed: str = ""
+    hypotheses: int
+    structure: Schema
+    probability: float
+    edges: FloatArray
+
+    @classmethod
+    def of(cls, learner: BeliefLearner, entropy_before: float, **action: Any) -> Moment:
+        """What the first subject of a learner believes, after an action."""
+        belief = learner.belief(0)
+        structure, probability = learner.most_probable(0)
+        entropy = max(0.0, belief.entropy)  # never -0.0
+        return cls(
+            entropy_before=entropy_before,
+            entropy_after=entropy,
+            gain_obtained=entropy_before - entropy,
+            hypotheses=int(np.count_nonzero(belief.weight)),
+            structure=structure,
+            probability=min(probability, 1.0),
+            edges=np.clip(learner.edges(0), 0.0, 1.0),
+            **action,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,11 +122,7 @@ class Trace:
 
     Attributes:
         learner: Label of the learner.
-        condition: Name of the condition.
-        protocol: The protocol that was played.
-        subject: Number of the subject.
-        trial: Number of the trial in the condition, from 1.
-        trials: How many trials the condition has.
+        trial: Number of the trial in the condition, from 1, of ``trials``.
         truth: The schema of the room, its levers named by position.
         action_limit: Actions in an attempt.
         forgetting: Share of the trial's evidence that the subject loses with every attempt; the
@@ -135,7 +151,7 @@ class Trace:
     @property
     def attempts(self) -> list[tuple[Moment, ...]]:
         """The actions of each attempt."""
-        return [tuple(run) for _, run in groupby(self.actions, key=lambda one: one.attempt)]
+        return [tuple(run) for _, run in groupby(self.actions, attrgetter("attempt"))]
 
     @property
     def found(self) -> int:
@@ -153,64 +169,49 @@ class Trace:
 
         None if another structure is most probable in the end.
         """
-        after = 1
+        first = None
         for attempt in self.attempts:
             if not same_structure(attempt[-1].structure, self.truth):
-                after = attempt[0].attempt + 1
-        last = self.actions[-1].attempt
-        return None if after > last else after
+                first = None
+            elif first is None:
+                first = attempt[-1].attempt
+        return first
 
     @property
     def entropies(self) -> FloatArray:
         """``[N + 1]`` entropy in bits, before the first action and after each."""
-        return np.array([moment.entropy for moment in self.moments])
+        return np.array([moment.entropy_after for moment in self.moments])
 
     @property
     def edges(self) -> FloatArray:
         """``[N + 1, P, P + 1]`` probability of each edge, at first and after each action."""
         return np.array([moment.edges for moment in self.moments])
 
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """``[P + 1]`` names of the rows and columns of :attr:`edges`; the door is last."""
+        return (*position_names(len(self.moments[0].edges)), DOOR)
+
     def table(self) -> pd.DataFrame:
         """A row for each action.
 
         Returns:
-            Its place, name and ``outcome``, the ``chance`` of that, entropies and gains in bits,
-            why hypotheses were ``renewed``, how many are left, the most probable ``structure`` in
-            words and its ``probability``, and for each edge that was ever possible a column such
-            as ``UPPER -> door`` with its probability after the action.
+            The ``trial``, the attributes of each :class:`Moment`, its ``structure`` in words, and
+            for each edge that was ever possible a column such as ``UPPER -> door`` with its
+            probability after the action.
         """
         import pandas as pd
 
         rows = [
-            {
-                "trial": self.trial,
-                "attempt": after.attempt,
-                "number": after.number,
-                "action": after.action,
-                "outcome": after.outcome,
-                "chance": after.chance,
-                "entropy_before": before.entropy,
-                "entropy_after": after.entropy,
-                "gain_predicted": after.predicted,
-                "gain_obtained": after.obtained,
-                "renewed": after.renewed,
-                "hypotheses": after.hypotheses,
-                "structure": in_words(after.structure),
-                "probability": after.probability,
-            }
-            for before, after in pairwise(self.moments)
+            {"trial": self.trial, **vars(action), "structure": in_words(action.structure)}
+            for action in self.actions
         ]
         edges = self.edges
         arrows = {
             f"{self.nodes[cause]} -> {self.nodes[effect]}": edges[1:, cause, effect]
             for cause, effect in np.argwhere(edges.max(axis=0) > 0)
         }
-        return pd.DataFrame(rows).assign(**arrows)
-
-    @property
-    def nodes(self) -> tuple[str, ...]:
-        """``[P + 1]`` names of the rows and columns of :attr:`edges`; the door is last."""
-        return (*position_names(len(self.moments[0].edges)), DOOR)
+        return pd.DataFrame(rows).drop(columns="edges").assign(**arrows)
 
 
 def trace_trial(
@@ -228,7 +229,7 @@ def trace_trial(
     """Play one subject up to the end of a trial, and record its beliefs in this trial.
 
     The subject acts as in any :class:`~causal_openlock.experiment.session.Session` with the same
-    condition, protocol, number, seed and label.
+    arguments.
 
     Args:
         learner: The learner; it must not have begun.
@@ -250,7 +251,7 @@ def trace_trial(
         >>> from causal_openlock import PROTOCOLS, create, find_condition
         >>> condition = find_condition("CC3")
         >>> trace = trace_trial(create("bayes"), condition, PROTOCOLS["human"], seed=2018)
-        >>> trace.found, trace.actions[0].action, round(trace.actions[0].predicted, 2)
+        >>> trace.found, trace.actions[0].action, round(trace.actions[0].gain_predicted, 2)
         (2, 'push_UPPERLEFT', 1.5)
     """
     if not isinstance(learner, BeliefLearner):
@@ -258,15 +259,14 @@ def trace_trial(
             f"{label} has no beliefs to trace; choose a learner that has, such as bayes"
         )
     session = Session(condition, protocol, [subject], seed=seed, reward=reward, learner=label)
-    where = f"{condition.name} under protocol {protocol.name}"
-    check_trial(trial, session.brief.trials, where)
-    known = None if recorded is None else iter(recorded)
+    check_trial(trial, session.brief.trials, f"{condition.name} under protocol {protocol.name}")
+    given = None if recorded is None else iter(recorded)
 
     def chosen() -> IntArray:
-        if known is None or session.shown is not None:
+        if given is None or session.shown is not None:
             return session.chosen(learner)
         learner.probabilities(session.view)  # as the contract has it where actions are given
-        return np.array([next(known, 0)])
+        return np.array([next(given, 0)])
 
     session.begin(learner)
     while session.view.trial[0] < trial:
@@ -276,27 +276,27 @@ def trace_trial(
     over = False
     while not over:
         view, action = session.view, chosen()
-        moments = moments or [_moment(learner)]
         belief = replace(learner.belief(0))  # a copy, as the learner changes its own
+        moments = moments or [Moment.of(learner, belief.entropy)]
         predicted = float(learner.gains(0, view)[action[0]])
         step = session.step(action)
         over = bool(step.trial_over[0])
         # The end of the trial would make the learner forget the room.
         learner.learn(replace(step, trial_over=np.zeros_like(step.trial_over)))
-        event, after = observed(step, 0, belief.slots, belief.found), _moment(learner)
+        event = observed(step, 0, belief.slots, belief.found)
         attempt = int(view.attempt[0])
-        after = replace(
-            after,
+        moment = Moment.of(
+            learner,
+            moments[-1].entropy_after,
             attempt=attempt,
             number=1 + sum(past.attempt == attempt for past in moments),
             action=session.brief.action_names[action[0]],
             outcome=_outcome(step),
             chance=1.0 if event is None else float(belief.weight @ belief.likelihood(event)),
-            predicted=predicted,
-            obtained=moments[-1].entropy - after.entropy,
+            gain_predicted=predicted,
             renewed=_renewed(belief, learner.belief(0)),
         )
-        moments.append(after)
+        moments.append(moment)
     return Trace(
         learner=label,
         condition=condition.name,
@@ -309,18 +309,6 @@ def trace_trial(
         forgetting=learner.beliefs.prior.forgetting,
         moments=tuple(moments),
         shown=trial <= session.shown_trials,
-    )
-
-
-def _moment(learner: BeliefLearner) -> Moment:
-    belief = learner.belief(0)
-    structure, probability = learner.most_probable(0)
-    return Moment(
-        entropy=max(0.0, belief.entropy),  # never -0.0
-        hypotheses=int(np.count_nonzero(belief.weight)),
-        structure=structure,
-        probability=min(probability, 1.0),
-        edges=np.clip(learner.edges(0), 0.0, 1.0),
     )
 
 
@@ -368,8 +356,11 @@ def trace_text(trace: Trace, most: int = 30) -> Iterator[str]:
             if action.outcome == "new solution":
                 found += 1
                 result += f" ({found} of {solutions})"
-            gain = f"{_bits(action.obtained)} bits learned, {_bits(action.predicted)} expected"
-            yield f"  {shown_name(action):{width}}  {result:{OUTCOME_WIDTH}}  {gain}"
+            gain, predicted = _bits(action.gain_obtained), _bits(action.gain_predicted)
+            yield (
+                f"  {shown_name(action):{width}}  {result:{OUTCOME_WIDTH}}  {gain} bits learned, "
+                f"{predicted} expected"
+            )
             if action.renewed:
                 yield f"    {RENEWED[action.renewed]}"
         yield from _wrapped(f"Now {belief_in_words(attempt[-1])}", "  ")
@@ -380,8 +371,8 @@ def trace_text(trace: Trace, most: int = 30) -> Iterator[str]:
         yield f"and {counted(len(rest), 'more attempt')}, with {news}"
         yield from _wrapped(f"In the end {belief_in_words(trace.moments[-1])}", "  ")
     yield ""
-    end = "Solved" if trace.solved else f"Not solved: {trace.found} of {solutions} solutions"
-    end = "Shown" if trace.shown else end
+    unsolved = f"Not solved: {trace.found} of {solutions} solutions"
+    end = "Shown" if trace.shown else "Solved" if trace.solved else unsolved
     verdict = {
         "same": "is the same structure",
         "alike": f"acts the same in attempts of {counted(trace.action_limit, 'action')}",
@@ -393,10 +384,12 @@ def trace_text(trace: Trace, most: int = 30) -> Iterator[str]:
     )
     # Entropies of other hypotheses cannot be compared.
     kept = [action for action in trace.actions if not action.renewed]
+    predicted = _bits(sum(action.gain_predicted for action in kept))
+    obtained = _bits(sum(action.gain_obtained for action in kept))
     yield from _wrapped(
-        f"Information in all: {_bits(sum(action.predicted for action in kept))} bits expected, "
-        f"{_bits(sum(action.obtained for action in kept))} obtained. The two agree on average over "
-        "rooms that are as probable as the subject believes, not in every room or action."
+        f"Information in all: {predicted} bits expected, {obtained} obtained. The two agree on "
+        "average over rooms that are as probable as the subject believes, not in every room or "
+        "action."
     )
 
 
@@ -415,7 +408,7 @@ def agreement(trace: Trace) -> str:
 def belief_in_words(belief: Moment) -> str:
     """The entropy of a belief and its most probable structure, in words."""
     return (
-        f"{_bits(belief.entropy)} bits left, "
+        f"{_bits(belief.entropy_after)} bits left, "
         f"{counted(belief.hypotheses, 'hypothesis', 'hypotheses')}; most probable "
         f"({percent(belief.probability)}): {in_words(belief.structure)}."
     )

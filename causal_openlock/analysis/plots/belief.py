@@ -345,9 +345,11 @@ def _draw_entropy(axes: Axes, shown: Part) -> None:
 def _draw_gains(axes: Axes, shown: Part) -> None:
     """The bits expected of each action, and the bits that it gave."""
     columns = np.arange(1, len(shown.actions) + 1)
-    predicted = np.array([action.predicted for action in shown.actions])
+    predicted = np.array([action.gain_predicted for action in shown.actions])
     # The difference between beliefs in different hypotheses is no information.
-    obtained = np.array([0.0 if action.renewed else action.obtained for action in shown.actions])
+    obtained = np.array(
+        [0.0 if action.renewed else action.gain_obtained for action in shown.actions]
+    )
     shown.divide(axes, color="#C4C4C4", lw=0.6, zorder=0)
     expected_look, obtained_look = _bars()
     for shift, values, look in (

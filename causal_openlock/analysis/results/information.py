@@ -8,7 +8,6 @@ beliefs. Only learners that have beliefs have traces.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from itertools import pairwise
 
 import pandas as pd
 
@@ -33,25 +32,19 @@ def information_per_action(traces: Iterable[Trace]) -> pd.DataFrame:
         ``predicted`` and ``obtained``. ``obtained`` is NaN where the subject drew its hypotheses
         again, since entropies of different hypotheses cannot be compared.
     """
-    rows = [
-        (
-            trace.learner,
-            trace.condition,
-            trace.protocol.name,
-            trace.subject,
-            trace.trial,
-            action.attempt,
-            action.number,
-            action.action,
-            action.outcome,
-            before.entropy,
-            action.predicted,
-            float("nan") if action.renewed else action.obtained,
+    tables = [
+        trace.table().assign(
+            learner=trace.learner,
+            condition=trace.condition,
+            protocol=trace.protocol.name,
+            subject=trace.subject,
         )
         for trace in traces
-        for before, action in pairwise(trace.moments)
     ]
-    return pd.DataFrame(rows, columns=_COLUMNS)
+    names = {"gain_predicted": "predicted", "gain_obtained": "obtained"}
+    actions = pd.concat(tables, ignore_index=True).rename(columns=names)
+    actions["obtained"] = actions["obtained"].where(actions["renewed"] == "")
+    return actions[[*_COLUMNS]]
 
 
 def mean_information(
