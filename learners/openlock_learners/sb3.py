@@ -1,17 +1,14 @@
 """Any algorithm of Stable-Baselines3 as a learner: PPO, A2C, DQN, RecurrentPPO of sb3-contrib.
 
-Stable-Baselines3 drives its environment itself, and a session drives its learners. Here each
-subject has a model of its own, whose ``learn`` runs in a thread of its own, on an environment that
-passes its actions to the session and waits for their outcome. One thread runs at a time, so that
-everything happens in the same order each time, and the library works as it always does: the same
-seed and the same room give the same actions as without this learner.
+Stable-Baselines3 drives its environment itself, and a session drives its learners. So each subject
+has a model of its own, whose ``learn`` runs in a thread, on an environment that passes its actions
+to the session and waits for their outcome. One thread runs at a time, with global generators of its
+own, which the library draws from and seeds: the same seed and the same room give the same actions
+as without this learner. A model in the midst of ``learn`` cannot be saved, so a killed cell begins
+again.
 
-The library draws from NumPy's, torch's and Python's global generators, and seeds them. Each model
-has global generators of its own. It gives no probabilities: each algorithm has its own way of
-exploring, and a model learns from its own actions, so it could not be in another subject's place.
-
-A model in the midst of ``learn`` cannot be saved. What it was given is saved, some forty bytes for
-each action, and a new model is brought to the same point with it.
+It gives no probabilities: each algorithm has its own way of exploring, and a model learns from its
+own actions, so it could not be in another subject's place.
 
 Of a trained model's file only tensors are read. What else is in there the library would unpickle,
 which runs code of whoever made the file; so the model is made from ``algorithm`` and ``settings``.
@@ -22,10 +19,10 @@ from __future__ import annotations
 import inspect
 import threading
 import weakref
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field
 from importlib import import_module
+from io import BytesIO
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Annotated, Any, Literal
@@ -33,7 +30,6 @@ from typing import Annotated, Any, Literal
 import gymnasium
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 
 from causal_openlock.contract.checks import GlobalRandomness
 from causal_openlock.contract.learner import Brief, Learner, Observations, Step, View
@@ -93,23 +89,27 @@ class _Ended(BaseException):
     """No more actions are needed: ends a model's ``learn``."""
 
 
-class _Environment(gymnasium.Env[Observations, np.int64]):
-    """The environment of a model; feedback is a row of the learner's history."""
+class _Player(gymnasium.Env[Observations, np.int64]):
+    """A model with its environment, the thread that it learns in, and its own global generators.
 
-    def __init__(self, brief: Brief) -> None:
+    In the environment the session takes the model's actions and says what they led to.
+    """
+
+    def __init__(self, kind: Any, policy: str, settings: dict[str, Any], brief: Brief) -> None:
+        import torch  # noqa: F401  # so that its generator is among the global ones
+
         self.observation_space = spaces.MultiBinary(brief.observation_size)
         self.action_space: spaces.Space[Any] = spaces.Discrete(brief.actions)
-        self.feedback: SimpleQueue[np.void | None] = SimpleQueue()
-        self.actions: SimpleQueue[int | Exception] = SimpleQueue()
-        self._observation = np.zeros(brief.observation_size, dtype=np.int8)
+        self._feedback: SimpleQueue[tuple[Observations, Any] | None] = SimpleQueue()
+        self._actions: SimpleQueue[int | Exception] = SimpleQueue()
+        self._thread: threading.Thread | None = None
+        with GlobalRandomness.seeded(settings["seed"]):
+            self.model = kind(policy, self, **settings)
+            if "tensorboard_log" not in settings:  # or it makes a folder for each model
+                from stable_baselines3.common.logger import Logger
 
-    def wait(self) -> np.void:
-        """Wait for feedback."""
-        feedback = self.feedback.get()
-        if feedback is None:
-            raise _Ended
-        self._observation = feedback["next"]
-        return feedback
+                self.model.set_logger(Logger(folder=None, output_formats=[]))
+            self._randomness = GlobalRandomness.now()
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -120,56 +120,37 @@ class _Environment(gymnasium.Env[Observations, np.int64]):
 
     def step(self, action: np.int64) -> tuple[Observations, float, bool, bool, dict[str, Any]]:
         """Pass on an action, and wait for what it led to."""
-        self.actions.put(int(action))
-        feedback = self.wait()
-        over = bool(feedback["terminated"]), bool(feedback["truncated"])
-        return feedback["outcome"].copy(), float(feedback["reward"]), *over, {}
+        self._actions.put(int(action))
+        outcome, reward, terminated, truncated = self._wait()
+        return outcome.copy(), reward, terminated, truncated, {}
 
+    def _wait(self) -> Any:
+        """Wait for what the last action led to, and for the observation to act on now."""
+        feedback = self._feedback.get()
+        if feedback is None:
+            raise _Ended
+        self._observation, led_to = feedback
+        return led_to
 
-class _Model:
-    """A model, the thread that it learns in, and global generators of its own.
-
-    They begin as ``random.seed``, ``numpy.random.seed`` and ``torch.manual_seed`` would set them.
-    """
-
-    def __init__(self, kind: Any, policy: str, settings: dict[str, Any], brief: Brief) -> None:
-        import torch  # noqa: F401  # so that its generator is among the global ones
-
-        self._environment = _Environment(brief)
-        self._thread: threading.Thread | None = None
-        with GlobalRandomness.seeded(settings["seed"]) as self._randomness:
-            pass
-        with self._own_randomness():
-            self.model = kind(policy, self._environment, **settings)
-            if "tensorboard_log" not in settings:  # or it makes a folder for each model
-                from stable_baselines3.common.logger import Logger
-
-                self.model.set_logger(Logger(folder=None, output_formats=[]))
-
-    @contextmanager
-    def _own_randomness(self) -> Iterator[None]:
-        outside = GlobalRandomness.now()
-        self._randomness.restore()
-        try:
-            yield
-        finally:
-            self._randomness = GlobalRandomness.now()
-            outside.restore()
-
-    def act(self, feedback: np.void, actions: int) -> int:
+    def act(self, observation: Observations, led_to: Any, actions: int) -> int:
         """The model's next action, after all that it does before it chooses.
 
         Args:
-            feedback: What its last action led to.
+            observation: What it acts on.
+            led_to: Outcome, reward, terminated and truncated of its last action.
             actions: How many it learns from, of the whole run.
         """
-        with self._own_randomness():
-            self._environment.feedback.put(feedback)
+        outside = GlobalRandomness.now()
+        self._randomness.restore()
+        try:
+            self._feedback.put((observation, led_to))
             if self._thread is None:
-                arguments = (self.model, self._environment, actions)
-                self._thread = threading.Thread(target=_run, args=arguments, daemon=True)
+                self._thread = threading.Thread(target=self._run, args=(actions,), daemon=True)
                 self._thread.start()
-            action = self._environment.actions.get()
+            action = self._actions.get()
+        finally:
+            self._randomness = GlobalRandomness.now()
+            outside.restore()
         if isinstance(action, Exception):
             raise LearnerError(
                 f"{type(self.model).__name__} of Stable-Baselines3 failed while it learned "
@@ -177,32 +158,31 @@ class _Model:
             ) from action
         return action
 
+    def _run(self, actions: int) -> None:
+        """Learn, then play with what was learned until no more actions are needed."""
+        try:
+            self._wait()
+            if actions:
+                self.model.learn(total_timesteps=actions)
+            elif hasattr(self.model, "exploration_final_eps"):  # as it ends to explore
+                self.model.exploration_rate = self.model.exploration_final_eps
+            memory, fresh = None, np.ones(1, dtype=bool)
+            while True:
+                action, memory = self.model.predict(self._observation[None], memory, fresh)
+                _, _, terminated, truncated, _ = self.step(action[0])
+                fresh = np.array([terminated or truncated])
+        except _Ended:
+            pass
+        except Exception as error:  # whatever it is, the session waits for an action
+            self._actions.put(error)
+
     @staticmethod
-    def end_all(models: list[_Model]) -> None:
+    def end_all(players: list[_Player]) -> None:
         """Let their threads end, before the interpreter might end around them."""
-        for model in models:
-            model._environment.feedback.put(None)
-            if model._thread is not None and model._thread is not threading.current_thread():
-                model._thread.join()
-
-
-def _run(model: Any, environment: _Environment, actions: int) -> None:
-    """Learn, then play with what was learned until no more actions are needed."""
-    try:
-        environment.wait()
-        if actions:
-            model.learn(total_timesteps=actions)
-        elif hasattr(model, "exploration_final_eps"):  # as it ends to explore
-            model.exploration_rate = model.exploration_final_eps
-        memory, fresh = None, np.ones(1, dtype=bool)
-        while True:
-            action, memory = model.predict(environment.reset()[0][None], memory, fresh)
-            _, _, terminated, truncated, _ = environment.step(action[0])
-            fresh = np.array([terminated or truncated])
-    except _Ended:
-        pass
-    except Exception as error:  # whatever it is, the session waits for an action
-        environment.actions.put(error)
+        for player in players:
+            player._feedback.put(None)
+            if player._thread is not None and player._thread is not threading.current_thread():
+                player._thread.join()
 
 
 def find_algorithm(name: str) -> Any:
@@ -249,14 +229,12 @@ class StableBaselines(Learner):
     Parameters = StableBaselinesParameters
     parameters: StableBaselinesParameters
     learns_from_others = False  # a model takes for granted that its own action was done
+    resumable = False
 
     @classmethod
     def artifact_hash(cls, parameters: StableBaselinesParameters) -> str:
         """A hash of the trained model."""
-        try:
-            return digest(Path(parameters.model).read_bytes()) if parameters.model else ""
-        except (OSError, ValueError) as error:
-            raise LearnerError(f"{parameters.model} cannot be read: {in_short(error)}") from None
+        return digest(_content(parameters.model)) if parameters.model else ""
 
     @classmethod
     def prior_attempts(cls, parameters: StableBaselinesParameters) -> int | None:
@@ -280,101 +258,76 @@ class StableBaselines(Learner):
     def begin(self, brief: Brief) -> None:
         """Make a model for each subject."""
         super().begin(brief)
-        self._seeds = [int(generator.integers(2**31 - 1)) for generator in brief.generators]
-        observation = (np.int8, (brief.observation_size,))
-        flags = [(name, bool) for name in ("terminated", "truncated", "playing")]
-        self._row = np.dtype(
-            [("outcome", *observation), ("next", *observation), ("reward", float), *flags]
-        )
-        self._history: list[NDArray[np.void]] = []  # what was seen first, and then all feedback
-        self._passed_on = 0  # how much of it the models have got
-        self._actions: IntArray = np.zeros(brief.subjects, dtype=np.int64)
-        self._make_models()
-
-    def _make_models(self) -> None:
         chosen, kind = self.parameters, find_algorithm(self.parameters.algorithm)
         plain = "MlpPolicy" if "MlpPolicy" in kind.policy_aliases else "MlpLstmPolicy"
-        weights = None if chosen.model is None else _weights(chosen.model)
-        self._models: list[_Model] = []
-        # The models hold no reference to the learner, so that it can be collected and ends them.
-        self._end = weakref.finalize(self, _Model.end_all, self._models)
-        for seed in self._seeds:
+        weights = _weights(chosen.model) if chosen.model else None
+        most = brief.trials * brief.attempt_limit * brief.action_limit
+        self._learned_from = (chosen.total_actions or most) if chosen.learns else 0
+        self._led_to: list[Any] = [None] * brief.subjects
+        self._players: list[_Player] = []
+        # The players hold no reference to the learner, so that it can be collected and ends them.
+        weakref.finalize(self, _Player.end_all, self._players)
+        for generator in brief.generators:
             try:
-                given = as_python(chosen.settings)
-                settings = {"device": "cpu", "verbose": 0, **given, "seed": seed}
-                model = _Model(kind, chosen.policy or plain, settings, self.brief)
+                given = {"device": "cpu", "verbose": 0, **as_python(chosen.settings)}
+                given["seed"] = int(generator.integers(2**31 - 1))
+                player = _Player(kind, chosen.policy or plain, given, brief)
                 if weights is not None:
-                    model.model.set_parameters(weights, device=model.model.device)
+                    player.model.set_parameters(weights, device=player.model.device)
             except Exception as error:  # the library refuses settings and weights in many ways
                 of = f" for the weights in {chosen.model}" if weights else ""
                 raise LearnerError(
                     f"{chosen.algorithm} of Stable-Baselines3 refuses its settings{of}: "
                     f"{type(error).__name__}: {in_short(error)}"
                 ) from error
-            self._models.append(model)
+            self._players.append(player)
 
     def act(self, view: View) -> IntArray:
         """``[B]`` the action of each model."""
-        if not self._history:
-            first = np.zeros(self.brief.subjects, self._row)
-            first["next"], first["playing"] = view.observation, view.playing
-            self._history.append(first)
-        self._pass_on(self._history[self._passed_on :])
-        self._passed_on = len(self._history)
-        return self._actions.copy()
-
-    def _pass_on(self, history: Sequence[NDArray[np.void]]) -> None:
-        """Give feedback to the models, and keep the actions that they answer with."""
-        brief, chosen = self.brief, self.parameters
-        most = brief.trials * brief.attempt_limit * brief.action_limit
-        actions = (chosen.total_actions or most) if chosen.learns else 0
-        for feedback in history:
-            for subject in np.flatnonzero(feedback["playing"]).tolist():
-                self._actions[subject] = self._models[subject].act(feedback[subject], actions)
+        actions = np.zeros(self.brief.subjects, dtype=np.int64)
+        for subject in np.flatnonzero(view.playing).tolist():
+            player, seen = self._players[subject], view.observation[subject]
+            actions[subject] = player.act(seen, self._led_to[subject], self._learned_from)
+        return actions
 
     def learn(self, step: Step) -> None:
-        """Keep the feedback until the models act again."""
-        row = np.zeros(self.brief.subjects, self._row)
-        row["outcome"], row["next"], row["reward"] = (
-            step.outcome,
-            step.next.observation,
-            step.reward,
-        )
-        row["terminated"], row["playing"] = step.attempt_over, step.next.playing
+        """Keep what the actions led to until the models act again."""
+        outcome, terminated = step.outcome, step.attempt_over
+        truncated = np.zeros_like(terminated)
         if self.parameters.episode == "trial":
             solved = step.view.console.solutions_left == step.new_solution
-            row["terminated"] = step.trial_over & solved
-            row["truncated"] = step.trial_over & ~solved
-            over = step.trial_over[:, None]
-            row["outcome"] = np.where(over, step.outcome, step.next.observation)
-        self._history.append(row)
+            terminated, truncated = step.trial_over & solved, step.trial_over & ~solved
+            outcome = np.where(step.trial_over[:, None], outcome, step.next.observation)
+        flags = step.reward.tolist(), terminated.tolist(), truncated.tolist()
+        self._led_to = [*zip(outcome, *flags, strict=True)]
 
     def updates_made(self) -> int | None:
         """How often its models have learned; None if they are frozen."""
-        counts = [getattr(model.model, "_n_updates", 1) for model in self._models]
+        counts = [getattr(player.model, "_n_updates", 1) for player in self._players]
         return sum(counts) if self.parameters.learns else None
 
-    def __getstate__(self) -> dict[str, Any]:
-        """All but the models: one in the midst of ``learn`` cannot be saved."""
-        kept = {name: part for name, part in vars(self).items() if name not in ("_models", "_end")}
-        return {**kept, "_history": np.array(self._history, self._row)}
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Bring new models to the same point, which takes as long as it did then."""
-        vars(self).update(state)
-        self._history = [*state["_history"]]
-        self._make_models()
-        self._pass_on(self._history[: self._passed_on])
+def _content(model: str) -> bytes:
+    """The bytes of a trained model's file."""
+    from openlock_learners.networks.network_file import MOST_BYTES
+
+    path = Path(model)
+    try:
+        if path.stat().st_size > MOST_BYTES or not path.is_file():
+            raise ValueError("it is not a file of at most 128 MiB")
+        return path.read_bytes()
+    except (OSError, ValueError) as error:
+        raise LearnerError(f"{model} cannot be read: {in_short(error)}") from None
 
 
-def _weights(path: str) -> dict[str, Any]:
+def _weights(model: str) -> dict[str, Any]:
     """The tensors of a trained model's file; nothing is unpickled."""
     from stable_baselines3.common.save_util import load_from_zip_file
 
+    content = BytesIO(_content(model))
     try:
-        _, weights, _ = load_from_zip_file(path, load_data=False, device="cpu")
+        return load_from_zip_file(content, load_data=False, device="cpu")[1]
     except Exception as error:  # whatever else the file is
         raise LearnerError(
-            f"{path} is not a model that Stable-Baselines3 has saved ({in_short(error)})"
+            f"{model} is not a model that Stable-Baselines3 has saved ({in_short(error)})"
         ) from None
-    return weights

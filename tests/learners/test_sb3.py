@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from causal_openlock.experiment.making import make_experiment
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.world.room import Layout
+from openlock_learners.sb3 import StableBaselines, StableBaselinesParameters
 from support.waiting import HANGS
 
 pytestmark = pytest.mark.slow
@@ -39,13 +41,25 @@ QUICK = {
 }
 
 
-def session_of(protocol=PROTOCOL, subjects=1):
-    return Session(ONE_ROOM, protocol, subjects, reward="basic", learner="t")
+def session_of(subjects=1):
+    return Session(ONE_ROOM, PROTOCOL, subjects, reward="basic", learner="t")
+
+
+def begun(subjects=1, **parameters):
+    """A learner in its session."""
+    session, learner = session_of(subjects=subjects), create("sb3", parameters)
+    learner.begin(session.brief)
+    return learner, session
 
 
 def play(learner, session):
+    """What the first subject does."""
+    done = []
     while not session.over:
-        learner.learn(session.step(learner.act(session.view)))
+        actions = learner.act(session.view)
+        done.append(int(actions[0]))
+        learner.learn(session.step(actions))
+    return done
 
 
 class Watched(OpenLockEnv):
@@ -77,67 +91,44 @@ def alone(algorithm, seed, steps, total, episode):
     [("PPO", "trial"), ("DQN", "attempt"), ("DQN", "trial"), ("RecurrentPPO", "attempt")],
 )
 def test_it_does_what_the_library_does_by_itself(algorithm, episode):
-    session = session_of()
-    learner = create(
-        "sb3", {"algorithm": algorithm, "settings": QUICK[algorithm], "episode": episode}
-    )
-    learner.begin(session.brief)
-    done = []
-    while not session.over:
-        done.append(int(learner.act(session.view)[0]))
-        learner.learn(session.step([done[-1]]))
+    learner, session = begun(algorithm=algorithm, settings=QUICK[algorithm], episode=episode)
+    (seeded,) = session_of().brief.generators
+    done = play(learner, session)
     most = session.brief.trials * 30 * 3
-    expected = alone(algorithm, learner._seeds[0], len(done), most, episode)
-    assert done == expected
+    assert done == alone(algorithm, int(seeded.integers(2**31 - 1)), len(done), most, episode)
     assert len(done) > 80
     # It has learned on the way, or there would be little to compare.
-    assert learner._models[0].model._n_updates > 4
+    assert learner.updates_made() > 4
 
 
 def test_subjects_do_not_share_the_global_generators():
-    protocol = Protocol("t", attempt_limit=8, stop_when_solved=False, baseline_trials=1)
     done = {}
-    for subjects in ([0, 1, 2], [1]):
-        session = session_of(protocol, subjects)
-        learner = create("sb3", {"algorithm": "A2C"})
-        learner.begin(session.brief)
-        played = []
-        before = GlobalRandomness.now()
-        while not session.over:
+    for subjects in ((0, 1, 2), (1,)):
+        learner, session = begun([*subjects], algorithm="A2C")
+        played, before = [], GlobalRandomness.now()
+        for _ in range(24):
             played.append(learner.act(session.view).tolist())
             learner.learn(session.step(np.array(played[-1])))
             np.random.random(3)  # noqa: NPY002 - somebody else draws in between
         assert before.differs_from(GlobalRandomness.now()) == ["numpy.random"]
-        done[len(subjects)] = np.array(played)
-    assert np.array_equal(done[3][:, 1], done[1][:, 0])
-    assert not np.array_equal(done[3][:, 0], done[3][:, 1])
-
-
-def begun(subjects):
-    """A learner that has learned from its first action."""
-    session = session_of(subjects=subjects)
-    learner = create("sb3", {"settings": QUICK["PPO"]})
-    learner.begin(session.brief)
-    learner.learn(session.step(learner.act(session.view)))
-    learner.session = session
-    return learner
+        done[subjects] = np.array(played)
+    assert np.array_equal(done[0, 1, 2][:, 1], done[1,][:, 0])
+    assert not np.array_equal(done[0, 1, 2][:, 0], done[0, 1, 2][:, 1])
 
 
 def test_threads_and_models_end_with_the_learner():
-    learner = begun(subjects=2)
-    learner.learn(learner.session.step(learner.act(learner.session.view)))
-    threads = [model._thread for model in learner._models]
-    assert all(thread.is_alive() for thread in threads)
+    before = {*threading.enumerate()}
+    learner, session = begun(subjects=2, settings=QUICK["PPO"])
+    learner.act(session.view)
+    threads = {*threading.enumerate()} - before
+    assert len(threads) == 2
     del learner
     assert not any(thread.is_alive() for thread in threads)
 
 
 ENDS_EARLY = """
-from causal_openlock.contract.registry import create
-from test_sb3 import session_of
-session = session_of(subjects=3)
-learner = create("sb3", {"algorithm": "A2C"})
-learner.begin(session.brief)
+from test_sb3 import begun
+learner, session = begun(subjects=3, algorithm="A2C")
 for _ in range(20):
     learner.learn(session.step(learner.act(session.view)))
 """
@@ -156,16 +147,9 @@ def test_a_program_can_end_while_its_models_wait():
 
 
 def test_after_all_its_actions_it_plays_on_without_learning():
-    session = session_of()
-    learner = create("sb3", {"algorithm": "A2C", "total_actions": 20})
-    learner.begin(session.brief)
-    model = learner._models[0].model
-    course = []
-    while not session.over:
-        learner.learn(session.step(learner.act(session.view)))
-        course.append(model._n_updates)
-    assert course[-1] == 4  # one update after every five actions
-    assert len(course) > 80
+    learner, session = begun(algorithm="A2C", total_actions=20)
+    assert len(play(learner, session)) > 80
+    assert learner.updates_made() == 4  # one update after every five actions
 
 
 # -- a trained model, by its file ------------------------------------------------------------------
@@ -197,13 +181,8 @@ def trained(tmp_path_factory):
 
 
 def test_a_trained_model_plays_by_its_weights_and_nothing_is_unpickled(trained):
-    session = session_of(subjects=2)
-    learner = create("sb3", {"model": str(trained), "learns": False})
-    learner.begin(session.brief)
-    for _ in range(9):
-        action = learner.act(session.view)
-        assert action.tolist() == [3, 3]
-        learner.learn(session.step(action))
+    learner, session = begun(model=str(trained), learns=False)
+    assert {*play(learner, session)} == {3}
     assert learner.updates_made() is None
     assert not [*trained.parent.glob("it ran")]
     sb3.PPO.load(trained)  # as the library reads it
@@ -211,22 +190,23 @@ def test_a_trained_model_plays_by_its_weights_and_nothing_is_unpickled(trained):
 
 
 def test_a_trained_model_goes_on_learning(trained):
-    learner = create("sb3", {"model": str(trained), "settings": QUICK["PPO"]})
-    session = session_of()
-    learner.begin(session.brief)
-    assert learner.act(session.view).tolist() == [3]
-    play(learner, session)
+    learner, session = begun(model=str(trained), settings=QUICK["PPO"])
+    assert play(learner, session)[0] == 3
     assert learner.updates_made() > 4
 
 
 def test_a_trained_model_that_does_not_fit_is_refused(trained, tmp_path):
-    assert "for the weights" in refused(
-        model=str(trained), algorithm="A2C", policy="MultiInputPolicy"
-    )
     shape = {"policy_kwargs": {"net_arch": [8]}}
+    assert "for the weights" in refused(model=str(trained), policy="MultiInputPolicy")
     assert "for the weights" in refused(model=str(trained), settings=shape)
     (tmp_path / "no.zip").write_text("no")
     assert "not a model" in refused(model=str(tmp_path / "no.zip"))
+    with (tmp_path / "huge.zip").open("wb") as file:
+        file.truncate(1 << 40)
+    assert "128 MiB" in refused(model=str(tmp_path / "huge.zip"))
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(LearnerError, match="128 MiB"):
+        StableBaselines.artifact_hash(StableBaselinesParameters(model=str(tmp_path / "pipe")))
 
 
 def test_the_report_has_what_it_was_trained_with(trained):
@@ -266,10 +246,8 @@ def test_who_never_learns_is_named_before_and_after(tmp_path):
 
 def test_settings_of_a_file_become_what_the_library_takes():
     settings = {"train_freq": [1, "episode"], "policy_kwargs": {"activation_fn": "ReLU"}}
-    session = session_of()
-    learner = create("sb3", {"algorithm": "DQN", "settings": {**QUICK["DQN"], **settings}})
-    learner.begin(session.brief)
-    model = learner._models[0].model
+    learner, _ = begun(algorithm="DQN", settings={**QUICK["DQN"], **settings})
+    model = learner._players[0].model
     assert (model.train_freq.frequency, model.train_freq.unit.value) == (1, "episode")
     assert "ReLU" in str(model.policy)
     assert "ReLU" in refused(settings={"policy_kwargs": {"activation_fn": "Relu"}})
@@ -280,7 +258,7 @@ def test_settings_of_a_file_become_what_the_library_takes():
 
 def refused(**parameters):
     with pytest.raises(LearnerError) as error:
-        create("sb3", parameters).begin(session_of().brief)
+        begun(**parameters)
     return str(error.value)
 
 
@@ -299,13 +277,11 @@ def test_wrong_settings_are_named():
 
 
 def test_a_failure_while_it_learns_is_told_and_does_not_hang():
-    session = session_of()
-    learner = create("sb3", {"algorithm": "DQN", "settings": QUICK["DQN"]})
-    learner.begin(session.brief)
+    learner, session = begun(algorithm="DQN", settings=QUICK["DQN"])
 
     def fails(*_, **__):
         raise RuntimeError("no such luck")
 
-    learner._models[0].model.train = fails
+    learner._players[0].model.train = fails
     with pytest.raises(LearnerError, match=r"failed while it learned \(RuntimeError: no such luck"):
         play(learner, session)
