@@ -8,11 +8,11 @@ room make up a causal schema, and some schemas are likelier than others.
   global ones, from room to room, and local ones, which begin each room in proportion to the global
   ones, between 1 and 10. Whatever changes the room adds ``local_gain`` to the local beliefs about
   its attributes; a finished trial adds ``global_gain``, shared out as its changes were.
-* **Top-down.** From general to particular (:mod:`openlock_learners.theory.schemas`): three atomic
-  schemas, with a Dirichlet belief that a solved room updates in favour of the nearest; abstract
-  schemas, likelier the nearer they are to a likely atomic schema; instantiated schemas, equally
-  likely within an abstract one, of which only those count that hold all solutions found and nothing
-  that failed. A chain is as likely as the schemas that it completes.
+* **Top-down.** From general to particular (:mod:`openlock_learners.theory.chains`): atomic schemas,
+  with a Dirichlet belief that a solved room updates in favour of the nearest; abstract schemas,
+  likelier the nearer they are to a likely atomic schema; instantiated schemas, equally likely
+  within an abstract one, of which only those count that hold all solutions found and nothing that
+  failed. A chain is as likely as the schemas that it completes.
 * **Pruning.** A sequence of actions whose last one changed nothing is a dead end: the chains that
   begin with it are removed, and all schemas with a path none of whose chains is left.
 * **Action.** For the present place in the chain, the likelihood of each action under the chains
@@ -48,9 +48,13 @@ from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.randomness import pick
 from causal_openlock.world.room import positions_for
-from openlock_learners.theory.chains import CHAIN_LIMIT, number_of_chains
+from openlock_learners.theory.chains import (
+    ATOMIC,
+    CHAIN_LIMIT,
+    edit_distances,
+    number_of_chains,
+)
 from openlock_learners.theory.possible_chains import RoomHypotheses
-from openlock_learners.theory.schemas import ATOMIC, edit_distances
 
 MOST = 10.0
 """The greatest local belief at the start of a room; the least is 1."""
@@ -104,11 +108,11 @@ class TheoryBased(Learner):
         self._changes = np.zeros_like(self._global)
         self._atomic = np.ones((brief.subjects, len(ATOMIC)))
         self._rooms: list[RoomHypotheses | None] = [None] * brief.subjects
-        self._left: list[RoomHypotheses | None] = [None] * brief.subjects
 
     def _room(self, view: View, subject: int) -> RoomHypotheses:
         """A subject's hypotheses about its room, which begin when it enters."""
-        if (room := self._rooms[subject]) is not None:
+        room = self._rooms[subject]
+        if room is not None and not room.over:
             return room
         console, grey = view.console, view.observation[subject, self.brief.positions : -2]
         room = self._rooms[subject] = RoomHypotheses(
@@ -146,9 +150,10 @@ class TheoryBased(Learner):
 
     def _top_down(self, subject: int, room: RoomHypotheses) -> FloatArray:
         """``[C]`` how likely each chain is, by the schemas that it completes."""
-        if not (self.parameters.top_down and room.structured):
-            return room.likelihood(None)
-        return room.likelihood(self._abstract(room, self._drawn(subject, self._atomic[subject])))
+        belief = None
+        if self.parameters.top_down and room.structured:
+            belief = self._abstract(room, self._drawn(subject, self._atomic[subject]))
+        return room.likelihood(belief)
 
     def _abstract(self, room: RoomHypotheses, atomic: FloatArray) -> FloatArray:
         """``[G]`` probability of each abstract schema, by that ``[3]`` of the atomic ones."""
@@ -237,18 +242,16 @@ class TheoryBased(Learner):
             distance = edit_distances(room.chains.paths[paths])
             nearest = distance == distance.min()
             self._atomic[subject, nearest] += self.parameters.schema_gain / nearest.sum()
-        self._left[subject], self._rooms[subject] = room, None
+        room.over = True
 
     def structure(self, subject: int) -> Structure | None:
         """Edges of the schemas that are still possible, by their mean probabilities.
 
-        A lever of a path enables the next one, and its last the door. Nothing is believed about
-        gates.
+        A lever of a path enables the next one, and its last the door; gates are unknown.
         """
-        room = self._rooms[subject] or self._left[subject]
+        room = self._rooms[subject]
         if room is None or not room.structured:
             return None
-        edges = room.edges(
-            self._abstract(room, self._atomic[subject] / self._atomic[subject].sum())
-        )
+        atomic = self._atomic[subject]
+        edges = room.edges(self._abstract(room, atomic / atomic.sum()))
         return Structure(edges, np.full(len(edges) + 1, np.nan))

@@ -1,7 +1,7 @@
 """Chains and schemas that are still possible in a room.
 
-Chains that failed are removed. A schema is possible while every path of it has a chain left and all
-solutions found are among its paths; a chain is as likely as the schemas that it completes.
+A schema is possible while every path of it has a chain left and all solutions found are among its
+paths.
 """
 
 from __future__ import annotations
@@ -13,8 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
-from openlock_learners.theory.chains import chains_of
-from openlock_learners.theory.schemas import Schemas, schemas_of
+from openlock_learners.theory.chains import Schemas, chains_of, schemas_of
 
 
 @dataclass(eq=False)
@@ -31,6 +30,7 @@ class RoomHypotheses:
         found: Solutions that were found, as chains.
         done: Actions of the attempt that stand in the chain.
         likely: ``[C]`` probability of the chains, until something changes.
+        over: Whether the trial has ended.
     """
 
     length: int
@@ -39,6 +39,7 @@ class RoomHypotheses:
     found: list[int] = field(default_factory=list)
     done: list[int] = field(default_factory=list)
     likely: FloatArray | None = None
+    over: bool = False
 
     def __post_init__(self) -> None:
         self.chains = chains_of(len(self.grey), self.length)
@@ -84,21 +85,18 @@ class RoomHypotheses:
 
         None stands for no belief in schemas: all chains that are left are equally likely.
         """
-        left, path, versions = self._left(), self.chains.path, self._versions()
+        left, versions = self._left(), self._versions()
         if belief is None:
             return left.astype(float)
         by_path = np.zeros(len(versions))
         paths, probability = self._instances(belief)
         for of_each in paths:
             by_path += np.bincount(of_each, probability, len(versions))
-        likely: FloatArray = left * (by_path / np.maximum(versions, 1))[path]
+        likely: FloatArray = left * (by_path / np.maximum(versions, 1))[self.chains.path]
         return likely
 
     def edges(self, belief: FloatArray) -> FloatArray:
-        """``[P, P + 1]`` probabilities of edges, by a belief ``[G]`` in the abstract schemas.
-
-        A lever of a path enables the next one, and its last the door.
-        """
+        """``[P, P + 1]`` probabilities of edges, by a belief ``[G]`` in the abstract schemas."""
         paths, probability = self._instances(belief)
         positions, levers = len(self.grey), self.chains.paths
         steps = np.hstack([levers, np.full((len(levers), 1), positions)])
