@@ -1,10 +1,13 @@
-"""Intentions that a subject may have, given what it did.
+"""Thompson sampling: intentions that a subject may have, given what it did.
 
-A subject that acts on one hypothesis at a time draws a solution and carries it out, lever by lever,
-until the door or until a lever does not move. Nobody sees which solution it drew. So the
-probability of its next action is a mean over all that it may have in mind: every intention that it
-could have drawn, with what it did since. :class:`Intentions` keeps these probabilities; they are
-exact, and nothing is drawn.
+*Thompson sampling* draws a hypothesis from the posterior and carries out a solution of it, lever by
+lever, until the door or until a lever does not move. Each hypothesis is acted on with its posterior
+probability (probability matching), so a subject explores exactly as much as it is uncertain. The
+alternative without weights draws any solution that some hypothesis still allows.
+
+Nobody sees which solution was drawn, so the probability of the next action is a mean over every
+intention that the subject may have, given what it did since. :class:`Intentions` keeps these
+probabilities; they are exact, and nothing is drawn.
 """
 
 from __future__ import annotations
@@ -16,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from causal_openlock.belief.planning import Situation, fitting_solutions
+from causal_openlock.belief.planning import Situation, achievable
 from causal_openlock.belief.structures import Hypotheses
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 
@@ -120,9 +123,13 @@ def drawn_solutions(
         by_weight: Whether it draws a hypothesis by its probability and then a solution of it, or
             any solution that some hypothesis allows.
     """
-    fitting = fitting_solutions(hypotheses, weight, situation)
-    if fitting is None:
-        return [(1.0, None)]
+    possible, found = (weight > 0)[:, None], situation.found
+    fitting = achievable(hypotheses, situation.pushed, situation.left, found) & possible
+    if not fitting.any():
+        # No solution can be completed in this attempt any more; begin one all the same.
+        fitting = achievable(hypotheses, 0, hypotheses.causes.shape[1] + 1, found) & possible
+        if not fitting.any():
+            return [(1.0, None)]
     which, column = np.nonzero(fitting)
     solution = hypotheses.solutions[which, column].astype(np.int64)
     if by_weight:

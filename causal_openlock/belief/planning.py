@@ -1,4 +1,4 @@
-"""Policies: plans by the value of their actions, and Thompson sampling.
+"""Plans by the value of their actions.
 
 The value of a plan is its expected information gain about the room in bits, plus ``beta`` times the
 probability that it completes a new solution. The expected information gain is the mutual
@@ -15,12 +15,6 @@ Where attempts are so long that the tree would have too many branches, it is cut
 worth the probability that a new solution can still be completed by an actor that knows the truth.
 
 Pulling a lever back is left out: within so few actions it helps neither to learn nor to solve.
-
-*Thompson sampling* draws a hypothesis from the posterior and carries out a solution of it. Each
-hypothesis is acted on with its posterior probability (probability matching), so a subject explores
-exactly as much as it is uncertain. The result is a plan for an attempt: levers to push, one after
-another, and then the door. The alternative without weights draws any solution that some hypothesis
-still allows.
 """
 
 from __future__ import annotations
@@ -98,13 +92,7 @@ class Situation:
 
 @dataclass
 class Planner:
-    """Values of actions under a belief.
-
-    Attributes:
-        hypotheses: ``[h]`` the possible hypotheses.
-        strengths: What their strengths stand for.
-        objective: What plans maximise.
-    """
+    """Values of actions under a belief in ``[h]`` hypotheses with some strengths."""
 
     hypotheses: Hypotheses
     strengths: Strengths
@@ -125,9 +113,7 @@ class Planner:
         share = weight[alive] / weight[alive].sum()
         left = min(situation.left, self.objective.horizon or situation.left)
         self._cut = max(0, left - self._depth(alive, situation.pushed))
-        values = np.full(self._door + 1, -np.inf)
-        self._look(alive, share, situation.pushed, situation.unlocked, left, values)
-        return values
+        return self._values(alive, share, situation.pushed, situation.unlocked, left)
 
     def _depth(self, alive: IntArray, pushed: int) -> int:
         """Number of actions to look ahead, so that the tree of plans does not grow too large."""
@@ -138,78 +124,65 @@ class Planner:
             most = min(most, max(MOST_PAIRS // len(alive), 1))
         return max(2, int(math.log(most) / math.log(max(choices, 2))))
 
-    def _look(
-        self,
-        alive: IntArray,
-        weight: FloatArray,
-        pushed: int,
-        unlocked: bool,
-        left: int,
-        values: FloatArray | None = None,
-    ) -> float:
-        """The value of the best plan, in units of the weights' sum."""
-        known = len(alive) == 1 and not self._uncertain
-        if values is None and (known or left <= self._cut):
-            return self._optimistic(alive, weight, pushed, left)
-        own = self.hypotheses
-        slots = np.array([slot for slot in range(self._door) if not pushed >> slot & 1])
-        best = 0.0
-        if len(slots):
-            mask = np.uint16(pushed)
-            live = np.bitwise_count(own.causes[alive[:, None], slots] & mask)
-            threshold = own.threshold[alive[:, None], slots]
-            if self._uncertain:
-                chance = self.strengths.chance[own.strength[alive, None], live, threshold]
-            else:
-                chance = (live >= threshold).astype(float)
-            after = (mask | np.left_shift(np.uint16(1), slots.astype(np.uint16))).astype(np.uint16)
-            opens = (
-                np.bitwise_count(own.causes[alive, self._door, None] & after)
-                >= own.threshold[alive, self._door, None]
-            )
-            moves = weight[:, None] * chance
-            unlocks = moves * opens
-            total = weight.sum()
-            moving, unlocking = moves.sum(axis=0), unlocks.sum(axis=0)
-            outcomes = np.stack([total - moving, moving - unlocking, unlocking])
-            worth = self.objective.information * (
-                _bits(total) - _bits(outcomes).sum(axis=0) - self._noise(weight, chance)
-            )
-            worth[moving <= TIE * total] = 0.0
-            if left > 1:
-                for index in np.flatnonzero(moving > TIE * total):
-                    if outcomes[0, index] > TIE * total:
-                        stays = weight - moves[:, index]
-                        worth[index] += self._child(alive, stays, pushed, unlocked, left - 1)
-                    for open_now in (False, True):
-                        if outcomes[1 + open_now, index] > TIE * total:
-                            opened = unlocks[:, index]
-                            part = opened if open_now else moves[:, index] - opened
-                            worth[index] += self._child(
-                                alive, part, int(after[index]), open_now, left - 1
-                            )
-            if values is not None:
-                values[slots] = worth
-            best = max(best, float(worth.max()))
+    def _values(
+        self, alive: IntArray, weight: FloatArray, pushed: int, unlocked: bool, left: int
+    ) -> FloatArray:
+        """``[P + 1]`` value of each push, in units of the weights' sum."""
+        values = np.full(self._door + 1, -np.inf)
         if unlocked:
-            door = self._open(alive, weight, pushed, left)
-            if values is not None:
-                values[self._door] = door
-            best = max(best, door)
-        return best
+            values[self._door] = self._open(alive, weight, pushed, left)
+        slots = np.array([slot for slot in range(self._door) if not pushed >> slot & 1])
+        if not len(slots):
+            return values
+        own, mask = self.hypotheses, np.uint16(pushed)
+        live = np.bitwise_count(own.causes[alive[:, None], slots] & mask)
+        threshold = own.threshold[alive[:, None], slots]
+        if self._uncertain:
+            chance = self.strengths.chance[own.strength[alive, None], live, threshold]
+        else:
+            chance = (live >= threshold).astype(float)
+        after = (mask | np.left_shift(np.uint16(1), slots.astype(np.uint16))).astype(np.uint16)
+        opens = (
+            np.bitwise_count(own.causes[alive, self._door, None] & after)
+            >= own.threshold[alive, self._door, None]
+        )
+        moves = weight[:, None] * chance
+        unlocks = moves * opens
+        total = weight.sum()
+        moving, unlocking = moves.sum(axis=0), unlocks.sum(axis=0)
+        outcomes = np.stack([total - moving, moving - unlocking, unlocking])
+        worth = self.objective.information * (
+            _bits(total) - _bits(outcomes).sum(axis=0) - self._noise(weight, chance)
+        )
+        worth[moving <= TIE * total] = 0.0
+        for index in np.flatnonzero(moving > TIE * total) if left > 1 else ():
+            move, unlock, then = moves[:, index], unlocks[:, index], int(after[index])
+            for likely, parts, at, door in (
+                (outcomes[0, index], weight - move, pushed, unlocked),
+                (outcomes[1, index], move - unlock, then, False),
+                (outcomes[2, index], unlock, then, True),
+            ):
+                if likely > TIE * total:
+                    worth[index] += self._best(alive, parts, at, door, left - 1)
+        values[slots] = worth
+        return values
 
-    def _child(
+    def _best(
         self, alive: IntArray, weight: FloatArray, pushed: int, unlocked: bool, left: int
     ) -> float:
-        kept = weight > 0
-        alive, share = alive[kept], weight[kept]
-        if self._uncertain:
-            return self._look(alive, share, pushed, unlocked, left)
+        """The value of the best plan, in units of the weights' sum."""
+        alive, weight = alive[weight > 0], weight[weight > 0]
         # Without noise the weights depend on what is left alone, whatever the order of the pushes.
         key = (alive.tobytes(), pushed, left)
-        if key not in self._seen:
-            self._seen[key] = self._look(alive, share, pushed, unlocked, left)
-        return self._seen[key]
+        if key in self._seen:
+            return self._seen[key]
+        if left <= self._cut or (len(alive) == 1 and not self._uncertain):
+            best = self._optimistic(alive, weight, pushed, left)
+        else:
+            best = max(0.0, float(self._values(alive, weight, pushed, unlocked, left).max()))
+        if not self._uncertain:
+            self._seen[key] = best
+        return best
 
     def _optimistic(self, alive: IntArray, weight: FloatArray, pushed: int, left: int) -> float:
         """Upper bound of the chance to solve: its value if the truth were known from here on."""
@@ -229,7 +202,7 @@ class Planner:
         gain = _bits(total) - _bits(outcomes).sum() - self._noise(weight, chance[:, None])[0]
         value = self.objective.information * gain + self.objective.beta * new
         if left > 1 and outcomes[0] > TIE * total:
-            value += self._child(alive, weight - opens, pushed, True, left - 1)
+            value += self._best(alive, weight - opens, pushed, True, left - 1)
         return float(value)
 
     def _noise(self, weight: FloatArray, chance: FloatArray) -> FloatArray:
@@ -269,18 +242,6 @@ def thinned(weight: FloatArray, most: int) -> tuple[IntArray, FloatArray]:
         chosen, counts = np.unique(hit, return_counts=True)
         return which[chosen], counts.astype(float)
     return which, coarse
-
-
-def fitting_solutions(
-    hypotheses: Hypotheses, weight: FloatArray, situation: Situation
-) -> BoolArray | None:
-    """``[h, k]`` which solutions a subject may set out for; None if there are none left."""
-    possible, found = (weight > 0)[:, None], situation.found
-    fitting = achievable(hypotheses, situation.pushed, situation.left, found) & possible
-    if not fitting.any():
-        # No solution can be completed in this attempt any more; begin one all the same.
-        fitting = achievable(hypotheses, 0, hypotheses.causes.shape[1] + 1, found) & possible
-    return fitting if fitting.any() else None
 
 
 def _bits(weight: FloatArray) -> FloatArray:

@@ -16,7 +16,7 @@ from causal_openlock.belief.structures import Hypotheses
 from oracle import DOOR
 from support.belief_arrays import lever_set, mask, rules_in
 
-ROOM, LONG = RoomSight(7, 4, 3, 3), RoomSight(7, 3, 1, 5)
+ROOM = RoomSight(7, 4, 3, 3)
 START = Situation(pushed=0, unlocked=False, left=3, found=())
 
 
