@@ -9,14 +9,10 @@ the last factor from the subject's knowledge of schema classes. Levers are named
 by slot, as people see the room.
 
 **Interventions.** A *lever's state* is 1 while it is pushed, the *door's* is 1 while it is
-unlocked. ``do`` sets states from outside: a lever that is set stays as set, whether or not its gate
-holds, and the edges from its causes are cut. An intervention has three parts:
-
-* ``pushed``: levers set to 1;
-* ``pulled``: levers set to 0;
-* ``push_probability``: each other lever is pushed with this probability, once, causes before
-  effects, and moves if its gate holds (see
-  :func:`~causal_openlock.schemas.bayes_net.to_bayesian_network`).
+unlocked. ``do`` sets levers from outside, ``pushed`` ones to 1 and ``pulled`` ones to 0: they stay
+as set, whether or not their gates hold, and the edges from their causes are cut. Any other lever is
+pushed with ``push_probability``, once, causes before effects, and moves if its gate holds (see
+:func:`~causal_openlock.schemas.bayes_net.to_bayesian_network`).
 
 pgmpy is imported only for :attr:`Model.network`: posteriors are updated as plain arrays, thousands
 of times faster.
@@ -24,7 +20,7 @@ of times faster.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import product
 from typing import TYPE_CHECKING
@@ -52,36 +48,32 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class StructurePosterior:
-    """The part of a posterior about structures on the same set of levers.
+    """The part of a posterior about M structures on the same levers.
 
     Attributes:
         positions: ``[n]`` where the levers are.
-        names: The names of these positions.
-        structures: M structures on them.
+        structures: ``[M]`` structures on them.
         behaviour: ``[M]`` equal for those that behave alike in every attempt.
-        strengths: The possible strengths.
+        strengths: The G possible strengths.
         probability: ``[M, G]`` of each structure together with each strength.
     """
 
     positions: IntArray
-    names: tuple[str, ...]
     structures: Structures
     behaviour: IntArray
     strengths: Strengths
     probability: FloatArray
 
-    def unlocked(self, pushed: set[str], pulled: set[str], push_probability: float) -> float:
-        """Contribution to P(unlocked | do); other levers than ``names`` have no effect."""
-        n = len(self.names)
-        set_to = {**dict.fromkeys(pushed, (1,)), **dict.fromkeys(pulled, (0,))}
-        unset = [lever for lever, name in enumerate(self.names) if name not in set_to]
+    def unlocked(self, do: Mapping[int, int], push_probability: float) -> float:
+        """Contribution to P(unlocked | do), given the states of the levers that are set."""
+        places = self.positions.tolist()
+        unset = [lever for lever, position in enumerate(places) if position not in do]
         other = (0, 1) if push_probability > 0 else (0,)
-        total = 0.0
-        for states in product(*(set_to.get(name, other) for name in self.names)):
+        threshold, total = self.structures.threshold, 0.0
+        for states in product(*((do[at],) if at in do else other for at in places)):
             mask = np.uint16(sum(state << lever for lever, state in enumerate(states)))
             live = np.bitwise_count(self.structures.causes & mask)
-            threshold = self.structures.threshold
-            likely = np.where(live[:, n] >= threshold[:, n], 1.0, 0.0)[:, None]
+            likely = np.where(live[:, -1] >= threshold[:, -1], 1.0, 0.0)[:, None]
             for lever in unset:
                 moves = self.strengths.chance[:, live[:, lever], threshold[:, lever]].T
                 moves = push_probability * moves
@@ -90,45 +82,37 @@ class StructurePosterior:
         return total
 
 
-def structure_posteriors(belief: Belief, classes: FloatArray) -> tuple[StructurePosterior, ...]:
+def structure_posteriors(belief: Belief, classes: FloatArray) -> Iterator[StructurePosterior]:
     """The posterior over structures, one part for each possible set of active levers.
 
     ``classes``, ``[C + 1]``, is the subject's probability of each schema class; so everywhere here.
     """
     space = belief.space
-    many = len(space.strengths)
-    names = position_names(space.sight.positions)
     weight = np.zeros(len(space))
     weight[belief.which] = belief.weight
-    parts = []
     for block, part in zip(space.blocks, np.split(weight, space.ends[:-1]), strict=True):
         if not part.any():
             continue
         own = block.catalogue
         pairs = own.pairs_given_behaviour(classes * feasible(own.members.levers))
         share = np.bincount(own.member, pairs, minlength=len(own.members))
-        joint = share[:, None] * part.reshape(-1, many)[own.behaviour]
+        joint = share[:, None] * part.reshape(-1, len(space.strengths))[own.behaviour]
         possible = np.flatnonzero(joint.any(axis=1))
-        at = belief.positions[list(block.slots)]
-        parts.append(
-            StructurePosterior(
-                at,
-                tuple(names[position] for position in at),
-                own.members[possible],
-                own.behaviour[possible],
-                space.strengths,
-                joint[possible],
-            )
+        yield StructurePosterior(
+            belief.positions[list(block.slots)],
+            own.members[possible],
+            own.behaviour[possible],
+            space.strengths,
+            joint[possible],
         )
-    return tuple(parts)
 
 
 def believed_structure(belief: Belief, classes: FloatArray) -> Structure:
     """Probabilities of edges and gates, of the room that a belief is about."""
-    parts = [
+    parts = (
         (part.positions, part.structures, part.probability.sum(axis=1))
         for part in structure_posteriors(belief, classes)
-    ]
+    )
     return expected_structure(parts, belief.space.sight.positions)
 
 
@@ -163,14 +147,16 @@ def most_probable(belief: Belief, classes: FloatArray) -> tuple[Schema, float]:
     all structures with it, whatever their strength. Levers are named by position; those without
     effect on the door are inert.
     """
-    parts = structure_posteriors(belief, classes)
+    parts = [*structure_posteriors(belief, classes)]
     behaviours = [np.bincount(part.behaviour, part.probability.sum(axis=1)) for part in parts]
     at = int(np.argmax([alike.max() for alike in behaviours]))
     part, alike = parts[at], behaviours[at]
     having = np.flatnonzero(part.behaviour == alike.argmax())
     best = having[part.probability[having].sum(axis=1).argmax()]
     strength = float(part.strengths.value[part.probability[best].argmax()])
-    schema = schema_of(part.structures[best : best + 1], part.names, strength)
+    every = position_names(belief.space.sight.positions)
+    names = [every[position] for position in part.positions]
+    schema = schema_of(part.structures[best : best + 1], names, strength)
     return schema, float(alike.max())
 
 
@@ -221,8 +207,20 @@ class Model:
         Raises:
             OpenLockError: If there is no such position, or one is set both ways.
         """
-        up, down = _checked(self.edges.index, pushed, pulled, push_probability)
-        total = sum(part.unlocked(up, down, push_probability) for part in self.parts)
+        if isinstance(pushed, str) or isinstance(pulled, str):
+            raise OpenLockError("give levers as a list of names, even a single one")
+        names, up, down = list(self.edges.index), {*map(str, pushed)}, {*map(str, pulled)}
+        for name in sorted(up | down):
+            if name not in names:
+                raise OpenLockError(f"there is no lever {name!r}; {nearest(name, names)}")
+        if both := sorted(up & down):
+            raise OpenLockError(f"{both[0]} cannot be set to both pushed and pulled; choose one")
+        if not 0.0 <= push_probability <= 1.0:
+            raise OpenLockError(
+                f"push_probability is {push_probability}; give a number from 0 to 1"
+            )
+        do = {names.index(name): int(name in up) for name in up | down}
+        total = sum(part.unlocked(do, push_probability) for part in self.parts)
         return min(total, 1.0)  # rounding may end just above 1
 
 
@@ -237,22 +235,5 @@ def model_of(belief: Belief, classes: FloatArray) -> Model:
         index=pd.Index(names, name="cause"),
         columns=pd.Index([*names, DOOR], name="effect"),
     )
-    parts = structure_posteriors(belief, classes)
+    parts = tuple(structure_posteriors(belief, classes))
     return Model(schema, probability, to_bayesian_network(schema), edges, parts)
-
-
-def _checked(
-    known: Iterable[str], pushed: Iterable[str], pulled: Iterable[str], push_probability: float
-) -> tuple[set[str], set[str]]:
-    """The levers set to pushed and those set to pulled, as sets."""
-    if isinstance(pushed, str) or isinstance(pulled, str):
-        raise OpenLockError("give levers as a list of names, even a single one")
-    known, up, down = list(known), {*map(str, pushed)}, {*map(str, pulled)}
-    for name in sorted(up | down):
-        if name not in known:
-            raise OpenLockError(f"there is no lever {name!r}; {nearest(name, known)}")
-    if both := sorted(up & down):
-        raise OpenLockError(f"{both[0]} cannot be set to both pushed and pulled; choose one")
-    if not 0.0 <= push_probability <= 1.0:
-        raise OpenLockError(f"push_probability is {push_probability}; give a number from 0 to 1")
-    return up, down
