@@ -119,7 +119,7 @@ class DDQN(Learner):
     def probabilities(self, view: View) -> FloatArray:
         """``[B, A]`` exploration and the greedy action, mixed by epsilon."""
         inputs = self._network_input(view.observation, view.console.solutions_found)
-        greedy = np.eye(self.brief.actions)[self.q.greedy(inputs)]
+        greedy = np.eye(self.brief.actions)[self.q.greedy(inputs, np.ones(len(inputs), dtype=bool))]
         return self.exploration.mixed(greedy, self._exploring(view))
 
     def _exploring(self, view: View) -> FloatArray:
@@ -165,19 +165,12 @@ class DDQN(Learner):
         return self.q.updates
 
     def metrics(self) -> dict[str, float]:
-        """Epsilon, loss of the last minibatch, values of observations met so far, dead units.
-
-        A unit is dead if no observation met so far switches it on: its ReLU passes nothing on, and
-        no gradient back that could change it (Sokar et al. 2023, "dormant neurons").
-        """
+        """Epsilon, loss of the last minibatch, and values of the observations met so far."""
         metrics = {"epsilon": float(self.exploration.epsilon.mean())}
         if self._errors is not None:
             size = np.abs(self._errors)
             metrics["loss"] = float(np.where(size < 1, size**2 / 2, size - 0.5).mean())
-            *hidden, values = self.q.activations()
-            metrics["max_q"] = float(values.max(axis=2).mean())
-            dead = [(layer <= 0).all(axis=1).mean() for layer in hidden]
-            metrics["dead_units"] = float(np.mean(dead))
+            metrics["max_q"] = float(self.q.values().max(axis=2).mean())
         return metrics
 
 

@@ -109,19 +109,6 @@ def test_training_begins_when_there_is_a_batch_and_follows_every_action():
     assert updates == [0, 0, 0, 0, 3, 6, 9]
 
 
-def test_units_that_nothing_switches_on_are_counted_as_dead():
-    settings = DDQNParameters(hidden_layers=2, hidden_units=8, batch_size=4)
-    learner, session = begun(settings, subjects=2)
-    play(learner, session, [14] * 12)
-    learner.q.online[:] = 0.0
-    for _, biases in learner.q.layers()[:-1]:
-        biases[:] = 1.0
-    assert learner.metrics()["dead_units"] == 0.0
-    # Three of eight units in one of two layers, for one of two subjects.
-    learner.q.layers()[0][1][1, 0, :3] = -1.0
-    assert learner.metrics()["dead_units"] == 3 / 32
-
-
 def test_a_subject_that_has_finished_learns_no_more():
     learner, session = begun(
         DDQNParameters(batch_size=2, hidden_units=8), subjects=2, attempt_limit=8, baseline_trials=1

@@ -298,7 +298,7 @@ def curves(folder):
     }
 
 
-DDQN = {"epsilon", "loss", "max_q", "dead_units"}
+DDQN = {"epsilon", "loss", "max_q"}
 
 
 @pytest.mark.parametrize(("learner", "metrics"), [("random", set()), ("ddqn", DDQN)])

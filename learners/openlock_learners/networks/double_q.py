@@ -57,7 +57,7 @@ class DoubleQ:
         double: bool = True,
         precision: type[np.floating[Any]] = np.float32,
     ) -> None:
-        self.sizes, agents = np.array(sizes), len(generators)
+        self.sizes = np.array(sizes)
         drawn = []
         for width_in, width_out in pairwise(sizes):
             # Uniform within 1/sqrt(fan in), as torch initialises a single linear layer.
@@ -71,7 +71,6 @@ class DoubleQ:
         self.learning_rate, self.gamma, self.double = learning_rate, gamma, double
         self.target_period, self.updates = target_period, 0
         self._means, self._squares = np.zeros((2, *self.online.shape), precision)
-        self._everyone = np.ones(agents, dtype=bool)
         self.observe(np.zeros((0, sizes[0])))
 
     def observe(self, rows: NDArray[Any]) -> None:
@@ -93,21 +92,18 @@ class DoubleQ:
             begin = end
         return layers
 
-    def activations(self) -> list[Floats]:
-        """``[N, D, width]`` what each layer after the first is given for the table; then values."""
-        activations: list[Floats] = []
-        given = self._table.rows[None]
+    def values(self) -> Floats:
+        """``[N, D, out]`` the values of the actions in each observation of the table."""
+        values = self._table.rows[None]
         for weights, biases in self.layers():
-            activations.append(given @ weights + biases)
-            given = np.maximum(activations[-1], 0)
-        return activations
+            values = np.maximum(values, 0) @ weights + biases  # observations are 0 or 1
+        return values
 
-    def greedy(self, observations: NDArray[Any], wanted: BoolArray | None = None) -> IntArray:
+    def greedy(self, observations: NDArray[Any], wanted: BoolArray) -> IntArray:
         """``[N]`` the best action for each agent's observation, ``[N, in]``.
 
-        Of agents that are not ``wanted``, ``[N]``, it can be any. By default all are.
+        Of agents that are not ``wanted``, ``[N]``, it can be any.
         """
-        wanted = self._everyone if wanted is None else wanted
         inputs = observations.astype(self.online.dtype)
         return loops.greedy(self.online, self.sizes, inputs, wanted)
 

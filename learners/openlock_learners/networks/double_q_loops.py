@@ -81,13 +81,6 @@ def given_to(trace: Floats, sizes: Integers, layer: int, many: int) -> Floats:
 
 
 @inlined
-def copy(values: Floats, output: Floats) -> None:
-    """Set a vector; ``output[:] = values`` would also compile a message about shapes."""
-    for element in range(len(output)):
-        output[element] = values[element]
-
-
-@inlined
 def list_terms(values: Floats, filler: int, listed: Places, factors: Floats) -> int:
     """List and count what is not zero of some values.
 
@@ -138,13 +131,11 @@ def evaluate(parameters: Floats, sizes: Integers, inputs: Floats) -> Floats:
     trace = np.empty(many * sizes.sum(), parameters.dtype)
     listed, factors = np.empty(BLOCK + 4, np.uint64), np.empty(BLOCK + 4, parameters.dtype)
     given = given_to(trace, sizes, 0, many)
-    for row in range(many):
-        copy(inputs[row], given[row])
+    given[:] = inputs
     for layer in range(layers):
         output = given_to(trace, sizes, layer + 1, many)
         weights, biases = layer_of(parameters, sizes, layer)
-        for row in range(many):
-            copy(biases[0], output[row])
+        output[:] = biases
         for begin in range(0, len(weights), BLOCK):
             block = weights[begin : begin + BLOCK]
             for row in range(many):
@@ -160,18 +151,6 @@ def evaluate(parameters: Floats, sizes: Integers, inputs: Floats) -> Floats:
 
 
 @loops
-def best(values: Floats) -> int:
-    """The first of the actions of the highest value; what is not a number counts as highest."""
-    chosen = 0
-    for action in range(1, len(values)):
-        if values[action] > values[chosen] or (
-            np.isnan(values[action]) and not np.isnan(values[chosen])
-        ):
-            chosen = action
-    return chosen
-
-
-@loops
 def greedy(
     parameters: Floats, sizes: Integers, observations: Floats, wanted: NDArray[np.bool_]
 ) -> Integers:
@@ -180,7 +159,7 @@ def greedy(
     for agent in range(len(parameters)):
         if wanted[agent]:
             trace = evaluate(parameters[agent], sizes, observations[agent : agent + 1])
-            actions[agent] = best(trace[-sizes[-1] :])
+            actions[agent] = trace[-sizes[-1] :].argmax()
     return actions
 
 
@@ -217,14 +196,16 @@ def train_units(
     What a unit passes on, its gradient and the step on it are done at once, while its weights are
     in the cache: the sums of the gradient take no time next to the step's divisions and roots.
 
-    For R observations, ``given``, ``[R, U]``, is what the units gave, and ``slope``,
-    ``[R + 1, out]``, the gradient by the outputs, with zeros in the last row. ``below``,
-    ``[R + 1, U]`` zeros, is set to the gradient by what the units gave, where they let something
-    through (the slope of a ReLU is 1 there and 0 elsewhere); its last row means nothing, and it is
-    empty where there is no layer below. ``weights`` are ``[U, out]``, as are Adam's means of their
-    gradients, ``first``, and of the squares, ``second``. ``settings`` are the size of the step; the
-    share of the new gradient in ``first``; the shares of the old mean and of the new square in
-    ``second``; epsilon; and what corrects the root of ``second``.
+    Args:
+        given: ``[R, U]`` what the units gave for R observations.
+        slope: ``[R + 1, out]`` gradient by the outputs, with zeros in the last row.
+        below: ``[R + 1, U]`` zeros, set to the gradient by what the units gave, where they let
+            something through (ReLU); its last row means nothing. Empty if there is no layer below.
+        weights: ``[U, out]``, as are Adam's means of their gradients and of the squares.
+        first: The means.
+        second: The means of squares.
+        settings: Size of the step; share of the new gradient in ``first``; shares of the old mean
+            and of the new square in ``second``; epsilon; what corrects the root of ``second``.
     """
     size, new, old_square = settings[0], settings[1], settings[2]
     new_square, epsilon, correction = settings[3], settings[4], settings[5]
@@ -240,20 +221,12 @@ def train_units(
         add_terms(4, many, listed, factors, slope, rest)
         which = listed[0], listed[1], listed[2], listed[3]
         four = factors[0], factors[1], factors[2], factors[3]
-        moving = many
-        if not many:
-            for output in range(outputs):
-                moving += first[unit, output] != 0
-        if not moving:
-            for output in range(outputs):
-                second[unit, output] *= old_square
-        else:
-            for output in range(outputs):
-                gradient = four_terms(rest[output], slope, which, four, output)
-                mean = first[unit, output] + new * (gradient - first[unit, output])
-                square = old_square * second[unit, output] + new_square * gradient * gradient
-                first[unit, output], second[unit, output] = mean, square
-                weights[unit, output] -= size * mean / (np.sqrt(square) * correction + epsilon)
+        for output in range(outputs):
+            gradient = four_terms(rest[output], slope, which, four, output)
+            mean = first[unit, output] + new * (gradient - first[unit, output])
+            square = old_square * second[unit, output] + new_square * gradient * gradient
+            first[unit, output], second[unit, output] = mean, square
+            weights[unit, output] -= size * mean / (np.sqrt(square) * correction + epsilon)
         if many > 4:
             rest[:] = 0
 
@@ -269,10 +242,9 @@ def backward(
     many: int,
     slope: Floats,
 ) -> None:
-    """Train an agent's network on the gradient by its outputs.
+    """Train an agent's network on ``slope``, ``[R + 1, out]``, the gradient by its outputs.
 
-    That is ``slope``, ``[R + 1, out]``, of the first R of the ``many`` observations in the trace;
-    its last row is zero.
+    It is that of the first R of the ``many`` observations in the trace; its last row is zero.
     """
     used = len(slope) - 1
     always = np.ones((used, 1), parameters.dtype)
@@ -339,7 +311,7 @@ def compare(
             row = batch.after[agent, transition]
             judged = table.values[agent, row]
             # Double Q: the online network chooses, the target network evaluates. Else it does both.
-            choice = best(values[column[row]] if double else judged)
+            choice = (values[column[row]] if double else judged).argmax()
             td_target += not_done * judged[choice] * values.dtype.type(gamma)
         before, action = column[batch.before[agent, transition]], batch.action[agent, transition]
         slope = errors[transition] = values[before, action] - td_target
@@ -376,7 +348,7 @@ def update(
         for row in rows[:many]:
             if not table.is_known[agent, row]:
                 trace = evaluate(target[agent], sizes, table.rows[row : row + 1])
-                copy(trace[-sizes[-1] :], table.values[agent, row])
+                table.values[agent, row] = trace[-sizes[-1] :]
                 table.is_known[agent, row] = True
         trace = evaluate(online[agent], sizes, table.rows[rows[:many]])
         values = given_to(trace, sizes, len(sizes) - 1, many)

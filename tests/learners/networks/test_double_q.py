@@ -102,7 +102,7 @@ def test_autograd_follows_compiled_code_through_all_that_can_happen(double, peri
         np.testing.assert_allclose(ours.update(batch, trains), plain.update(batch, trains), 1e-7)
         seen = rng.integers(0, rows, AGENTS)
         best = plain.values(plain.online)[range(AGENTS), seen].argmax(dim=1)
-        assert ours.greedy(observations[seen]).tolist() == best.tolist()
+        assert ours.greedy(observations[seen], np.ones(AGENTS, bool)).tolist() == best.tolist()
     for number, layer in enumerate(ours.layers()):
         for part, its in zip(layer, plain.online[2 * number :], strict=False):
             np.testing.assert_allclose(part, its.detach().numpy(), atol=1e-9)
