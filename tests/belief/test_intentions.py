@@ -23,11 +23,12 @@ def test_what_was_done_tells_what_is_intended():
     assert mind.next(at(0b000), 7, lambda: plans)[:2] == pytest.approx([0.8, 0.2])
 
 
-def test_a_plan_fails_where_a_lever_does_not_move():
+def test_a_plan_fails_where_a_lever_does_not_move_and_without_one_any_is_pushed():
     mind = Intentions(lapse=0.0, actions=15)
     mind.next(at(0), 7, lambda: [(1.0, (0, 1))])
     mind.acted(0, over=False)
     assert mind.next(at(0), 7, lambda: [(1.0, (3, 4))])[3] == 1
+    assert mind.next(at(0), 7, lambda: [(1.0, None)]).tolist() == [1 / 7] * 7 + [0.0]
 
 
 def test_a_lapse_leaves_the_intention_as_it_is():
@@ -42,8 +43,3 @@ def test_a_lapse_leaves_the_intention_as_it_is():
     # After a lapse nothing is carried out yet, and a plan is drawn anew.
     assert odds[1] == pytest.approx(share)
     assert odds[[2, 3]].sum() == pytest.approx(1 - share)
-
-
-def test_without_a_plan_any_lever_is_as_likely():
-    mind = Intentions(lapse=0.0, actions=15)
-    assert mind.next(at(0), 7, lambda: [(1.0, None)]).tolist() == [1 / 7] * 7 + [0.0]

@@ -283,27 +283,22 @@ def test_worth_is_that_of_a_plain_search_over_policies(first, among, options):
         assert sum(observer.each) == pytest.approx(observer.attempts, abs=1e-9)
 
 
-def test_the_schema_of_the_paper_is_worth_an_eighth_of_an_attempt():
-    found = ol.schema_worth("CC4", "CE4")
-    assert (found.known.attempts, found.unknown.attempts, found.worth) == (3.75, 3.875, 0.125)
-    assert found.known.each == found.known.here == found.unknown.here == (1.75, 1, 1)
-    assert found.unknown.each == (1.75, 1.125, 1)  # nothing at the first solution
-    assert found.states == found.known.states + found.unknown.states > 20
-
-
-def test_weights_are_those_of_the_schemas_whichever_is_named_first():
-    found = ol.schema_worth("CC4", {"CE4": 3.0})
-    assert [chance for _, chance in found.among] == [0.25, 0.75]
-    other = ol.schema_worth("CE4", {"CC4": 1.0, "CE4": 3.0})
-    assert other.worth == pytest.approx(found.worth)
-    whole = 0.25 * sum(found.unknown.here) + 0.75 * sum(other.unknown.here)
-    assert whole <= found.unknown.attempts + 1e-9
-
-
-def test_the_keys_that_are_shipped_are_worth_searching_for():
-    found = ol.schema_worth("shared_key", ["same_keys", "own_keys"])
-    assert found.worth == pytest.approx(0.699074, abs=1e-6)
-    assert sum(found.unknown.here) - sum(found.known.here) == pytest.approx(1.186111, abs=1e-6)
+def test_the_worth_of_schemas_solution_by_solution_and_by_weight():
+    paper = ol.schema_worth("CC4", "CE4")
+    assert paper.known.each == paper.known.here == paper.unknown.here == (1.75, 1, 1)
+    assert paper.states == paper.known.states + paper.unknown.states > 20
+    keys = ol.schema_worth("shared_key", ["same_keys", "own_keys"])
+    assert keys.worth == pytest.approx(0.699074, abs=1e-6)
+    assert sum(keys.unknown.here) - sum(keys.known.here) == pytest.approx(1.186111, abs=1e-6)
+    # Whichever schema is named first, weights are those of the schemas.
+    first, other = (
+        ol.schema_worth("CC4", {"CE4": 3.0}),
+        ol.schema_worth("CE4", {"CC4": 1, "CE4": 3}),
+    )
+    assert [chance for _, chance in first.among] == [0.25, 0.75]
+    assert other.worth == pytest.approx(first.worth)
+    whole = 0.25 * sum(first.unknown.here) + 0.75 * sum(other.unknown.here)
+    assert whole <= first.unknown.attempts + 1e-9
 
 
 def test_possible_schemas_are_listed_once_and_known_rooms_sharpen_the_grammar():

@@ -16,18 +16,18 @@ from causal_openlock.belief.structures import Hypotheses
 from oracle import DOOR
 from support.belief_arrays import lever_set, mask, rules_in
 
-ROOM = RoomSight(7, 4, 3, 3)
 START = Situation(pushed=0, unlocked=False, left=3, found=())
 
 
 @cache
-def hypotheses_of(sight):
-    return enumerate_space(sight, strengths(0.0, 1.0, 1.0, 1), math.log(2.0), 20_000).hypotheses
+def hypotheses():
+    sight, certain = RoomSight(7, 4, 3, 3), strengths(0.0, 1.0, 1.0, 1)
+    return enumerate_space(sight, certain, math.log(2.0), 20_000).hypotheses
 
 
-def some(count, seed, sight=ROOM):
+def some(count, seed):
     """Some hypotheses about a room and how probable they are."""
-    every, rng = hypotheses_of(sight), np.random.default_rng(seed)
+    every, rng = hypotheses(), np.random.default_rng(seed)
     chosen = rng.choice(len(every), size=count, replace=False)
     return every[np.sort(chosen)], rng.dirichlet(np.full(count, 0.7))
 
@@ -35,14 +35,6 @@ def some(count, seed, sight=ROOM):
 def drawn(*situation, by_weight=True):
     """The plans that may be drawn, with their probabilities."""
     return {plan: chance for chance, plan in drawn_solutions(*situation, by_weight)}
-
-
-def of_goals(plans, at):
-    """Their probabilities by what stands pushed in the end."""
-    found = defaultdict(float)
-    for plan, chance in plans.items():
-        found[frozenset(plan) | lever_set(at.pushed)] += chance
-    return found
 
 
 def situation_in(hypotheses, index, at):
@@ -100,43 +92,29 @@ def situations(draw):
 
 @settings(max_examples=100, deadline=None)
 @given(situations(), st.booleans())
-def test_what_is_intended_works_if_a_hypothesis_is_right(situation, by_weight):
+def test_solutions_are_drawn_as_probable_as_they_are_and_work(situation, by_weight):
     hypotheses, weight, at = situation
-    possible = [completed(hypotheses, index, at) for index in range(len(weight))]
-    assume(any(possible))
-    for plan in drawn(hypotheses, weight, at, by_weight=by_weight):
+    weight[1::4] = 0.0  # who forgets keeps what is ruled out for the rest of the attempt
+    able = [completed(hypotheses, index, at) if w else set() for index, w in enumerate(weight)]
+    assume(any(able))
+    pushed, expected, plans = lever_set(at.pushed), defaultdict(float), defaultdict(float)
+    if by_weight:
+        total = sum(w for w, goals in zip(weight, able, strict=True) if goals)
+        for w, goals in zip(weight, able, strict=True):
+            for goal in goals:
+                expected[goal - pushed] += w / total / len(goals)
+    else:
+        allowed = set().union(*able)
+        for goal in allowed:
+            expected[goal - pushed] += 1 / len(allowed)
+    for plan, chance in drawn(hypotheses, weight, at, by_weight=by_weight).items():
+        plans[frozenset(plan)] += chance
         assert any(
             carried_out(hypotheses, index, at, plan)
-            and any(set(plan) == goal - lever_set(at.pushed) for goal in goals)
-            for index, goals in enumerate(possible)
+            and any(set(plan) == goal - pushed for goal in goals)
+            for index, goals in enumerate(able)
         )
-    alone = hypotheses[np.array([0])]
-    if possible[0]:  # of one hypothesis, in the order that it asks for
-        plans = drawn(alone, np.ones(1), at, by_weight=by_weight)
-        assert all(carried_out(alone, 0, at, plan) for plan in plans)
-
-
-@pytest.mark.parametrize(("seed", "found"), [(0, 0), (1, 1), (2, 1)])
-def test_thompson_draws_hypotheses_as_probable_as_they_are(seed, found):
-    hypotheses, weight = some(8, seed)
-    weight[[0, 5]] = 0.0  # who forgets keeps what is ruled out for the rest of the attempt
-    known = (int(hypotheses.solutions[3, 1]),) * found
-    at = Situation(0, False, 3, known)
-    able = [completed(hypotheses, index, at) for index in range(8)]
-    exact = defaultdict(float)
-    total = sum(w for w, goals in zip(weight, able, strict=True) if goals)
-    for w, goals in zip(weight, able, strict=True):
-        for goal in goals if w else ():
-            exact[goal] += w / total / len(goals)
-    assert of_goals(drawn(hypotheses, weight, at), at) == pytest.approx(exact)
-
-
-def test_any_consistent_solution_is_as_probable_as_any_other():
-    hypotheses, weight = some(10, 1)
-    at = Situation(0, False, 3, (int(hypotheses.solutions[3, 1]),))
-    allowed = set().union(*(completed(hypotheses, index, at) for index in range(10)))
-    plans = drawn(hypotheses, weight, at, by_weight=False)
-    assert of_goals(plans, at) == pytest.approx(dict.fromkeys(allowed, 1 / len(allowed)))
+    assert plans == pytest.approx(expected)
 
 
 def test_in_which_order_is_up_to_the_hypotheses_that_allow_it():
