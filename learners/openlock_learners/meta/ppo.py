@@ -67,44 +67,34 @@ def advantages(rollout: Rollout, gamma: float, gae_lambda: float) -> Tensor:
     return advantage
 
 
-class PPO:
-    """Improves a policy from its rollouts, with the settings of a training's file."""
-
-    def __init__(self, network: LeverPolicy, file: TrainingFile) -> None:
-        self.network, self.file = network, file
-        self.optimizer = torch.optim.Adam(network.parameters(), lr=file.learning_rate, eps=1e-5)
-
-    def update(
-        self, rollout: Rollout, entropy_weight: float, generator: np.random.Generator
-    ) -> float:
-        """Learn from a rollout, whose rooms the generator mixes; returns the mean entropy."""
-        file, entropies = self.file, []
-        advantage = advantages(rollout, file.gamma, file.decay)
-        returns = advantage + rollout.value
-        advantage = (advantage - advantage.mean()) / (advantage.std(correction=0) + 1e-6)
-        rooms = advantage.shape[1]
-        for _ in range(file.epochs):
-            order = torch.from_numpy(generator.permutation(rooms))
-            for part in order.tensor_split(min(file.minibatches, rooms)):
-                loss, entropy = self.loss(
-                    rollout.of_rooms(part), advantage[:, part], returns[:, part], entropy_weight
-                )
-                self.optimizer.zero_grad()
-                loss.backward()  # type: ignore[no-untyped-call]
-                nn.utils.clip_grad_norm_(self.network.parameters(), MAX_NORM)
-                self.optimizer.step()
-                entropies.append(float(entropy))
-        return float(np.mean(entropies))
-
-    def loss(
-        self, rollout: Rollout, advantage: Tensor, returns: Tensor, entropy_weight: float
-    ) -> tuple[Tensor, Tensor]:
-        """The mean loss, and the mean entropy of the policy."""
-        logits, values, _ = self.network(rollout.inputs, rollout.state, rollout.fresh)
-        ratio = (log_prob(logits, rollout.action) - rollout.log_prob).exp()
-        clipped = ratio.clamp(1 - self.file.clip, 1 + self.file.clip)
-        gain = torch.minimum(ratio * advantage, clipped * advantage)
-        log_probs = torch.log_softmax(logits, dim=-1)
-        entropy = -(log_probs.exp() * log_probs).sum(dim=-1)
-        loss = VALUE_WEIGHT * (values - returns) ** 2 - gain - entropy_weight * entropy
-        return loss.mean(), entropy.detach().mean()
+def improve(
+    network: LeverPolicy,
+    optimizer: torch.optim.Optimizer,
+    rollout: Rollout,
+    file: TrainingFile,
+    entropy_weight: float,
+    generator: np.random.Generator,
+) -> float:
+    """Train on a rollout, whose rooms the generator mixes; returns the mean entropy."""
+    entropies = []
+    advantage = advantages(rollout, file.gamma, file.decay)
+    returns = advantage + rollout.value
+    advantage = (advantage - advantage.mean()) / (advantage.std(correction=0) + 1e-6)
+    rooms = advantage.shape[1]
+    for _ in range(file.epochs):
+        order = torch.from_numpy(generator.permutation(rooms))
+        for part in order.tensor_split(min(file.minibatches, rooms)):
+            steps = rollout.of_rooms(part)
+            logits, values, _ = network(steps.inputs, steps.state, steps.fresh)
+            ratio = (log_prob(logits, steps.action) - steps.log_prob).exp()
+            clipped = ratio.clamp(1 - file.clip, 1 + file.clip)
+            gain = torch.minimum(ratio * advantage[:, part], clipped * advantage[:, part])
+            log_probs = torch.log_softmax(logits, dim=-1)
+            entropy = -(log_probs.exp() * log_probs).sum(dim=-1)
+            error = VALUE_WEIGHT * (values - returns[:, part]) ** 2
+            optimizer.zero_grad()
+            (error - gain - entropy_weight * entropy).mean().backward()  # type: ignore[no-untyped-call]
+            nn.utils.clip_grad_norm_(network.parameters(), MAX_NORM)
+            optimizer.step()
+            entropies.append(float(entropy.detach().mean()))
+    return float(np.mean(entropies))

@@ -18,11 +18,12 @@ from causal_openlock.contract.learner import Brief, Step, View
 from causal_openlock.experiment.declare import default_action_limit
 from causal_openlock.schemas.fsm import BoolArray, IntArray
 from causal_openlock.schemas.schema import Schema
+from causal_openlock.world.facts import room_facts
 from causal_openlock.world.kernel import PAYER, SOLUTIONS_LEFT
 from causal_openlock.world.rewards import find_reward
 from causal_openlock.world.room import PAPER_POSITIONS, action_names
 from causal_openlock.world.rooms import Rooms, RoomTables
-from openlock_learners.meta.training_file import RoomsFile, excluded_places
+from openlock_learners.meta.training_file import RoomsFile
 
 POSITIONS = len(PAPER_POSITIONS)
 
@@ -59,8 +60,10 @@ class MetaRooms:
         )
         rewards = [find_reward(name) for name in file.rewards]
         self._rooms = Rooms(self._tables, rewards, rooms, file.attempt_limit)
+        # Sets of positions, by a bit for each: whatever levers stand there, in whatever order.
         self._forbidden = np.zeros(1 << POSITIONS, dtype=bool)
-        for places in excluded_places(file.excluded_layouts):
+        for layout in room_facts()["layouts"].values():
+            places = map(PAPER_POSITIONS.index, layout.values())
             self._forbidden[sum(1 << place for place in places)] = True
         self.brief = Brief(
             subjects=rooms,

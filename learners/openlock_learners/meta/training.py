@@ -32,7 +32,7 @@ import torch
 from causal_openlock.errors import ExperimentError, in_short
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.files.seal import SealError, sealed, unsealed
-from openlock_learners.meta.ppo import PPO, Rollout, log_prob, sample_actions
+from openlock_learners.meta.ppo import Rollout, improve, log_prob, sample_actions
 from openlock_learners.meta.rooms import MetaRooms
 from openlock_learners.meta.training_file import TrainingFile
 from openlock_learners.networks.network_file import write_network
@@ -55,7 +55,8 @@ class MetaTraining:
         self.rooms = MetaRooms(file.rooms, file.schemas(beside), file.at_once, rooms)
         positions = self.rooms.brief.positions
         self.network = make_policy(file.network, weights)
-        self.trainer = PPO(self.network, file)
+        parameters = self.network.parameters()
+        self.optimizer = torch.optim.Adam(parameters, lr=file.learning_rate, eps=1e-5)
         self.perception = Perception(self.rooms.brief)
         self._hidden_state = torch.zeros(file.at_once, self.network.state_size(positions))
         self._fresh = torch.zeros(file.at_once, dtype=torch.bool)
@@ -104,11 +105,11 @@ class MetaTraining:
         file = self.file
         course = min(self.actions / file.actions, 1.0)
         entropy = file.entropy_start + (file.entropy_end - file.entropy_start) * course
-        for group in self.trainer.optimizer.param_groups:
+        for group in self.optimizer.param_groups:
             group["lr"] = file.learning_rate * (1.0 - 0.9 * course)
-        found = self.trainer.update(self.rollout(), entropy, self._order)
+        rollout = self.rollout()
         self.updates += 1
-        return found
+        return improve(self.network, self.optimizer, rollout, file, entropy, self._order)
 
     def progress(self) -> str:
         """A line on the trials since this was last called."""

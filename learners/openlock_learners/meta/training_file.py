@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -14,9 +13,6 @@ from causal_openlock.files.validation import StrictModel
 from causal_openlock.files.yaml_file import read_document
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.schemas.schema import Schema
-from causal_openlock.wording import nearest
-from causal_openlock.world.facts import room_facts
-from causal_openlock.world.room import PAPER_POSITIONS
 from openlock_learners.meta.random_schemas import random_schemas
 from openlock_learners.networks.recurrent_policy import Sizes
 
@@ -39,8 +35,7 @@ class RoomsFile(StrictModel):
 
     schemas: dict[str, Positive] = Field(default_factory=dict)  # name or path: weight
     random_schemas: RandomSchemas | None = None
-    # Layouts; levers never stand at exactly the positions of one.
-    excluded_layouts: Literal["published"] | list[str] = "published"
+    excluded_layouts: Literal["published"] = "published"  # at whose positions levers never stand
     attempt_limit: Count = 30
     # Fewest and most in a life.
     trials: Annotated[list[Count], Field(min_length=2, max_length=2)] = Field(
@@ -84,20 +79,6 @@ class TrainingFile(StrictModel):
         if rooms.trials[0] > rooms.trials[1]:
             raise ExperimentError("rooms: trials: are the fewest and the most; write [1, 7]")
         return weights
-
-
-def excluded_places(names: str | Sequence[str]) -> list[list[int]]:
-    """The sets of positions at which these published layouts have their levers.
-
-    To leave out these sets is to leave out more than these layouts: the same levers in any other
-    order, and any other schema there.
-    """
-    layouts = room_facts()["layouts"]
-    chosen = list(layouts) if names == "published" else names
-    for name in chosen:
-        if name not in layouts:
-            raise ExperimentError(f"there is no layout {name!r}; {nearest(name, layouts)}")
-    return [[PAPER_POSITIONS.index(place) for place in layouts[name].values()] for name in chosen]
 
 
 def read_training(path: Path | str) -> TrainingFile:

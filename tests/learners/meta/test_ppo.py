@@ -7,13 +7,7 @@ import pytest
 import torch
 
 from openlock_learners.meta import ppo
-from openlock_learners.meta.ppo import (
-    PPO,
-    Rollout,
-    advantages,
-    log_prob,
-    sample_actions,
-)
+from openlock_learners.meta.ppo import Rollout, advantages, improve, log_prob, sample_actions
 from openlock_learners.meta.training_file import RoomsFile, TrainingFile
 from openlock_learners.networks.recurrent_policy import Sizes, make_policy
 
@@ -111,9 +105,8 @@ def test_the_first_step_follows_the_plain_policy_gradient(monkeypatch):
     with torch.no_grad():
         logits, _, _ = network(rollout.inputs, rollout.state, rollout.fresh)
     rollout = rollout._replace(log_prob=log_prob(logits, rollout.action))
-    trainer, plain = PPO(network, settings), copy.deepcopy(network)
-    trainer.optimizer = torch.optim.SGD(network.parameters(), lr=1.0)
-    trainer.update(rollout, 0.0, rng())
+    plain, optimizer = copy.deepcopy(network), torch.optim.SGD(network.parameters(), lr=1.0)
+    improve(network, optimizer, rollout, settings, 0.0, rng())
 
     better = advantages(rollout, settings.gamma, settings.decay)
     better = (better - better.mean()) / (better.std(unbiased=False) + 1e-6)
