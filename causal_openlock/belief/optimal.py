@@ -16,15 +16,12 @@ an attempt, and the present attempt saves one only where it can still complete a
 Pulling a lever back never helps within the paper's three actions (enumerated up to four levers).
 By default it is left out unless an attempt has two actions to spare, which a pull and the push that
 it undoes cost. With four actions and more this can miss a better policy: pass ``pulls=True``.
-
-Several policies may be optimal, and divide the attempts otherwise among solutions or hypotheses:
-:meth:`Optimum.by_solution` goes through all of them.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from functools import cache
 from itertools import combinations
 from math import log2
@@ -33,7 +30,7 @@ from typing import NamedTuple
 import numpy as np
 
 from causal_openlock.belief.placements import TooLargeError
-from causal_openlock.belief.structures import Hypotheses, Structures, merge
+from causal_openlock.belief.structures import Hypotheses, Structures
 from causal_openlock.schemas.fsm import BoolArray, FloatArray
 
 NODE_LIMIT = 20_000
@@ -65,8 +62,7 @@ class _Option(NamedTuple):
 
     bound: float
     action: int
-    outcomes: list[Point]
-    bounds: list[float]
+    outcomes: dict[Point, float]
 
 
 def _differs(outcome: Point, point: Point, changed: bool) -> bool:
@@ -117,10 +113,8 @@ class Optimum:
         self._weights = by_weight(share)
         self._everything = bits(share > 0)
         self._symmetry = Symmetry(hypotheses, share)
-        self._values: dict[tuple[int, tuple[int, ...]], float] = {}
-        self._within: dict[tuple[Point, bool], float] = {}
-        # Sets of hypotheses are computed once for each instance.
-        self._holds = cache(self._holding)
+        # States, and sets of hypotheses, are computed once for each instance.
+        self._search, self._holds = cache(self._searched), cache(self._holding)
         self._finds, self._reach = cache(self._finding), cache(self._reaching)
         self.nodes = 0
 
@@ -146,7 +140,7 @@ class Optimum:
         # As if something had changed: wasting the rest of the attempt has a value, too.
         options = self._best_options(point, True)
         return sorted(
-            same for option in options for same in alike.get(option.action, (option.action,))
+            same for option in options for same in alike.get(option.action, [option.action])
         ) or [2 * self._slots]
 
     def value(self, point: Point) -> float:
@@ -160,29 +154,21 @@ class Optimum:
             point: A state with an action left.
             action: A push by slot, a pull, or the door as ``2P``; any other one does nothing.
         """
-        possible, _, pushed, left = point
-        slot, stands = action % self._slots, action >= self._slots
-        outcomes = [point._replace(left=left - 1)]
-        if action == 2 * self._slots:
-            if possible & self._holds(self._slots, pushed):
-                outcomes = self._opened(point)
-        elif 0 <= action < 2 * self._slots and stands == bool(pushed >> slot & 1):
-            outcomes = self._tried(point, slot)
-        whole = self._weight(possible)
-        return [(self._weight(one.possible) / whole, one) for one in outcomes]
+        outcomes = self._outcomes(point, action) or [point._replace(left=point.left - 1)]
+        whole = self._weight(point.possible)
+        return [(self._weight(outcome.possible) / whole, outcome) for outcome in outcomes]
 
     def entropy(self, possible: int) -> float:
         """The bits missing to certainty about which of these hypotheses is true."""
         whole = self._weight(possible)
         return sum(
-            (-(part := weight / whole) * log2(part) * many)
+            -(weight / whole) * log2(weight / whole) * (possible & having).bit_count()
             for weight, having in self._weights
-            if (many := (possible & having).bit_count())
         )
 
     def most(self) -> int:
         """The largest number of attempts under an optimal policy for which it is least."""
-        return int(self._followed(lambda possible, found: (1.0,), max)[0])
+        return int(self._followed(lambda possible, found: np.ones(1), np.maximum)[0])
 
     def by_solution(self, weights: list[tuple[float, int]]) -> tuple[float, ...]:
         """Attempts for the first, second, ... solution, under one optimal policy.
@@ -193,53 +179,44 @@ class Optimum:
                 and of several such policies, the one that finds earlier solutions soonest.
         """
 
-        def charge(possible: int, found: int) -> tuple[float, ...]:
-            attempts = weighed(weights, possible)
-            return (attempts, *(attempts * (found == one) for one in range(self._solutions)))
+        def charge(possible: int, found: int) -> FloatArray:
+            in_all_and_each = np.zeros(1 + self._solutions)
+            in_all_and_each[[0, 1 + found]] = weighed(weights, possible)
+            return in_all_and_each
 
-        return self._followed(charge, sum)[1:]
+        return tuple(self._followed(charge, np.add)[1:].tolist())
 
-    def _followed(
-        self,
-        charge: Callable[[int, int], tuple[float, ...]],
-        over_outcomes: Callable[[Iterable[float]], float],
-    ) -> tuple[float, ...]:
+    def _followed(self, charge: Callable[[int, int], FloatArray], join: np.ufunc) -> FloatArray:
         """What the attempts are charged, under the optimal policy that is charged least.
 
         Args:
             charge: What an attempt is charged that begins with these possible hypotheses and this
                 number of solutions found. Of several numbers, earlier ones matter first.
-            over_outcomes: Joins the charges after each outcome of an action.
+            join: Joins the charges after each outcome of an action.
         """
-        charged: dict[tuple[Point, bool], tuple[float, ...]] = {}
-        no_charge = (0.0,) * len(charge(0, 0))
 
-        def begin(possible: int, found: tuple[int, ...]) -> tuple[float, ...]:
+        def begin(possible: int, found: tuple[int, ...]) -> FloatArray:
             """Charges of this attempt and all later ones."""
-            left = range(len(found), self._solutions)
-            if not left:
-                return no_charge
-            if possible & (possible - 1) == 0:
-                attempts = [charge(possible, number) for number in left]
-            else:
-                possible, found = self._symmetry.canonical(possible, found)
-                start = Point(possible, found, 0, self._limit)
-                attempts = [charge(possible, len(found)), after(start, False)]
-            return tuple(map(sum, zip(*attempts, strict=True)))
+            if possible & (possible - 1) == 0 or len(found) == self._solutions:
+                left = range(len(found), self._solutions)
+                return sum((charge(possible, number) for number in left), 0.0 * charge(possible, 0))
+            possible, found = self._symmetry.canonical(possible, found)
+            start = Point(possible, found, 0, self._limit)
+            return charge(possible, len(found)) + after(start, False)
 
-        def after(point: Point, changed: bool) -> tuple[float, ...]:
+        @cache
+        def after(point: Point, changed: bool) -> FloatArray:
             """Charges to come, the present attempt's not counted."""
             if not point.left:
                 return begin(point.possible, point.found)
-            if (point, changed) not in charged:
-                options = self._best_options(point, changed)
-                plans = [option.outcomes for option in options] or [[point._replace(left=0)]]
-                followed = []
-                for outcomes in plans:
-                    parts = [after(one, _differs(one, point, changed)) for one in outcomes]
-                    followed.append(tuple(map(over_outcomes, zip(*parts, strict=True))))
-                charged[point, changed] = min(followed, key=_rounded)
-            return charged[point, changed]
+            plans: list[Iterable[Point]] = [
+                option.outcomes for option in self._best_options(point, changed)
+            ]
+            charges: list[FloatArray] = [
+                join.reduce([after(outcome, _differs(outcome, point, changed)) for outcome in plan])
+                for plan in plans or [[point._replace(left=0)]]
+            ]
+            return min(charges, key=lambda numbers: numbers.round(10).tolist())
 
         return begin(self._everything, ())
 
@@ -258,11 +235,9 @@ class Optimum:
         left = self._solutions - len(found)
         if not left or possible & (possible - 1) == 0:
             return self._weight(possible) * left
-        possible, found = key = self._symmetry.canonical(possible, found)
-        if key not in self._values:
-            value = self._search(Point(possible, found, 0, self._limit), False)
-            self._values[key] = self._weight(possible) + value
-        return self._values[key]
+        possible, found = self._symmetry.canonical(possible, found)
+        value = self._search(Point(possible, found, 0, self._limit), False)
+        return self._weight(possible) + value
 
     def _after(self, point: Point, changed: bool) -> float:
         """The value after an action, in an attempt in which something changed or nothing did.
@@ -274,9 +249,7 @@ class Optimum:
         # An attempt that changes nothing is never the best: do not search it again and again.
         return self._attempts(point.possible, point.found) if changed else math.inf
 
-    def _search(self, point: Point, changed: bool) -> float:
-        if (point, changed) in self._within:
-            return self._within[point, changed]
+    def _searched(self, point: Point, changed: bool) -> float:
         self.nodes += 1
         if self.nodes > self.node_limit:
             raise TooLargeError(f"more than {self.node_limit:,} states")
@@ -284,21 +257,24 @@ class Optimum:
         best = math.inf if options else self._after(point._replace(left=0), changed)
         for option in options:
             best = min(best, self._value(option, point, changed, best))
-        self._within[point, changed] = best
         return best
 
     def _options(self, point: Point) -> list[_Option]:
-        """The actions that can do something, those with the lowest bounds first."""
+        """The actions that can do something, the lowest bound first; one for levers alike."""
+        alike = self._alike(point.possible, point.found, point.pushed)
+        pushed = [slot for slot in range(self._slots) if point.pushed >> slot & 1]
+        pulls = [self._slots + slot for slot in pushed] if self._pulls else []
         options = []
-        for action, outcomes in self._actions(point):
-            bounds = [self._bound(outcome) for outcome in outcomes]
-            options.append(_Option(sum(bounds), action, outcomes, bounds))
+        for action in (*alike, *pulls, 2 * self._slots):
+            if outcomes := self._outcomes(point, action):
+                bounds = {outcome: self._bound(outcome) for outcome in outcomes}
+                options.append(_Option(sum(bounds.values()), action, bounds))
         return sorted(options)
 
     def _value(self, option: _Option, point: Point, changed: bool, limit: float) -> float:
         """The value of an action, or a lower bound of it that exceeds the limit."""
         value = option.bound
-        for outcome, bound in zip(option.outcomes, option.bounds, strict=True):
+        for outcome, bound in option.outcomes.items():
             if value > limit:
                 break
             value += self._after(outcome, _differs(outcome, point, changed)) - bound
@@ -310,54 +286,37 @@ class Optimum:
         value = self._weight(possible) * (self._solutions - len(found))
         return value - self._weight(possible & self._reach(pushed, left, found)) if left else value
 
-    def _actions(self, point: Point) -> Iterator[tuple[int, list[Point]]]:
-        """The actions that can do something, one for levers that are alike, and their outcomes."""
-        possible, found, pushed, _ = point
-        alike = self._alike(possible, found, pushed)
-        for slot in range(self._slots):
-            stands = pushed >> slot & 1
-            if (stands and not self._pulls) or (not stands and slot not in alike):
-                continue
-            if possible & self._holds(slot, pushed):
-                yield slot + self._slots * stands, self._tried(point, slot)
-        if possible & self._holds(self._slots, pushed):
-            yield 2 * self._slots, self._opened(point)
-
-    def _tried(self, point: Point, slot: int) -> list[Point]:
-        """States that moving a lever can lead to: it moves, or it does not."""
+    def _outcomes(self, point: Point, action: int) -> list[Point]:
+        """The states that an action can lead to; none if it is known to do nothing."""
         possible, found, pushed, left = point
-        moving = possible & self._holds(slot, pushed)
-        after = pushed ^ 1 << slot
-        unlocks = moving & self._holds(self._slots, after)
-        parts = [(unlocks, after), (moving & ~unlocks, after), (possible & ~moving, pushed)]
-        return [Point(part, found, now, left - 1) for part, now in parts if part]
+        door, slot = action == 2 * self._slots, action % self._slots
+        does = door or (action >= self._slots) == bool(pushed >> slot & 1)
+        works = possible & self._holds(self._slots if door else slot, pushed)
+        if not (works and does and 0 <= action <= 2 * self._slots):
+            return []
+        if door:
+            new = works & self._finds(pushed, found)
+            more = tuple(sorted((*found, pushed)))
+            parts = [Point(new, more, 0, 0), Point(works & ~new, found, 0, 0)]
+        else:
+            after = pushed ^ 1 << slot
+            unlocks = works & self._holds(self._slots, after)
+            parts = [Point(part, found, after, left - 1) for part in (unlocks, works & ~unlocks)]
+        parts.append(Point(possible & ~works, found, pushed, left - 1))
+        return [part for part in parts if part.possible]
 
-    def _opened(self, point: Point) -> list[Point]:
-        """States that pushing the door can lead to: a new solution, none, or it is locked."""
-        possible, found, pushed, left = point
-        opens = possible & self._holds(self._slots, pushed)
-        new = opens & self._finds(pushed, found)
-        more = tuple(sorted((*found, pushed)))
-        outcomes = [Point(new, more, 0, 0), Point(opens & ~new, found, 0, 0)]
-        outcomes.append(point._replace(possible=possible & ~opens, left=left - 1))
-        return [outcome for outcome in outcomes if outcome.possible]
-
-    def _alike(
-        self, possible: int, found: tuple[int, ...], pushed: int
-    ) -> dict[int, tuple[int, ...]]:
+    def _alike(self, possible: int, found: tuple[int, ...], pushed: int) -> dict[int, list[int]]:
         """The levers that are not pushed, in groups that the belief cannot distinguish."""
-        groups: dict[int, tuple[int, ...]] = {}
+
+        def same(first: int, slot: int) -> bool:
+            swappable = self._symmetry.swappable(possible, first, slot)
+            return swappable and sorted(swapped(mask, first, slot) for mask in found) == [*found]
+
+        groups: dict[int, list[int]] = {}
         for slot in range(self._slots):
-            if pushed >> slot & 1:
-                continue
-            for first, group in groups.items():
-                if self._symmetry.swappable(possible, first, slot) and (
-                    tuple(sorted(swapped(mask, first, slot) for mask in found)) == found
-                ):
-                    groups[first] = (*group, slot)
-                    break
-            else:
-                groups[slot] = (slot,)
+            if not pushed >> slot & 1:
+                first = next((first for first in groups if same(first, slot)), slot)
+                groups.setdefault(first, []).append(slot)
         return groups
 
     def _weight(self, possible: int) -> float:
@@ -402,16 +361,14 @@ class Symmetry:
     def __init__(self, own: Hypotheses, share: FloatArray) -> None:
         self._slots, self._many = own.causes.shape[1] - 1, len(own)
         structures = Structures(own.causes, own.threshold)
+        index = {label.tobytes(): place for place, label in enumerate(structures.labels())}
         # By two slots, the hypothesis that each becomes when they are swapped; H if there is none.
         self._swap = np.full((self._slots, self._slots, self._many), self._many)
         for first, second in combinations(range(self._slots), 2):
             order = np.arange(self._slots)
             order[[first, second]] = second, first
-            image = structures.on_slots(order, self._slots)
-            _, group = merge(np.concatenate([structures.labels(), image.labels()]))
-            index = np.full(len(group), self._many)
-            index[group[: self._many]] = np.arange(self._many)
-            to = index[group[self._many :]]
+            image = structures.on_slots(order, self._slots).labels()
+            to = np.array([index.get(label.tobytes(), self._many) for label in image])
             alike = np.append(share, np.nan)[to] == share
             self._swap[first, second] = self._swap[second, first] = np.where(alike, to, self._many)
         whole: BoolArray = np.logical_and.reduce(self._swap < self._many, axis=2)
@@ -466,10 +423,6 @@ def by_weight(weight: FloatArray) -> list[tuple[float, int]]:
 def weighed(weights: list[tuple[float, int]], possible: int) -> float:
     """Return the sum of the weights of a set of hypotheses; ``weights`` is by :func:`by_weight`."""
     return sum((weight * (possible & having).bit_count() for weight, having in weights), 0.0)
-
-
-def _rounded(charges: tuple[float, ...]) -> list[float]:
-    return [round(charge, 10) for charge in charges]
 
 
 def bits(flags: BoolArray) -> int:
