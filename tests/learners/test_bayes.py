@@ -4,6 +4,7 @@ from collections import defaultdict
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -16,19 +17,12 @@ from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.schema import Gate, Schema
 from causal_openlock.testing import schemas
 from openlock_learners import bayes
-from openlock_learners.bayes import Bayes, BayesParameters
+from openlock_learners.bayes import Bayes, BayesParameters, Policy
 from support.session_play import HUMAN, SCHEMAS, named, play, trials_of
 
 pytestmark = pytest.mark.slow
 
-POLICIES = (
-    "solve_and_learn",
-    "solve",
-    "learn_attempt",
-    "learn_action",
-    "thompson",
-    "random_consistent",
-)
+POLICIES = get_args(Policy)
 ONE_TRIAL = replace(HUMAN, baseline_trials=1)
 
 
@@ -126,10 +120,11 @@ def test_every_rule_opens_the_door_again_and_again_when_all_is_found(policy):
 
 
 def test_who_only_asks_opens_a_door_that_brings_something_new():
-    opens = 0
-    player = witness("CC3", replace(HUMAN, baseline_trials=2), 6, policy="learn_action")
-    found = defaultdict(set)
-    for view, actions in player.seen:
+    session = Session(named("CC3"), replace(HUMAN, baseline_trials=2), 6)
+    player, opens, found = learner(policy="learn_action"), 0, defaultdict(set)
+    player.begin(session.brief)
+    while not session.over:
+        view, actions = session.view, player.act(session.view)
         for row in np.flatnonzero(view.playing & (view.observation[:, -2] == 0)).tolist():
             # Two levers stand pushed, and only a solution unlocks the door with two.
             pushed, known = view.observation[row, :7].tobytes(), found[row, int(view.trial[row])]
@@ -137,6 +132,7 @@ def test_who_only_asks_opens_a_door_that_brings_something_new():
                 assert actions[row] == 14
                 known.add(pushed)
                 opens += 1
+        player.learn(session.step(actions))
     assert opens == 6 * 2 * 2
 
 
@@ -198,25 +194,6 @@ def test_where_nothing_is_possible_it_goes_on_trying(policy):
 # -- bounded rationality -------------------------------------------------------------------------
 
 
-class Witness(Bayes):
-    """Keeps what it saw and did."""
-
-    def begin(self, brief):
-        super().begin(brief)
-        self.seen = []
-
-    def act(self, view):
-        actions = super().act(view)
-        self.seen.append((view, actions.copy()))
-        return actions
-
-
-def witness(condition, protocol, subjects, **parameters):
-    player = Witness(BayesParameters(**parameters))
-    play(player, condition, protocol, subjects)
-    return player
-
-
 def first_odds(**parameters):
     """What it does at first in a room of CC3, and its values of that."""
     session, player = Session(named("CC3"), HUMAN, 1), learner(**parameters)
@@ -253,15 +230,14 @@ def test_noise_makes_better_actions_more_probable_by_their_value():
     ids=["CC4", "CC3-CE4", "noisy_CC3", "five"],
 )
 def test_plans_that_are_remembered_change_no_action(condition, parameters):
-    class Planless(Witness):
+    class Planless(Bayes):
         def act(self, view):
             bayes._PLANS.clear()
             return super().act(view)
 
+    def actions(kind):
+        session = Session(condition, protocol, 2, seed=2)
+        return session.play(kind(BayesParameters(**parameters)))["actions"]
+
     protocol = Protocol("short", 3, stop_when_solved=True, baseline_trials=2, training_trials=2)
-    courses = []
-    for kind in (Planless, Witness, Witness):
-        player = kind(BayesParameters(**parameters))
-        Session(condition, protocol, 2, seed=2).play(player)
-        courses.append([actions.tolist() for _, actions in player.seen])
-    assert courses[0] == courses[1] == courses[2]
+    assert actions(Planless) == actions(Bayes) == actions(Bayes)

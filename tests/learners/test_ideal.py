@@ -1,6 +1,8 @@
 """The learner that plays by the exact optimum (the optimum itself: tests/belief/test_plans.py)."""
 
 import math
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from causal_openlock.experiment.declare import Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.schemas.schema import Gate, Schema
+from openlock_learners.ideal import Ideal
 from oracle import least_attempts
 from support.session_play import named, play, trials_of
 
@@ -60,24 +63,14 @@ def test_it_repeats_solutions_when_there_is_nothing_left_to_find():
 
 
 def test_it_is_told_no_layout():
-    class Blind:
-        """A room that tells its schema and nothing else."""
+    class Blind(Ideal):
+        """Is informed of each room's schema and nothing else."""
 
-        def __init__(self, room):
-            self.schema = room.schema
+        def inform(self, truth):
+            rooms = [SimpleNamespace(schema=room.schema) for room in truth.rooms]
+            super().inform(replace(truth, rooms=tuple(rooms)))
 
-    def told(hide):
-        session = Session(named("CC3-CE4"), Protocol("p", 8, True), 5)
-        learner = create("ideal")
-        learner.begin(session.brief)
-        actions = []
-        while not session.over:
-            truth = session.truth
-            if hide:
-                truth = type(truth)(tuple(map(Blind, truth.rooms)), truth.room)
-            learner.inform(truth)
-            actions.append(learner.act(session.view).tolist())
-            learner.learn(session.step(np.array(actions[-1])))
-        return actions
+    def actions(learner):
+        return Session(named("CC3-CE4"), Protocol("p", 8, True), 5).play(learner)["actions"]
 
-    assert told(hide=True) == told(hide=False)
+    assert actions(Blind()) == actions(Ideal())
