@@ -7,8 +7,7 @@ in its hidden state, while the weights stay as they are. A YAML file declares th
     causal-openlock train experiments/meta_training/rl2.yaml --out rl2.npz
 
 A solution that is new in the trial earns 1, and every action costs a little. Unlocking the door
-earns nothing: where that was rewarded, as by the paper's rewards, the network learned to unlock it
-again and again and to open it at the last moment.
+earns nothing: where that was rewarded, the network learned to unlock it again and again.
 
 Duan et al. and Wang et al. maximise what a whole life earns (``credit: life``): what is found out
 in one trial and pays in the next is then worth something. By default returns end with the trial.

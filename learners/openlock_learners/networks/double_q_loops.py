@@ -47,17 +47,11 @@ def reassociated(function: Compiled) -> Compiled:
 
 
 class Table(NamedTuple):
-    """The D distinct observations, and the values that the target networks give them.
+    """The D distinct observations, and the values that the target networks give them."""
 
-    Attributes:
-        rows: ``[D, in]`` the observations.
-        values: ``[N, D, out]`` values by the target network of each agent.
-        is_known: ``[N, D]`` which of them have been computed since it was last copied.
-    """
-
-    rows: Floats
-    values: Floats
-    is_known: NDArray[np.bool_]
+    rows: Floats  # [D, in] the observations
+    values: Floats  # [N, D, out] values by the target network of each agent
+    is_known: NDArray[np.bool_]  # [N, D] which of them were computed since it was last copied
 
 
 # -- networks -------------------------------------------------------------------------------------

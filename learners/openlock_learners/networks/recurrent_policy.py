@@ -27,19 +27,12 @@ Units = Annotated[int, Field(ge=1, le=1024)]
 
 
 class Sizes(StrictModel):
-    """Sizes of a network, as in a checkpoint and in a file of meta-training.
+    """Sizes of a network, as in a checkpoint and in a file of meta-training."""
 
-    Attributes:
-        kind: ``levers``; other kinds are of earlier versions.
-        lever: Hidden units of each lever, H.
-        room: Hidden units of the room as a whole, G.
-        reader: Units of the layer that reads the hidden state.
-    """
-
-    kind: Literal["levers"] = "levers"
-    lever: Units = 32
-    room: Units = 48
-    reader: Units = 48
+    kind: Literal["levers"] = "levers"  # other kinds are of earlier versions
+    lever: Units = 32  # H, hidden units of each lever
+    room: Units = 48  # G, hidden units of the room as a whole
+    reader: Units = 48  # units of the layer that reads the hidden state
 
 
 class LeverPolicy(nn.Module):

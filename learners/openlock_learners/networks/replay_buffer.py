@@ -36,21 +36,13 @@ class ObservationTable:
 
 
 class Batch(NamedTuple):
-    """A minibatch of M transitions for each of N agents; every part is ``[N, M]``.
+    """A minibatch of M transitions for each of N agents; every part is ``[N, M]``."""
 
-    Attributes:
-        before: Number of the observation that the action was taken in.
-        action: The action.
-        reward: Its reward.
-        after: Number of the observation that followed.
-        not_done: 1 where the value of what followed counts, 0 where the TD target is the reward.
-    """
-
-    before: IntArray
+    before: IntArray  # number of the observation that the action was taken in
     action: IntArray
     reward: Any
-    after: IntArray
-    not_done: Any
+    after: IntArray  # number of the observation that followed
+    not_done: Any  # 1 where the value of what followed counts, 0 where the TD target is the reward
 
 
 class ReplayBuffer:

@@ -22,25 +22,15 @@ class Sequences(NamedTuple):
 
     Time is the second axis; the first step to learn from is in column K. A sequence that has fewer
     steps is padded with copies of that step, which ``burn_in_mask`` and ``mask`` leave out.
-
-    Attributes:
-        inputs: ``[N, K + U + 1, M, in]`` what was perceived; the last is what follows step U.
-        state: ``[N, M, S]`` hidden state before the first step that is there.
-        burn_in_mask: ``[N, K, M]`` whether the step is there.
-        action: ``[N, U, M]`` what was done.
-        reward: ``[N, U, M]`` what it earned.
-        not_done: ``[N, U, M]`` 1 where the value of what follows counts, 0 where the TD target is
-            the reward.
-        mask: ``[N, U, M]`` 1 where the step is there, 0 elsewhere.
     """
 
-    inputs: Floats
-    state: Floats
-    burn_in_mask: BoolArray
-    action: IntArray
-    reward: Floats
-    not_done: Floats
-    mask: Floats
+    inputs: Floats  # [N, K + U + 1, M, in] what was perceived; the last is what follows step U
+    state: Floats  # [N, M, S] hidden state before the first step that is there
+    burn_in_mask: BoolArray  # [N, K, M] whether the step is there
+    action: IntArray  # [N, U, M] what was done
+    reward: Floats  # [N, U, M] what it earned
+    not_done: Floats  # [N, U, M] 1 where the value of what follows counts, else 0
+    mask: Floats  # [N, U, M] 1 where the step is there, else 0
 
 
 class SequenceBuffer:
