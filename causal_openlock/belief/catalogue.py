@@ -75,6 +75,15 @@ class Catalogue:
         total = np.bincount(groups, pairs, minlength=len(self))
         return np.divide(pairs, total[groups], out=np.zeros_like(pairs), where=pairs > 0)
 
+    def classes(self, behaviours: FloatArray, before: FloatArray) -> FloatArray:
+        """``[C + 1]`` probability of each class, given ``[U]`` that of each behaviour in a room.
+
+        ``before``, ``[C + 1]``, is the probability of the classes without the room.
+        """
+        pairs = self.pairs_given_behaviour(before * feasible(self.members.levers))
+        pairs *= behaviours[self.behaviour[self.member]]
+        return np.bincount(self.kind, pairs, minlength=len(before)).astype(float)
+
 
 def fits(structures: Structures, solutions: int, action_limit: int) -> BoolArray:
     """``[M]`` whether the number of solutions is exact, and each fits into an attempt."""

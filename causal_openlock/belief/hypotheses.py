@@ -25,7 +25,6 @@ ones first, then the white ones, each in the order of their positions.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import combinations
@@ -216,30 +215,24 @@ def enumerate_space(sight: RoomSight, strengths: Strengths, simplicity: float, l
         Space(RoomSight(positions=7, grey=3, solutions=2, action_limit=3), 4,278 hypotheses)
     """
     uncertain = len(strengths) > 1
-    blocks: list[Block] = []
-    taken = 0
 
     def catalogue_of(levers: int) -> Catalogue:
         return catalogue(levers, sight.solutions, sight.action_limit, uncertain, simplicity, limit)
 
-    def take(slots: tuple[int, ...], always: bool) -> None:
-        nonlocal taken
-        if not slots or any(block.slots == slots for block in blocks):
-            return
-        own = catalogue_of(len(slots))
-        if len(own) and (always or taken + len(own) <= limit):
-            blocks.append(Block(slots, own))
-            taken += len(own)
-
     every = tuple(range(sight.positions))
-    take(every[: sight.grey], always=True)
-    take(every[sight.grey :], always=False)
+    groups = [[every[: sight.grey]], [every[sight.grey :]]]
     for levers in range(1, min(FREE_FORM_LEVERS, sight.positions) + 1):
-        # All sets of a size or none, so that no position is preferred.
-        many = len(catalogue_of(levers)) * math.comb(sight.positions, levers)
-        if taken + many <= limit:
-            for slots in combinations(every, levers):
-                take(slots, always=True)
+        groups.append([*combinations(every, levers)])
+    blocks: list[Block] = []
+    taken = 0
+    for number, group in enumerate(groups):
+        listed = catalogue_of(len(group[0]) or 1)
+        # Grey levers always; all sets of a size or none, so that no position is preferred.
+        if number == 0 or taken + len(listed) * len(group) <= limit:
+            for slots in group:
+                if slots and len(listed) and all(block.slots != slots for block in blocks):
+                    blocks.append(Block(slots, listed))
+                    taken += len(listed)
     nothing = catalogue_of(1).behaviours[:0].on_slots((0,), sight.positions)
     joined = Hypotheses.joined([nothing, *(block.placed(sight.positions) for block in blocks)])
     return Space(sight, strengths, tuple(blocks), joined.repeated(len(strengths)))

@@ -21,7 +21,6 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from causal_openlock.belief.catalogue import feasible
 from causal_openlock.belief.grammar import class_prior
 from causal_openlock.belief.hypotheses import RULES, Space, Strengths
 from causal_openlock.contract.parameters import Count, OpenShare, Positive, Share
@@ -146,14 +145,11 @@ class Knowledge:
             self.strengths[subject] = np.bincount(which % many, weight, minlength=many)
 
         classes = self.classes(subject)
-        starts = np.concatenate([[0], space.ends[:-1]])
-        counts = np.zeros_like(classes)
+        counts, starts = np.zeros_like(classes), np.concatenate([[0], space.ends[:-1]])
         for index in np.flatnonzero(blocks > 0):
             listed = space.blocks[index].catalogue
             of_block = in_block == index
             behaviour = (which[of_block] - starts[index]) // many
-            held = np.bincount(behaviour, weight[of_block], minlength=len(listed))
-            possible = classes * feasible(listed.members.levers)
-            pairs = listed.pairs_given_behaviour(possible) * held[listed.behaviour[listed.member]]
-            counts += np.bincount(listed.kind, pairs, minlength=len(counts))
+            held = np.bincount(behaviour, weight[of_block], minlength=len(listed)).astype(float)
+            counts += listed.classes(held, classes)
         self.rooms[subject] += counts

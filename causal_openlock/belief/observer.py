@@ -75,7 +75,7 @@ class Observer:
     def __init__(self, schema: Schema, action_limit: int) -> None:
         self._schema, self._limit = schema, action_limit
         own = placements(schema, action_limit)
-        self._placed = Structures(own.causes, own.threshold)
+        self._placed = own.structures
         self._optimum = Optimum(own, np.ones(len(own)), action_limit)
         self._optimum.attempts()
         self._choice, self._entropy = cache(self._judged), cache(self._optimum.entropy)

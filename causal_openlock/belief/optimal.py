@@ -30,7 +30,7 @@ from typing import NamedTuple
 import numpy as np
 
 from causal_openlock.belief.placements import TooLargeError
-from causal_openlock.belief.structures import Hypotheses, Structures
+from causal_openlock.belief.structures import Hypotheses
 from causal_openlock.schemas.fsm import BoolArray, FloatArray
 
 NODE_LIMIT = 20_000
@@ -360,7 +360,7 @@ class Symmetry:
 
     def __init__(self, own: Hypotheses, share: FloatArray) -> None:
         self._slots, self._many = own.causes.shape[1] - 1, len(own)
-        structures = Structures(own.causes, own.threshold)
+        structures = own.structures
         index = {label.tobytes(): place for place, label in enumerate(structures.labels())}
         # By two slots, the hypothesis that each becomes when they are swapped; H if there is none.
         self._swap = np.full((self._slots, self._slots, self._many), self._many)

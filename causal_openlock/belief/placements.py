@@ -81,7 +81,7 @@ def mixture(
     """
     parts = [placements(schema, action_limit) for schema, _ in schemas]
     every = Hypotheses.joined(parts)
-    first, group = merge(Structures(every.causes, every.threshold).behaviour(action_limit))
+    first, group = merge(every.structures.behaviour(action_limit))
     each = [prior / len(part) for part, (_, prior) in zip(parts, schemas, strict=True)]
     weight = np.bincount(group, np.repeat(each, [len(part) for part in parts]))
     own = every[first]

@@ -16,7 +16,7 @@ from numbers import Real
 import numpy as np
 
 from causal_openlock.belief.catalogue import FREE_FORM_LEVERS, Catalogue, catalogue, feasible
-from causal_openlock.belief.hypotheses import Block, RoomSight, Space, strengths
+from causal_openlock.belief.hypotheses import strengths
 from causal_openlock.belief.knowledge import Knowledge, Prior
 from causal_openlock.belief.structure_schemas import schema_of, structure_of
 from causal_openlock.belief.structures import Structures, merge
@@ -117,7 +117,7 @@ def listed_schemas(
                 f"{FREE_FORM_LEVERS} are too many to list; name the schemas that are possible"
             )
     every = _catalogue(schema, action_limit)
-    structures = _structures(every)
+    structures = every.behaviours.structures
     kind = _up_to_renaming(Structures.joined([structure_of(schema), structures]), action_limit)
     kinds, first, place = np.unique(kind[1:], return_index=True, return_inverse=True)
     chance: FloatArray = np.full(len(kinds), 1.0 / len(kinds))
@@ -135,18 +135,13 @@ def listed_schemas(
 
 def _classes(known_rooms: Iterable[Schema]) -> FloatArray:
     """``[C + 1]`` probability of each class after rooms that are known wholly."""
-    certain = strengths(0.0, 1.0, 1.0, 1)
-    knowledge = Knowledge(1, FREE_FORM_LEVERS, Prior(), certain)
+    knowledge = Knowledge(1, 0, Prior(), strengths(0.0, 1.0, 1.0, 1))
     for schema in known_rooms:
-        levers, limit = len(schema.levers), default_action_limit(schema)
+        limit = default_action_limit(schema)
         every = _catalogue(schema, limit)
-        both = Structures.joined([structure_of(schema), _structures(every)])
+        both = Structures.joined([structure_of(schema), every.behaviours.structures])
         _, group = merge(both.behaviour(limit))
-        sight = RoomSight(FREE_FORM_LEVERS, levers, len(schema.solutions), limit)
-        block = Block(tuple(range(levers)), every)
-        space = Space(sight, certain, (block,), every.behaviours)
-        which = np.flatnonzero(group[1:] == group[0])
-        knowledge.absorb(0, space, which, np.ones(1), np.arange(FREE_FORM_LEVERS))
+        knowledge.rooms[0] += every.classes(1.0 * (group[1:] == group[0]), knowledge.classes(0))
     return knowledge.classes(0)
 
 
@@ -156,10 +151,6 @@ def _catalogue(schema: Schema, action_limit: int) -> Catalogue:
         len(schema.levers), len(schema.solutions), action_limit, False, prior.simplicity,
         prior.hypothesis_limit,
     )  # fmt: skip
-
-
-def _structures(every: Catalogue) -> Structures:
-    return Structures(every.behaviours.causes, every.behaviours.threshold)
 
 
 def _up_to_renaming(structures: Structures, action_limit: int) -> IntArray:

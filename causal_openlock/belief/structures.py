@@ -192,6 +192,11 @@ class Hypotheses(Rows):
     solutions: Masks
     strength: Counts
 
+    @property
+    def structures(self) -> Structures:
+        """``[H]`` their structures."""
+        return Structures(self.causes, self.threshold)
+
     @classmethod
     def of(cls, structures: Structures) -> Hypotheses:
         """Structures with equally many solutions, each lever in the slot of its number."""
@@ -206,7 +211,7 @@ class Hypotheses(Rows):
 
     def on_slots(self, slots: Sequence[int], positions: int) -> Hypotheses:
         """Lever i called ``slots[i]``; all other slots of a room are inactive."""
-        placed = Structures(self.causes, self.threshold).on_slots(slots, positions)
+        placed = self.structures.on_slots(slots, positions)
         inactive = (1 << positions) - 1 - sum(1 << slot for slot in slots)
         inert = renamed(self.inert, slots) | np.uint16(inactive)
         solutions = renamed(self.solutions, slots)

@@ -146,6 +146,3 @@ def test_who_forgets_failures_keeps_the_attempts_that_found_something(schema):
             agree(by_behaviour(played.belief()), enumerated(played, {grey_of(played): 1.0}))
             played.happened[0] = whole
     assert solutions == (2 if schema == "CE3" else 1)
-
-
-# -- everyone's own --------------------------------------------------------------------------------

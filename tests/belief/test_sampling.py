@@ -3,7 +3,6 @@
 import math
 from collections import Counter
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -22,17 +21,8 @@ from causal_openlock.experiment.declare import Condition, Trials
 from causal_openlock.schemas.schema import Gate, Schema
 from oracle import DOOR as ORACLES_DOOR
 from oracle import NOTHING, free_form, likelihood, structure
-from support.belief_arrays import (
-    arrays_of,
-    key_of_rules,
-    keys_of,
-    lever_set,
-    mask,
-    rules_in,
-)
-from support.belief_arrays import (
-    fits as fits_oracle,
-)
+from support.belief_arrays import arrays_of, key_of_rules, keys_of, lever_set, mask, rules_in
+from support.belief_arrays import fits as fits_oracle
 from support.belief_play import KNOWN, LONG, Played
 from support.session_play import SCHEMAS
 
@@ -89,8 +79,7 @@ def likelihoods(structures, strength, events):
 
 
 def labels(structures):
-    rows = np.concatenate([structures.causes.view(np.uint8), structures.threshold], axis=1)
-    return [row.tobytes() for row in rows]
+    return [row.tobytes() for row in structures.labels()]
 
 
 def causes(*levers):
@@ -105,23 +94,17 @@ FOUR = causes((), {0}, {0, 1}, {1}, {2, 3}), (0, 1, 1, 1, 1)
 # -- independent draws from the posterior ----------------------------------------------------------
 
 
-@cache
-def posterior(key, strength, moments, seed):
-    """Events in a room of three levers; prior times likelihood of each gate-DAG, by hand."""
-    events, weights = happened_in(key, strength, moments, seed), free_form(3, SIMPLICITY)
-    return events, np.array([w * by_hand(one, strength, events) for one, w in weights.items()])
-
-
 @pytest.mark.parametrize(
     ("key", "strength", "moments"),
     [(CHAIN, 1.0, 0), (CHAIN, 1.0, 3), (BOTH, 1.0, 9), (CHAIN, 0.7, 6), (BOTH, 0.7, 25)],
 )
 def test_three_levers_are_drawn_as_probable_as_they_are(key, strength, moments):
-    events, weight = posterior(key, strength, moments, 4)
+    events, every = happened_in(key, strength, moments, 4), free_form(3, SIMPLICITY)
+    weight = np.array([prior * by_hand(rules, strength, events) for rules, prior in every.items()])
     sampler = Sampler(3, SIMPLICITY, strength, events)
     assert sampler.evidence == pytest.approx(weight.sum(), rel=1e-9)
     drawn = Counter(labels(sampler.draw(DRAWS, np.random.default_rng(1))[0]))
-    names = labels(arrays_of(list(free_form(3, SIMPLICITY))))
+    names = labels(arrays_of([*every]))
     assert not set(drawn) - {name for name, w in zip(names, weight, strict=True) if w > 0}
     expected = DRAWS * weight / weight.sum()
     observed = np.array([drawn[name] for name in names])
@@ -253,12 +236,10 @@ JOINT = Schema(
     ("schema", "prior"),
     [
         ("CC4", KNOWN),
-        (JOINT, KNOWN),
-        # Nearly all that is believed rests on draws.
-        (JOINT, replace(KNOWN, free_form=0.97)),
+        (JOINT, replace(KNOWN, free_form=0.97)),  # nearly all that is believed rests on draws
         (NOISY, replace(KNOWN, noise=0.5)),
     ],
-    ids=["a class", "free form", "draws alone", "noisy"],
+    ids=["a class", "free form", "noisy"],
 )
 def test_a_sampled_belief_agrees_with_the_enumerated_one(schema, prior, request):
     exact = course(schema, prior, 2, 14)
