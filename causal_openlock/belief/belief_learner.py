@@ -1,9 +1,4 @@
-"""The base class of learners that hold beliefs about causal structure.
-
-It gives traces, notebooks and tests what they show of a subject: its belief, the
-probability of each edge, the most probable structure, a model for pgmpy, and the expected
-information gain of each action.
-"""
+"""The base class of learners that hold beliefs about causal structure."""
 
 from __future__ import annotations
 
@@ -47,8 +42,7 @@ class BeliefLearner(Learner):
         Raises:
             LearnerError: If it has not seen the room yet (see :meth:`act`) or has finished.
         """
-        known = getattr(self, "beliefs", None)
-        subjects = len(known.of) if known else 0
+        subjects = len(self.beliefs.of) if hasattr(self, "beliefs") else 0
         if not 0 <= subject < subjects:
             raise LearnerError(f"there is no subject {subject}; this learner plays {subjects}")
         belief = self.beliefs.of[subject]
@@ -90,8 +84,7 @@ class BeliefLearner(Learner):
 
         The subject must have seen the room of the view (see :meth:`act`).
         """
-        belief = self.belief(subject)
-        positions = self.beliefs.positions
+        belief, positions = self.belief(subject), self.beliefs.positions
         situation = Situation.of(view, subject, belief.slots, belief.found)
         planner = Planner(
             belief.space.hypotheses[belief.which],

@@ -187,10 +187,9 @@ class Model:
         graph = nx.DiGraph(name="belief")
         graph.add_nodes_from(self.edges.index, kind="lever")
         graph.add_node(DOOR, kind="door")
-        for cause, row in self.edges.iterrows():
-            for effect, probability in row.items():
-                if probability > 0:
-                    graph.add_edge(cause, effect, probability=float(probability))
+        for (cause, effect), probability in self.edges.stack().items():
+            if probability > 0:
+                graph.add_edge(cause, effect, probability=float(probability))
         return graph
 
     def expected_unlocked(

@@ -79,7 +79,7 @@ class Observer:
         self._optimum = Optimum(own, np.ones(len(own)), action_limit)
         self._optimum.attempts()
         self._choice, self._entropy = cache(self._judged), cache(self._optimum.entropy)
-        self._attempt, self._truth = cache(self._followed), cache(self._hypothesis)
+        self._truth = cache(self._hypothesis)
 
     def trial(self, layout: Layout, attempts: Sequence[Sequence[int]]) -> list[Worth]:
         """Worth of each attempt of a trial, until everything is found.
@@ -93,8 +93,14 @@ class Observer:
         for actions in attempts:
             if len(point.found) == len(self._schema.solutions):
                 break
-            worth, point = self._attempt(truth, point, tuple(map(slots.__getitem__, actions)))
-            worths.append(worth)
+            regret, gained, useless = 0.0, 0.0, 0
+            for action in actions:
+                cost, idle, outcomes = self._choice(point, slots[action])
+                after = next(outcome for outcome in outcomes if outcome.possible & truth)
+                gained += self._entropy(point.possible) - self._entropy(after.possible)
+                regret, useless, point = regret + cost, useless + idle, after
+            worths.append(Worth(len(actions), regret, gained, useless))
+            point = point._replace(pushed=0, left=self._limit)
         return worths
 
     def _slots(self, layout: Layout) -> list[int]:
@@ -112,18 +118,6 @@ class Observer:
         both = Structures.joined([self._placed, own])
         _, group = merge(both.behaviour(self._limit))
         return 1 << int(np.flatnonzero(group[:-1] == group[-1])[0])
-
-    def _followed(self, truth: int, point: Point, actions: tuple[int, ...]) -> tuple[Worth, Point]:
-        """An attempt, and the state that it leaves."""
-        regret = gained = 0.0
-        useless = 0
-        for action in actions:
-            cost, idle, outcomes = self._choice(point, action)
-            after = next(one for one in outcomes if one.possible & truth)
-            gained += self._entropy(point.possible) - self._entropy(after.possible)
-            regret, useless, point = regret + cost, useless + idle, after
-        worth = Worth(len(actions), regret, gained, useless)
-        return worth, point._replace(pushed=0, left=self._limit)
 
     def _judged(self, point: Point, action: int) -> tuple[float, bool, list[Point]]:
         """An action's regret, whether it is useless, and what may come of it."""

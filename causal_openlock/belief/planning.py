@@ -151,9 +151,7 @@ class Planner:
         total = weight.sum()
         moving, unlocking = moves.sum(axis=0), unlocks.sum(axis=0)
         outcomes = np.stack([total - moving, moving - unlocking, unlocking])
-        worth = self.objective.information * (
-            _bits(total) - _bits(outcomes).sum(axis=0) - self._noise(weight, chance)
-        )
+        worth = self.objective.information * self._gain(outcomes, weight, chance)
         worth[moving <= TIE * total] = 0.0
         for index in np.flatnonzero(moving > TIE * total) if left > 1 else ():
             move, unlock, then = moves[:, index], unlocks[:, index], int(after[index])
@@ -171,7 +169,8 @@ class Planner:
         self, alive: IntArray, weight: FloatArray, pushed: int, unlocked: bool, left: int
     ) -> float:
         """The value of the best plan, in units of the weights' sum."""
-        alive, weight = alive[weight > 0], weight[weight > 0]
+        possible = weight > 0
+        alive, weight = alive[possible], weight[possible]
         # Without noise the weights depend on what is left alone, whatever the order of the pushes.
         key = (alive.tobytes(), pushed, left)
         if key in self._seen:
@@ -199,17 +198,18 @@ class Planner:
         new = float((opens * completes(own, alive, pushed, self._found)).sum())
         total, opening = weight.sum(), float(opens.sum())
         outcomes = np.array([total - opening, opening - new, new])
-        gain = _bits(total) - _bits(outcomes).sum() - self._noise(weight, chance[:, None])[0]
+        gain = self._gain(outcomes[:, None], weight, chance[:, None])[0]
         value = self.objective.information * gain + self.objective.beta * new
         if left > 1 and outcomes[0] > TIE * total:
             value += self._best(alive, weight - opens, pushed, True, left - 1)
         return float(value)
 
-    def _noise(self, weight: FloatArray, chance: FloatArray) -> FloatArray:
-        """``[A]`` conditional entropy of the outcomes given the hypothesis, in bits."""
-        if not self._uncertain:
-            return np.zeros(chance.shape[1])
-        return -(weight @ (_bits(chance) + _bits(1.0 - chance)))
+    def _gain(self, outcomes: FloatArray, weight: FloatArray, chance: FloatArray) -> FloatArray:
+        """``[A]`` bits of information that ``[3, A]`` outcomes give about the hypothesis."""
+        gain = _bits(weight.sum()) - _bits(outcomes).sum(axis=0)
+        if self._uncertain:  # less what is chance, given the hypothesis
+            gain = gain + weight @ (_bits(chance) + _bits(1.0 - chance))
+        return gain
 
 
 def achievable(hypotheses: Hypotheses, pushed: int, left: int, found: Sequence[int]) -> BoolArray:

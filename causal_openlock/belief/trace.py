@@ -42,7 +42,6 @@ from causal_openlock.world.room import position_names
 if TYPE_CHECKING:
     import pandas as pd
 
-WIDTH = 96
 OUTCOMES = {
     "nothing": "nothing moved",
     "moved": "moved",
@@ -169,13 +168,10 @@ class Trace:
 
         None if another structure is most probable in the end.
         """
-        first = None
-        for attempt in self.attempts:
-            if not same_structure(attempt[-1].structure, self.truth):
-                first = None
-            elif first is None:
-                first = attempt[-1].attempt
-        return first
+        ends = [attempt[-1] for attempt in self.attempts]
+        wrong = [end.attempt for end in ends if not same_structure(end.structure, self.truth)]
+        first = max(wrong, default=0) + 1
+        return first if first <= ends[-1].attempt else None
 
     @property
     def entropies(self) -> FloatArray:
@@ -344,8 +340,8 @@ def trace_text(trace: Trace, most: int = 30) -> Iterator[str]:
         f"of {counted(trace.action_limit, 'action')}"
     )
     yield ""
-    before = "Before it is shown the solutions" if trace.shown else "Before it acts"
-    yield from _wrapped(f"{before}: {belief_in_words(trace.moments[0])}")
+    begins = "is shown the solutions" if trace.shown else "acts"
+    yield from _wrapped(f"Before it {begins}: {belief_in_words(trace.moments[0])}")
     found = 0
     width = max(len(shown_name(action)) for action in trace.actions)
     for attempt in trace.attempts[:most]:
@@ -436,5 +432,5 @@ def _bits(bits: float) -> str:
 
 def _wrapped(text: str, indent: str = "") -> list[str]:
     return textwrap.wrap(
-        text, WIDTH, initial_indent=indent, subsequent_indent=indent + "  ", break_long_words=False
+        text, 96, initial_indent=indent, subsequent_indent=indent + "  ", break_long_words=False
     )

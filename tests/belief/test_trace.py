@@ -134,7 +134,7 @@ def test_what_was_impossible_leads_to_other_hypotheses(uncertain):
     assert "other hypotheses" in legend
     # What hypotheses drawn anew tell is not information.
     renewed = [action.renewed != "" for action in uncertain.actions]
-    assert np.isnan(information_per_action([uncertain])["obtained"]).tolist() == renewed
+    assert np.isnan(information_per_action([uncertain])["gain_obtained"]).tolist() == renewed
 
 
 @pytest.mark.parametrize("name", ["bayes", "bayes_net_ddqn"])
@@ -153,7 +153,7 @@ def test_information_of_trials_adds_up_and_every_subject_counts_once(cc4):
     for trace in traces:
         own = actions[actions["subject"] == trace.subject]
         assert len(own) == len(trace.actions)
-        assert own["obtained"].sum() == pytest.approx(trace.entropies[0] - trace.entropies[-1])
+        assert own["gain_obtained"].sum() == pytest.approx(trace.entropies[0] - trace.entropies[-1])
     means = mean_information(actions, ["learner"])
     assert (means["subjects"].tolist(), means["actions"].tolist()) == ([2], [len(actions)])
     by_hand = [trace.table()["gain_obtained"].mean() for trace in traces]

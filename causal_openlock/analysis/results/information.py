@@ -13,24 +13,12 @@ import pandas as pd
 
 from causal_openlock.belief.trace import Trace
 
-_COLUMNS = (
-    *("learner", "condition", "protocol", "subject", "trial", "attempt", "number", "action"),
-    *("outcome", "entropy_before", "predicted", "obtained"),
-)
-
 
 def information_per_action(traces: Iterable[Trace]) -> pd.DataFrame:
-    """The expected and the actual information of every action.
+    """The tables of traces, with ``learner``, ``condition``, ``protocol`` and ``subject``.
 
-    Args:
-        traces: Of any learners, conditions, subjects and trials.
-
-    Returns:
-        A row for each action, in the order of the traces: its ``learner``, ``condition``,
-        ``protocol``, ``subject`` and ``trial``, the ``attempt`` and the ``number`` of the action
-        in it (both from 1), ``entropy_before`` it, and the bits that were
-        ``predicted`` and ``obtained``. ``obtained`` is NaN where the subject drew its hypotheses
-        again, since entropies of different hypotheses cannot be compared.
+    ``gain_obtained`` is NaN where the subject drew its hypotheses again, since entropies of
+    different hypotheses cannot be compared.
     """
     tables = [
         trace.table().assign(
@@ -41,10 +29,9 @@ def information_per_action(traces: Iterable[Trace]) -> pd.DataFrame:
         )
         for trace in traces
     ]
-    names = {"gain_predicted": "predicted", "gain_obtained": "obtained"}
-    actions = pd.concat(tables, ignore_index=True).rename(columns=names)
-    actions["obtained"] = actions["obtained"].where(actions["renewed"] == "")
-    return actions[[*_COLUMNS]]
+    actions = pd.concat(tables, ignore_index=True)
+    actions["gain_obtained"] = actions["gain_obtained"].where(actions["renewed"] == "")
+    return actions
 
 
 def mean_information(
@@ -63,7 +50,9 @@ def mean_information(
     subject = ("learner", "condition", "protocol", "subject")
     of_subject = actions.groupby(list(dict.fromkeys([*by, *subject])), sort=False)
     each = of_subject.agg(
-        actions=("number", "size"), predicted=("predicted", "mean"), obtained=("obtained", "mean")
+        actions=("number", "size"),
+        predicted=("gain_predicted", "mean"),
+        obtained=("gain_obtained", "mean"),
     ).reset_index()
     grouped = each.groupby(list(by), sort=False)
     return grouped.agg(
