@@ -4,8 +4,8 @@ Stable-Baselines3 drives its environment itself, and a session drives its learne
 has a model of its own, whose ``learn`` runs in a thread, on an environment that passes its actions
 to the session and waits for their outcome. One thread runs at a time, with global generators of its
 own, which the library draws from and seeds: the same seed and the same room give the same actions
-as without this learner. A model in the midst of ``learn`` cannot be saved, so a killed cell begins
-again.
+as without this learner. A model in the midst of ``learn`` cannot be saved. What it was given is
+saved, some forty bytes for each action, and a new model is brought to the same point with it.
 
 It gives no probabilities: each algorithm has its own way of exploring, and a model learns from its
 own actions, so it could not be in another subject's place.
@@ -30,6 +30,7 @@ from typing import Annotated, Any, Literal
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from numpy.typing import NDArray
 
 from causal_openlock.contract.checks import GlobalRandomness
 from causal_openlock.contract.learner import Brief, Learner, Observations, Step, View
@@ -100,7 +101,7 @@ class _Player(gymnasium.Env[Observations, np.int64]):
 
         self.observation_space = spaces.MultiBinary(brief.observation_size)
         self.action_space: spaces.Space[Any] = spaces.Discrete(brief.actions)
-        self._feedback: SimpleQueue[tuple[Observations, Any] | None] = SimpleQueue()
+        self._feedback: SimpleQueue[np.void | None] = SimpleQueue()
         self._actions: SimpleQueue[int | Exception] = SimpleQueue()
         self._thread: threading.Thread | None = None
         with GlobalRandomness.seeded(settings["seed"]):
@@ -121,29 +122,29 @@ class _Player(gymnasium.Env[Observations, np.int64]):
     def step(self, action: np.int64) -> tuple[Observations, float, bool, bool, dict[str, Any]]:
         """Pass on an action, and wait for what it led to."""
         self._actions.put(int(action))
-        outcome, reward, terminated, truncated = self._wait()
-        return outcome.copy(), reward, terminated, truncated, {}
+        led_to = self._wait()
+        over = bool(led_to["terminated"]), bool(led_to["truncated"])
+        return led_to["outcome"].copy(), float(led_to["reward"]), *over, {}
 
-    def _wait(self) -> Any:
+    def _wait(self) -> np.void:
         """Wait for what the last action led to, and for the observation to act on now."""
         feedback = self._feedback.get()
         if feedback is None:
             raise _Ended
-        self._observation, led_to = feedback
-        return led_to
+        self._observation = feedback["seen"]
+        return feedback
 
-    def act(self, observation: Observations, led_to: Any, actions: int) -> int:
+    def act(self, feedback: np.void, actions: int) -> int:
         """The model's next action, after all that it does before it chooses.
 
         Args:
-            observation: What it acts on.
-            led_to: Outcome, reward, terminated and truncated of its last action.
+            feedback: What it acts on, and what its last action led to.
             actions: How many it learns from, of the whole run.
         """
         outside = GlobalRandomness.now()
         self._randomness.restore()
         try:
-            self._feedback.put((observation, led_to))
+            self._feedback.put(feedback)
             if self._thread is None:
                 self._thread = threading.Thread(target=self._run, args=(actions,), daemon=True)
                 self._thread.start()
@@ -229,7 +230,6 @@ class StableBaselines(Learner):
     Parameters = StableBaselinesParameters
     parameters: StableBaselinesParameters
     learns_from_others = False  # a model takes for granted that its own action was done
-    resumable = False
 
     @classmethod
     def artifact_hash(cls, parameters: StableBaselinesParameters) -> str:
@@ -258,20 +258,27 @@ class StableBaselines(Learner):
     def begin(self, brief: Brief) -> None:
         """Make a model for each subject."""
         super().begin(brief)
+        chosen, most = self.parameters, brief.trials * brief.attempt_limit * brief.action_limit
+        self._learned_from = (chosen.total_actions or most) if chosen.learns else 0
+        self._seeds = [int(generator.integers(2**31 - 1)) for generator in brief.generators]
+        room = (np.int8, (brief.observation_size,))
+        flags = [(name, bool) for name in ("terminated", "truncated", "playing")]
+        self._row = np.dtype([("seen", *room), ("outcome", *room), ("reward", float), *flags])
+        self._led_to = np.zeros(brief.subjects, self._row)
+        self._history: list[NDArray[np.void]] = []  # all that the models were given
+        self._make_players()
+
+    def _make_players(self) -> None:
         chosen, kind = self.parameters, find_algorithm(self.parameters.algorithm)
         plain = "MlpPolicy" if "MlpPolicy" in kind.policy_aliases else "MlpLstmPolicy"
         weights = _weights(chosen.model) if chosen.model else None
-        most = brief.trials * brief.attempt_limit * brief.action_limit
-        self._learned_from = (chosen.total_actions or most) if chosen.learns else 0
-        self._led_to: list[Any] = [None] * brief.subjects
         self._players: list[_Player] = []
         # The players hold no reference to the learner, so that it can be collected and ends them.
         weakref.finalize(self, _Player.end_all, self._players)
-        for generator in brief.generators:
+        for seed in self._seeds:
             try:
-                given = {"device": "cpu", "verbose": 0, **as_python(chosen.settings)}
-                given["seed"] = int(generator.integers(2**31 - 1))
-                player = _Player(kind, chosen.policy or plain, given, brief)
+                given = {"device": "cpu", "verbose": 0, **as_python(chosen.settings), "seed": seed}
+                player = _Player(kind, chosen.policy or plain, given, self.brief)
                 if weights is not None:
                     player.model.set_parameters(weights, device=player.model.device)
             except Exception as error:  # the library refuses settings and weights in many ways
@@ -284,22 +291,40 @@ class StableBaselines(Learner):
 
     def act(self, view: View) -> IntArray:
         """``[B]`` the action of each model."""
+        given = self._led_to.copy()
+        given["seen"], given["playing"] = view.observation, view.playing
+        self._history.append(given)
+        return self._answers(given)
+
+    def _answers(self, given: NDArray[np.void]) -> IntArray:
+        """``[B]`` the models' actions, once they know what their last ones led to."""
         actions = np.zeros(self.brief.subjects, dtype=np.int64)
-        for subject in np.flatnonzero(view.playing).tolist():
-            player, seen = self._players[subject], view.observation[subject]
-            actions[subject] = player.act(seen, self._led_to[subject], self._learned_from)
+        for subject in np.flatnonzero(given["playing"]).tolist():
+            actions[subject] = self._players[subject].act(given[subject], self._learned_from)
         return actions
 
     def learn(self, step: Step) -> None:
         """Keep what the actions led to until the models act again."""
-        outcome, terminated = step.outcome, step.attempt_over
-        truncated = np.zeros_like(terminated)
+        row, over = self._led_to, step.trial_over
+        row["outcome"], row["reward"] = step.outcome, step.reward
+        row["terminated"] = step.attempt_over
         if self.parameters.episode == "trial":
             solved = step.view.console.solutions_left == step.new_solution
-            terminated, truncated = step.trial_over & solved, step.trial_over & ~solved
-            outcome = np.where(step.trial_over[:, None], outcome, step.next.observation)
-        flags = step.reward.tolist(), terminated.tolist(), truncated.tolist()
-        self._led_to = [*zip(outcome, *flags, strict=True)]
+            row["terminated"], row["truncated"] = over & solved, over & ~solved
+            row["outcome"] = np.where(over[:, None], step.outcome, step.next.observation)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but the models."""
+        kept = {name: part for name, part in vars(self).items() if name != "_players"}
+        return {**kept, "_history": np.array(self._history, self._row)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Bring new models to the same point, which takes as long as it did then."""
+        vars(self).update(state)
+        self._history = [*state["_history"]]
+        self._make_players()
+        for given in self._history:
+            self._answers(given)
 
     def updates_made(self) -> int | None:
         """How often its models have learned; None if they are frozen."""
