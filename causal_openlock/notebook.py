@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from causal_openlock.schemas.schema import Schema
     from causal_openlock.world.room import Room
 
-MOST_SOLUTIONS = 12
 LARGEST = 600_000  # characters of a strip of pictures, to which no more pictures are added
 _CARD = "display:inline-block;background:#fff;color:#000;padding:0.6em;max-width:100%"
 _ROW = "display:flex;flex-wrap:wrap;gap:0.5em;align-items:flex-start"
@@ -35,7 +34,7 @@ _ROW = "display:flex;flex-wrap:wrap;gap:0.5em;align-items:flex-start"
 
 def schema_html(schema: Schema) -> str:
     """A schema: its graph, and the solutions that follow from it."""
-    from causal_openlock.render.graph import save_schema_figure
+    from causal_openlock.render.graph import heading, save_schema_figure, solutions_text
 
     with TemporaryDirectory() as folder:
         path = Path(folder, "graph.svg")
@@ -44,12 +43,7 @@ def schema_html(schema: Schema) -> str:
     # matplotlib's style sheet would hold for the whole page.
     graph = re.sub(r"<(style|metadata).*?</\1>", "", svg, flags=re.DOTALL)
     graph = graph.replace("<svg ", '<svg style="stroke-linejoin: round; stroke-linecap: butt" ', 1)
-    solutions = schema.solutions
-    lines = [" ".join([*levers, "door"]) for levers in solutions[:MOST_SOLUTIONS]]
-    if len(solutions) > MOST_SOLUTIONS:
-        lines.append(f"and {len(solutions) - MOST_SOLUTIONS} more")
-    title = schema.name if schema.title == schema.name else f"{schema.name}: {schema.title}"
-    return _card(title, _inline(graph), _text(f"{counted(len(solutions), 'solution')}:", *lines))
+    return _card(heading(schema), _inline(graph), _text(*solutions_text(schema)))
 
 
 def room_html(room: Room) -> str:

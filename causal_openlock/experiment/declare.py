@@ -323,9 +323,9 @@ class Trials(Part):
                 f"{len(self.layouts)} are given"
             )
 
-    def as_file(self, schemas: str) -> dict[str, Any]:
-        """The trials as an experiment file has them, with schemas in files of that folder."""
-        data = {**self.as_dict(), "schema": f"{schemas}/{self.schema.name}.yaml"}
+    def as_file(self) -> dict[str, Any]:
+        """The trials as an experiment file has them."""
+        data = {**self.as_dict(), "schema": f"schemas/{self.schema.name}.yaml"}
         if isinstance(self.layouts, tuple):
             data["layouts"] = [layout.name for layout in self.layouts]
         return present(data)
@@ -490,12 +490,8 @@ AnyCondition = Annotated[
 ]
 
 
-def find_condition(form: Any, folder: Path | None = None) -> Condition:
+def find_condition(form: Any) -> Condition:
     """A condition in any form: ``CC4``, ``CC3-CC4``, a path, a schema, or a list of these.
-
-    Args:
-        form: As in an experiment file; or a :class:`Condition`.
-        folder: Where schemas are looked for first.
 
     Raises:
         OpenLockError: If it has another form, or names a schema that is not there or is faulty.
@@ -504,8 +500,8 @@ def find_condition(form: Any, folder: Path | None = None) -> Condition:
         >>> find_condition(["CC3", "CE3", "CC4"]).name
         'CC3-CE3-CC4'
     """
-    made: Condition = read(AnyCondition, form, {"folders": [folder] if folder else []})
-    return made
+    condition: Condition = read(AnyCondition, form)
+    return condition
 
 
 # -- learners --------------------------------------------------------------------------------------
@@ -811,17 +807,13 @@ class Experiment(Part):
         learners = [spec.as_dict() for spec in self.learners]
         return {**plain(adapter(Experiment).dump_python(self)), "learners": learners}
 
-    def as_file(self, schemas: str = "schemas") -> dict[str, Any]:
-        """The experiment as an experiment file has it; reading it gives the same identity.
-
-        Args:
-            schemas: The folder next to the file that has each schema as ``NAME.yaml``.
-        """
+    def as_file(self) -> dict[str, Any]:
+        """The experiment as a file beside ``schemas/NAME.yaml`` has it, with the same identity."""
         data = self.as_dict()
         del data["version"], data["command"]
         for condition, entry in zip(self.conditions, data["conditions"], strict=True):
-            entry["train"] = [trials.as_file(schemas) for trials in condition.train]
-            entry["test"] = [trials.as_file(schemas) for trials in condition.test]
+            entry["train"] = [trials.as_file() for trials in condition.train]
+            entry["test"] = [trials.as_file() for trials in condition.test]
         return {**data, "learners": [spec.as_file() for spec in self.learners]}
 
     def warnings(self) -> list[str]:

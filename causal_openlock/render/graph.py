@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 INCHES, LARGEST = 0.62, 18.0  # a unit in a figure of its own; the widest and highest such figure
+MOST_SOLUTIONS = 12  # in a text
 
 
 def draw_schema(schema: Schema, ax: Axes | None = None) -> Axes:
@@ -158,16 +159,25 @@ def _gate_mark(schema: Schema, node: str) -> str:
 # -- text -----------------------------------------------------------------------------------------
 
 
-def schema_text(schema: Schema, solutions: int = 12) -> str:
-    """A schema as text: what each lever waits for, what it enables, and what opens the door.
+def heading(schema: Schema) -> str:
+    """The name of a schema, and its title if it has one."""
+    return schema.name if schema.title == schema.name else f"{schema.name}: {schema.title}"
 
-    Args:
-        schema: What to describe.
-        solutions: How many solutions to list at most.
-    """
+
+def solutions_text(schema: Schema) -> list[str]:
+    """Number of solutions of a schema, and a line for each of the first ones."""
+    solutions = schema.solutions
+    lines = [" ".join([*levers, DOOR]) for levers in solutions[:MOST_SOLUTIONS]]
+    if len(solutions) > MOST_SOLUTIONS:
+        lines.append(f"and {len(solutions) - MOST_SOLUTIONS} more")
+    return [f"{counted(len(solutions), 'solution')}:", *lines]
+
+
+def schema_text(schema: Schema) -> str:
+    """A schema as text: what each lever waits for, what it enables, and what opens the door."""
     order = [node for node in nx.lexicographical_topological_sort(
         schema.graph, key=[*schema.levers, DOOR].index) if node != DOOR]  # fmt: skip
-    lines = [schema.name if schema.title == schema.name else f"{schema.name}: {schema.title}", ""]
+    lines = [heading(schema), ""]
     effects = {
         node: sorted(schema.graph.successors(node), key=[*schema.levers, DOOR].index)
         for node in order
@@ -180,12 +190,7 @@ def schema_text(schema: Schema, solutions: int = 12) -> str:
         says = f"moves {_condition(schema, node)}{inert}"
         lines.append(f"  {node:{width}} {arrows[node]:{reach}}  {says}")
     lines.append(f"  {DOOR:{width}} {'':{reach}}  unlocks {_condition(schema, DOOR)}")
-    found = schema.solutions
-    lines += ["", f"{counted(len(found), 'solution')}:"]
-    lines += [f"  {' '.join([*levers, DOOR])}" for levers in found[:solutions]]
-    if len(found) > solutions:
-        lines.append(f"  and {len(found) - solutions} more")
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, "", "\n  ".join(solutions_text(schema)), ""])
 
 
 def _condition(schema: Schema, node: str) -> str:

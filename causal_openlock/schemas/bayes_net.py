@@ -17,9 +17,7 @@ if TYPE_CHECKING:
     from pgmpy.models import DiscreteBayesianNetwork
 
 
-def to_bayesian_network(
-    schema: Schema, push_probability: float = 1.0, lock: bool = False
-) -> DiscreteBayesianNetwork:
+def to_bayesian_network(schema: Schema, push_probability: float = 1.0) -> DiscreteBayesianNetwork:
     """The causal model of one push per lever, causes before effects, then of the door.
 
     A lever's state is 1 if it moved: it was pushed and as many of its causes transmitted as its
@@ -31,7 +29,6 @@ def to_bayesian_network(
     Args:
         schema: The levers and the door.
         push_probability: Probability that a lever is pushed, independent of the others.
-        lock: Whether the door's state is instead that it is unlocked, whatever its strengths.
     """
     from pgmpy.models import DiscreteBayesianNetwork
 
@@ -47,8 +44,6 @@ def to_bayesian_network(
         states = product((0, 1), repeat=len(causes))
         moved = np.array([schema.mask(compress(causes, state)) for state in states])
         chance = gate_chance(schema, node, moved)
-        if lock and node == DOOR:
-            chance = schema.holds(DOOR, moved).astype(float)
         chance = chance if node == DOOR else chance * push_probability
         network.add_cpds(binary_cpd(node, chance, causes))
     network.check_model()

@@ -18,6 +18,7 @@ from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.making import Changes, learner, make_experiment, sweep
 from causal_openlock.files.yaml_file import dump_yaml
 from causal_openlock.schemas.finding import find_schema
+from causal_openlock.schemas.graphs import write_schema
 from causal_openlock.storage.stored import parse_experiment
 from support.any_experiment import experiments
 
@@ -48,8 +49,8 @@ def names(parts):
 def test_an_experiment_is_the_same_from_its_file_and_from_its_folder(drawn):
     with tempfile.TemporaryDirectory() as folder:
         for schema in drawn.schemas:
-            written(Path(folder), schema.to_yaml(), f"{schema.name}.yaml")
-        path = written(Path(folder), dump_yaml(drawn.as_file(".")))
+            write_schema(schema, Path(folder, "schemas", f"{schema.name}.yaml"))
+        path = written(Path(folder), dump_yaml(drawn.as_file()))
         assert read_experiment(path).identity == drawn.identity
     kept = {"identity": drawn.identity, **drawn.as_dict(), "cells": []}
     assert parse_experiment(json.loads(json.dumps(kept))).as_dict() == drawn.as_dict()

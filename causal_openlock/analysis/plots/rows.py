@@ -42,24 +42,20 @@ def dots(
     value: str,
     look: tuple[str, str],
     aside: float = 0.0,
-    ends: tuple[str, str] = ("low", "high"),
 ) -> None:
     """Draw the values of learners with their intervals.
 
     Args:
         axes: The panel.
-        rows: A row for each ``learner``; one without a value is left out.
+        rows: A row for each ``learner`` with ``low`` and ``high``; one without a value is left out.
         names: The rows of the panel.
         value: The column of values.
         look: Colour and marker.
         aside: How far below its row's middle a dot is, in rows.
-        ends: The columns of the intervals.
     """
     colour, marker = look
     y = np.array([list(names).index(name) + aside for name in rows["learner"]])
-    axes.hlines(
-        y, rows[ends[0]], rows[ends[1]], color=colour, lw=1.6, zorder=2, capstyle="projecting"
-    )
+    axes.hlines(y, rows["low"], rows["high"], color=colour, lw=1.6, zorder=2, capstyle="projecting")
     axes.plot(rows[value], y, marker, color=colour, ms=5, mec="black", mew=0.5, zorder=3)
 
 
