@@ -57,7 +57,6 @@ FAMILIES = {
     "training": "Training trials",
     "transfer": "Transfer test",
 }
-_SUBJECTS_OF_PEOPLE = 40
 _PROSE = Prose(__name__)
 _NUMBERS = {
     "p": ".2g",
