@@ -109,25 +109,6 @@ def test_training_begins_when_there_is_a_batch_and_follows_every_action():
     assert updates == [0, 0, 0, 0, 3, 6, 9]
 
 
-def test_a_subject_that_has_finished_learns_no_more():
-    learner, session = begun(
-        DDQNParameters(batch_size=2, hidden_units=8), subjects=2, attempt_limit=8, baseline_trials=1
-    )
-    for action in solving(session, 0, 1):
-        learner.act(session.view)
-        learner.learn(session.step(np.array([action, 14])))
-    assert session.view.playing.tolist() == [False, True]
-    before = learner.q.online.copy()
-    epsilon = learner.exploration.epsilon.copy()
-    play(learner, session, [14] * 9)
-    moved = np.abs(learner.q.online - before).max(axis=1)
-    assert moved[0] == 0.0
-    assert moved[1] > 1e-4
-    assert learner._replay.length.tolist() == [6, 15]
-    assert learner.exploration.epsilon[0] == epsilon[0] == 0.5
-    assert learner.exploration.epsilon[1] == pytest.approx(epsilon[1] * 0.995**9)
-
-
 def test_in_one_room_it_learns_to_open_the_door():
     settings = DDQNParameters(
         hidden_layers=2,

@@ -1,4 +1,4 @@
-"""The recurrent learner: what it remembers, when it is trained, and who learns."""
+"""The recurrent learner: what it remembers, and where its values end."""
 
 from dataclasses import replace
 
@@ -77,26 +77,3 @@ def test_values_end_with_the_attempt_or_the_trial(over_attempts, resets):
     ends = [6] if over_attempts else [3, 6, 9]
     assert (np.flatnonzero(learner._replay._not_done[0, :9] == 0) + 1).tolist() == ends
     assert learner._replay._begins[0, :9].tolist() == [0] * 6 + [6 * (resets == "trial")] * 3
-
-
-def test_a_subject_that_has_finished_learns_no_more():
-    protocol = replace(PROTOCOL, attempt_limit=12, stop_when_solved=True, baseline_trials=1)
-    session = Session(ROOM, protocol, 2)
-    room = session.truth.rooms[0]
-    solve = [action for solution in room.schema.solutions for action in room.action_of(solution)]
-    learner = Recurrent(replace(SMALL, unroll=3, train_period=1))
-    learner.begin(session.brief)
-    for action in solve:
-        learner.act(session.view)
-        learner.learn(session.step(np.array([action, 14])))
-    assert session.view.playing.tolist() == [False, True]
-    before = learner.q.online.values.weight.detach().clone()
-    epsilon = learner.exploration.epsilon.copy()
-    assert learner.q.updates == 3
-    play(learner, session, [14] * 9)
-    assert learner.q.updates == 12
-    moved = (learner.q.online.values.weight - before).abs().amax(dim=(1, 2)).tolist()
-    assert moved[0] == 0.0 < 1e-3 < moved[1]
-    assert learner._replay.count.tolist() == [6, 15]
-    assert learner.exploration.epsilon[0] == epsilon[0] == 0.5
-    assert learner.exploration.epsilon[1] < epsilon[1]

@@ -93,7 +93,7 @@ def improve(
             entropy = -(log_probs.exp() * log_probs).sum(dim=-1)
             error = VALUE_WEIGHT * (values - returns[:, part]) ** 2
             optimizer.zero_grad()
-            (error - gain - entropy_weight * entropy).mean().backward()  # type: ignore[no-untyped-call]
+            (error - gain - entropy_weight * entropy).mean().backward()
             nn.utils.clip_grad_norm_(network.parameters(), MAX_NORM)
             optimizer.step()
             entropies.append(float(entropy.detach().mean()))
