@@ -29,13 +29,7 @@ POSITIONS = len(PAPER_POSITIONS)
 
 
 class MetaRooms:
-    """B endless sequences of rooms, drawn by a generator.
-
-    Args:
-        file: What is declared of the rooms.
-        schemas: How often each schema is drawn, relative to the others.
-        rooms: B.
-        generator: What draws them.
+    """B endless sequences of rooms of these schemas, by weight, drawn by a generator.
 
     Attributes:
         brief: What a learner knows before it starts.

@@ -108,15 +108,10 @@ class DoubleQ:
         return loops.greedy(self.online, self.sizes, inputs, wanted)
 
     def update(self, batch: Batch, trains: BoolArray) -> Floats:
-        """One gradient step for every agent on its own minibatch, on the mean Huber loss.
+        """One gradient step for each agent that ``trains``, ``[N]``, on the mean Huber loss.
 
-        Args:
-            batch: The minibatches.
-            trains: ``[N]`` which agents take the step; the networks of the others, and the state
-                of Adam, stay as they are, whatever their minibatches hold.
-
-        Returns:
-            ``[N, M]`` the TD errors before the step.
+        The networks of the others, and their state of Adam, stay as they are, whatever their
+        minibatches hold. Returned are the ``[N, M]`` TD errors before the step.
         """
         self.updates += 1
         precision = self.online.dtype

@@ -328,12 +328,11 @@ def update(
     gamma: float,
     double: bool,
 ) -> Floats:
-    """One gradient step for each agent that ``trains``, ``[N]``, on its minibatch.
+    """One gradient step for each agent that ``trains``, ``[N]``; TD errors, ``[N, M]``, of all.
 
     ``online`` and ``target`` are ``[N, P]`` parameters, ``first`` and ``second`` Adam's means of
     gradients and of their squares, and ``settings`` as for :func:`train_units`. Without ``double``,
-    the target network also chooses the next action. Returned are the ``[N, M]`` TD errors before
-    the step, also of agents that take none.
+    the target network also chooses the next action.
     """
     errors = np.empty(batch.reward.shape, online.dtype)
     rows, column = np.empty(2 * errors.shape[1], np.int64), np.full(len(table.rows), -1)

@@ -67,13 +67,7 @@ class StackedLinear(nn.Module):
 
 
 class StackedGRU(nn.Module):
-    """N layers of gated recurrent units; weights are laid out as in torch's cells, transposed.
-
-    Args:
-        inputs: Width of the input.
-        hidden: Width of the output, H, which is also the hidden state.
-        generators: One source of initial weights for each agent.
-    """
+    """N layers of H gated recurrent units; weights are as in torch's cells, transposed."""
 
     def __init__(self, inputs: int, hidden: int, generators: Generators) -> None:
         super().__init__()
@@ -86,16 +80,10 @@ class StackedGRU(nn.Module):
     def forward(
         self, inputs: Tensor, state: Tensor, mask: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
-        """Run over T steps.
+        """``[N, T, M, H]`` outputs of T steps, ``[N, T, M, in]``, and ``[N, M, H]`` the last.
 
-        Args:
-            inputs: ``[N, T, M, in]`` for M sequences of T steps.
-            state: ``[N, M, H]`` hidden state before the first step.
-            mask: ``[N, T, M]`` which steps are real; the others leave the state as it is. By
-                default all are.
-
-        Returns:
-            ``[N, T, M, H]`` the outputs, and ``[N, M, H]`` the last of them.
+        ``state``, ``[N, M, H]``, precedes the first step; steps that are not real by ``mask``,
+        ``[N, T, M]``, leave it as it is. By default all are.
         """
         projected = product(self.input_bias, inputs.flatten(1, 2), self.input_weight)
         # Splitting time once makes autograd join the gradients of the steps once.
@@ -181,8 +169,7 @@ class RecurrentDoubleQ:
     def update(self, batch: Sequences, trains: Tensor) -> Tensor:
         """One gradient step for every agent that ``trains``, ``[N]``, on its own sequences.
 
-        The networks of the others stay as they are, whatever their sequences hold. Returned is the
-        ``[N]`` loss of each agent.
+        The networks of the others stay as they are. Returned is the ``[N]`` loss of each agent.
         """
         losses = self.losses(batch)
         self.optimizer.zero_grad()

@@ -36,13 +36,9 @@ class Sequences(NamedTuple):
 class SequenceBuffer:
     """B rings of steps with the hidden state before each, so that any step can begin a sequence.
 
-    Args:
-        subjects: B.
-        capacity: Steps that each ring holds; a new one then overwrites the oldest.
-        burn_in: K, steps before those to learn from.
-        unroll: U, steps to learn from.
-        inputs: Numbers perceived at a time.
-        state: Numbers in a hidden state.
+    A ring holds ``capacity`` steps; a new one then overwrites the oldest. Sequences have K steps of
+    ``burn_in`` and U, ``unroll``, to learn from. ``inputs`` and ``state`` are how many numbers are
+    perceived at a time, and in a hidden state.
 
     Attributes:
         count: ``[B]`` steps of each subject so far, those overwritten included.
@@ -88,11 +84,8 @@ class SequenceBuffer:
     def sample(self, uniform: FloatArray) -> Sequences:
         """Sequences drawn with replacement, for each subject from its own ring.
 
-        A step is drawn, and then its place in the sequence. The newest step is never learned
-        from, since what follows it is not known yet.
-
-        Args:
-            uniform: ``[B, 2 M]`` numbers in [0, 1) that they are drawn by.
+        A step is drawn, and then its place in the sequence, by ``[B, 2 M]`` numbers in [0, 1). The
+        newest step is never learned from, since what follows it is not known yet.
         """
         which, where = np.split(uniform, 2, axis=1)
         # Steps are numbered from a subject's first, and are in the ring at their remainder.
