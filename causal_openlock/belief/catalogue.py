@@ -1,7 +1,6 @@
 """All behaviours of n levers that have the number of solutions on the console.
 
-The classes of the grammar and the free form generate many structures that no attempt can
-distinguish. These are one hypothesis, an equivalence class with the sum of their probabilities. A
+Structures that no attempt can distinguish are one hypothesis with the sum of their probabilities. A
 :class:`Catalogue` lists each such *behaviour* once, and keeps its structures, so that beliefs about
 edges follow from beliefs about behaviours.
 """

@@ -203,21 +203,16 @@ def outlines(levers: int) -> tuple[Generated, tuple[tuple[int, ...], ...]]:
     Returns:
         The structures with the levers in the order of the roles, and the size of each role.
     """
-    nodes: list[list[tuple[int, int]]] = []
-    kinds, chances, splits = [], [], []
+    rows: list[tuple[int, float, tuple[int, ...]]] = []
     for index, kind in enumerate(schema_classes()):
         ways = list(kind.sizes(levers))
-        if len(nodes) + len(ways) > MOST_OUTLINES:
+        if len(rows) + len(ways) > MOST_OUTLINES:
             break
-        for sizes in ways:
-            nodes.append(_outline(kind, sizes))
-            kinds.append(index)
-            chances.append(1.0 / len(ways))
-            splits.append(sizes)
-    table = np.array(nodes, dtype=np.int64).reshape(-1, levers + 1, 2)
-    causes, threshold = table[..., 0].astype(np.uint16), table[..., 1].astype(np.uint8)
-    classes = np.array(kinds, dtype=np.int64)
-    return Generated(causes, threshold, classes, np.array(chances)), tuple(splits)
+        rows += [(index, 1.0 / len(ways), sizes) for sizes in ways]
+    kinds, chances, splits = zip(*rows, strict=True)
+    nodes = np.array([_outline(schema_classes()[index], sizes) for index, _, sizes in rows])
+    causes, threshold = nodes[..., 0].astype(np.uint16), nodes[..., 1].astype(np.uint8)
+    return Generated(causes, threshold, np.array(kinds), np.array(chances)), splits
 
 
 def _outline(kind: SchemaClass, sizes: tuple[int, ...]) -> list[tuple[int, int]]:

@@ -183,13 +183,9 @@ class Space:
         """``[H]`` prior probability of each hypothesis.
 
         They add up to less than one: the rest is the probability that the console shows something
-        else, and that of hypotheses that are not enumerated.
-
-        Args:
-            classes: ``[C + 1]`` of each schema class.
-            rules: ``[3]`` of each rule.
-            places: ``[P]`` that the lever in each slot is active, under the rule by position.
-            strengths: ``[G]`` of each strength.
+        else, and that of hypotheses that are not enumerated. Given are the probabilities of
+        ``[C + 1]`` schema classes, ``[3]`` rules, ``[G]`` strengths, and ``[P]`` that the lever in
+        each slot is active, under the rule by position.
         """
         behaviours: dict[int, FloatArray] = {}
         parts = []
@@ -211,7 +207,7 @@ def enumerate_space(sight: RoomSight, strengths: Strengths, simplicity: float, l
 
     Example:
         >>> certain = strengths(0.0, 1.0, 1.0, 1)
-        >>> enumerate_space(RoomSight(7, 3, 2, 3), certain, math.log(2), 20_000)
+        >>> enumerate_space(RoomSight(7, 3, 2, 3), certain, 0.7, 20_000)
         Space(RoomSight(positions=7, grey=3, solutions=2, action_limit=3), 4,278 hypotheses)
     """
     uncertain = len(strengths) > 1

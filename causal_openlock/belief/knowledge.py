@@ -1,15 +1,10 @@
 """Knowledge carried from room to room: schema classes, rules that mark levers, strength.
 
 The hypotheses about each room are new; their hyperparameters are learned (a hierarchical Bayesian
-model). Each subject holds
-
-* a Dirichlet distribution over schema classes: prior counts, ``concentration`` in all, plus one
-  count for each finished room, divided among the classes by the room's posterior;
-* the probability of each rule that may mark active levers, updated by every room;
-* for each position, a Beta distribution of the probability that the lever there is active;
-* the probability of each strength of levers.
-
-At first they are those of the :class:`Prior`.
+model): a Dirichlet distribution over schema classes, to which each finished room adds one count,
+divided among the classes by its posterior; the probability of each rule that may mark active
+levers; for each position a Beta distribution of the probability that the lever there is active; and
+the probability of each strength. At first they are those of the :class:`Prior`.
 """
 
 from __future__ import annotations

@@ -8,10 +8,10 @@ found under the optimal policy (the Bellman equation, expectimax over beliefs):
 
 Levers must move surely, so an action only splits B; sets of hypotheses are integers, a bit each.
 
-Three things keep the search small. Values are cached by state, for states at the start of an
-attempt up to renaming of the levers. Of levers that the belief cannot distinguish, one is tried.
-And an action is dropped once a lower bound shows that another is as good: each solution left costs
-an attempt, and the present attempt saves one only where it can still complete a solution.
+Values are cached by state, for states at the start of an attempt up to renaming of the levers. Of
+levers that the belief cannot distinguish, one is tried. An action is dropped once a lower bound
+shows that another is as good: each solution left costs an attempt, and the present attempt saves
+one only where it can still complete a solution.
 
 Pulling a lever back never helps within the paper's three actions (enumerated up to four levers).
 By default it is left out unless an attempt has two actions to spare, which a pull and the push that
@@ -21,7 +21,7 @@ it undoes cost. With four actions and more this can miss a better policy: pass `
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import cache
 from itertools import combinations
 from math import log2
@@ -173,10 +173,9 @@ class Optimum:
     def by_solution(self, weights: list[tuple[float, int]]) -> tuple[float, ...]:
         """Attempts for the first, second, ... solution, under one optimal policy.
 
-        Args:
-            weights: Of some hypotheses, by :func:`by_weight`; renaming levers must not change them.
-                Of all optimal policies, the one that needs least under these hypotheses counts,
-                and of several such policies, the one that finds earlier solutions soonest.
+        ``weights`` are those of some hypotheses, by :func:`by_weight`; renaming levers must not
+        change them. Of all optimal policies, the one that needs least under these hypotheses
+        counts, and of several such policies, the one that finds earlier solutions soonest.
         """
 
         def charge(possible: int, found: int) -> FloatArray:
@@ -209,12 +208,11 @@ class Optimum:
             """Charges to come, the present attempt's not counted."""
             if not point.left:
                 return begin(point.possible, point.found)
-            plans: list[Iterable[Point]] = [
-                option.outcomes for option in self._best_options(point, changed)
-            ]
+            options = self._best_options(point, changed)
+            plans = [[*option.outcomes] for option in options] or [[point._replace(left=0)]]
             charges: list[FloatArray] = [
                 join.reduce([after(outcome, _differs(outcome, point, changed)) for outcome in plan])
-                for plan in plans or [[point._replace(left=0)]]
+                for plan in plans
             ]
             return min(charges, key=lambda numbers: numbers.round(10).tolist())
 

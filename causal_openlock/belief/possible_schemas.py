@@ -1,10 +1,8 @@
 """The schemas that may govern a room, and their probabilities before anything is tried.
 
 Schemas that differ in the names of their levers alone, or that no attempt can distinguish, are one.
-Up to four levers all of them are listed (:mod:`causal_openlock.belief.catalogue`), with equal odds
-or with the prior of the learner ``bayes``: a grammar of schema classes
-(:mod:`causal_openlock.belief.grammar`), and a Dirichlet distribution over these classes that known
-rooms sharpen (:mod:`causal_openlock.belief.knowledge`).
+Up to four levers all of them are listed, with equal odds or with the prior of the learner
+``bayes``, which known rooms sharpen (:mod:`causal_openlock.belief.knowledge`).
 """
 
 from __future__ import annotations
@@ -36,12 +34,7 @@ Among = str | Schema | Iterable[str | Schema] | Mapping[str | Schema, float]
 def possible_schemas(schema: Schema, among: Among, action_limit: int) -> Possible:
     """Return the schemas that may govern a room, the one that does first, with their probabilities.
 
-    Args:
-        schema: The schema that governs the room.
-        among: Other schemas, each with the weight 1 or with its own, the first schema having the
-            weight 1 unless it is given; ``all`` schemas with as many levers and solutions, equally
-            probable; or those schemas with the prior of the ``grammar``.
-        action_limit: Actions in an attempt.
+    ``among`` is that of :func:`causal_openlock.belief.worth.schema_worth`.
 
     Raises:
         OpenLockError: If schemas do not go together, or are too many to list.

@@ -12,9 +12,9 @@ so exact, independent draws need no Markov chain: first an order, last lever fir
 lever's gate (dynamic programming over orders, as for Bayesian networks by Friedman and Koller,
 2003, and Koivisto and Sood, 2004).
 
-The number of solutions that the console shows does not factorise. It is handled by rejection:
-draws with another number are thrown away, and the share that is kept estimates the probability of
-that number. Where hardly any draw fits, :func:`metropolis` takes over.
+The number of solutions that the console shows does not factorise: draws with another number are
+rejected, and the share that is kept estimates the probability of that number. Where hardly any draw
+fits, :func:`metropolis` takes over.
 """
 
 from __future__ import annotations
@@ -71,14 +71,14 @@ class Sampler:
         sets = np.arange(1 << levers)
         prior, prior_of_all = _prior(levers, simplicity)
         weights = prior.copy()
+        # Grey levers come first; the door, -1, is the last node.
         for (slot, pushed, took_effect, unlocked, *_), times in self._events:
             after = pushed ^ (took_effect << slot) if slot != DOOR else pushed
-            node = self._node(slot)
-            if node is None:  # white levers have no gate, and never move
+            if slot >= levers:  # white levers have no gate, and never move
                 weights[levers] *= not took_effect
             else:
                 works = self._chance[np.bitwise_count(sets & pushed), : levers + 1]
-                weights[node] *= (works if took_effect else 1.0 - works) ** times
+                weights[slot] *= (works if took_effect else 1.0 - works) ** times
             pushed_causes = np.bitwise_count(sets & after)[:, None]
             weights[levers] *= (pushed_causes >= np.arange(levers + 1)) == unlocked
         self._gates = weights.cumsum(axis=2)
@@ -86,12 +86,6 @@ class Sampler:
         self._sums, self._ways = _orders(weights)
         self.evidence = float(self._ways[-1] * weights[levers, prior[levers] > 0].sum())
         self.evidence /= prior_of_all
-
-    def _node(self, slot: int) -> int | None:
-        """The node whose gate decides a push of a slot; grey levers come first."""
-        if slot == DOOR:
-            return self.levers
-        return slot if slot < self.levers else None
 
     def draw(self, number: int, generator: np.random.Generator) -> tuple[Structures, IntArray]:
         """Independent structures, none if nothing is possible, and their orders ``[D, n]``."""
@@ -139,10 +133,9 @@ class Sampler:
         """``[M]`` likelihood of the levers' movements; that of the lock is 1 for all draws."""
         result = np.ones(len(structures))
         for (slot, pushed, took_effect, *_), times in self._events:
-            node = self._node(slot)
-            if node is not None:
-                live = np.bitwise_count(structures.causes[:, node] & np.uint16(pushed))
-                works = self._chance[live, structures.threshold[:, node]]
+            if slot < self.levers:
+                live = np.bitwise_count(structures.causes[:, slot] & np.uint16(pushed))
+                works = self._chance[live, structures.threshold[:, slot]]
                 result *= (works if took_effect else 1.0 - works) ** times
         return result
 
@@ -214,10 +207,8 @@ def sampled(
     """A catalogue of sampled structures that have the solutions that the console shows.
 
     Structures are drawn from the posterior until ``wanted`` of them are accepted, and carry
-    estimated prior probabilities (importance weights), so that later evidence updates them like any
-    other hypothesis. Where there are eight levers and more, at most ``effort`` structures are
-    looked at: a quarter of them are draws, the rest steps of Markov chains from those that come
-    near.
+    estimated prior probabilities (importance weights). From eight levers on, at most ``effort``
+    structures are looked at: a quarter of them drawn, the rest by :func:`metropolis`.
     """
     many = sampler.levers >= MANY_LEVERS
     most = max(1, effort // 4) if many else ROUNDS * DRAWS
@@ -265,16 +256,15 @@ def metropolis(
 ) -> Structures:
     """Structures with the solutions that the console shows, by Markov chains.
 
-    Of a thousand structures drawn for twelve levers, two have the right number of solutions.
-    Instead of drawing on, the nearest draws are changed step by step by the Metropolis rule. A step
-    proposes another gate for one node, drawn from its posterior, and accepts it with probability
+    Of a thousand structures drawn for twelve levers, two have the right number of solutions. So the
+    nearest draws are changed step by step: a step proposes another gate for one node, drawn from
+    its posterior, and accepts it with probability
 
         min(1, exp(-PULL (d' - d)))
 
     where d and d' are the distances before and after: solutions too many, too few or too long. It
-    also swaps two neighbours in the order of the levers. All structures at distance 0 have the same
-    factor, so in the long run they appear in proportion to their posterior probability; the chains
-    are short. All take a fixed number of steps, whatever the machine's speed.
+    also swaps two neighbours in the order of the levers. In the long run structures at distance 0
+    appear in proportion to their posterior probability; the chains are short.
 
     ``order``, ``[D, n]``, has the levers of each ``start``, causes before effects; ``required`` are
     the number of solutions, and the action limit that each has to fit.

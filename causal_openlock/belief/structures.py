@@ -2,12 +2,8 @@
 
 A *structure* on n levers gives, for each lever and for the door, its causes as a bit mask and the
 threshold of how many of them must be pushed (1 is ``any``, all of them is ``all``, 0 is a free
-lever). It is a :class:`~causal_openlock.schemas.schema.Schema` without names and strengths; M
-structures are two small arrays, so that thousands are compared at once.
-
-Derived here for all of them together: which sets of levers unlock the door, which of these are
-minimal (the solutions), and which levers are inert. Structures that do the same in every attempt
-have the same *behaviour*, and no learner can distinguish them.
+lever). Structures that do the same in every attempt have the same *behaviour*, and no learner can
+distinguish them.
 """
 
 from __future__ import annotations

@@ -152,12 +152,10 @@ def schema_worth(
     report("who does not know the schema")
     unknown = _expected(possible, limit, positions)
     chances = [chance for _, chance in possible]
-    known = Expected(
-        float(np.average([part.attempts for part in knowing], weights=chances)),
-        tuple(np.average([part.each for part in knowing], axis=0, weights=chances).tolist()),
-        knowing[0].here,
-        sum(part.states for part in knowing),
-    )
+    attempts = float(np.average([part.attempts for part in knowing], weights=chances))
+    each = np.average([part.each for part in knowing], axis=0, weights=chances).tolist()
+    states = sum(part.states for part in knowing)
+    known = Expected(attempts, tuple(each), knowing[0].here, states)
     return SchemaWorth(declared_schema, possible, limit, levers_known, known, unknown)
 
 
