@@ -79,7 +79,7 @@ class Observer:
         self._optimum = Optimum(own, np.ones(len(own)), action_limit)
         self._optimum.attempts()
         self._choice, self._entropy = cache(self._judged), cache(self._optimum.entropy)
-        self._truth = cache(self._hypothesis)
+        self._attempt, self._truth = cache(self._followed), cache(self._hypothesis)
 
     def trial(self, layout: Layout, attempts: Sequence[Sequence[int]]) -> list[Worth]:
         """Worth of each attempt of a trial, until everything is found.
@@ -93,15 +93,20 @@ class Observer:
         for actions in attempts:
             if len(point.found) == len(self._schema.solutions):
                 break
-            regret, gained, useless = 0.0, 0.0, 0
-            for action in actions:
-                cost, idle, outcomes = self._choice(point, slots[action])
-                after = next(outcome for outcome in outcomes if outcome.possible & truth)
-                gained += self._entropy(point.possible) - self._entropy(after.possible)
-                regret, useless, point = regret + cost, useless + idle, after
-            worths.append(Worth(len(actions), regret, gained, useless))
-            point = point._replace(pushed=0, left=self._limit)
+            worth, point = self._attempt(truth, point, tuple(slots[action] for action in actions))
+            worths.append(worth)
         return worths
+
+    def _followed(self, truth: int, point: Point, actions: tuple[int, ...]) -> tuple[Worth, Point]:
+        """The worth of an attempt, and the state that it leaves."""
+        regret, gained, useless = 0.0, 0.0, 0
+        for action in actions:
+            cost, idle, outcomes = self._choice(point, action)
+            after = next(outcome for outcome in outcomes if outcome.possible & truth)
+            gained += self._entropy(point.possible) - self._entropy(after.possible)
+            regret, useless, point = regret + cost, useless + idle, after
+        left = point._replace(pushed=0, left=self._limit)
+        return Worth(len(actions), regret, gained, useless), left
 
     def _slots(self, layout: Layout) -> list[int]:
         """The observer's action for each of the room's; -1 for those on levers that never move."""

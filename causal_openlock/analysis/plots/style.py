@@ -21,6 +21,7 @@ import matplotlib.style
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.backend_bases import get_registered_canvas_class
 from matplotlib.colors import is_color_like
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -254,5 +255,8 @@ def image(figure: Figure, kind: str, dots: int = 200) -> bytes:
             for axes in figure.axes:  # the solver's last digits are not always the same
                 left, low, width, height = (round(edge, 6) for edge in axes.get_position().bounds)
                 axes.set_position((left, low, width, height))
-        figure.savefig(content, format=kind, dpi=dots, metadata=_NO_METADATA[kind])
+        if kind == "png":
+            figure.set_dpi(dots)
+        canvas: Any = get_registered_canvas_class(kind)(figure)  # savefig draws it twice
+        getattr(canvas, f"print_{kind}")(content, metadata=_NO_METADATA[kind])
     return content.getvalue()
