@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -85,6 +85,20 @@ def report(
         report_difference(folder, against, out or folder, console, figures)
 
 
+@contextmanager
+def _steps() -> Iterator[Callable[[str], None]]:
+    """Show the steps of a report, which begins with reading; cycles are not looked for."""
+    from causal_openlock.comparison.progress_bar import shown_steps
+
+    gc.disable()  # looking for cycles takes a twentieth of the time
+    try:
+        with shown_steps("report") as begin:
+            begin("reading")
+            yield begin
+    finally:
+        gc.enable()
+
+
 def report_store(
     folder: Path,
     console: Terminal,
@@ -110,13 +124,9 @@ def report_store(
     from causal_openlock.analysis.report.writing import make_report
     from causal_openlock.analysis.results.missing import missing_cells
     from causal_openlock.comparison.leaderboard_text import print_leaderboard
-    from causal_openlock.comparison.progress_bar import shown_steps
     from causal_openlock.comparison.results import open_results
 
-    with shown_steps("report") as begin, ExitStack() as stack:
-        gc.disable()  # looking for cycles takes a twentieth of the time
-        stack.callback(gc.enable)
-        begin("reading")
+    with _steps() as begin:
         results = open_results(folder, *others, reference=references, exclude=exclude)
         page = make_report(results, folder, begin=begin, figures=figures)
     print_leaderboard(page.leaderboard, console, page.answers)
@@ -155,15 +165,11 @@ def report_difference(
         write_difference,
     )
     from causal_openlock.analysis.results.reading import read_results
-    from causal_openlock.comparison.progress_bar import shown_steps
     from causal_openlock.storage.store import Store
 
     names = _names(first, second)
     path = out / f"difference_{second.resolve().name}.html"
-    with shown_steps("report") as begin, ExitStack() as stack:
-        gc.disable()  # looking for cycles takes a twentieth of the time
-        stack.callback(gc.enable)
-        begin("reading")
+    with _steps() as begin:
         both = read_results(Store(first)), read_results(Store(second))
         begin("comparing")
         changed, table, removed = write_difference(*both, path, names, figures)
