@@ -125,6 +125,17 @@ def _published(schema: Schema) -> tuple[Layout, ...]:
     return tuple(Layout.of(schema, name) for name in published_layouts(schema))
 
 
+@cache
+def trials_of(condition: Condition, protocol: Protocol) -> int:
+    """How many trials each subject has.
+
+    >>> from causal_openlock.experiment.declare import PROTOCOLS, find_condition
+    >>> trials_of(find_condition("CC3-CC4"), PROTOCOLS["human"])
+    7
+    """
+    return len(plan(condition, protocol, np.random.default_rng(0)))
+
+
 def shown_trials(condition: Condition, protocol: Protocol) -> int:
     """How many trials each subject is shown before it plays.
 
@@ -149,10 +160,10 @@ def too_short_to_learn(experiment: Experiment) -> list[str]:
         first = 0 if spec.recorded else spec.first_update
         most = 0
         for condition in experiment.conditions if first else ():
-            if not spec.cannot_play(condition):
-                trials = plan(condition, spec.protocol, np.random.default_rng(0))
+            if condition.name not in experiment.not_applicable.get(spec.name, {}):
+                attempts = trials_of(condition, spec.protocol) * spec.protocol.attempt_limit
                 attempt = max(map(spec.protocol.actions_for, condition.schemas))
-                most = max(most, len(trials) * spec.protocol.attempt_limit * attempt)
+                most = max(most, attempts * attempt)
         if most and first >= most:
             warnings.append(
                 f"{spec.name} first learns after {first:,} actions, and under protocol "

@@ -13,15 +13,12 @@ from __future__ import annotations
 import time
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cache
 from itertools import zip_longest
 from statistics import mean
 from typing import NamedTuple
 
-import numpy as np
-
-from causal_openlock.experiment.declare import Cell, Condition, Protocol
-from causal_openlock.experiment.plan import plan
+from causal_openlock.experiment.declare import Cell
+from causal_openlock.experiment.plan import trials_of
 from causal_openlock.storage.beside_cell import failures_of, reported_progress
 from causal_openlock.storage.store import Store
 from causal_openlock.storage.stored import StoredExperiment
@@ -91,12 +88,7 @@ def playing_in(store: Store, cells: Iterable[Cell]) -> list[Playing]:
 def work(cell: Cell) -> int:
     """The work in a cell: the most attempts that it can have."""
     protocol = cell.spec.protocol
-    return cell.subjects * _trials(cell.condition, protocol) * protocol.attempt_limit
-
-
-@cache
-def _trials(condition: Condition, protocol: Protocol) -> int:
-    return len(plan(condition, protocol, np.random.default_rng(0)))
+    return cell.subjects * trials_of(cell.condition, protocol) * protocol.attempt_limit
 
 
 def status_of(
