@@ -317,12 +317,9 @@ def at_places(
         by: What makes up a place.
         value: The column; NaN where a subject was not at a place.
     """
-    subject = each.groupby(SUBJECT, observed=True).ngroup().to_numpy()
-    place = each.groupby(list(by), observed=True).ngroup().to_numpy()
-    places = each[list(by)].drop_duplicates().sort_values(list(by))
-    found = np.full((subject.max(initial=-1) + 1, len(places)), np.nan)
-    found[subject, place] = each[value].to_numpy(float)
-    return found, [*places.itertuples(index=False, name=None)]
+    table = each.set_index([*SUBJECT, *by])[value].unstack([*by])
+    places = table.columns.to_frame().itertuples(index=False, name=None)
+    return np.ascontiguousarray(table.to_numpy(float)), [*places]
 
 
 def mean_by_trial(trials: pd.DataFrame, by: Sequence[str] = ("phase", "trial")) -> pd.DataFrame:
