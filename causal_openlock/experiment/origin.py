@@ -25,9 +25,8 @@ class Origin:
     """The code of a learner."""
 
     class_name: str  #: ``module:Class``
-    package: (
-        str  #: and its version; or a file, and a hash of it and of what of the user's it imports
-    )
+    #: Name and version; or a file, with a hash of it and of the user's modules that it imports.
+    package: str
     artifact_hash: str = ""  #: of files that its parameters name, such as trained weights
     prior_attempts: int | None = 0  #: with which it was trained before; None if unknown
     informed: bool = False  #: whether it is given what subjects cannot perceive

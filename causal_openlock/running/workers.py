@@ -205,10 +205,10 @@ class _Process:
 
     def _loss(self) -> OpenLockError:
         self._process.join(GRACE)  # one that is ending keeps its exit code
-        if self._process.is_alive():
-            self.end()
-            return LostError("closed the connection to its worker")
+        hung_up = self._process.is_alive()
         self.end()
+        if hung_up:
+            return LostError("closed the connection to its worker")
         code = self._process.exitcode or 0
         how = f"exit status {code}" if code >= 0 else f"killed by {signal.Signals(-code).name}"
         if code == -signal.SIGKILL:

@@ -221,7 +221,10 @@ def as_python(settings: dict[str, Any]) -> dict[str, Any]:
                 raise LearnerError(f"{module} has no {key} {name!r}; {nearest(name, known)}")
             of_policy[key] = known[name]
     pairs = {key: tuple(value) for key, value in settings.items() if isinstance(value, list)}
-    return {**settings, **pairs, **({"policy_kwargs": of_policy} if of_policy else {})}
+    given = {**settings, **pairs}
+    if of_policy:
+        given["policy_kwargs"] = of_policy
+    return given
 
 
 class StableBaselines(Learner):

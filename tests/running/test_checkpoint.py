@@ -68,7 +68,7 @@ class Killed(BaseException):
 
 
 def syncs(experiment, folder, end=0, **options):
-    """Play a cell, until so many files were flushed; returns how many were, and what is said.
+    """Play a cell to its end, or until the ``end``-th file is flushed; how many were, what is said.
 
     The first one of a folder is its experiment's, and the others are checkpoints and the record.
     """

@@ -56,9 +56,10 @@ def checked(reply: Any, secret: str = "") -> Reply:
 
 
 def key_of(request: Request, seed: int, number: int) -> str:
-    """The key of a request, of a subject with this seed that gave so many answers before.
+    """The key of a request of a subject with this seed, after a ``number`` of answers.
 
-    It holds no address and no secret. With a short memory, a request that comes again is another.
+    It holds no address and no secret. The number tells equal requests apart, which a short memory
+    can repeat.
     """
     text = json.dumps({"request": request, "seed": seed, "number": number}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()

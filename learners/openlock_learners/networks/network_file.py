@@ -119,7 +119,7 @@ def _archive(path: Path | str) -> Any:
 
 
 def _unpacked(archive: Any, name: str, most: int) -> Any:
-    """An array, unpacked only if it has at most so many bytes."""
+    """An array; one that would have more bytes than ``most`` is not unpacked."""
     if archive.zip.getinfo(f"{name}.npy").file_size > most:
         raise ValueError(f"it does not fit its own sizes at {name}")
     return archive[name]
