@@ -3,7 +3,6 @@
 import asyncio
 import os
 import socket
-import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import chdir, contextmanager
@@ -75,7 +74,6 @@ def folder(tmp_path, monkeypatch):
     (tmp_path / "mine.py").write_text(MINE, encoding="utf-8")
     (tmp_path / "my_helper.py").write_text("FIRST = 7\n", encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", [*sys.path])
     monkeypatch.setattr(workers, "LOOK_EVERY", 0.1)
     start_prepared(monkeypatch)
     with modules_of(tmp_path):

@@ -102,7 +102,6 @@ def folder(tmp_path, monkeypatch):
     (tmp_path / "lethal.py").write_text(code, encoding="utf-8")
     (tmp_path / "seconds").write_text(seconds)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", [*sys.path])
     monkeypatch.setattr(workers, "LOOK_EVERY", 0.1)
     start_prepared(monkeypatch)
     with modules_of(tmp_path):

@@ -1,7 +1,5 @@
 """Rewards that are functions of one's own: paid alike everywhere, known by their code."""
 
-import sys
-
 import numpy as np
 import pytest
 
@@ -53,7 +51,6 @@ def test_results_are_read_without_the_code_of_a_reward(tmp_path, monkeypatch):
     folder.mkdir()
     (folder / "mine.yaml").write_text(TEXT)
     (folder / "mine_pays.py").write_text(CODE)
-    monkeypatch.setattr(sys, "path", [*sys.path])
     with modules_of(folder):
         done = at_once("compare", "study/mine.yaml", "-o", "out", cwd=tmp_path)
     assert done.status == 0, done.stderr
