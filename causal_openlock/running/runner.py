@@ -25,7 +25,6 @@ from uuid import uuid4
 from causal_openlock.contract.registry import is_ours
 from causal_openlock.errors import CellsFailed, LearnerError, OpenLockError
 from causal_openlock.experiment.declare import Cell, Experiment
-from causal_openlock.files.atomic import write_text
 from causal_openlock.files.validation import whole_number
 from causal_openlock.running import workers as workplaces
 from causal_openlock.running.cluster import in_cluster
@@ -41,13 +40,9 @@ from causal_openlock.storage.beside_cell import (
     remove_files_of,
 )
 from causal_openlock.storage.folder_lock import Shard
+from causal_openlock.storage.own_code import store_code
 from causal_openlock.storage.store import Store
-from causal_openlock.usercode.session_code import (
-    is_of_session,
-    packed,
-    session_origin,
-    session_source,
-)
+from causal_openlock.usercode.session_code import packed
 
 MOST_FAILURES = 3  # after which a cell is left out
 
@@ -123,8 +118,7 @@ def run(
     store.open(experiment, shard=shard)
     with ExitStack() as stack:
         stack.callback(store.close)
-        for name in filter(is_of_session, names):
-            write_text(store.source(session_origin(name)), session_source(name))
+        store_code(experiment, store.folder)
         playing = _Run(store, cells, warn, progress or (lambda standing: None))
         playing.jobs = jobs = playing.missing(elsewhere, retry_failed)
         if jobs and not allow_version:

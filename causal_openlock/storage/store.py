@@ -7,7 +7,7 @@
       cells/                one file a cell; its name ends with the cell's identity. While the cell
                             is played, also its checkpoint and its progress
       transcripts/          what was said in a cell, of learners that speak: a line of JSON each
-      code/                 source of learners that a notebook or a script defined
+      code/  files/         the user's own code and files that it was played with
       report.html  summary.csv
       errors/               a file for each failed cell: a sentence and the traceback
 
@@ -19,7 +19,6 @@ back or added.
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
@@ -36,6 +35,7 @@ from causal_openlock.files.checksums import (
     read_table,
     table_bytes,
 )
+from causal_openlock.files.digest import digest
 from causal_openlock.files.validation import adapter, present
 from causal_openlock.storage.beside_cell import failures_of, tidy
 from causal_openlock.storage.folder_lock import Shard, locked
@@ -203,14 +203,10 @@ class Store:
         """The path of what was said in a cell, by that of its record."""
         return self.folder / "transcripts" / f"{record.stem}.jsonl"
 
-    def source(self, package: str) -> Path:
-        """Path of the source of a learner of a notebook, by its recorded origin: nothing runs it.
-
-        >>> Store("results").source("Mine.py 0123456789abcdef").name
-        'Mine_0123456789abcdef.py'
-        """
-        name = re.sub(r"\W", "_", package.replace(".py ", "_"))
-        return self.folder / "code" / f"{name[-200:]}.py"
+    def digest(self) -> str:
+        """A hash of the experiment and its cells; what is made of them carries it."""
+        files = [self._declared, *self.files()[0]]
+        return digest("".join(digest(path.read_bytes()) for path in files))
 
     def check(self, cell: Cell) -> str | None:
         """Fault of a cell's record: ``"missing"``, or what is damaged; else ``None``."""

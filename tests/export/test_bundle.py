@@ -6,19 +6,19 @@ import shutil
 import sys
 import zipfile
 from dataclasses import replace
-from hashlib import sha256
 from pathlib import Path
 
 import pytest
 
-from causal_openlock.errors import OpenLockError, StoreError
+import causal_openlock as ol
+from causal_openlock.errors import StoreError
 from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.making import Changes
-from causal_openlock.experiment.origin import Origin
-from causal_openlock.export.bundle import _files, write_bundle
+from causal_openlock.export.bundle import write_bundle
 from causal_openlock.files.yaml_file import dump_yaml
 from causal_openlock.storage.store import Store
 from causal_openlock.world.rewards import PRESETS, find_reward
+from openlock_learners.networks.network_file import BUNDLED
 from support.command import at_once
 from support.made_up_experiments import NOBODY, condition_called, edit_stored, spec, stored
 from support.play_clients import people, walk_through
@@ -142,7 +142,7 @@ def test_a_bundle_holds_everything_and_nothing_else_and_is_the_same_every_time(m
     names = names_in("own.zip")
     results = {name.removeprefix("results/") for name in names if name.startswith("results/")}
     assert names - {f"results/{name}" for name in results} == {
-        *("README.md", "DATA_CARD.md", "experiment.yaml", "requirements.txt"),
+        *("README.md", "experiment.yaml", "requirements.txt"),
         "a_bundled_learner.py",
         *(f"schemas/{name}.yaml" for name in ("two_ways", "CC3", "CE4")),
     }
@@ -151,29 +151,40 @@ def test_a_bundle_holds_everything_and_nothing_else_and_is_the_same_every_time(m
     assert not any(name.startswith(("figures/", "tables/")) for name in results)
     with zipfile.ZipFile("own.zip") as bundle:
         packages = bundle.read("own_everything/requirements.txt").decode()
-        card = bundle.read("own_everything/DATA_CARD.md").decode()
+        card = bundle.read("own_everything/README.md").decode()
     assert re.search(r"^# Python \d", packages, re.M)
     assert re.search(r"^numpy==[\d.]+$", packages, re.M)
     assert "`solutions_found`" in card
     (made / "out" / "notes.txt").write_text("nobody else's business")
     write_bundle(Store(made / "out"), made / "second.zip")
     assert (made / "second.zip").read_bytes() == (made / "own.zip").read_bytes()
-    figures = {"figures/learner_mine.pdf", "tables/learner_mine.csv"}
-    page = made / "out" / "report.html"
-    for name in figures:
-        (made / "out" / name).parent.mkdir()
-        (made / "out" / name).write_text("")
-    listed = f'<meta name="files" content="{" ".join(figures)} ../mine.yaml">'
-    page.write_text(re.sub(r'<meta name="files"[^>]*>', listed, page.read_text("utf-8")))
-    write_bundle(Store(made / "out"), made / "third.zip")
-    assert names_in("third.zip") - names == {f"results/{name}" for name in figures}
 
 
-def test_a_learner_that_has_changed_since_is_not_bundled(made):
+def test_the_code_is_that_of_the_run_wherever_it_is_now(made):
     (made / "a_bundled_learner.py").write_text(LEARNER + "\n# changed\n")
-    with pytest.raises(OpenLockError, match=r"a_bundled_learner:Mine is not what the results were"):
-        write_bundle(Store(made / "out"), made / "other.zip")
-    assert not (made / "other.zip").exists()
+    write_bundle(Store(made / "out"), made / "other.zip")
+    assert (made / "other.zip").read_bytes() == (made / "own.zip").read_bytes()
+    (stored,) = (made / "out" / "code").glob("a_bundled_learner_*/*.py")
+    stored.write_text("import os\n")
+    with pytest.raises(StoreError, match="is not the source of a_bundled_learner:Mine"):
+        write_bundle(Store(made / "out"), made / "third.zip")
+    assert not (made / "third.zip").exists()
+    shutil.rmtree(stored.parent)
+    (warning,) = write_bundle(Store(made / "out"), made / "third.zip")
+    assert warning == "mine: the results folder lacks a_bundled_learner:Mine; add its source."
+
+
+def test_a_report_older_than_the_record_is_written_anew(made):
+    store = Store(made / "out")
+    page, summary = store.folder / "report.html", store.folder / "summary.csv"
+    report, numbers = page.read_bytes(), summary.read_bytes()
+    for old in (None, b"<html></html>", report.replace(store.digest().encode(), b"0" * 16)):
+        page.unlink() if old is None else page.write_bytes(old)
+        summary.write_text("old")
+        write_bundle(store, made / "other.zip")
+        assert (page.read_bytes(), summary.read_bytes()) != (old, b"old")
+        assert store.digest() in page.read_text("utf-8")
+        assert summary.read_bytes() == numbers
 
 
 def test_modules_that_a_learner_imports_are_bundled_and_run_again(tmp_path, monkeypatch):
@@ -201,20 +212,10 @@ def test_modules_that_a_learner_imports_are_bundled_and_run_again(tmp_path, monk
     done("compare", beside / "mine.yaml", "-o", "run-0.5")
     forget_the_learner()
     sys.path.remove(str(beside))
-    said = done("bundle", "run-0.5")
-    assert "bundled as now" not in said
-    assert "imports pytest, which neither the bundle nor its requirements.txt holds" in said
+    done("bundle", "run-0.5")
     names = names_in(away / "run-0.5.zip")
     assert {name for name in names if name.endswith(".py")} == {*files}
     zipfile.ZipFile(away / "run-0.5.zip").extractall(tmp_path / "unpacked")
-    (beside / "helping.py").write_text("constant = 2\n")
-    with pytest.raises(OpenLockError, match="a_bundled_learner:Mine is not what the results were"):
-        write_bundle(Store("run-0.5"), "other.zip")
-    # Earlier versions recorded the hash of the learner's own file.
-    alone = sha256(files["a_bundled_learner.py"].encode()).hexdigest()[:16]
-    package = f"a_bundled_learner.py {alone}"
-    edit_stored(Path("run-0.5"), lambda held: held["learners"][0].update(package=package))
-    assert any("helping.py" in one for one in write_bundle(Store("run-0.5"), "other.zip"))
     shutil.rmtree(beside)
     forget_the_learner()
     monkeypatch.chdir(tmp_path / "unpacked" / "helped")
@@ -223,43 +224,29 @@ def test_modules_that_a_learner_imports_are_bundled_and_run_again(tmp_path, monk
     forget_the_learner()
 
 
-def test_files_of_one_name_that_two_parameters_name_are_kept_apart(tmp_path):
-    paths = [tmp_path / part / "weights.npz" for part in ("first", "second")]
-    for path in paths:
-        path.parent.mkdir()
-        path.write_text(path.parent.name)
-    known = " ".join(sha256(path.read_bytes()).hexdigest()[:16] for path in paths)
-    origin = Origin("mine:Learner", "mine 1.0", known)
-    learner = spec("me", parameters=dict(zip("ab", map(str, paths), strict=True)), recorded=origin)
-    assert _files(learner) == {
-        "a": ("files/me/a/weights.npz", b"first"),
-        "b": ("files/me/b/weights.npz", b"second"),
-    }
-    for path in paths:
-        path.write_text("changed")
-    with pytest.raises(OpenLockError, match="the parameter a of me"):
-        _files(learner)
+def test_files_that_parameters_name_are_stored_and_run_again(tmp_path, monkeypatch):
+    shutil.copy(BUNDLED, tmp_path / "mine.npz")
+    monkeypatch.chdir(tmp_path)
+    learner = ol.learner("rl2", checkpoint="mine.npz")
+    ol.compare(["CC3"], [learner], subjects=1, out="out", workers=0)
+    (tmp_path / "mine.npz").write_bytes(b"another")
+    write_bundle(Store("out"), "own.zip")
+    zipfile.ZipFile("own.zip").extractall()
+    (stored,) = tmp_path.glob("comparison/files/rl2/checkpoint/mine.npz")
+    assert stored.read_bytes() == BUNDLED.read_bytes()
+    (spec,) = read_experiment(stored.parents[3] / "experiment.yaml").learners
+    assert spec.parameters["checkpoint"] == "files/rl2/checkpoint/mine.npz"
 
 
-def test_what_is_unfinished_or_has_no_report_is_not_bundled(made):
-    copy = Store(shutil.copytree(made / "out", made / "copy"))
-    (copy.folder / "report.html").unlink()
-    with pytest.raises(StoreError, match="has no report"):
-        write_bundle(copy, made / "other.zip")
-    next(copy.cells.glob("*.parquet")).unlink()
+def test_what_is_unfinished_is_not_bundled(made):
+    next((made / "out" / "cells").glob("*.parquet")).unlink()
     with pytest.raises(StoreError, match="unfinished, 1 of its cells"):
-        write_bundle(copy, made / "other.zip")
+        write_bundle(Store(made / "out"), made / "other.zip")
 
 
-def test_results_of_another_version_or_class_are_bundled_with_a_warning(made):
-    copy = Store(shutil.copytree(made / "out", made / "copy"))
-    other = "openlock_learners.oracle:AnotherOracle"
-    edit_stored(copy.folder, lambda held: held["learners"][0].update({"class": other}))
-    edit_stored(copy.folder, lambda held: held.update(identity="another"))
-    (warning,) = write_bundle(copy, made / "other.zip")
-    assert warning.endswith("(oracle).")
-    edit_stored(copy.folder, lambda held: held.update(version="9.0"))
-    (warning,) = write_bundle(copy, made / "other.zip")
+def test_results_of_another_version_are_bundled_with_a_warning(made):
+    edit_stored(made / "out", lambda held: held.update(version="9.0"))
+    (warning,) = write_bundle(Store(made / "out"), made / "other.zip")
     assert "9.0" in warning
     with zipfile.ZipFile(made / "other.zip") as bundle:
         assert warning in bundle.read("own_everything/README.md").decode()
@@ -297,7 +284,6 @@ def test_a_bundle_of_people_has_their_data_and_nobodys_identity(tmp_path):
         view = home.view(name)
         home.answer(name, view["turn"], [[view["levers"][0], 7]])
     home.close()
-    (tmp_path / "people" / "report.html").write_text("<html></html>")
     write_bundle(Store(tmp_path / "people"), tmp_path / "bundle.zip", "CC-BY-4.0")
     zipfile.ZipFile(tmp_path / "bundle.zip").extractall(tmp_path / "unpacked")
     (folder,) = (tmp_path / "unpacked").iterdir()
@@ -306,7 +292,7 @@ def test_a_bundle_of_people_has_their_data_and_nobodys_identity(tmp_path):
     assert not any("log" in name or "recruited" in name for name in there)
     tables = {name.split("/")[1] for name in there if name.endswith(".parquet")}
     assert tables == {"cells", "reactions", "structures"}
-    card = (folder / "DATA_CARD.md").read_text()
+    card = (folder / "README.md").read_text()
     assert "| person | CC3 | 2 | " in card
     assert "results/consent_" in card
     assert "Licence: CC-BY-4.0." in card

@@ -115,7 +115,6 @@ def test_results_and_bundles_have_the_source_and_need_no_definitions(run, monkey
     assert {path.read_text() for path in stored.values()} == sources
     monkeypatch.setitem(sys.modules, "__main__", ModuleType("__main__"))
     assert ol.open_results(tmp_path / "r").learners == ("Mine", "random")
-    ol.open_results(tmp_path / "r").report()
     warnings = write_bundle(store, tmp_path / "b.zip")
     assert [line.partition(" was defined in a notebook")[0] for line in warnings[:2]] == [
         "Mine",

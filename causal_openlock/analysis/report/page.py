@@ -64,7 +64,7 @@ class Written:
             for name in files_of(self.path) - {*self.files}
             if (file := self.path.parent / name).is_file() and not file.parent.is_symlink()
         }
-        write_text(self.path, render(template, files=self.files, **values))
+        write_text(self.path, render(template, files=self.files, **{"record": "", **values}))
         try:
             for name in left:
                 (self.path.parent / name).unlink(missing_ok=True)

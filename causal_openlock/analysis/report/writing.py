@@ -38,6 +38,7 @@ from causal_openlock.analysis.topics.leaderboard import (
     legend,
 )
 from causal_openlock.files.atomic import folder_at
+from causal_openlock.storage.store import Store
 
 
 @dataclass(frozen=True)
@@ -106,6 +107,7 @@ def make_report(
     written.page(
         "report.html.j2",
         title=experiment.title or experiment.name,
+        record=Store(material.folders[0]).digest() if material.folders else "",
         experiment=experiment,
         attempts=material.record.num_rows,
         trials=len(trials),
