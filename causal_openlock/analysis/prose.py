@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from causal_openlock.analysis.section import Section, SectionPlot
+from causal_openlock.analysis.section import Section, SectionPlot, drawn
 from causal_openlock.analysis.table import Table, percent, printed
 from causal_openlock.wording import counted, joined
 
@@ -99,26 +99,12 @@ class Prose:
         call: str | None = None,
         **findings: Any,
     ) -> SectionPlot:
-        """A plot for a section, with the title and caption of the macro ``KIND_plot``.
+        """A plot with the title and caption of the macro ``KIND_plot``.
 
-        Args:
-            kind: Of the macro.
-            function: A function of ``analysis.plots``.
-            data: Its first argument.
-            options: Other arguments.
-            name: Of the files; by default ``kind``.
-            call: The line that makes the figure again; by default that of the results' accessor.
-            findings: For the macro.
+        The rest is as in :func:`~causal_openlock.analysis.section.drawn`.
         """
-        from matplotlib.figure import Figure
-
-        figure = Figure()
-        function(data, **options, ax=figure)
-        if call is None:
-            given = ", ".join(f"{key}={value!r}" for key, value in options.items())
-            call = f"results.plot.{function.__name__.removeprefix('plot_')}({given})"
         title, *caption = self.paragraphs(f"{kind}_plot", **findings)
-        return SectionPlot(name or kind, title, " ".join(caption), figure, call)
+        return drawn(name or kind, function, data, title, " ".join(caption), call, **options)
 
 
 @lru_cache(maxsize=1)

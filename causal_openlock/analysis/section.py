@@ -1,15 +1,16 @@
 """Section of a report that an analysis makes: text, tables and plots, as data.
 
-The report lays sections out and knows nothing of what is in them. Their sentences come from a
-template (:mod:`~causal_openlock.analysis.prose`); their tables
+The report lays sections out and knows nothing of what is in them. Their sentences stand beside the
+numbers that they tell, as f-strings in the topic's own module; their tables
 (:mod:`~causal_openlock.analysis.table`) become HTML on the page, and CSV and LaTeX on request
 (:mod:`~causal_openlock.analysis.report.page`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from causal_openlock.analysis.table import Table
 
@@ -52,3 +53,42 @@ class Section:
     plots: tuple[SectionPlot, ...] = ()
     answer: str = ""
     is_open: bool = False
+
+
+def sentences(*parts: str) -> str:
+    """Join sentences, or captions, that are not empty, into a paragraph.
+
+    >>> sentences("Means over subjects.", "" if True else "Bands: intervals.", "n = 3.")
+    'Means over subjects. n = 3.'
+    """
+    return " ".join(filter(None, parts))
+
+
+def drawn(
+    name: str,
+    function: Callable[..., Any],
+    data: Any,
+    title: str,
+    caption: str,
+    call: str | None = None,
+    **options: Any,
+) -> SectionPlot:
+    """Draw a figure for a section.
+
+    Args:
+        name: Names its files.
+        function: A function of ``analysis.plots``, which is given ``ax``, an empty figure.
+        data: Its first argument.
+        title: Its heading on the page.
+        caption: What is seen, and what the error bars are.
+        call: The line that makes the figure again; by default that of ``results.plot``.
+        options: Other arguments of the function.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure()
+    function(data, **options, ax=figure)
+    if call is None:
+        given = ", ".join(f"{key}={value!r}" for key, value in options.items())
+        call = f"results.plot.{function.__name__.removeprefix('plot_')}({given})"
+    return SectionPlot(name, title, caption, figure, call)

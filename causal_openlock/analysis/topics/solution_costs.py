@@ -11,13 +11,11 @@ import pandas as pd
 
 from causal_openlock.analysis.decisions import Decided
 from causal_openlock.analysis.measures import CELL, SOLUTIONS, SUBJECT, judged
-from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.section import Section
 from causal_openlock.analysis.statistics import mean_intervals
+from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Topic
-
-_PROSE = Prose(__name__)
 
 
 def solution_costs(trials: pd.DataFrame) -> pd.DataFrame:
@@ -45,18 +43,30 @@ def solution_costs(trials: pd.DataFrame) -> pd.DataFrame:
 
 def section(material: Material, _: Decided) -> Section | None:
     """A table of means with their intervals; None where no solution was found."""
-    table = solution_costs(material.trials)
-    if table.empty:
+    costs = solution_costs(material.trials)
+    if costs.empty:
         return None
-    table["text"] = [
+    costs["text"] = [
         f"{row.attempts:.2f}{_interval(row.ci_low, row.ci_high)}, n = {row.subjects}"
-        for row in table.itertuples()
+        for row in costs.itertuples()
     ]
     about = ["condition", "protocol", "learner"]
-    about = about if table["protocol"].nunique() > 1 else ["condition", "learner"]
-    wide = table.pivot(index=about, columns="solution", values="text").fillna("–")
-    shown = wide.rename_axis(columns=None).reset_index()
-    return _PROSE.section("solution_costs", [_PROSE.table("solution_costs", shown, {})])
+    about = about if costs["protocol"].nunique() > 1 else ["condition", "learner"]
+    wide = costs.pivot(index=about, columns="solution", values="text").fillna("–")
+    frame = wide.rename_axis(columns=None).reset_index()
+    text = (
+        "Attempts for the first solution, and for each later one since the one before, in the "
+        "trials that each condition is judged by. Knowledge of a schema may pay at the first "
+        "solution, or only once that solution says which lever plays which role."
+    )
+    caption = (
+        "Means over the n subjects that found that solution, with 95% bootstrap intervals. Who "
+        "often fails looks better here than in a mean of all trials, which counts an unsolved "
+        "trial as the limit."
+    )
+    title = "Attempts for the first, second and third solution"
+    table = Table("solution_costs", title, frame, caption=caption)
+    return Section("solution_costs", "What each solution cost", (text,), (table,))
 
 
 def _interval(low: float, high: float) -> str:
