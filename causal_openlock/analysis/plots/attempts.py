@@ -12,10 +12,9 @@ needs (see :mod:`~causal_openlock.analysis.results.bounds`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
-import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
@@ -29,22 +28,6 @@ from causal_openlock.analysis.results.material import Material
 from causal_openlock.errors import NothingToDrawError
 
 _PAPER = {"train": BASELINES, "test": TRANSFERS}
-
-
-def comparable_means(
-    results: Material,
-    phase: str,
-    learners: Names = None,
-    conditions: Names = None,
-) -> pd.DataFrame:
-    """Means of what learners did as a reference had: the baselines (``train``) or the ``test``.
-
-    Returns:
-        As :func:`~causal_openlock.analysis.measures.mean_by_trial`; no rows if no one did.
-    """
-    trials = rows_of(results, results.compared(results.trials), learners, conditions)
-    trials = trials[trials["condition"].isin(_PAPER[phase]) & (trials["phase"] == phase)]
-    return mean_by_trial(trials, ["phase", "trial"] if phase == "train" else ["phase"])
 
 
 def plot_attempts(
@@ -70,8 +53,7 @@ def plot_attempts(
         conditions: Conditions to draw; by default CC4 and CE4, or all if nobody played these as
             people did.
         published: Whether references have panels before the learners.
-        ax: Axes, as many as there are panels, or an empty figure; by default a new figure of
-            pyplot.
+        ax: An empty figure, or axes if there is a single panel; by default a new figure of pyplot.
 
     Returns:
         ``[P]`` the axes of the panels; of a single panel its axes.
@@ -80,51 +62,33 @@ def plot_attempts(
         NothingToDrawError: If no such learner played such a condition.
         OpenLockError: If a learner or a condition is not in the results, or ``ax`` does not fit.
     """
-    means = comparable_means(results, "train", learners, conditions)
+    means = _comparable_means(results, "train", learners, conditions)
     asked = [conditions] if isinstance(conditions, str) else conditions or ()
     as_people = len(means) > 0 and {*asked} <= {*BASELINES}
     if as_people:
-        looks = {name: _trained(name) for name in BASELINES}
+        looks = {name: {"color": style.current().trained(name)} for name in BASELINES}
     else:
-        means = _every_trial(results, learners, conditions)
-        looks = _looks(ordered(means["condition"].unique(), results.conditions))
+        means = _means_of_every_trial(results, learners, conditions)
+        names = ordered(means["condition"].unique(), results.conditions)
+        looks = {name: style.current().line(number, name) for number, name in enumerate(names)}
     width = 0.8 / len(looks)
     train = max([5 * as_people, *means.loc[means["phase"] == "train", "trial"]])
     last = train + max([0, *means.loc[means["phase"] == "test", "trial"]])
 
     def panel(axes: Axes, rows: pd.DataFrame, ideal: Mapping[str, float]) -> None:
         for number, (condition, look) in enumerate(looks.items()):
-            bars = rows[rows["condition"] == condition]
-            aside = width * (number - (len(looks) - 1) / 2)
-            places = bars["trial"] + train * (bars["phase"] == "test")
-            _bars(axes, places + aside, bars, look, 0.95 * width)
-        for attempts in sorted(set(ideal.values())):
+            own = rows[rows["condition"] == condition]
+            places = own["trial"] + train * (own["phase"] == "test")
+            _bars(axes, places + width * (number - (len(looks) - 1) / 2), own, 0.95 * width, look)
+        for attempts in {*ideal.values()}:
             style.ideal_line(axes, attempts, 0.4, last + 0.6)
         step = -(-last // 12)
         ticks = [*range(1, train + 1, step), *range(train + 1, last + 1, step)]
         axes.set_xticks(ticks, [str(place) if place <= train else "test" for place in ticks])
         axes.set(xlim=(0.4, last + 0.6), xlabel="Trial")
 
-    return _beside(results, means, published and as_people, panel, looks, ax)
-
-
-def _every_trial(results: Material, learners: Names, conditions: Names) -> pd.DataFrame:
-    """Means of every trial; a learner with several protocols is one learner for each."""
-    trials = rows_of(results, results.trials, learners, conditions)
-    if trials.empty:
-        raise NothingToDrawError("no such learner played such a condition")
-    means = mean_by_trial(trials)
-    several = means.groupby("learner", observed=True)["protocol"].transform("nunique") > 1
-    labels = means["learner"].astype(str)
-    labels = labels.where(~several, labels + " (" + means["protocol"].astype(str) + ")")
-    return means.assign(learner=pd.Categorical(labels, labels.unique()))
-
-
-def _looks(names: Sequence[str]) -> dict[str, dict[str, Any]]:
-    return {
-        name: {"color": style.current().other(number), "hatch": ("", "///", "...")[number // 5 % 3]}
-        for number, name in enumerate(names)
-    }
+    keys = [_key(style.label(name), look) for name, look in looks.items()]
+    return _draw(results, means, published and as_people, panel, keys, ax)
 
 
 def plot_transfer(
@@ -148,7 +112,7 @@ def plot_transfer(
     Returns:
         ``[P]`` the axes of the panels; of a single panel its axes.
     """
-    means = comparable_means(results, "test", learners, conditions)
+    means = _comparable_means(results, "test", learners, conditions)
     if means.empty:
         raise NothingToDrawError(
             "no such learner played a transfer condition as people did, in the paper's rooms under "
@@ -159,69 +123,85 @@ def plot_transfer(
 
     def panel(axes: Axes, rows: pd.DataFrame, ideal: Mapping[str, float]) -> None:
         for place, condition in enumerate(name for name in TRANSFERS if name[-3:] in tests):
-            one = rows[rows["condition"] == condition]
+            own = rows[rows["condition"] == condition]
             x = place // 2 + 0.4 * (place % 2) - 0.2
-            _bars(axes, np.full(len(one), x), one, _trained(condition))
-            if one.empty and (conditions is None or condition in conditions):
+            _bars(axes, x, own, 0.38, {"color": style.current().trained(condition)})
+            if own.empty and (conditions is None or condition in conditions):
                 axes.text(  # an empty place would look like no attempts
                     x, 1, "not played", rotation=90, ha="center", va="bottom", color="#666666",
                     backgroundcolor="white", zorder=3,
                 )  # fmt: skip
-        halves = {(tests.index(name[-3:]), attempts) for name, attempts in ideal.items()}
-        for half, attempts in sorted(halves):
+        for half, attempts in {(tests.index(name[-3:]), ideal[name]) for name in ideal}:
             style.ideal_line(axes, attempts, half - 0.45, half + 0.45)
         axes.set_xticks(range(len(tests)), tests)
         axes.set(xlim=(-0.6, len(tests) - 0.4), xlabel="Transfer test")
 
-    keys = {f"{name} training": _trained(name) for name in ("CC3", "CE3")}
-    return _beside(results, means, published, panel, keys, ax)
+    keys = [_key(f"{name} training", {"color": style.current().trained(name)})
+            for name in ("CC3", "CE3")]  # fmt: skip
+    return _draw(results, means, published, panel, keys, ax)
 
 
-def _beside(
+def _comparable_means(
+    results: Material, phase: str, learners: Names, conditions: Names
+) -> pd.DataFrame:
+    """Means of what learners did as a reference had: the baselines (``train``) or the ``test``."""
+    trials = rows_of(results, results.compared(results.trials), learners, conditions)
+    trials = trials[trials["condition"].isin(_PAPER[phase]) & (trials["phase"] == phase)]
+    return mean_by_trial(trials, ["phase", "trial"] if phase == "train" else ["phase"])
+
+
+def _means_of_every_trial(results: Material, learners: Names, conditions: Names) -> pd.DataFrame:
+    """Means of every trial; a learner with several protocols is one learner for each."""
+    trials = rows_of(results, results.trials, learners, conditions)
+    if trials.empty:
+        raise NothingToDrawError("no such learner played such a condition")
+    means = mean_by_trial(trials)
+    several = means.groupby("learner", observed=True)["protocol"].transform("nunique") > 1
+    labels = means["learner"].astype(str)
+    labels = labels.where(~several, labels + " (" + means["protocol"].astype(str) + ")")
+    return means.assign(learner=pd.Categorical(labels, labels.unique()))
+
+
+def _draw(
     results: Material,
     means: pd.DataFrame,
     published: bool,
     panel: Callable[[Axes, pd.DataFrame, Mapping[str, float]], None],
-    keys: Mapping[str, Mapping[str, Any]],
+    keys: list[Any],
     ax: Any,
 ) -> Any:
-    """A panel for each reference, and one for each learner."""
+    """Draw a panel for each reference, and one for each learner."""
     known = bounds_of(results.bounds, means)
     ideal = {condition: bound.attempts for (condition, _), bound in known.items()}
     phase = str(means["phase"].iloc[0])
     shown = []
     for one in results.references if published else ():
         reference = one.reference
-        means_of = reference.means(judged=phase != "train")
-        rows = means_of[(means_of["phase"] == phase) & means_of["condition"].isin(_PAPER[phase])]
+        rows = reference.means(judged=phase != "train")
+        rows = rows[(rows["phase"] == phase) & rows["condition"].isin(_PAPER[phase])]
         if len(rows) and one.stands(means).any():
             shown.append((reference.title, f"{reference.detail}, ", rows))
     shown += [(str(name), "", rows) for name, rows in means.groupby("learner", observed=True)]
-    handles: list[Any] = [
-        Patch(fc=look["color"], hatch=look.get("hatch"), ec="black", lw=0.6, label=text)
-        for text, look in keys.items()
-    ]
     top = max(float((rows["mean"] + rows["se"].fillna(0)).max()) for _, _, rows in shown)
     with panels(ax, len(shown), in_rows(len(shown), 3, 2.3)) as at:
         for axes, (name, detail, rows) in zip(at.axes, shown, strict=True):
             panel(axes, rows, ideal)
             style.panel_title(axes, name, detail + style.sizes(rows))
             axes.set_ylim(0, top * 1.05)
-            axes.yaxis.set_major_locator(
-                MultipleLocator(5) if top <= 40 else MaxNLocator(integer=True)
-            )
+            fives = MultipleLocator(5) if top <= 40 else MaxNLocator(integer=True)
+            axes.yaxis.set_major_locator(fives)
         at.label_y("Attempts")
-        at.legend([*handles, style.ideal_key()] if ideal else handles)
+        at.legend([*keys, style.ideal_key()] if ideal else keys)
     return at.returned
 
 
-def _trained(condition: str) -> dict[str, Any]:
-    return {"color": style.current().trained(condition)}
+def _key(text: str, look: Mapping[str, Any]) -> Patch:
+    return Patch(ec="black", lw=0.6, label=text, fc=look["color"], ls=look.get("ls", "-"))
 
 
-def _bars(
-    axes: Axes, x: Any, rows: pd.DataFrame, look: Mapping[str, Any], width: float = 0.38
-) -> None:
-    axes.bar(x, rows["mean"], width=width, edgecolor="black", linewidth=0.6, **look)
-    spread = rows["se"].where(rows["subjects"] > 1)  # one subject has none
-    axes.errorbar(x, rows["mean"], spread, fmt="none", ecolor="black", elinewidth=0.9, capsize=2)
+def _bars(axes: Axes, x: Any, rows: pd.DataFrame, width: float, look: Mapping[str, Any]) -> None:
+    """Draw means with error bars; a single subject has none."""
+    axes.bar(
+        x, rows["mean"], width, yerr=rows["se"].where(rows["subjects"] > 1), ec="black", lw=0.6,
+        error_kw={"elinewidth": 0.9, "capsize": 2}, **look,
+    )  # fmt: skip

@@ -27,6 +27,7 @@ from causal_openlock.experiment.record import CATEGORIES
 from causal_openlock.wording import nearest
 
 KINDS = {"baseline": (BASELINES, "train"), "transfer": (TRANSFERS, "test")}
+_NAMES = ("else", "unlock", "open 1", "open 2", "open 3")
 _OUTLINES = {"CE4": ":", "CC4": "-"}  # left to right, as in the paper's Figure 6
 
 
@@ -82,32 +83,26 @@ def plot_categories(
             f"no such learner played a {kind} condition of the paper under a protocol with many "
             "attempts in a trial, such as rl"
         )
-    _, phase = KINDS[kind]
+    names, phase = KINDS[kind]
     shown = []
     for one in results.references if published else ():
         known = one.reference.categories
         if known is not None and one.stands(counts).any():
-            rows = known[(known["phase"] == phase) & known["condition"].isin(KINDS[kind][0])]
-            if len(rows):
-                shown.append((one.reference.title, one.reference.detail, rows))
+            rows = known[(known["phase"] == phase) & known["condition"].isin(names)]
+            shown.append((one.reference.title, one.reference.detail, rows))
     for name in ordered(counts["learner"], results.learners):
-        own = counts[counts["learner"] == name]
-        for protocol in ordered(own["protocol"], ()):
-            rows = own[own["protocol"] == protocol]
+        for protocol, rows in counts[counts["learner"] == name].groupby("protocol", observed=True):
             shown.append((name, f"{protocol}, {style.sizes(rows)}", rows))
-    keys = [
-        Patch(fc=style.current().category(name), ec="black", lw=0.6, label=text)
-        for name, text in style.CATEGORY_NAMES.items()
-    ]
+    looks = zip(_NAMES, style.current().categories, strict=True)
+    keys = [Patch(fc=colour, ec="black", lw=0.6, label=text) for text, colour in looks]
     if kind == "baseline":
-        sides = zip(_OUTLINES.items(), ("left", "right"), strict=True)
         keys += [
             Patch(fc="white", ec="black", lw=1.1, ls=line, label=f"{name} ({side})")
-            for (name, line), side in sides
+            for (name, line), side in zip(_OUTLINES.items(), ("left", "right"), strict=True)
         ]
     with panels(ax, len(shown), in_rows(len(shown), 2, 2.7)) as at:
         for axes, (name, detail, rows) in zip(at.axes, shown, strict=True):
-            (_course if kind == "baseline" else _tests)(axes, rows)
+            (_draw_blocks if kind == "baseline" else _draw_tests)(axes, rows)
             style.panel_title(axes, name, detail)
         top = max(axes.get_ylim()[1] for axes in at.axes)
         for axes in at.axes:
@@ -117,36 +112,34 @@ def plot_categories(
     return at.returned
 
 
-def _course(axes: Axes, rows: pd.DataFrame) -> None:
+def _draw_blocks(axes: Axes, rows: pd.DataFrame) -> None:
     for side, (condition, outline) in enumerate(_OUTLINES.items()):
         for block, part in rows[rows["condition"] == condition].groupby("block"):
-            _stack(axes, block - 1 + 0.4 * side - 0.2, part, outline)
+            _stack(axes, block - 1 + 0.4 * side - 0.2, part, 0.38, outline)
     names = _ranges(rows.groupby("block")["until"].max().to_numpy())
     axes.set_xticks(range(len(names)), names, fontsize="small")
     whose = " of each subject" if "learner" in rows else ""
     axes.set(xlim=(-0.6, len(names) - 0.4), xlabel=f"Attempts{whose}")
 
 
-def _tests(axes: Axes, rows: pd.DataFrame) -> None:
+def _draw_tests(axes: Axes, rows: pd.DataFrame) -> None:
     for place, condition in enumerate(TRANSFERS):
-        _stack(axes, place, rows[rows["condition"] == condition], "-", width=0.6)
+        _stack(axes, place, rows[rows["condition"] == condition], 0.6)
     axes.set_xticks(range(len(TRANSFERS)), TRANSFERS)
     axes.set(xlim=(-0.6, len(TRANSFERS) - 0.4), xlabel="Training and test")
 
 
-def _stack(axes: Axes, x: float, rows: pd.DataFrame, outline: str, width: float = 0.38) -> None:
+def _stack(axes: Axes, x: float, rows: pd.DataFrame, width: float, outline: str = "-") -> None:
     counts = rows.groupby("category", observed=True)["count"].sum()
-    bottom = 0.0
-    for category in CATEGORIES:
-        height = float(np.log10(max(1, counts.get(category, 1))))
+    heights = np.log10([max(1, counts.get(name, 1)) for name in CATEGORIES])
+    bottoms = np.cumsum(heights) - heights
+    for height, bottom, colour in zip(heights, bottoms, style.current().categories, strict=True):
         if height:
-            colour = style.current().category(category)
             axes.bar(x, height, width, bottom, color=colour, ec="black", lw=1.0, ls=outline)
-        bottom += height
 
 
 def _ranges(until: Sequence[float]) -> list[str]:
     """Names of blocks: ``0–0.6k``, ``0.6–1.2k``, ... as the paper's ``0–30k``; few in full."""
-    thousands = bool(until[-1] >= 1000)
+    thousands = until[-1] >= 1000
     ends = [f"{round(value / 1000, 2):g}" if thousands else f"{value:.0f}" for value in (0, *until)]
-    return [f"{low}–{high}{'k' * thousands}" for low, high in pairwise(ends)]
+    return [f"{low}–{high}{'k' if thousands else ''}" for low, high in pairwise(ends)]

@@ -8,16 +8,15 @@ where they coincide, as at the limit, both are still seen.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.figure import FigureBase
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import offset_copy
 
 from causal_openlock.analysis.measures import (
     BASELINES,
@@ -28,22 +27,16 @@ from causal_openlock.analysis.measures import (
     ordered,
 )
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import (
-    Layout,
-    Names,
-    panels,
-    set_size,
-    trials_under,
-)
+from causal_openlock.analysis.plots.panels import Names, in_rows, panels, trials_under
 from causal_openlock.analysis.results.bounds import Bound, bounds_of
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.experiment.declare import PAPER_CONDITIONS
 
 _FAMILIES = (BASELINES, TRANSFERS[:2], TRANSFERS[2:])
-_COLUMNS = 4  # the most that fit the width
+_TOGETHER = 4  # conditions of one's own in a panel
+_HEIGHT = 1.75  # of a panel, in inches
 _POINTS = 60  # the most that a line is drawn with
 _MARKERS = 18  # with more points than this lines have no markers
-_HEIGHT = 1.75  # of a panel, in inches
 _GREY = "#666666"
 _LIMIT: Any = {"color": _GREY, "lw": 0.8, "ls": (0, (1, 1.5))}
 
@@ -121,157 +114,107 @@ def plot_course(
     families = _families(ordered(means["condition"], results.conditions))
     looks = _looks(families)
     cells = [(name, family) for name in names for family in families]
-    visits = {family: course.trials[course.trials["condition"].isin(family)] for family in families}
-    ideal = {family: _spans(own, course.ideal) for family, own in visits.items()}
+    visits = course.trials.groupby(["condition", "phase"], observed=True)["visit"]
+    spans = visits.agg(["min", "max"]).reset_index()
     points = dict(iter(means.groupby(["learner", "condition"], observed=True)))
     keys = [Line2D([], [], **_LIMIT, label="limit of attempts")] if limit is not None else []
     keys += [style.ideal_key()] if course.ideal else []
-    with panels(ax, len(cells), _rows(cells, len(families), looks, bool(keys))) as at:
+    columns = len(families) if len(families) > 1 else 3
+    above = 0.45 + 0.25 * bool(keys) + 0.17 * max(map(len, families))
+    with panels(ax, len(cells), in_rows(len(cells), columns, _HEIGHT, above=above)) as at:
         for axes, (name, family) in zip(at.axes, cells, strict=True):
-            played = {one: points[name, one] for one in family if (name, one) in points}
-            for condition, rows in played.items():
-                aside = 0.16 * (family.index(condition) - (len(family) - 1) / 2)
-                _course(axes, rows, looks[condition], marked, aside)
-            if not played:
+            for place, condition in enumerate(family):
+                aside = 0.16 * (place - (len(family) - 1) / 2) * marked
+                if (name, condition) in points:
+                    _draw_line(axes, points[name, condition], looks[condition], marked, aside)
+            if not axes.lines:
                 axes.text(
                     0.5, 0.5, "not played", transform=axes.transAxes, ha="center", color=_GREY
                 )
-            _scale(axes, int(visits[family]["visit"].max()), top, limit)
-            _mark_test(axes, visits[family])
-            for span in sorted(ideal[family]):
-                style.ideal_line(axes, *span)
+            own = spans[spans["condition"].isin(family)]
+            _scale(axes, int(own["max"].max()), top, limit)
+            _mark_test(axes, own.loc[own["phase"] == "test", "min"])
+            levels = {
+                (course.ideal[row.condition, row.phase].attempts, row.min - 0.5, row.max + 0.5)
+                for row in own.itertuples()
+                if (row.condition, row.phase) in course.ideal
+            }
+            for level in sorted(levels):
+                style.ideal_line(axes, *level)
+            axes.set_xlabel("Trial, in order")
+            if len(families) > 1:
+                axes.label_outer()
             if len(families) == 1 or family is families[0]:
                 style.panel_title(axes, name, style.sizes(means[means["learner"] == name]))
+        title = 27 + 11 * at.axes[0].get_title(loc="left").count("\n")  # its height in points
+        for axes, family in zip(at.axes, families, strict=False):  # of the first row
+            lines = [Line2D([], [], label=style.label(one, 24), **looks[one]) for one in family]
             if at.figure is None:
-                axes.set(xlabel="Trial, in order", ylabel="Attempts")
-                if name == names[0]:
-                    shared = keys if family is families[0] else []
-                    axes.legend(handles=_lines(family, looks, 24) + shared, fontsize="small")
-        if keys and at.figure is not None:
+                at.legend([*lines, *keys])
+                break
+            axes.legend(
+                handles=lines, loc="lower left", bbox_to_anchor=(0, 1), borderpad=0,
+                bbox_transform=offset_copy(axes.transAxes, at.figure, y=title, units="points"),
+                borderaxespad=0, labelspacing=0.3, handlelength=2.4,
+            )  # fmt: skip
+        if keys and at.figure:
             at.legend(keys)
+        at.label_y("Attempts")
     return at.returned
 
 
 def _families(conditions: Sequence[str]) -> list[tuple[str, ...]]:
-    """Conditions that share a panel: the paper's in pairs, the others as room allows."""
+    """Conditions that share a panel: the paper's in pairs, the others in fours."""
     known = [tuple(name for name in family if name in conditions) for family in _FAMILIES]
-    families = list(filter(None, known))
     others = [name for name in conditions if name not in PAPER_CONDITIONS]
-    share = math.ceil(len(others) / (_COLUMNS - len(families))) or 1
-    return families + [tuple(others[i : i + share]) for i in range(0, len(others), share)]
+    fours = [tuple(others[i : i + _TOGETHER]) for i in range(0, len(others), _TOGETHER)]
+    return [*filter(None, known), *fours]
 
 
 def _looks(families: Sequence[Sequence[str]]) -> dict[str, dict[str, Any]]:
     """How each condition's line looks; the paper's say by colour what they train."""
     looks: dict[str, dict[str, Any]] = {}
-    others = 0
     for family in families:
-        for index, condition in enumerate(family):
-            known = condition in PAPER_CONDITIONS
-            line = style.current().line(others)
-            if known:
-                line = {"color": style.current().trained(condition), "ls": "-"}
-            looks[condition] = {
-                **line,
-                "marker": "os^D"[index % 4],
-                "ms": 4,
-                "lw": 1.2 if index else 2.8 if len(family) > 1 else 1.6,
-            }
-            others += not known
+        for place, condition in enumerate(family):
+            look = style.current().line(place, condition)
+            if condition in PAPER_CONDITIONS:
+                look = {"color": style.current().trained(condition), "ls": "-"}
+            width = 1.2 if place else 2.8 if len(family) > 1 else 1.6
+            looks[condition] = {**look, "marker": "os^D"[place % 4], "ms": 4, "lw": width}
     return looks
 
 
-def _lines(family: Sequence[str], looks: dict[str, dict[str, Any]], most: int) -> list[Any]:
-    """Entries of a legend, named in at most ``most`` letters each."""
-    return [Line2D([], [], label=style.label(name, most), **looks[name]) for name in family]
-
-
-def _rows(
-    cells: Sequence[tuple[str, tuple[str, ...]]],
-    columns: int,
-    looks: dict[str, dict[str, Any]],
-    keyed: bool,
-) -> Layout:
-    """Panels by learner and family, under a row of keys; a single family is wrapped."""
-    families = [family for _, family in cells[:columns]]
-    if columns == 1:
-        rows = math.ceil(len(cells) / 3)
-        columns = math.ceil(len(cells) / rows)
-    rows = math.ceil(len(cells) / columns)
-    head = 0.17 * max(map(len, families)) + 0.1
-
-    def lay_out(figure: FigureBase) -> list[Axes]:
-        height = head + rows * _HEIGHT + 0.3 + 0.25 * keyed
-        set_size(figure, style.WIDTH if columns > 1 else 0.62 * style.WIDTH, height)
-        grid = figure.add_gridspec(rows + 1, columns, height_ratios=[head, *[_HEIGHT] * rows])
-        for column, family in enumerate(families):
-            key = figure.add_subplot(grid[0, column])
-            key.set_axis_off()
-            legend = key.legend(
-                handles=_lines(family, looks, 60 // max(2, columns) + 1), loc="lower left",
-                borderpad=0, borderaxespad=0, labelspacing=0.3, handlelength=2.4,
-            )  # fmt: skip
-            legend.set_in_layout(False)  # a long name must not squeeze the panels
-        axes = []
-        for place in range(len(cells)):
-            row, column = divmod(place, columns)
-            axes.append(figure.add_subplot(grid[row + 1, column]))
-            lowest = place + columns >= len(cells)
-            axes[-1].tick_params(axis="x", length=0)
-            axes[-1].xaxis.set_visible(lowest)  # nothing of the others is seen
-            axes[-1].tick_params(axis="y", labelleft=column == 0)
-            axes[-1].set_xlabel("Trial, in order")
-            axes[-1].set_ylabel("Attempts" if column == 0 else "")
-        return axes
-
-    return lay_out
-
-
-def _course(
+def _draw_line(
     axes: Axes, rows: pd.DataFrame, look: dict[str, Any], marked: bool, aside: float
 ) -> None:
     """A line for each phase; points that have markers stand a little aside of one another."""
     for phase, part in rows.groupby("phase", observed=True):
         x, mean, se = (part[column].to_numpy(dtype=float) for column in ("place", "mean", "se"))
-        face = "white" if phase == "test" else look["color"]
-        x = x + aside * marked
+        x = x + aside
         axes.fill_between(x, mean - se, mean + se, color=look["color"], alpha=0.15, lw=0)
         if len(x) == 1:  # a band of no width
             axes.errorbar(x, mean, se, fmt="none", ecolor=look["color"], elinewidth=1, capsize=2)
         line = {**look, "marker": look["marker"] if marked or len(x) == 1 else ""}
+        face = "white" if phase == "test" else look["color"]
         axes.plot(x, mean, **line, mfc=face, mew=1, zorder=3)
 
 
 def _scale(axes: Axes, most: int, top: float, limit: float | None) -> None:
     """The same scale in every panel, and the limit where some trial was not solved."""
-    beside = max(0.5, 0.02 * most)
-    axes.set_xlim(1 - beside, most + beside)
+    margin = max(0.5, 0.02 * most)
+    axes.set(xlim=(1 - margin, most + margin), ylim=(0, top))
     axes.xaxis.set_major_locator(MaxNLocator(7, integer=True, steps=[1, 2, 5, 10]))
-    axes.set_ylim(0, top)
     axes.yaxis.set_major_locator(MaxNLocator(5, integer=True, steps=[1, 2, 5, 10]))
     if limit is not None:
         axes.axhline(limit, **_LIMIT, zorder=1)
 
 
-def _mark_test(axes: Axes, visits: pd.DataFrame) -> None:
+def _mark_test(axes: Axes, starts: pd.Series) -> None:
     """A dashed line before the test, which begins at the same trial for most subjects."""
-    test = visits.loc[visits["phase"] == "test", "visit"]
-    if len(test) and (start := float(test.min()) - 0.5) > 1:
+    if len(starts) and (start := float(starts.min()) - 0.5) > 1:
         axes.axvline(start, color=_GREY, lw=0.8, ls=(0, (4, 2)), zorder=1)
         axes.annotate(
             "test", ((start + axes.get_xlim()[1]) / 2, 1), xytext=(0, 2),
             xycoords=("data", "axes fraction"), textcoords="offset points",
             ha="center", color=_GREY, fontsize="small",
         )  # fmt: skip
-
-
-def _spans(
-    visits: pd.DataFrame, ideal: dict[tuple[str, str], Bound]
-) -> set[tuple[float, float, float]]:
-    """Attempts of the ideal observer in each condition and phase, from where to where."""
-    phases = visits.groupby(["condition", "phase"], observed=True)["visit"]
-    return {
-        (ideal[key].attempts, float(played.min()) - 0.5, float(played.max()) + 0.5)
-        for key, played in phases
-        if key in ideal
-    }

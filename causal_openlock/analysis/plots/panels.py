@@ -4,10 +4,8 @@ Every plot function takes ``ax``, which is one of three things:
 
 * None: a figure is made with pyplot, so that a notebook shows it.
 * An empty :class:`~matplotlib.figure.Figure`: it is given its size and its panels. The report does
-  this, so that pyplot holds none of its figures. Or an empty
-  :class:`~matplotlib.figure.SubFigure`: it is given panels, and keeps the size that it has.
-* Axes, or an array of as many as there are panels. Nothing is drawn outside of them: what a figure
-  has above its panels, such as a legend, is then inside the first of them.
+  this, so that pyplot holds none of its figures.
+* Axes, if the figure has a single panel. Its legend is then inside of them.
 """
 
 from __future__ import annotations
@@ -21,27 +19,26 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure, FigureBase
+from matplotlib.figure import Figure
 
 from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.errors import NothingToDrawError, OpenLockError
 from causal_openlock.files.validation import several
-from causal_openlock.wording import counted, nearest
+from causal_openlock.wording import nearest
 
 Names = Collection[str] | None
 """Labels of learners or conditions; None for all."""
 
-Layout = Callable[[FigureBase], Sequence[Axes]]
+Layout = Callable[[Figure], Sequence[Axes]]
 """Gives a figure its size and its panels."""
 
 
-def set_size(figure: FigureBase, width: float, height: float) -> None:
-    """Give a figure its size in inches and lay it out for that; a part of one keeps its size."""
-    if isinstance(figure, Figure):
-        figure.set_layout_engine("constrained")
-        figure.set_size_inches(width, height)
+def set_size(figure: Figure, width: float, height: float) -> None:
+    """Give a figure its size in inches, and have it laid out for that."""
+    figure.set_layout_engine("constrained")
+    figure.set_size_inches(width, height)
 
 
 @dataclass(frozen=True)
@@ -54,7 +51,7 @@ class Panels:
     """
 
     axes: list[Axes]
-    figure: FigureBase | None
+    figure: Figure | None
 
     @property
     def returned(self) -> Any:
@@ -65,21 +62,18 @@ class Panels:
         """Name the y axis, of a row of panels once."""
         for number, axes in enumerate(self.axes):
             place = axes.get_subplotspec()
-            if number == 0 or place is None or place.is_first_col():
+            if number == 0 or (place and place.is_first_col()):
                 axes.set_ylabel(text)
 
     def legend(self, handles: Sequence[Any], columns: int | None = None) -> None:
-        """A legend above all panels, or in the first of those that were given."""
+        """A legend above all panels, or in the axes that were given."""
         if self.figure is None:
             self.axes[0].legend(handles=list(handles), fontsize="small")
-            return
-        self.figure.legend(
-            handles=list(handles),
-            loc="outside upper left",
-            ncols=columns or len(handles),
-            handlelength=1.6,
-            columnspacing=1.4,
-        )
+        else:
+            self.figure.legend(
+                handles=list(handles), loc="outside upper left",
+                ncols=columns or min(len(handles), 7), handlelength=1.6, columnspacing=1.4,
+            )  # fmt: skip
 
 
 @contextmanager
@@ -87,32 +81,20 @@ def panels(ax: Any, count: int, lay_out: Layout) -> Iterator[Panels]:
     """The axes to draw in, and the style's settings for what is drawn in a figure made here.
 
     Raises:
-        OpenLockError: If ``ax`` is something else, or has more or fewer axes than there are panels.
+        OpenLockError: If ``ax`` is something else, or axes of a figure with several panels.
     """
-    if ax is None or isinstance(ax, FigureBase):
+    if isinstance(ax, Axes) and count == 1:
+        yield Panels([ax], None)
+    elif ax is None or isinstance(ax, Figure):
         with style.settings():
             if ax is None:
                 import matplotlib.pyplot as plt
 
                 ax = plt.figure()
             yield Panels(list(lay_out(ax)), ax)
-        return
-    given = np.ravel(np.array(ax, dtype=object)).tolist()
-    if not all(isinstance(axes, Axes) for axes in given):
-        raise OpenLockError(
-            f"ax is axes of matplotlib, or an empty figure or subfigure, and not "
-            f"{type(ax).__name__}"
-        )
-    if len(set(given)) < len(given):
-        raise OpenLockError("ax holds the same axes twice; a panel needs axes of its own")
-    if len(given) != count:
-        rows = max(n for n in range(1, math.isqrt(count) + 1) if count % n == 0)
-        shape = f"{rows}, {count // rows}" if count > 1 else ""
-        raise OpenLockError(
-            f"this figure has {counted(count, 'panel')}, and ax holds "
-            f"{counted(len(given), 'axes', 'axes')}; pass plt.subplots({shape})[1], or leave ax out"
-        )
-    yield Panels(given, None)
+    else:
+        axes = " or axes" if count == 1 else f", as this plot has {count} panels"
+        raise OpenLockError(f"pass ax=plt.figure(){axes}, and not {type(ax).__name__}")
 
 
 def in_rows(
@@ -131,7 +113,7 @@ def in_rows(
     rows = math.ceil(count / columns)
     columns = math.ceil(count / rows)  # four panels are two and two, not three and one
 
-    def lay_out(figure: FigureBase) -> list[Axes]:
+    def lay_out(figure: Figure) -> list[Axes]:
         set_size(figure, width if columns > 1 else 0.62 * width, rows * height + above)
         grid = figure.subplots(rows, columns, sharey=common, squeeze=False).ravel().tolist()
         for unused in grid[count:]:

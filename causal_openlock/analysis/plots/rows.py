@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.figure import FigureBase
+from matplotlib.figure import Figure
 
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Layout, Panels, set_size
@@ -18,7 +18,7 @@ _HEIGHT = 0.21  # of a row, in inches
 def two_panels(names: Sequence[str]) -> Layout:
     """Return the layout of two panels with a row for each name."""
 
-    def lay_out(figure: FigureBase) -> list[Axes]:
+    def lay_out(figure: Figure) -> list[Axes]:
         set_size(figure, style.WIDTH, 1.15 + _HEIGHT * len(names))
         return list(figure.subplots(1, 2, sharey=True, sharex=True))
 
@@ -57,10 +57,3 @@ def dots(
     y = np.array([list(names).index(name) + aside for name in rows["learner"]])
     axes.hlines(y, rows["low"], rows["high"], color=colour, lw=1.6, zorder=2, capstyle="projecting")
     axes.plot(rows[value], y, marker, color=colour, ms=5, mec="black", mew=0.5, zorder=3)
-
-
-def same_scale(at: Panels) -> None:
-    """Give the panels the same x axis, also those that were passed in."""
-    ends = np.array([axes.get_xlim() for axes in at.axes])
-    for axes in at.axes:
-        axes.set_xlim(ends[:, 0].min(), ends[:, 1].max())

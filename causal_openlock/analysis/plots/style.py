@@ -22,19 +22,12 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.backend_bases import get_registered_canvas_class
-from matplotlib.colors import is_color_like
+from matplotlib.colors import to_rgba_array
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from causal_openlock.errors import OpenLockError
-from causal_openlock.experiment.record import CATEGORIES
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.files.validation import check_arguments
-from causal_openlock.wording import nearest
-
-CATEGORY_NAMES = dict(
-    zip(CATEGORIES, ("else", "unlock", "open 1", "open 2", "open 3"), strict=True)
-)
 
 IDEAL = "ideal observer (schema known)"
 """Name of the bound of :mod:`~causal_openlock.analysis.results.bounds` in figures, a line in
@@ -78,6 +71,9 @@ class PlotStyle:
         common_effect: Colour of what trains common effect (CE3, CE4).
         others: Colours of other conditions, or of learners in one panel, in turn.
         categories: Colours of the five categories of attempts, from ``else`` to ``open 3``.
+        labels: Names to print for learners and conditions, by their own.
+        colors: Colours of learners and conditions, by name. A learner that has a panel of its own
+            has its title in this colour.
         rc: Settings of matplotlib (``rcParams``) for figures that are made here: fonts, sizes,
             line widths, grids. Axes that were given keep those that they were made with.
     """
@@ -86,40 +82,30 @@ class PlotStyle:
     common_effect: str = "#00427A"
     others: tuple[str, ...] = ("#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#000000")
     categories: tuple[str, ...] = ("#E2E2E2", "#D3C5EA", "#AB8FD3", "#7F55B3", "#4C2483")
+    labels: Mapping[str, str] = field(default_factory=dict)
+    colors: Mapping[str, str] = field(default_factory=dict)
     rc: Mapping[str, Any] = field(default_factory=lambda: dict(_RC))
 
     def __post_init__(self) -> None:
-        colours = [self.common_cause, self.common_effect, *self.others, *self.categories]
-        for colour in colours:
-            if not is_color_like(colour):
-                raise OpenLockError(f"{colour!r} is not a colour of matplotlib, such as '#E69F00'")
-        if not self.others or len(self.categories) != len(CATEGORIES):
-            raise OpenLockError(
-                f"a style has at least one colour in others and {len(CATEGORIES)} in categories"
-            )
-        if not isinstance(self.rc, Mapping):
-            raise OpenLockError(f"rc is settings of matplotlib, {{name: value}}, not {self.rc!r}")
-        for name in self.rc.keys() - mpl.rcParams.keys():
-            known = [each for each in mpl.rcParams if each[:4] == name[:4]]
-            raise OpenLockError(f"matplotlib has no setting {name}; {nearest(name, known)}")
+        """Let matplotlib refuse what is no colour or setting before anything is drawn."""
+        own = self.common_cause, self.common_effect, *self.others, *self.categories
+        to_rgba_array([*own, *self.colors.values()])
+        mpl.RcParams(self.rc)
 
     def trained(self, condition: str) -> str:
         """Colour of a condition of the paper, by what it trains."""
-        return self.common_cause if condition.startswith("CC") else self.common_effect
-
-    def category(self, name: str) -> str:
-        """Colour of a category of attempts."""
-        return self.categories[CATEGORIES.index(name)]
+        usual = self.common_cause if condition.startswith("CC") else self.common_effect
+        return self.colors.get(condition, usual)
 
     def other(self, number: int) -> str:
         """One of the other colours, from the first again after the last."""
         return self.others[number % len(self.others)]
 
-    def line(self, number: int) -> dict[str, Any]:
+    def line(self, number: int, name: str = "") -> dict[str, Any]:
         """Colour and dashes of one line among many; no two of the first fifteen are alike."""
         dashes = number // len(self.others)
         return {
-            "color": self.other(number),
+            "color": self.colors.get(name, self.other(number)),
             "ls": ("-", (0, (4, 1.2)), (0, (1, 1.2)))[dashes % 3],
         }
 
@@ -146,17 +132,15 @@ class plot_style:  # noqa: N801 - it is called as a function is
         changes: Attributes of :class:`PlotStyle` to change; ``rc`` is added to what there is.
 
     Raises:
-        OpenLockError: If an attribute, a setting or a colour does not exist.
+        OpenLockError: If there is no such attribute.
+        ValueError: If matplotlib has no such colour; KeyError if it has no such setting.
     """
 
     def __init__(self, style: PlotStyle | None = None, **changes: Any) -> None:
+        check_arguments(changes, PlotStyle.__init__, "plot_style")
         self._before = current()
         style = style or self._before
-        if not isinstance(style, PlotStyle):
-            raise OpenLockError(f"plot_style takes a PlotStyle, and not {type(style).__name__}")
-        check_arguments(changes, PlotStyle.__init__, "plot_style")
-        if isinstance(changes.get("rc"), Mapping):
-            changes["rc"] = {**style.rc, **changes["rc"]}
+        changes["rc"] = {**style.rc, **changes.get("rc", {})}
         _style[-1] = replace(style, **changes)
 
     def __enter__(self) -> PlotStyle:
@@ -169,8 +153,7 @@ class plot_style:  # noqa: N801 - it is called as a function is
 _IDEAL_LOOK: Any = {"color": "#333333", "lw": 1.0, "ls": (0, (4, 2)), "dash_capstyle": "butt"}
 _NO_METADATA: dict[str, dict[str, Any]] = {
     "svg": dict.fromkeys(("Date", "Creator", "Format", "Type")),
-    "pdf": dict.fromkeys(("CreationDate", "Creator", "Producer")),
-    "png": {"Software": None},
+    "pdf": {"CreationDate": None},
 }
 
 
@@ -195,26 +178,28 @@ def sizes(rows: pd.DataFrame) -> str:
 
 def label(name: str, most: int = 200) -> str:
     """A name for a figure: without its middle if it is long; ``$`` does not begin mathematics."""
+    name = current().labels.get(name, name)
     if len(name) > most:
         name = f"{name[: most // 2]}…{name[len(name) + 1 - most + most // 2 :]}"
     return name.replace("$", r"\$")
 
 
-def crowded(axes: Axes, places: Sequence[float], texts: Sequence[str]) -> bool:
-    """Whether texts at places of the x axis would touch; a letter is about 5.2 points wide."""
+def name_places(axes: Axes, places: Sequence[float], names: Sequence[str]) -> None:
+    """Name places of the x axis, slanted where names would touch: a letter is 5.2 points wide."""
     axes.get_xlim()  # limits up to date
     x = axes.transData.transform([(place, 0) for place in places])[:, 0] * 72 / axes.figure.dpi
-    return bool((np.diff(x) < 5.2 * max(map(len, texts))).any())
-
-
-SLANTED: Any = {"rotation": 30, "ha": "right", "rotation_mode": "anchor"}
-"""Look of texts at an axis that would touch otherwise."""
+    crowded = (np.diff(x) < 5.2 * max(map(len, names))).any()
+    slanted: Any = {"rotation": 30, "ha": "right", "rotation_mode": "anchor"} if crowded else {}
+    axes.set_xticks(places, names, **slanted)
 
 
 def panel_title(axes: Axes, name: str, detail: str = "") -> None:
     """Name a panel; long names are wrapped, and ``$`` does not begin mathematics."""
-    lines = textwrap.wrap(name, 26, max_lines=2, placeholder="…") or [name]
-    axes.set_title(label("\n".join(lines)), loc="left", pad=6 + 10 * len(detail.splitlines()))
+    lines = textwrap.wrap(label(name), 26, max_lines=2, placeholder="…") or [name]
+    axes.set_title(
+        "\n".join(lines), loc="left", pad=6 + 10 * len(detail.splitlines()),
+        color=current().colors.get(name, "black"),
+    )  # fmt: skip
     if detail:
         axes.annotate(
             label(detail), (0, 1), xytext=(0, 4), xycoords="axes fraction",
@@ -255,8 +240,7 @@ def image(figure: Figure, kind: str, dots: int = 200) -> bytes:
             for axes in figure.axes:  # the solver's last digits are not always the same
                 left, low, width, height = (round(edge, 6) for edge in axes.get_position().bounds)
                 axes.set_position((left, low, width, height))
-        if kind == "png":
-            figure.set_dpi(dots)
+        figure.set_dpi(dots if kind == "png" else figure.dpi)
         canvas: Any = get_registered_canvas_class(kind)(figure)  # savefig draws it twice
-        getattr(canvas, f"print_{kind}")(content, metadata=_NO_METADATA[kind])
+        getattr(canvas, f"print_{kind}")(content, metadata=_NO_METADATA.get(kind))
     return content.getvalue()

@@ -6,7 +6,6 @@ Learners that differ in the parameter alone are one *series*, as those of a swee
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -15,19 +14,15 @@ from matplotlib.lines import Line2D
 
 from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import (
-    Names,
-    in_rows,
-    panels,
-    rows_of,
-    trials_under,
-)
+from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of, trials_under
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.errors import NothingToDrawError, OpenLockError
 from causal_openlock.wording import joined, nearest
 
 LOGARITHMIC = 100
 """Positive values are on a logarithmic axis if the highest is this many times the lowest."""
+MOST_NAMED = 6
+"""More numbers than these are not each named at the axis."""
 
 
 def sweep_table(results: Material, parameter: str | None = None) -> pd.DataFrame:
@@ -53,56 +48,51 @@ def sweep_table(results: Material, parameter: str | None = None) -> pd.DataFrame
         NothingToDrawError: If no parameter is named, and none differs or several do.
         OpenLockError: If no learner has it; the message has the nearest name.
     """
-    specs = {spec.name: spec for spec in results.experiment.learners}
-    given = {name: {**spec.parameters, "reward": spec.reward.name} for name, spec in specs.items()}
+    specs = results.experiment.learners
+    settings = {spec.name: {**spec.parameters, "reward": spec.reward.name} for spec in specs}
     differ: dict[str, list[str]] = {}
-    for name, spec in specs.items():
-        alike = [given[other] for other, one in specs.items() if one.learner == spec.learner]
-        own = given[name]
-        differ[name] = [key for key in own if any(one.get(key) != own[key] for one in alike)]
+    for spec in specs:
+        alike = [settings[other.name] for other in specs if other.learner == spec.learner]
+        own = settings[spec.name]
+        differ[spec.name] = [key for key in own if any(one.get(key) != own[key] for one in alike)]
     if parameter is None:
-        swept = sorted({key for keys in differ.values() for key in keys if key != "reward"})
+        swept = sorted({key for keys in differ.values() for key in keys} - {"reward"})
         if len(swept) != 1:
             found = f"{joined(swept)} differ" if swept else "no parameter differs"
             raise NothingToDrawError(
                 f"{found} between learners of the same kind; name one, as in plot.sweep('lapse')"
             )
         (parameter,) = swept
-    parameter = str(parameter)
-    values = {
-        name: spec.parameters[parameter]
-        for name, spec in specs.items()
-        if parameter in spec.parameters
-    }
-    if not values:
-        known = {key for spec in specs.values() for key in spec.parameters}
+    swept_specs = [spec for spec in specs if parameter in spec.parameters]
+    if not swept_specs:
+        known = {key for spec in specs for key in spec.parameters}
         raise OpenLockError(
-            f"no learner of these results has a parameter {parameter}; {nearest(parameter, known)}"
+            f"no learner of these results has a parameter {parameter}; "
+            f"{nearest(str(parameter), known)}"
         )
+    values = {spec.name: spec.parameters[parameter] for spec in swept_specs}
     series = {
-        name: _series(specs[name].learner, given[name], [k for k in differ[name] if k != parameter])
-        for name in values
-    }
+        spec.name: ", ".join(
+            [
+                spec.learner.rpartition(":")[2],
+                *(f"{key} {settings[spec.name][key]}" for key in differ[spec.name]
+                  if key != parameter),
+            ]
+        )
+        for spec in swept_specs
+    }  # fmt: skip
     order = list(values.values())
     if _are_numbers(order):
         order.sort()
     rows = results.headline[results.headline["learner"].isin(list(values))]
     names = rows["learner"].astype(str)
-    table = pd.DataFrame(
-        {
-            "parameter": parameter,
-            "value": pd.Series([values[name] for name in names], rows.index, object),
-            "series": names.map(series),
-        }
-    )
-    table = pd.concat([table, rows], axis=1)
-    place = [order.index(value) for value in table["value"]]
-    by = ["condition", "protocol", "series", "place"]
-    return table.assign(place=place).sort_values(by, ignore_index=True).drop(columns="place")
-
-
-def _series(learner: str, given: Mapping[str, Any], keys: list[str]) -> str:
-    return ", ".join([learner.rpartition(":")[2], *(f"{key} {given[key]}" for key in keys)])
+    table = rows.assign(
+        parameter=parameter,
+        value=pd.Series([values[name] for name in names], rows.index, object),
+        series=names.map(series),
+        place=[order.index(values[name]) for name in names],
+    ).sort_values(["condition", "protocol", "series", "place"], ignore_index=True)
+    return table[["parameter", "value", "series", *rows.columns]]
 
 
 def _are_numbers(values: list[Any]) -> bool:
@@ -144,21 +134,18 @@ def plot_sweep(
         )
     numbers = sorted({*table["value"]}) if _are_numbers(list(table["value"])) else []
     words = list(dict.fromkeys(map(str, table["value"])))
-    places = table["value"].astype(float) if numbers else table["value"].map(str).map(words.index)
-    table = table.assign(x=places)
+    table["x"] = [value if numbers else words.index(str(value)) for value in table["value"]]
     looks: dict[str, dict[str, Any]] = {
-        name: {**style.current().line(number), "marker": "os^D"[number % 4], "ms": 5}
+        name: {**style.current().line(number, name), "marker": "os^D"[number % 4], "ms": 5}
         for number, name in enumerate(dict.fromkeys(table["series"]))
     }
-    shown = ordered(table["condition"].unique(), results.conditions)
-    keys: list[Any] = [
-        Line2D([], [], label=style.label(name, 30), **look) for name, look in looks.items()
-    ]
+    keys = [Line2D([], [], label=style.label(name, 30), **look) for name, look in looks.items()]
     if (table["share_solved"] < 1).any():
         look: dict[str, Any] = {"ls": "", "marker": "o", "mfc": "white", "color": "#666666"}
         keys.append(Line2D([], [], label="lower bound: not all solved", **look))
     if table["ideal_attempts"].notna().any():
         keys.append(style.ideal_key())
+    shown = ordered(table["condition"].unique(), results.conditions)
     width = style.WIDTH / (0.62 if len(shown) == 1 else 1)  # the legend needs all of it
     with panels(ax, len(shown), in_rows(len(shown), 3, 2.2, width)) as at:
         for axes, condition in zip(at.axes, shown, strict=True):
@@ -168,18 +155,15 @@ def plot_sweep(
                 ends = np.nan_to_num([mean - rows["ci_low"], rows["ci_high"] - mean])
                 axes.errorbar(rows["x"], mean, ends.clip(min=0), elinewidth=1, capsize=2, **look)
                 least = rows[rows["share_solved"] < 1]
-                axes.plot(
-                    least["x"], least["attempts"], **{**look, "ls": ""}, mfc="white", zorder=3
-                )
+                empty = {**look, "ls": "", "mfc": "white"}
+                axes.plot(least["x"], least["attempts"], **empty, zorder=3)
             if numbers and numbers[0] > 0 and numbers[-1] >= LOGARITHMIC * numbers[0]:
                 axes.set_xscale("log")
             if not numbers:
                 axes.set_xlim(-0.4, len(words) - 0.6)
-            places = numbers or range(len(words))
-            texts = [f"{one:g}" for one in numbers] or [style.label(one, 24) for one in words]
-            crowded = style.crowded(axes, places, texts)
-            if not (numbers and crowded):
-                axes.set_xticks(places, texts, **(style.SLANTED if crowded else {}))
+                style.name_places(axes, range(len(words)), [style.label(one, 24) for one in words])
+            elif len(numbers) <= MOST_NAMED:
+                axes.set_xticks(numbers, [f"{one:g}" for one in numbers])
                 axes.minorticks_off()
             for attempts in here["ideal_attempts"].dropna().unique():
                 style.ideal_line(axes, attempts, *axes.get_xlim())

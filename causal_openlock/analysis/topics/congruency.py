@@ -24,7 +24,7 @@ from causal_openlock.analysis.effects import ALPHA, Difference, Group, weighted_
 from causal_openlock.analysis.measures import TRANSFERS, by_subject, judged, ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, panels, trials_under
-from causal_openlock.analysis.plots.rows import dots, name_rows, same_scale, two_panels
+from causal_openlock.analysis.plots.rows import dots, name_rows, two_panels
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import Reference, gap_column
@@ -210,7 +210,6 @@ def plot_congruency(
             style.panel_title(axes, f"Test of {test}")
             axes.set_xlabel("Attempts saved by congruent training")
             axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
-        same_scale(at)
     return at.returned
 
 

@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
-from matplotlib.figure import FigureBase
+from matplotlib.figure import Figure
 
 from causal_openlock.analysis.decisions import Decided
 from causal_openlock.analysis.effects import ALPHA, Difference, Group, weighted_difference
@@ -189,7 +189,7 @@ def plot_pairs(
     edge = 0.25 + 0.07 * max(map(len, shown))  # names along the left and, slanted, along the top
     cell = min(0.55, (style.WIDTH - edge - 0.5 * edge) / size)
 
-    def lay_out(figure: FigureBase) -> list[Axes]:
+    def lay_out(figure: Figure) -> list[Axes]:
         set_size(figure, max(3.5, 1.5 * edge + cell * size), 0.75 + 0.7 * edge + cell * size)
         figure.suptitle(_PAIRS, x=0.01, ha="left", weight="bold", size="medium")
         figure.supxlabel(note, x=0.01, ha="left", size="medium")

@@ -20,7 +20,7 @@ from causal_openlock.analysis.decisions import Decided
 from causal_openlock.analysis.measures import BASELINES, TRANSFERS, by_subject, ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, panels, trials_under
-from causal_openlock.analysis.plots.rows import dots, name_rows, same_scale, two_panels
+from causal_openlock.analysis.plots.rows import dots, name_rows, two_panels
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import Reference
@@ -177,7 +177,6 @@ def plot_savings(
             for trained, (colour, marker) in looks.items()
         ]  # fmt: skip
         at.legend(keys)
-        same_scale(at)
     return at.returned
 
 
