@@ -19,19 +19,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache, lru_cache
+from math import log2
 from typing import NamedTuple
 
 import numpy as np
 
-from causal_openlock.belief.optimal import Optimum, Point
+from causal_openlock.belief.optimal import TIE, Optimum, Point
 from causal_openlock.belief.placements import TooLargeError, placements
 from causal_openlock.belief.structure_schemas import structure_of
 from causal_openlock.belief.structures import Structures, merge
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.room import Layout
-
-NO_DIFFERENCE = 1e-9
-"""Values that differ by less are the same but for rounding."""
 
 
 class Worth(NamedTuple):
@@ -78,8 +76,8 @@ class Observer:
         self._placed = own.structures
         self._optimum = Optimum(own, np.ones(len(own)), action_limit)
         self._optimum.attempts()
-        self._choice, self._entropy = cache(self._judged), cache(self._optimum.entropy)
-        self._attempt, self._truth = cache(self._followed), cache(self._hypothesis)
+        self._choice, self._truth = cache(self._judged), cache(self._hypothesis)
+        self._attempt = cache(self._followed)
 
     def trial(self, layout: Layout, attempts: Sequence[Sequence[int]]) -> list[Worth]:
         """Worth of each attempt of a trial, until everything is found.
@@ -103,7 +101,8 @@ class Observer:
         for action in actions:
             cost, idle, outcomes = self._choice(point, action)
             after = next(outcome for outcome in outcomes if outcome.possible & truth)
-            gained += self._entropy(point.possible) - self._entropy(after.possible)
+            # Placements are equally probable.
+            gained += log2(point.possible.bit_count() / after.possible.bit_count())
             regret, useless, point = regret + cost, useless + idle, after
         left = point._replace(pushed=0, left=self._limit)
         return Worth(len(actions), regret, gained, useless), left
@@ -132,8 +131,8 @@ class Observer:
         then = [one for _, one in outcomes]
         same = [(one.possible, one.found) == point[:2] for one in then]
         idle = all(same) and all(one.pushed == point.pushed or not one.left for one in then)
-        lost = optimum.value(point._replace(left=0)) - value < NO_DIFFERENCE
-        return regret if regret > NO_DIFFERENCE else 0.0, idle or lost, then
+        lost = optimum.value(point._replace(left=0)) - value < TIE
+        return regret if regret > TIE else 0.0, idle or lost, then
 
 
 @lru_cache(maxsize=64)

@@ -24,7 +24,6 @@ import math
 from collections.abc import Callable
 from functools import cache
 from itertools import combinations
-from math import log2
 from typing import NamedTuple
 
 import numpy as np
@@ -109,13 +108,13 @@ class Optimum:
         self._solutions: int = hypotheses.solutions.shape[1]
         longest = int(np.bitwise_count(hypotheses.solutions).max(initial=0))
         self._pulls = action_limit - longest - 1 >= 2 if pulls is None else pulls
-        share = weight / weight.sum()
-        self._weights = by_weight(share)
-        self._everything = bits(share > 0)
-        self._symmetry = Symmetry(hypotheses, share)
+        self._share = weight / weight.sum()
+        self._everything = bits(self._share > 0)
+        self._symmetry = Symmetry(hypotheses, self._share)
         # States, and sets of hypotheses, are computed once for each instance.
         self._search, self._holds = cache(self._searched), cache(self._holding)
         self._finds, self._reach = cache(self._finding), cache(self._reaching)
+        self._weight = cache(self._weighing)
         self.nodes = 0
 
     @property
@@ -158,29 +157,21 @@ class Optimum:
         whole = self._weight(point.possible)
         return [(self._weight(outcome.possible) / whole, outcome) for outcome in outcomes]
 
-    def entropy(self, possible: int) -> float:
-        """The bits missing to certainty about which of these hypotheses is true."""
-        whole = self._weight(possible)
-        return sum(
-            -(weight / whole) * log2(weight / whole) * (possible & having).bit_count()
-            for weight, having in self._weights
-        )
-
     def most(self) -> int:
         """The largest number of attempts under an optimal policy for which it is least."""
         return int(self._followed(lambda possible, found: np.ones(1), np.maximum)[0])
 
-    def by_solution(self, weights: list[tuple[float, int]]) -> tuple[float, ...]:
+    def by_solution(self, share: FloatArray) -> tuple[float, ...]:
         """Attempts for the first, second, ... solution, under one optimal policy.
 
-        ``weights`` are those of some hypotheses, by :func:`by_weight`; renaming levers must not
-        change them. Of all optimal policies, the one that needs least under these hypotheses
-        counts, and of several such policies, the one that finds earlier solutions soonest.
+        ``share``, ``[H]``, are probabilities; renaming levers must not change them. Of all optimal
+        policies, the one that needs least with these probabilities counts, and of several such
+        policies, the one that finds earlier solutions soonest.
         """
 
         def charge(possible: int, found: int) -> FloatArray:
             in_all_and_each = np.zeros(1 + self._solutions)
-            in_all_and_each[[0, 1 + found]] = weighed(weights, possible)
+            in_all_and_each[[0, 1 + found]] = share[_flags(possible, len(share))].sum()
             return in_all_and_each
 
         return tuple(self._followed(charge, np.add)[1:].tolist())
@@ -307,7 +298,7 @@ class Optimum:
         """The levers that are not pushed, in groups that the belief cannot distinguish."""
 
         def same(first: int, slot: int) -> bool:
-            swappable = self._symmetry.swappable(possible, first, slot)
+            swappable = self._symmetry.swappable(possible)[first, slot]
             return swappable and sorted(swapped(mask, first, slot) for mask in found) == [*found]
 
         groups: dict[int, list[int]] = {}
@@ -317,10 +308,11 @@ class Optimum:
                 groups.setdefault(first, []).append(slot)
         return groups
 
-    def _weight(self, possible: int) -> float:
-        return weighed(self._weights, possible)
-
     # -- sets of hypotheses, cached ---------------------------------------------------------------
+
+    def _weighing(self, possible: int) -> float:
+        """The probability of a set of hypotheses."""
+        return float(self._share[_flags(possible, len(self._share))].sum())
 
     def _holding(self, node: int, pushed: int) -> int:
         """The hypotheses under which a lever moves, or the door (the last node) is unlocked."""
@@ -378,13 +370,10 @@ class Symmetry:
         threshold = own.threshold[:, : self._slots]
         # What distinguishes levers, [features, H, slots].
         self._features = np.stack([threshold, np.bitwise_count(levers), opens, solves])
-        self._swappable, self.canonical = cache(self._swaps), cache(self._renamed)
-
-    def swappable(self, possible: int, first: int, second: int) -> bool:
-        """Whether swapping these levers maps the possible hypotheses onto themselves."""
-        return bool(self._swappable(possible)[first, second])
+        self.swappable, self.canonical = cache(self._swaps), cache(self._renamed)
 
     def _swaps(self, possible: int) -> BoolArray:
+        """By two slots, whether swapping them maps the possible hypotheses onto themselves."""
         held = np.append(_flags(possible, self._many), False)
         return np.logical_and.reduce(np.equal(held[self._swap], held[: self._many]), axis=2)
 
@@ -411,16 +400,6 @@ class Symmetry:
         image = np.zeros(self._many, dtype=bool)
         image[image_of] = True
         return bits(image), found
-
-
-def by_weight(weight: FloatArray) -> list[tuple[float, int]]:
-    """Return each weight above 0 with the set of hypotheses that have it."""
-    return [(one, bits(np.equal(weight, one))) for one in np.unique(weight[weight > 0]).tolist()]
-
-
-def weighed(weights: list[tuple[float, int]], possible: int) -> float:
-    """Return the sum of the weights of a set of hypotheses; ``weights`` is by :func:`by_weight`."""
-    return sum((weight * (possible & having).bit_count() for weight, having in weights), 0.0)
 
 
 def bits(flags: BoolArray) -> int:

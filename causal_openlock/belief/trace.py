@@ -1,9 +1,9 @@
 """The beliefs of one subject in one trial, action by action.
 
-A :class:`Trace` holds the belief before and after each action, the expected information gain of the
-action, and the gain that was obtained: the difference of the entropies. The two agree on average,
-not action by action: an unlikely outcome is worth more bits than expected, a likely one fewer, and
-ruling out the most probable hypothesis can leave a subject less certain than it was.
+The information that an action was expected to give and the information that it gave, the difference
+of the entropies, agree on average, not action by action: an unlikely outcome is worth more bits
+than expected, a likely one fewer, and ruling out the most probable hypothesis can leave a subject
+less certain than it was.
 
 :func:`trace_text` writes a trace as text, :mod:`causal_openlock.analysis.plots.belief` draws it.
 """
@@ -73,8 +73,7 @@ class Moment:
         entropy_after: The same after it.
         gain_predicted: Expected information gain of the action alone, in bits.
         gain_obtained: Information gain in bits: the difference of the entropies.
-        renewed: Why the subject has other hypotheses than before: ``sampled`` if too few of the
-            sampled ones were left, ``noise`` if it concluded that levers may fail to move; empty if
+        renewed: Why the subject has other hypotheses than before, one of :data:`RENEWED`; empty if
             they are the same. Entropies of different hypotheses differ by no information.
         hypotheses: How many hypotheses are possible.
         structure: The most probable structure, its levers named by position.
@@ -123,9 +122,6 @@ class Trace:
         learner: Label of the learner.
         trial: Number of the trial in the condition, from 1, of ``trials``.
         truth: The schema of the room, its levers named by position.
-        action_limit: Actions in an attempt.
-        forgetting: Share of the trial's evidence that the subject loses with every attempt; the
-            loss counts against the last action of the attempt.
         moments: The N + 1 beliefs: before the first action, and after each.
         shown: Whether the subject was shown the trial and did not act itself.
     """
@@ -137,8 +133,6 @@ class Trace:
     trial: int
     trials: int
     truth: Schema
-    action_limit: int
-    forgetting: float
     moments: tuple[Moment, ...]
     shown: bool = False
 
@@ -158,11 +152,6 @@ class Trace:
         return sum(action.outcome == "new solution" for action in self.actions)
 
     @property
-    def solved(self) -> bool:
-        """Whether every solution was found."""
-        return self.found == len(self.truth.solutions)
-
-    @property
     def known_from(self) -> int | None:
         """The first attempt at whose end, and at all later ends, the truth is most probable.
 
@@ -170,8 +159,8 @@ class Trace:
         """
         ends = [attempt[-1] for attempt in self.attempts]
         wrong = [end.attempt for end in ends if not same_structure(end.structure, self.truth)]
-        first = max(wrong, default=0) + 1
-        return first if first <= ends[-1].attempt else None
+        last = max(wrong, default=0)
+        return last + 1 if last < ends[-1].attempt else None
 
     @property
     def entropies(self) -> FloatArray:
@@ -224,8 +213,7 @@ def trace_trial(
 ) -> Trace:
     """Play one subject up to the end of a trial, and record its beliefs in this trial.
 
-    The subject acts as in any :class:`~causal_openlock.experiment.session.Session` with the same
-    arguments.
+    The subject acts as in a :class:`~causal_openlock.experiment.session.Session`.
 
     Args:
         learner: The learner; it must not have begun.
@@ -301,8 +289,6 @@ def trace_trial(
         trial=trial,
         trials=session.brief.trials,
         truth=by_position(room),
-        action_limit=protocol.actions_for(room.schema),
-        forgetting=learner.beliefs.prior.forgetting,
         moments=tuple(moments),
         shown=trial <= session.shown_trials,
     )
@@ -331,13 +317,14 @@ def _outcome(step: Step) -> str:
 def trace_text(trace: Trace, most: int = 30) -> Iterator[str]:
     """The lines of a trace; of more than ``most`` attempts, the later ones are summarised."""
     solutions, protocol = len(trace.truth.solutions), trace.protocol
+    actions = counted(protocol.actions_for(trace.truth), "action")
     yield (
         f"{trace.learner} in {trace.condition} under protocol {protocol.name}, subject "
         f"{trace.subject}, trial {trace.trial} of {trace.trials}"
     )
     yield (
         f"{counted(solutions, 'solution')} to find, {counted(protocol.attempt_limit, 'attempt')} "
-        f"of {counted(trace.action_limit, 'action')}"
+        f"of {actions}"
     )
     yield ""
     begins = "is shown the solutions" if trace.shown else "acts"
@@ -368,10 +355,10 @@ def trace_text(trace: Trace, most: int = 30) -> Iterator[str]:
         yield from _wrapped(f"In the end {belief_in_words(trace.moments[-1])}", "  ")
     yield ""
     unsolved = f"Not solved: {trace.found} of {solutions} solutions"
-    end = "Shown" if trace.shown else "Solved" if trace.solved else unsolved
+    end = "Shown" if trace.shown else "Solved" if trace.found == solutions else unsolved
     verdict = {
         "same": "is the same structure",
-        "alike": f"acts the same in attempts of {counted(trace.action_limit, 'action')}",
+        "alike": f"acts the same in attempts of {actions}",
         "different": "acts differently",
     }[agreement(trace)]
     yield from _wrapped(
@@ -395,10 +382,10 @@ def agreement(trace: Trace) -> str:
     Returns:
         ``same``, ``alike`` if it behaves alike in every attempt, or ``different``.
     """
-    most = trace.moments[-1].structure
+    most, limit = trace.moments[-1].structure, trace.protocol.actions_for(trace.truth)
     if same_structure(most, trace.truth):
         return "same"
-    return "alike" if behave_alike(trace.truth, most, trace.action_limit) else "different"
+    return "alike" if behave_alike(trace.truth, most, limit) else "different"
 
 
 def belief_in_words(belief: Moment) -> str:

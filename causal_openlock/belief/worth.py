@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from causal_openlock.belief.optimal import Optimum, by_weight
+from causal_openlock.belief.optimal import Optimum
 from causal_openlock.belief.placements import TooLargeError, mixture
 from causal_openlock.belief.possible_schemas import Among, Possible, possible_schemas
 from causal_openlock.errors import OpenLockError
@@ -170,8 +170,8 @@ def _expected(among: Possible, limit: int, positions: int | None) -> Expected:
         attempts = optimum.attempts()
         only_first = [(first, 1.0), *((schema, 0.0) for schema, _ in others)]
         in_rooms_of_first = mixture(only_first, limit, positions)[1]
-        each = optimum.by_solution(by_weight(weight / weight.sum()))
-        here = optimum.by_solution(by_weight(in_rooms_of_first))
+        each = optimum.by_solution(weight / weight.sum())
+        here = optimum.by_solution(in_rooms_of_first)
     except TooLargeError as error:
         raise OpenLockError(f"{error}; name fewer schemas, or schemas with fewer levers") from None
     return Expected(attempts, each, here, optimum.nodes)
