@@ -5,8 +5,8 @@ over structures again,
 
     P(structure) = P(behaviour) P(structure | behaviour)
 
-the last factor from the subject's knowledge of schema classes. Levers are named by position and not
-by slot, as people see the room.
+the last factor from the subject's knowledge of schema classes, whose probabilities ``[C + 1]`` are
+called ``classes`` here. Levers are named by position and not by slot, as people see the room.
 
 **Interventions.** A *lever's state* is 1 while it is pushed, the *door's* is 1 while it is
 unlocked. ``do`` sets levers from outside, ``pushed`` ones to 1 and ``pulled`` ones to 0: they stay
@@ -20,7 +20,7 @@ of times faster.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import product
 from typing import TYPE_CHECKING
@@ -32,7 +32,7 @@ from causal_openlock.belief.beliefs import Belief
 from causal_openlock.belief.catalogue import feasible
 from causal_openlock.belief.hypotheses import Strengths
 from causal_openlock.belief.structure_schemas import schema_of
-from causal_openlock.belief.structures import Hypotheses, Structures
+from causal_openlock.belief.structures import NEVER, Structures
 from causal_openlock.contract.learner import Structure
 from causal_openlock.errors import OpenLockError
 from causal_openlock.schemas.bayes_net import to_bayesian_network
@@ -46,97 +46,46 @@ if TYPE_CHECKING:
     from pgmpy.models import DiscreteBayesianNetwork
 
 
-@dataclass(frozen=True, eq=False)
-class StructurePosterior:
-    """The part of a posterior about M structures on the same levers.
+def over_structures(belief: Belief, classes: FloatArray) -> tuple[Structures, IntArray, FloatArray]:
+    """The posterior over structures.
 
-    Attributes:
-        positions: ``[n]`` where the levers are.
-        structures: ``[M]`` structures on them.
-        behaviour: ``[M]`` equal for those that behave alike in every attempt.
-        strengths: The G possible strengths.
-        probability: ``[M, G]`` of each structure together with each strength.
-    """
-
-    positions: IntArray
-    structures: Structures
-    behaviour: IntArray
-    strengths: Strengths
-    probability: FloatArray
-
-    def unlocked(self, do: Mapping[int, int], push_probability: float) -> float:
-        """Contribution to P(unlocked | do), given the states of the levers that are set."""
-        places = self.positions.tolist()
-        unset = [lever for lever, position in enumerate(places) if position not in do]
-        other = (0, 1) if push_probability > 0 else (0,)
-        threshold, total = self.structures.threshold, 0.0
-        for states in product(*((do[at],) if at in do else other for at in places)):
-            mask = np.uint16(sum(state << lever for lever, state in enumerate(states)))
-            live = np.bitwise_count(self.structures.causes & mask)
-            likely = np.where(live[:, -1] >= threshold[:, -1], 1.0, 0.0)[:, None]
-            for lever in unset:
-                moves = self.strengths.chance[:, live[:, lever], threshold[:, lever]].T
-                moves = push_probability * moves
-                likely = likely * (moves if states[lever] else 1.0 - moves)
-            total += float((self.probability * likely).sum())
-        return total
-
-
-def structure_posteriors(belief: Belief, classes: FloatArray) -> Iterator[StructurePosterior]:
-    """The posterior over structures, one part for each possible set of active levers.
-
-    ``classes``, ``[C + 1]``, is the subject's probability of each schema class; so everywhere here.
+    Returns:
+        The M structures that are possible, on the positions of the room; ``[M]`` numbers that are
+        equal for those that behave alike; and ``[M, G]`` the probability of each structure
+        together with each strength.
     """
     space = belief.space
     weight = np.zeros(len(space))
     weight[belief.which] = belief.weight
+    structures, behaviours, chances, listed = [], [], [], 0
     for block, part in zip(space.blocks, np.split(weight, space.ends[:-1]), strict=True):
-        if not part.any():
-            continue
         own = block.catalogue
-        pairs = own.pairs_given_behaviour(classes * feasible(own.members.levers))
-        share = np.bincount(own.member, pairs, minlength=len(own.members))
-        joint = share[:, None] * part.reshape(-1, len(space.strengths))[own.behaviour]
-        possible = np.flatnonzero(joint.any(axis=1))
-        yield StructurePosterior(
-            belief.positions[list(block.slots)],
-            own.members[possible],
-            own.behaviour[possible],
-            space.strengths,
-            joint[possible],
-        )
+        if part.any():
+            pairs = own.pairs_given_behaviour(classes * feasible(own.members.levers))
+            share = np.bincount(own.member, pairs, minlength=len(own.members))
+            chance = share[:, None] * part.reshape(-1, len(space.strengths))[own.behaviour]
+            possible = np.flatnonzero(chance.any(axis=1))
+            at = belief.positions[list(block.slots)]
+            structures.append(own.members[possible].on_slots(at, space.sight.positions))
+            behaviours.append(own.behaviour[possible] + listed)
+            chances.append(chance[possible])
+        listed += len(own)
+    return Structures.joined(structures), np.concatenate(behaviours), np.concatenate(chances)
 
 
 def believed_structure(belief: Belief, classes: FloatArray) -> Structure:
     """Probabilities of edges and gates, of the room that a belief is about."""
-    parts = (
-        (part.positions, part.structures, part.probability.sum(axis=1))
-        for part in structure_posteriors(belief, classes)
-    )
-    return expected_structure(parts, belief.space.sight.positions)
+    structures, _, chance = over_structures(belief, classes)
+    return expected_structure(structures, chance.sum(axis=1))
 
 
-def expected_structure(
-    parts: Iterable[tuple[IntArray, Structures | Hypotheses, FloatArray]], positions: int
-) -> Structure:
-    """Probabilities of edges and gates, of structures with these probabilities.
-
-    Args:
-        parts: ``[n]`` where some levers are, M structures on them, and ``[M]`` their probabilities;
-            of all parts together these add up to 1.
-        positions: Positions of the room, P.
-    """
-    edges = np.zeros((positions, positions + 1))
-    several, all_of_them = np.zeros(positions + 1), np.zeros(positions + 1)
-    for at, own, probability in parts:
-        to = np.append(at, positions)
-        for lever, position in enumerate(at):
-            causes = (own.causes >> np.uint16(lever) & 1).astype(float)
-            edges[position, to] += probability @ causes
-        many = np.bitwise_count(own.causes)
-        several[to] += probability @ (many > 1)
-        all_of_them[to] += probability @ ((many > 1) & (own.threshold >= many))
-    gates = np.divide(all_of_them, several, out=np.full(positions + 1, np.nan), where=several > 0)
+def expected_structure(structures: Structures, probability: FloatArray) -> Structure:
+    """Probabilities of edges and gates, of M structures with ``[M]`` these probabilities."""
+    levers, many = np.arange(structures.levers), np.bitwise_count(structures.causes)
+    edges = np.array([probability @ (structures.causes >> lever & 1) for lever in levers])
+    several = probability @ (many > 1)
+    all_of_them = probability @ ((many > 1) & (structures.threshold >= many))
+    gates = np.divide(all_of_them, several, out=np.full(len(several), np.nan), where=several > 0)
     return Structure(edges, gates)
 
 
@@ -147,17 +96,14 @@ def most_probable(belief: Belief, classes: FloatArray) -> tuple[Schema, float]:
     all structures with it, whatever their strength. Levers are named by position; those without
     effect on the door are inert.
     """
-    parts = [*structure_posteriors(belief, classes)]
-    behaviours = [np.bincount(part.behaviour, part.probability.sum(axis=1)) for part in parts]
-    at = int(np.argmax([alike.max() for alike in behaviours]))
-    part, alike = parts[at], behaviours[at]
-    having = np.flatnonzero(part.behaviour == alike.argmax())
-    best = having[part.probability[having].sum(axis=1).argmax()]
-    strength = float(part.strengths.value[part.probability[best].argmax()])
-    every = position_names(belief.space.sight.positions)
-    names = [every[position] for position in part.positions]
-    schema = schema_of(part.structures[best : best + 1], names, strength)
-    return schema, float(alike.max())
+    structures, behaviour, chance = over_structures(belief, classes)
+    probability = chance.sum(axis=1)
+    alike = np.bincount(behaviour, probability)
+    having = np.flatnonzero(behaviour == alike.argmax())
+    best = having[probability[having].argmax()]
+    strength = float(belief.space.strengths.value[chance[best].argmax()])
+    names = position_names(belief.space.sight.positions)
+    return schema_of(structures[best : best + 1], names, strength), float(alike.max())
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,14 +118,18 @@ class Model:
             :func:`~causal_openlock.schemas.bayes_net.to_bayesian_network`.
         edges: ``[P, P + 1]`` posterior probability that the lever of the row enables that of the
             column, or the door; averaged over all structures.
-        parts: The posterior over structures, for each possible set of active levers.
+        structures: M structures, on the positions of the room.
+        strengths: The G possible strengths.
+        chance: ``[M, G]`` probability of each structure together with each strength.
     """
 
     schema: Schema
     probability: float
     network: DiscreteBayesianNetwork
     edges: pd.DataFrame
-    parts: tuple[StructurePosterior, ...] = field(repr=False)
+    structures: Structures = field(repr=False)
+    strengths: Strengths = field(repr=False)
+    chance: FloatArray = field(repr=False)
 
     @property
     def graph(self) -> nx.DiGraph:
@@ -219,8 +169,31 @@ class Model:
                 f"push_probability is {push_probability}; give a number from 0 to 1"
             )
         do = {names.index(name): int(name in up) for name in up | down}
-        total = sum(part.unlocked(do, push_probability) for part in self.parts)
+        total = unlocked(self.structures, self.strengths, self.chance, do, push_probability)
         return min(total, 1.0)  # rounding may end just above 1
+
+
+def unlocked(
+    structures: Structures,
+    strengths: Strengths,
+    chance: FloatArray,
+    do: Mapping[int, int],
+    push_probability: float,
+) -> float:
+    """P(unlocked | do), given the states of the levers that are set."""
+    threshold, total = structures.threshold, 0.0
+    can_move = np.flatnonzero((threshold[:, :-1] < NEVER).any(axis=0))
+    unset = [lever for lever in can_move.tolist() if lever not in do]
+    for states in product((0, 1), repeat=len(unset) if push_probability > 0 else 0):
+        state = {**do, **dict(zip(unset, states, strict=False))}
+        pushed = np.uint16(sum(up << lever for lever, up in state.items()))
+        live = np.bitwise_count(structures.causes & pushed)
+        likely = np.where(live[:, -1] >= threshold[:, -1], 1.0, 0.0)[:, None]
+        for lever, up in zip(unset, states, strict=False):
+            moves = push_probability * strengths.chance[:, live[:, lever], threshold[:, lever]].T
+            likely = likely * (moves if up else 1.0 - moves)
+        total += float((chance * likely).sum())
+    return total
 
 
 def model_of(belief: Belief, classes: FloatArray) -> Model:
@@ -234,5 +207,6 @@ def model_of(belief: Belief, classes: FloatArray) -> Model:
         index=pd.Index(names, name="cause"),
         columns=pd.Index([*names, DOOR], name="effect"),
     )
-    parts = tuple(structure_posteriors(belief, classes))
-    return Model(schema, probability, to_bayesian_network(schema), edges, parts)
+    structures, _, chance = over_structures(belief, classes)
+    network, strengths = to_bayesian_network(schema), belief.space.strengths
+    return Model(schema, probability, network, edges, structures, strengths, chance)

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import networkx as nx
 import numpy as np
 
-from causal_openlock.belief.structures import Structures
+from causal_openlock.belief.structures import NEVER, Structures
 from causal_openlock.schemas.schema import DOOR, Gate, Schema
 from causal_openlock.wording import joined
 from causal_openlock.world.room import Room, position_names
@@ -27,18 +27,21 @@ def structure_of(schema: Schema) -> Structures:
 
 
 def schema_of(structure: Structures, names: Sequence[str], strength: float) -> Schema:
-    """One structure as a schema; all its edges are equally strong."""
+    """One structure as a schema of the levers that can move; all its edges are equally strong."""
+    nodes = [*names, DOOR]
+    can_move = np.flatnonzero(structure.threshold[0] < NEVER).tolist()
     edges: dict[str, dict[str, float]] = {}
     gates: dict[str, Gate] = {}
-    for node, effect in enumerate([*names, DOOR]):
-        causes = [name for i, name in enumerate(names) if structure.causes[0, node] >> i & 1]
+    for node in can_move:
+        causes = [nodes[lever] for lever in can_move if structure.causes[0, node] >> lever & 1]
         for cause in causes:
-            edges.setdefault(cause, {})[effect] = strength
+            edges.setdefault(cause, {})[nodes[node]] = strength
         enough = int(structure.threshold[0, node])
         if enough > 1:
-            gates[effect] = Gate("all") if enough == len(causes) else Gate("at_least", enough)
-    inert = [name for i, name in enumerate(names) if structure.inert()[0] >> i & 1]
-    return Schema("belief", names, edges, gates=gates, inert=inert, title="Most probable")
+            gates[nodes[node]] = Gate("all") if enough == len(causes) else Gate("at_least", enough)
+    inert = [nodes[lever] for lever in can_move if structure.inert()[0] >> lever & 1]
+    levers = [nodes[lever] for lever in can_move[:-1]]
+    return Schema("belief", levers, edges, gates=gates, inert=inert, title="Most probable")
 
 
 def by_position(room: Room) -> Schema:

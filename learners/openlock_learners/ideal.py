@@ -111,8 +111,8 @@ class Ideal(InformedLearner):
         if belief is None:
             return None
         at = belief.positions[: belief.space.sight.grey]
-        possible = belief.space.hypotheses[belief.which]
-        return expected_structure([(at, possible, belief.weight)], self.brief.positions)
+        possible = belief.space.hypotheses.structures[belief.which]
+        return expected_structure(possible.on_slots(at, self.brief.positions), belief.weight)
 
 
 class _Solver:

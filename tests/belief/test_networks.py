@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from causal_openlock.belief.beliefs import STRENGTH_NODES
 from causal_openlock.belief.grammar import class_prior
 from causal_openlock.belief.hypotheses import Strengths, at_least, strengths
-from causal_openlock.belief.marginals import StructurePosterior, believed_structure, model_of
+from causal_openlock.belief.marginals import believed_structure, model_of, unlocked
 from causal_openlock.belief.structure_schemas import structure_of
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.schema import DOOR, Schema
@@ -66,12 +66,9 @@ def test_interventions_on_any_lock(data, schema, strength, push):
     )  # fmt: skip
     chance = np.stack([at_least(1.0), at_least(strength)])
     how = Strengths(np.array([1.0, strength]), np.array([0.0, 1.0]), chance)
-    certain = StructurePosterior(
-        np.arange(len(schema.levers)), structure_of(schema), np.zeros(1, int), how,
-        np.array([[0.0, 1.0]]),
-    )  # fmt: skip
     states = {schema.levers.index(lever): int(state) for lever, state in do.items()}
-    assert certain.unlocked(states, push) == pytest.approx(expected, abs=1e-9)
+    told = unlocked(structure_of(schema), how, np.array([[0.0, 1.0]]), states, push)
+    assert told == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.4])
@@ -137,8 +134,7 @@ def test_a_learner_tells_its_belief_as_a_network():
         assert model.network.check_model()
         assert {*model.network.nodes} == {*schema.levers, DOOR} <= {*NAMES, DOOR}
         assert set(model.network.edges) == set(schema.graph.edges)
-        whole = sum(part.probability.sum() for part in model.parts)
-        assert whole == pytest.approx(1, abs=1e-12)
+        assert model.chance.sum() == pytest.approx(1, abs=1e-12)
         assert {*model.graph.nodes} == {*NAMES, DOOR}
         for cause, effect in schema.graph.edges:
             assert model.graph.edges[cause, effect]["probability"] == model.edges.loc[cause, effect]
