@@ -8,10 +8,9 @@ found under the optimal policy (the Bellman equation, expectimax over beliefs):
 
 Levers must move surely, so an action only splits B; sets of hypotheses are integers, a bit each.
 
-Values are cached by state, for states at the start of an attempt up to renaming of the levers. Of
-levers that the belief cannot distinguish, one is tried. An action is dropped once a lower bound
-shows that another is as good: each solution left costs an attempt, and the present attempt saves
-one only where it can still complete a solution.
+Values are cached by state, for states at the start of an attempt up to renaming of the levers. An
+action is dropped once a lower bound shows that another is as good: each solution left costs an
+attempt, and the present attempt saves one only where it can still complete a solution.
 
 Pulling a lever back never helps within the paper's three actions (enumerated up to four levers).
 By default it is left out unless an attempt has two actions to spare, which a pull and the push that
@@ -32,7 +31,7 @@ from causal_openlock.belief.placements import TooLargeError
 from causal_openlock.belief.structures import Hypotheses
 from causal_openlock.schemas.fsm import BoolArray, FloatArray
 
-NODE_LIMIT = 20_000
+NODE_LIMIT = 30_000
 """Searching more states than these is too large a problem; a few seconds."""
 HYPOTHESIS_LIMIT = 5_000
 """More hypotheses than these are too large a problem."""
@@ -110,8 +109,8 @@ class Optimum:
         self._pulls = action_limit - longest - 1 >= 2 if pulls is None else pulls
         self._share = weight / weight.sum()
         self._everything = bits(self._share > 0)
-        self._symmetry = Symmetry(hypotheses, self._share)
         # States, and sets of hypotheses, are computed once for each instance.
+        self._renamed = cache(Names(hypotheses, self._share).canonical)
         self._search, self._holds = cache(self._searched), cache(self._holding)
         self._finds, self._reach = cache(self._finding), cache(self._reaching)
         self._weight = cache(self._weighing)
@@ -135,12 +134,9 @@ class Optimum:
 
         If no action can do anything in the rest of the attempt, the door stands for any.
         """
-        alike = self._alike(point.possible, point.found, point.pushed)
         # As if something had changed: wasting the rest of the attempt has a value, too.
         options = self._best_options(point, True)
-        return sorted(
-            same for option in options for same in alike.get(option.action, [option.action])
-        ) or [2 * self._slots]
+        return sorted(option.action for option in options) or [2 * self._slots]
 
     def value(self, point: Point) -> float:
         """The least expected number of attempts still to come, the present one not counted."""
@@ -190,7 +186,7 @@ class Optimum:
             if possible & (possible - 1) == 0 or len(found) == self._solutions:
                 left = range(len(found), self._solutions)
                 return sum((charge(possible, number) for number in left), 0.0 * charge(possible, 0))
-            possible, found = self._symmetry.canonical(possible, found)
+            possible, found = self._renamed(possible, found)
             start = Point(possible, found, 0, self._limit)
             return charge(possible, len(found)) + after(start, False)
 
@@ -210,7 +206,7 @@ class Optimum:
         return begin(self._everything, ())
 
     def _best_options(self, point: Point, changed: bool) -> list[_Option]:
-        """The best actions, one for levers that are alike."""
+        """The best actions."""
         tie, least, values = TIE * self._weight(point.possible), math.inf, []
         for option in self._options(point):
             values.append((self._value(option, point, changed, least + tie), option))
@@ -224,7 +220,7 @@ class Optimum:
         left = self._solutions - len(found)
         if not left or possible & (possible - 1) == 0:
             return self._weight(possible) * left
-        possible, found = self._symmetry.canonical(possible, found)
+        possible, found = self._renamed(possible, found)
         value = self._search(Point(possible, found, 0, self._limit), False)
         return self._weight(possible) + value
 
@@ -249,12 +245,10 @@ class Optimum:
         return best
 
     def _options(self, point: Point) -> list[_Option]:
-        """The actions that can do something, the lowest bound first; one for levers alike."""
-        alike = self._alike(point.possible, point.found, point.pushed)
-        pushed = [slot for slot in range(self._slots) if point.pushed >> slot & 1]
-        pulls = [self._slots + slot for slot in pushed] if self._pulls else []
+        """The actions that can do something, the lowest bound first."""
         options = []
-        for action in (*alike, *pulls, 2 * self._slots):
+        pulls = range(self._slots, 2 * self._slots) if self._pulls else ()
+        for action in (*range(self._slots), *pulls, 2 * self._slots):
             if outcomes := self._outcomes(point, action):
                 bounds = {outcome: self._bound(outcome) for outcome in outcomes}
                 options.append(_Option(sum(bounds.values()), action, bounds))
@@ -294,20 +288,6 @@ class Optimum:
         parts.append(Point(possible & ~works, found, pushed, left - 1))
         return [part for part in parts if part.possible]
 
-    def _alike(self, possible: int, found: tuple[int, ...], pushed: int) -> dict[int, list[int]]:
-        """The levers that are not pushed, in groups that the belief cannot distinguish."""
-
-        def same(first: int, slot: int) -> bool:
-            swappable = self._symmetry.swappable(possible)[first, slot]
-            return swappable and sorted(swapped(mask, first, slot) for mask in found) == [*found]
-
-        groups: dict[int, list[int]] = {}
-        for slot in range(self._slots):
-            if not pushed >> slot & 1:
-                first = next((first for first in groups if same(first, slot)), slot)
-                groups.setdefault(first, []).append(slot)
-        return groups
-
     # -- sets of hypotheses, cached ---------------------------------------------------------------
 
     def _weighing(self, possible: int) -> float:
@@ -340,8 +320,8 @@ class Optimum:
         return bits(np.logical_or.reduce(missing & self._to_find(found), axis=1))
 
 
-class Symmetry:
-    """Levers that a belief cannot distinguish, and a canonical naming of levers.
+class Names:
+    """A canonical naming of levers, by what is believed about them.
 
     Args:
         own: ``[H]`` every hypothesis, each once.
@@ -370,14 +350,8 @@ class Symmetry:
         threshold = own.threshold[:, : self._slots]
         # What distinguishes levers, [features, H, slots].
         self._features = np.stack([threshold, np.bitwise_count(levers), opens, solves])
-        self.swappable, self.canonical = cache(self._swaps), cache(self._renamed)
 
-    def _swaps(self, possible: int) -> BoolArray:
-        """By two slots, whether swapping them maps the possible hypotheses onto themselves."""
-        held = np.append(_flags(possible, self._many), False)
-        return np.logical_and.reduce(np.equal(held[self._swap], held[: self._many]), axis=2)
-
-    def _renamed(self, possible: int, found: tuple[int, ...]) -> tuple[int, tuple[int, ...]]:
+    def canonical(self, possible: int, found: tuple[int, ...]) -> tuple[int, tuple[int, ...]]:
         """The same state with levers renamed in the order of what is believed about them."""
         held = _flags(possible, self._many)
         marks = self._features[:, held].sum(axis=1)
