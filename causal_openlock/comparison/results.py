@@ -31,7 +31,6 @@ from causal_openlock.analysis.results.references import (
     ReferenceForm,
     find_references,
 )
-from causal_openlock.analysis.topic import all_topics, columns_of
 from causal_openlock.errors import StoreError, renamed
 from causal_openlock.files.atomic import folder_at, is_empty, move_into, unwritable
 from causal_openlock.storage.folder_lock import LOCK
@@ -85,8 +84,7 @@ class Results(Material):
         exclude: Exclusion | None = None,
     ) -> Results:
         """The results in these folders together; see :func:`open_results`."""
-        wanted = columns_of(all_topics())
-        found = [read_results(Store(folder), wanted, exclude) for folder in folders]
+        found = [read_results(Store(folder), ["actions"], exclude) for folder in folders]
         return cls._together(found, tuple(Path(one).resolve() for one in folders), references)
 
     @classmethod

@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.decisions import Decided
 from causal_openlock.analysis.measures import BASELINES, SUBJECT, TRANSFERS
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
@@ -282,7 +281,7 @@ def _baselines(parts: pd.DataFrame) -> list[tuple[Group, pd.DataFrame]]:
     ]
 
 
-def section(material: Material, _: Decided) -> Section | None:
+def section(material: Material) -> Section | None:
     """Ours against the paper's counts: Figures 6 and 7, point by point.
 
     Returns:

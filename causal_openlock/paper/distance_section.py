@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pandas as pd
 
-from causal_openlock.analysis.decisions import Decided
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.section import Section
@@ -18,7 +17,7 @@ _PROSE = Prose(__name__)
 _HEADS = ["learner", "points", "RMSE", "in standard errors", "misfit", "perfect"]
 
 
-def section(material: Material, _: Decided) -> Section | None:
+def section(material: Material) -> Section | None:
     """A table for each reference that is given; None if none is."""
     tables = []
     files = file_names(one.reference.prefix for one in material.leading)

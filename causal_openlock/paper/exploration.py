@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.decisions import Decided
 from causal_openlock.analysis.measures import mean_by_trial
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
@@ -307,7 +306,7 @@ def _usual(table: pd.DataFrame) -> pd.Series:
     return able.groupby([table["condition"], table["protocol"]]).transform("max")
 
 
-def section(material: Material, _: Decided) -> Section | None:
+def section(material: Material) -> Section | None:
     """Section: how fast people's attempts and learners' exploration shrink.
 
     Returns:

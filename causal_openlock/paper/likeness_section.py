@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.decisions import Decided
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.section import Section
@@ -33,7 +32,7 @@ from causal_openlock.paper.noise_ceiling import (
 _PROSE = Prose(__name__)
 
 
-def section(material: Material, _: Decided) -> Section | None:
+def section(material: Material) -> Section | None:
     """Section on learners that played all six conditions as people did; None without any."""
     like = material.once(likeness_of)
     if like is None:

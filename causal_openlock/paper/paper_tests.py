@@ -3,8 +3,7 @@
 The paper tests whether people learn over the baseline trials, and which structure is the harder
 one; whether the groups that are trained learn alike; and whether training with one structure helps
 more with the same structure than with the other. The same tests are run on learners here, and next
-to the statistics that the paper prints. Their p values are not corrected; a report corrects all
-that it has (:mod:`~causal_openlock.analysis.decisions`).
+to the statistics that the paper prints. Their p values are not corrected.
 """
 
 from __future__ import annotations
@@ -18,7 +17,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.decisions import Decided
 from causal_openlock.analysis.effects import ALPHA, hedges_g, partial_eta_squared
 from causal_openlock.analysis.measures import at_places, by_subject
 from causal_openlock.analysis.prose import Prose
@@ -289,7 +287,7 @@ def _table(rows: Sequence[Mapping[str, object]]) -> pd.DataFrame:
     return table.astype(dict.fromkeys(numbers, float))
 
 
-def section(material: Material, _: Decided) -> Section | None:
+def section(material: Material) -> Section | None:
     """The paper's tests of every learner that did what people did; None if there is none."""
     played = material.trials[people_beside(material).stands(material.trials)]
     tests = paper_tests(played, material.learners)

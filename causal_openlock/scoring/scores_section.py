@@ -6,18 +6,17 @@ It is made of what ``causal-openlock score`` left in a results folder. Statistic
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.decisions import Decided
-from causal_openlock.analysis.effects import ALPHA
+from causal_openlock.analysis.effects import ALPHA, holm
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.section import Section, SectionPlot
 from causal_openlock.analysis.topic import Topic
-from causal_openlock.scoring.on_record import PROSE, OnRecord, scores_on_record
+from causal_openlock.scoring.on_record import PROSE, scores_on_record
 from causal_openlock.scoring.scores import SUBJECT, Scores
 from causal_openlock.scoring.worst_predicted import failures, worst_attempts
 from causal_openlock.wording import file_names
@@ -43,22 +42,7 @@ _FORMATS = {
 }
 
 
-def compute(material: Material) -> OnRecord:
-    """The scores of the actions on record."""
-    return scores_on_record(material)
-
-
-def tests(computed: OnRecord) -> dict[Hashable, float]:
-    """The p of every learner against the best, by whose subjects are predicted and by whom."""
-    return {
-        (of, row.scored): row.p
-        for of, one in computed.each.items()
-        for row in one.ranking.itertuples()
-        if not np.isnan(row.worse)
-    }
-
-
-def section(material: Material, decided: Decided) -> Section | None:
+def section(material: Material) -> Section | None:
     """Section: the best predictor, the learners that subjects follow, its failures; or None."""
     positions = {
         one.name: max(map(positions_for, one.schemas)) for one in material.experiment.conditions
@@ -67,7 +51,7 @@ def section(material: Material, decided: Decided) -> Section | None:
     names = ("scores", "attributed", "failures", "worst_attempts")
     tables: dict[str, list[pd.DataFrame]] = {name: [] for name in names}
     plots: list[SectionPlot] = []
-    on_record: OnRecord = decided.computed
+    on_record = scores_on_record(material)
     each = on_record.each
     parts = file_names(each)
     for of, one in each.items():
@@ -76,10 +60,7 @@ def section(material: Material, decided: Decided) -> Section | None:
         own = one.actions[one.actions["scored"] == best]
         worst = failures(own, positions)
         ranked = ranked.assign(
-            p_corrected=[
-                np.nan if np.isnan(row.worse) else decided.p((of, row.scored))
-                for row in ranked.itertuples()
-            ],
+            p_corrected=holm(ranked["p"].where(ranked["worse"].notna()).to_numpy(float)),
             followed=shares.loc[ranked["scored"], "frequency"].to_numpy(),
             **{"most frequent": shares.loc[ranked["scored"], "protected"].to_numpy()},
         )
@@ -150,9 +131,4 @@ def _sizes(material: Material, each: Mapping[str, Scores]) -> tuple[int, int]:
     return scored, len(known[SUBJECT].drop_duplicates())
 
 
-def family(key: tuple[str, str]) -> Hashable:
-    """The question of a test: which learners predict a learner's subjects worse than the best."""
-    return key[0]
-
-
-TOPIC = Topic("scores", 25, section, compute, tests, family)
+TOPIC = Topic("scores", 25, section)

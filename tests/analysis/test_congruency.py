@@ -11,7 +11,7 @@ from scipy import stats
 from causal_openlock.analysis.measures import attempts_to_solve
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.summary import judged
-from causal_openlock.analysis.topic import decisions_of, sections_of
+from causal_openlock.analysis.topic import sections_of
 from causal_openlock.analysis.topics.congruency import COMPARED, congruency, plot_congruency
 from causal_openlock.analysis.topics.savings import savings, share_saved
 from causal_openlock.paper.paper_tests import paper_tests
@@ -90,17 +90,6 @@ def test_the_limit_says_nothing_of_who_solved_nothing(played, found):
     (left, _) = plot_congruency(played, learners=["never"], ax=Figure())
     assert [text.get_text() for text in left.texts] == ["solved no trial"]
     assert left.get_title(loc="left") == "Test of CC4"
-
-
-def test_each_test_is_a_question_of_its_own_of_learners_alone(played, found):
-    decisions = decisions_of(played, topics_called("congruency"))
-    assert decisions.total == 4  # of good and always; of never nothing is known
-    for learner in ("good", "always"):
-        for test in COMPARED:
-            key = ("congruency", ("human", learner, test))
-            assert decisions.p(*key) == found.loc[(learner, test), "p"]
-            assert decisions.size(*key) == 1
-            assert decisions.found(*key) == (found.loc[(learner, test), "p"] < 0.05)
 
 
 def test_a_condition_is_judged_by_the_last_trial_of_its_last_loop():

@@ -12,13 +12,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from causal_openlock.analysis.decisions import Decisions
-from causal_openlock.analysis.effects import ALPHA, Group, weighted_difference
-from causal_openlock.analysis.topic import all_topics, decisions_of
-from causal_openlock.analysis.topics.congruency import COMPARED
+from causal_openlock.analysis.effects import ALPHA, Group, holm, weighted_difference
+from causal_openlock.analysis.topics.congruency import COMPARED, congruency
+from causal_openlock.analysis.topics.pairwise import all_pairs
 from causal_openlock.experiment.declare import PAPER_CONDITIONS
 from support.paper_play import material, play
-from support.topics import topics_called
 
 pytestmark = pytest.mark.slow
 
@@ -48,8 +46,8 @@ def drawn(rng, kind):
     return {name: learner() for name in LEARNERS}
 
 
-def decided(played):
-    """The tests of such a report, and their p values, by the statistics alone."""
+def p_of(played):
+    """The p values of such a report by question, by the statistics alone."""
     pairs, congruent = {}, {}
     for one, other in combinations(played, 2):
         gaps = [
@@ -57,17 +55,14 @@ def decided(played):
             for name in PAPER_CONDITIONS
             for cell in [(name, "test" if "-" in name else "train")]
         ]
-        pairs["human", one, other] = weighted_difference(gaps).p
+        pairs[one, other] = weighted_difference(gaps).p
     for learner, cells in played.items():
         for test, names in COMPARED.items():
             same, other = (cells[name, "test"][:, 0] for name in names)
             p = stats.ttest_ind(other, same).pvalue if np.ptp(other) else 1.0
-            congruent["human", learner, test] = float(p)
-    decisions = Decisions()
-    each = {"pairwise": pairs, "congruency": congruent}
-    for topic in topics_called(*each):
-        decisions.register(topic.name, each[topic.name], family=topic.family)
-    return decisions, {(s, key): p for s, tests in each.items() for key, p in tests.items()}
+            congruent[learner, test] = float(p)
+    # A question about pairs is one of all pairs; one about training is each by itself.
+    return {"pairs": [*pairs.values()]} | {key: [p] for key, p in congruent.items()}
 
 
 @pytest.mark.parametrize("kind", [IDEAL, ORACLE], ids=["ideal", "oracle"])
@@ -75,15 +70,9 @@ def test_one_answer_in_twenty_at_most_says_that_equals_differ(kind):
     rng = np.random.default_rng(14)
     wrong, careless = Counter(), Counter()
     for _ in range(REPORTS if kind is IDEAL else 20):  # the oracle always does the same
-        decisions, tests = decided(drawn(rng, kind))
-        asked = {}
-        for name, key in tests:
-            # A question about pairs is one of all pairs; one about training is each by itself.
-            question = (name, key[0]) if name == "pairwise" else (name, key)
-            asked.setdefault(question, []).append((name, key))
-        for question, keys in asked.items():
-            wrong[question] += any(decisions.found(*key) for key in keys)
-            careless[question] += any(tests[key] < ALPHA for key in keys)
+        for question, ps in p_of(drawn(rng, kind)).items():
+            wrong[question] += min(holm(np.array(ps))) < ALPHA
+            careless[question] += min(ps) < ALPHA
     assert len(wrong) == 1 + 4 * 2
     assert max(wrong.values()) <= stats.binom.ppf(0.9999, REPORTS, ALPHA)
     if kind is IDEAL:
@@ -103,10 +92,9 @@ def test_these_are_the_tests_that_a_report_makes():
         )
 
     rows = [row for name in LEARNERS for row in play(name, as_drawn(name), SUBJECTS)]
-    ours, tests = decided(played)
-    # Without the first screen's tests against people, from whom learners do differ.
-    topics = [topic for topic in all_topics() if topic.name not in ("exploration", "leaderboard")]
-    theirs = decisions_of(material(rows, LEARNERS), topics)
-    assert ours.total == theirs.total == len(tests)
-    for key in tests:
-        assert theirs.p(*key) == pytest.approx(ours.p(*key))
+    ours, results = p_of(played), material(rows, LEARNERS)
+    pairs = all_pairs(results)["human"]
+    assert pairs["p"].tolist() == pytest.approx(ours.pop("pairs"))
+    assert pairs["p_corrected"].tolist() == pytest.approx(holm(pairs["p"].to_numpy()).tolist())
+    congruent = congruency(results).query("not reference").set_index(["learner", "test"])["p"]
+    assert congruent.to_dict() == pytest.approx({key: p for key, (p,) in ours.items()})

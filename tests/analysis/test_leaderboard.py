@@ -5,13 +5,13 @@ import warnings
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
 import causal_openlock as ol
-from causal_openlock.analysis.decisions import Decisions
 from causal_openlock.analysis.plots.style import WIDTH
-from causal_openlock.analysis.topic import all_topics, decisions_of, sections_of
+from causal_openlock.analysis.topic import sections_of
 from causal_openlock.analysis.topics.leaderboard import (
     answers,
     leaderboard,
@@ -19,7 +19,7 @@ from causal_openlock.analysis.topics.leaderboard import (
     legend,
     normalised_score,
 )
-from causal_openlock.analysis.topics.pairwise import outcomes, pairwise_table, plot_pairs
+from causal_openlock.analysis.topics.pairwise import all_pairs, outcomes, pairwise_table, plot_pairs
 from causal_openlock.experiment.origin import Origin
 from causal_openlock.paper.published import people
 from support.fabricated_records import table
@@ -144,13 +144,13 @@ def test_learners_without_a_condition_in_common_are_not_compared():
 # -- in words -------------------------------------------------------------------------------------
 
 
-def told(title, results, decisions=None, ranked=None):
+def told(title, results, pairs=None, ranked=None):
     """All that is printed of a leaderboard: its answer, the wide table, the narrow one, marks."""
     ranked = leaderboard(results) if ranked is None else ranked
-    decisions = decisions or decisions_of(results, all_topics())
+    pairs = all_pairs(results) if pairs is None else pairs
     shown = [*leaderboard_tables(ranked)]
     lines = [f"== {title}"]
-    for protocol, sentences in answers(ranked, decisions).items():
+    for protocol, sentences in answers(ranked, pairs).items():
         lines += [f"{protocol}: {sentence}" for sentence in sentences]
     for one in shown:
         lines += [" | ".join(one.heads), *(f"{name} | {row}" for name, row in one.rows.items())]
@@ -162,11 +162,11 @@ def told(title, results, decisions=None, ranked=None):
 
 def test_answers_tables_and_legends_of_leaderboards(played, golden):
     """Where the limit cuts values off, few subjects, training before, other conditions, no best."""
-    alike = Decisions()
-    alike.register("leaderboard", {("human", "able", "to_people"): 0.5})
-    pairs = {("half", "able"): 0.001, ("able", "told"): 0.03, ("able", "never"): 0.04}
-    alike.register("pairwise", {("human", *pair): p for pair, p in pairs.items()})
-    enough = leaderboard(played).assign(subjects=40).replace({"score": {1.0: 1.01}})
+    alike = [("half", "able", 0.003), ("able", "told", 0.06), ("able", "never", 0.06)]
+    alike = {"human": pd.DataFrame(alike, columns=["learner", "other", "p_corrected"])}
+    enough = (
+        leaderboard(played).assign(subjects=40, to_people_p=0.5).replace({"score": {1.0: 1.01}})
+    )
     lacking = held(
         *(TOLD, spec("never_played")),
         told=(same(3), 20),

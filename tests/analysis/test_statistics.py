@@ -11,7 +11,6 @@ from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.power import TTestIndPower, TTestPower
 
 import causal_openlock as ol
-from causal_openlock.analysis.decisions import Decisions
 from causal_openlock.analysis.effects import (
     ALPHA,
     Group,
@@ -219,25 +218,6 @@ def test_holm_by_hand_and_by_statsmodels():
     assert len(holm(np.zeros(0))) == 0
     p = seeded(0).random(40) ** 3
     assert np.array_equal(holm(p), multipletests(p, method="holm")[1])
-
-
-def test_a_question_is_corrected_by_itself_and_decided_once():
-    assert Decisions().total == 0
-    decisions = Decisions()
-    decisions.register("one", {"a": 0.02, "b": float("nan")})
-    tests = {("x", 1): 0.001, ("x", 2): 0.04, ("y", 1): 0.6, ("y", 2): 0.02}
-    decisions.register("other", tests, family=lambda key: key[0])
-    assert decisions.total == 5
-    assert decisions.p("one", "a") == 0.02
-    assert np.isnan(decisions.p("one", "b"))
-    assert decisions.p("other", ("x", 1)) == pytest.approx(2 * 0.001)
-    assert decisions.p("other", ("x", 2)) == 0.04
-    assert decisions.p("other", ("y", 2)) == pytest.approx(2 * 0.02)
-    assert decisions.size("other", ("y", 2)) == 2
-    found = [decisions.found(*key) for key in (("one", "a"), ("one", "b"), ("other", ("y", 1)))]
-    assert found == [True, False, False]
-    with pytest.raises(ValueError, match="the tests of late come after"):
-        decisions.register("late", {"a": 0.03})
 
 
 # -- power ----------------------------------------------------------------------------------------

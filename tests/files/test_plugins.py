@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-import causal_openlock as ol
+from causal_openlock.analysis.topic import all_topics
 from causal_openlock.cli import add_registered
 from causal_openlock.errors import OpenLockError
 from causal_openlock.files.plugins import COMMANDS, LEARNERS, registered
@@ -79,4 +79,4 @@ def test_what_cannot_be_loaded_is_named_with_its_package(guests):
     with pytest.raises(
         OpenLockError, match=r"the topic 'pay', no_such_guest:TOPIC by broken, cann"
     ):
-        ol.open_results(guests)
+        all_topics()

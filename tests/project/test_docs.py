@@ -107,8 +107,7 @@ def test_whatever_a_page_points_to_is_there(path):
 @pytest.mark.parametrize("path", RUN, **called)
 def test_what_a_page_shows_is_what_happens(path, tmp_path, monkeypatch):
     """Over ten seconds where a page compares learners several times, or trains networks."""
-    reports = "decided" if path.stem == "tutorial" else "short"
-    reader = Reader(tmp_path, monkeypatch, reports=reports)
+    reader = Reader(tmp_path, monkeypatch)
     reader.go_through(path.read_text(encoding="utf-8"))
 
 

@@ -11,7 +11,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 import causal_openlock as ol
-from causal_openlock.analysis.topic import decisions_of, sections_of
+from causal_openlock.analysis.effects import holm
+from causal_openlock.analysis.topic import sections_of
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.declare import find_condition
 from causal_openlock.files.checksums import read_table, table_bytes
@@ -93,13 +94,11 @@ def test_each_subject_is_attributed_to_the_learner_that_acted(folder, shown):
     assert attributed(both)["follows"].tolist() == table["follows"].tolist()
 
 
-def test_ps_are_corrected_for_the_learners_that_are_compared(folder):
-    results = ol.open_results(folder)
-    alone = decisions_of(results, topics_called("scores"))
-    every = decisions_of(results, topics_called("scores", "pairwise"))
-    assert every.total == alone.total + 1 == 5
-    for key in [("thompson", "random"), ("win_stay", "random")]:
-        assert alone.p("scores", key) == every.p("scores", key)
+def test_ps_are_corrected_for_the_learners_that_are_compared(folder, shown):
+    each = rows(shown, "scores").groupby("of")["p corrected"]
+    for name in ("thompson", "win_stay"):
+        p = ol.open_results(folder).scores.of(name).ranking["p"].iloc[1:]
+        assert each.get_group(name).iloc[1:].tolist() == holm(p.to_numpy(float)).tolist()
 
 
 def test_scores_of_subjects_that_are_not_on_record_are_left_out(folder, other):

@@ -16,7 +16,6 @@ from typing import Literal
 
 import pytest
 
-from causal_openlock.analysis.decisions import Decisions
 from causal_openlock.analysis.report import writing
 from causal_openlock.cli import main
 from causal_openlock.comparison import progress_bar
@@ -29,12 +28,12 @@ def play_here(patches: pytest.MonkeyPatch) -> None:
     patches.setattr(workers, "available_cores", lambda: 1)
 
 
-Reports = Literal["short", "decided", "whole"]
-"""What reports have: see :func:`report_shortly`; decided ones say what is found."""
+Reports = Literal["short", "whole"]
+"""What reports have: see :func:`report_shortly`."""
 
 
 def report_shortly(patches: pytest.MonkeyPatch, reports: Reports = "short") -> None:
-    """Have reports without figures and sections, and short ones without what these decide.
+    """Have reports without figures and sections, unless they are to be whole.
 
     A whole report takes half a second and more, hundreds of commands write one that no test looks
     at, and ``compare`` has no option to leave it out. Nor does a busy machine say what takes long.
@@ -44,8 +43,6 @@ def report_shortly(patches: pytest.MonkeyPatch, reports: Reports = "short") -> N
     if reports != "whole":
         for part in ("figures_of", "learner_pages", "sections_of"):
             patches.setattr(writing, part, lambda *_: [])
-    if reports == "short":
-        patches.setattr(writing, "decisions_of", lambda *_: Decisions())
 
 
 @contextlib.contextmanager

@@ -32,7 +32,7 @@ from typing import Any
 import pytest
 
 from causal_openlock.cli import app
-from support.command import Reports, at_once, modules_of, play_here, report_shortly
+from support.command import at_once, modules_of, play_here, report_shortly
 from support.places import ROOT
 
 DOCS = ROOT / "docs"
@@ -160,12 +160,9 @@ class Reader:
     Args:
         folder: Where; what is done there can only be seen there.
         patches: Undoes what it changes of this process.
-        reports: What reports have; only decided ones say what is found.
     """
 
-    def __init__(
-        self, folder: Path, patches: pytest.MonkeyPatch, *, reports: Reports = "short"
-    ) -> None:
+    def __init__(self, folder: Path, patches: pytest.MonkeyPatch) -> None:
         self.folder = folder
         page = ModuleType("__main__")  # as a notebook's: learners may be defined on a page
         patches.setitem(sys.modules, "__main__", page)
@@ -176,8 +173,7 @@ class Reader:
         patches.syspath_prepend(folder)
         patches.setenv("COLUMNS", "100")
         play_here(patches)
-        self.reports = reports
-        report_shortly(patches, reports)
+        report_shortly(patches)
 
     def go_through(self, text: str) -> None:
         """Do all that a page says.
@@ -219,7 +215,7 @@ class Reader:
         program, *words = command.words
         if program == "causal-openlock":
             words += more if words[0] == "compare" else []
-            ended = at_once(*words, reports=self.reports)
+            ended = at_once(*words)
             status, said = ended.status, ended.stdout + ended.stderr
         elif program in ("python", "pytest"):
             words = (

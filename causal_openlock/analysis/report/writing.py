@@ -30,13 +30,14 @@ from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.missing import missing_cells, with_missing
 from causal_openlock.analysis.results.references import Beside, difference_from
 from causal_openlock.analysis.table import Table, interval, percent, write_table
-from causal_openlock.analysis.topic import Topic, all_topics, decisions_of, sections_of
+from causal_openlock.analysis.topic import Topic, all_topics, sections_of
 from causal_openlock.analysis.topics.leaderboard import (
     answers,
     leaderboard,
     leaderboard_tables,
     legend,
 )
+from causal_openlock.analysis.topics.pairwise import all_pairs
 from causal_openlock.files.atomic import folder_at
 from causal_openlock.storage.store import Store
 
@@ -97,12 +98,11 @@ def make_report(
     written = Written(folder / "report.html", figures, lambda name: begin(f"drawing {name}"))
     plots, pages = figures_of(material), learner_pages(material, described["each"])
     topics = all_topics() if topics is None else topics
-    decisions = decisions_of(material, topics, lambda name: begin(f"computing {name}"))
-    ranked = decisions.computed("leaderboard")
-    ranked = leaderboard(material) if ranked is None else ranked
+    begin("computing leaderboard")
+    ranked = leaderboard(material)
     written.table("leaderboard", ranked)
-    first, opening = list(leaderboard_tables(ranked)), answers(ranked, decisions)
-    sections = sections_of(material, topics, decisions, lambda name: begin(f"describing {name}"))
+    first, opening = list(leaderboard_tables(ranked)), answers(ranked, material.once(all_pairs))
+    sections = sections_of(material, topics, lambda name: begin(f"describing {name}"))
     opening_figures = [plot for one in sections for plot in one.plots if plot.opening]
     written.page(
         "report.html.j2",

@@ -5,7 +5,6 @@ To add one, write ``NAME.py`` and its sentences ``NAME.txt.j2`` here, and name i
 """
 
 MODULES = (
-    "leaderboard",
     "learning_cost",
     "survival",
     "solution_costs",

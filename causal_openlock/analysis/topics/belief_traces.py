@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from causal_openlock.analysis.decisions import Decided
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.information import information_per_action, mean_information
 from causal_openlock.analysis.results.material import Material
@@ -31,7 +30,7 @@ LONGEST = 60
 _PROSE = Prose(__name__)
 
 
-def section(material: Material, _: Decided) -> Section | None:
+def section(material: Material) -> Section | None:
     """A trace of each of the first learners that hold beliefs; None if there are none."""
     from causal_openlock.analysis.plots.belief import THRESHOLD, Part, plot_trace
 
@@ -81,4 +80,4 @@ def section(material: Material, _: Decided) -> Section | None:
     )  # fmt: skip
 
 
-TOPIC = Topic("belief_traces", 140, section, columns=("actions",))
+TOPIC = Topic("belief_traces", 140, section)

@@ -11,7 +11,7 @@ The tests on CC4 and on CE4 are the paper's own planned tests, each a question b
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -19,7 +19,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.ticker import MaxNLocator
 
-from causal_openlock.analysis.decisions import Decided
 from causal_openlock.analysis.effects import ALPHA, Difference, Group, weighted_difference
 from causal_openlock.analysis.measures import TRANSFERS, by_subject, judged, ordered
 from causal_openlock.analysis.plots import style
@@ -183,7 +182,7 @@ def plot_congruency(
     """
     protocol, trials = trials_under(results, protocol, learners)
     if learners is None:
-        table = compute(results)
+        table = results.once(congruency)
         table = table[table["protocol"] == protocol]
     else:
         table = congruency(replace(results, trials=trials))
@@ -213,25 +212,9 @@ def plot_congruency(
     return at.returned
 
 
-def compute(material: Material) -> pd.DataFrame:
-    """The effects of all learners, computed once."""
-    return material.once(congruency)
-
-
-def tests(computed: pd.DataFrame) -> dict[Hashable, float]:
-    """The p of every learner's effect, by protocol, learner and test."""
-    own = computed[~computed["reference"]]
-    return {(row.protocol, row.learner, row.test): row.p for row in own.itertuples()}
-
-
-def family(key: tuple[str, str, str]) -> Hashable:
-    """Each test by itself: whether training helps this learner in this test."""
-    return key
-
-
-def section(material: Material, decided: Decided) -> Section | None:
+def section(material: Material) -> Section | None:
     """Section on congruent training; None if no two conditions with one test were played."""
-    found: pd.DataFrame = decided.computed
+    found = material.once(congruency)
     if found["reference"].all():
         return None
     tables: list[Table] = []
@@ -263,7 +246,7 @@ def section(material: Material, decided: Decided) -> Section | None:
         "congruency",
         tables,
         plots,
-        answer=_PROSE.sentence("answer", **_answer(first, decided)),
+        answer=_PROSE.sentence("answer", **_answer(first)),
         is_open=True,
     )
 
@@ -274,13 +257,11 @@ def _unsolved(rows: pd.DataFrame) -> list[str]:
     return [] if (most == 0).all() else most.index[most == 0].tolist()
 
 
-def _answer(rows: pd.DataFrame, decided: Decided) -> dict[str, Any]:
+def _answer(rows: pd.DataFrame) -> dict[str, Any]:
     """Sentence of the first screen: how much training helps people, and which learners."""
     own = rows[~rows["reference"]]
-    keys = own[["protocol", "learner", "test"]].itertuples(index=False, name=None)
-    found = np.array([decided.found(key) for key in keys], bool)
     cut = own["solved"] < _NEARLY_ALL  # the limit hides how large such an effect is
-    helped = own[found & (own["saved"] > 0) & ~cut]
+    helped = own[(own["p"] < ALPHA) & (own["saved"] > 0) & ~cut]
     most = helped.groupby("learner")["saved"].max().sort_values(ascending=False).index
     known = rows[rows["learner"].isin(rows.loc[rows["reference"], "learner"].head(1))]
     known = known[known["test"].isin(own["test"])]
@@ -326,4 +307,4 @@ def _with_interval(row: Mapping[str, Any], value: str, ends: tuple[str, str]) ->
     return text if np.isnan(low) else f"{text} [{printed(low, '.2f')}, {printed(high, '.2f')}]"
 
 
-TOPIC = Topic("congruency", 10, section, compute, tests, family)
+TOPIC = Topic("congruency", 10, section)

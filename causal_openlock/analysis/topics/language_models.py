@@ -12,7 +12,6 @@ from typing import Annotated
 import pandas as pd
 from pydantic import BaseModel, Field, NonNegativeInt, ValidationError
 
-from causal_openlock.analysis.decisions import Decided
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.missing import beginnings
@@ -49,7 +48,7 @@ class _Counts(BaseModel):
         }
 
 
-def section(material: Material, _: Decided) -> Section | None:
+def section(material: Material) -> Section | None:
     """Answers, tokens and seconds; None where nothing was said."""
     table = _counted(material)
     if table.empty:

@@ -9,26 +9,22 @@ such trials are in are lower bounds, and are marked as that.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.decisions import Decided, Decisions
-from causal_openlock.analysis.effects import Difference, Group, weighted_difference
+from causal_openlock.analysis.effects import ALPHA, Difference, Group, holm, weighted_difference
 from causal_openlock.analysis.measures import judged, ordered
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.by_condition import records
 from causal_openlock.analysis.results.chance import attempts_at_random
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import Beside, gap_column
-from causal_openlock.analysis.section import Section
 from causal_openlock.analysis.statistics import FEW_SUBJECTS, too_few
 from causal_openlock.analysis.table import Table, number, printed, share
-from causal_openlock.analysis.topic import Topic
 from causal_openlock.analysis.topics.pairwise import Outcomes, all_outcomes, compared
 from causal_openlock.experiment.declare import HUMAN_PROTOCOL, default_action_limit
 from causal_openlock.schemas.fsm import FloatArray
@@ -189,20 +185,6 @@ def _rows(results: Material, protocol: str) -> list[dict[str, Any]]:
                 {**common, **own, "conditions": 0, "subjects": 0, "before": before.get(name, 0)}
             )
     return rows
-
-
-def tests(computed: pd.DataFrame) -> dict[Hashable, float]:
-    """The p of every learner against every reference, by protocol, learner and column."""
-    return {
-        (row["protocol"], row["learner"], column): row[f"{column}_p"]
-        for column in _columns_to(computed)
-        for row in computed[computed[column].notna()].to_dict("records")
-    }
-
-
-def _columns_to(table: pd.DataFrame) -> list[str]:
-    """The columns of differences from references."""
-    return [str(one)[:-2] for one in table.columns if re.fullmatch("to_.*_p", str(one))]
 
 
 def best_learner(results: Material, held: Outcomes) -> str | None:
@@ -442,7 +424,7 @@ def legend(tables: Sequence[LeaderboardTable], narrow: bool = False) -> str:
     )
 
 
-def answers(table: pd.DataFrame, decisions: Decisions) -> dict[str, tuple[str, ...]]:
+def answers(table: pd.DataFrame, pairs: Mapping[str, pd.DataFrame]) -> dict[str, tuple[str, ...]]:
     """Results in a few sentences, by protocol.
 
     Which learner needs the fewest attempts and how that compares with people, which ones cannot be
@@ -451,7 +433,7 @@ def answers(table: pd.DataFrame, decisions: Decisions) -> dict[str, tuple[str, .
 
     Args:
         table: From :func:`leaderboard`.
-        decisions: From :func:`~causal_openlock.analysis.topic.decisions_of`.
+        pairs: From :func:`~causal_openlock.analysis.topics.pairwise.all_pairs`.
     """
     found = {}
     for protocol, rows in table.groupby("protocol", sort=False):
@@ -468,11 +450,12 @@ def answers(table: pd.DataFrame, decisions: Decisions) -> dict[str, tuple[str, .
                 "name": called,
                 **{end: best[f"{name}{end}"] for end in ("_low", "_high")},
                 "value": best[name],
-                "found": decisions.found(TOPIC.name, (protocol, best["learner"], name)),
-                "tested": not np.isnan(decisions.p(TOPIC.name, (protocol, best["learner"], name))),
+                "found": p < ALPHA,
+                "tested": not np.isnan(p),
             }
             for name, called in _called(rows).items()
-            if best and decisions.has(TOPIC.name, (protocol, best["learner"], name))
+            if best and best[name] is not None
+            for p in [_corrected(rows, name)[best["learner"]]]
         ]
         few = too_few(best["subjects"], where=" in a condition") if best else ""
         alike = [
@@ -481,7 +464,7 @@ def answers(table: pd.DataFrame, decisions: Decisions) -> dict[str, tuple[str, .
             if best
             and not few
             and not row["informed"]
-            and _alike(decisions, str(protocol), best["learner"], name)
+            and _alike(pairs[str(protocol)], best["learner"], name)
         ]
         found[str(protocol)] = _PROSE.paragraphs(
             "answer",
@@ -502,11 +485,16 @@ def answers(table: pd.DataFrame, decisions: Decisions) -> dict[str, tuple[str, .
     return found
 
 
-def _alike(decisions: Decisions, protocol: str, best: str, other: str) -> bool:
+def _corrected(rows: pd.DataFrame, column: str) -> dict[str, float]:
+    """The p of every learner's difference from a reference, corrected for all these learners."""
+    own = rows[~rows["reference"].astype(bool)]
+    return dict(zip(own["learner"], holm(own[f"{column}_p"].to_numpy(float)), strict=True))
+
+
+def _alike(pairs: pd.DataFrame, best: str, other: str) -> bool:
     """Whether a learner was compared with the best and no difference was found."""
-    keys = ((protocol, best, other), (protocol, other, best))
-    tested = [key for key in keys if decisions.has("pairwise", key)]
-    return any(not decisions.found("pairwise", key) for key in tested)
+    both = pairs[["learner", "other"]].isin([best, other]).all(axis=1)
+    return bool((~(pairs.loc[both, "p_corrected"] < ALPHA)).any())
 
 
 def _few(rows: pd.DataFrame) -> str:
@@ -582,17 +570,3 @@ def _narrow(value: float) -> str:
 
 def _plain(value: float) -> str:
     return f"{value:.2f}".rstrip("0").rstrip(".")
-
-
-def section(_: Material, __: Decided) -> Section | None:
-    """None: the leaderboard is not a section of the report; the page opens with it."""
-    return None
-
-
-def family(key: tuple[str, str, str]) -> Hashable:
-    """The question of a test: which learners differ from a reference, under a protocol."""
-    protocol, _, column = key
-    return protocol, column
-
-
-TOPIC = Topic("leaderboard", 0, section, leaderboard, tests, family)

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.decisions import Decided
 from causal_openlock.analysis.measures import SUBJECT
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.chance import chance_of_finding_all, chance_of_opening
@@ -188,7 +187,7 @@ def _chance(experiment: Experiment, group: Group, rows: pd.DataFrame, measure: s
     return float(np.average(chances, weights=weights))
 
 
-def section(material: Material, _: Decided) -> Section | None:
+def section(material: Material) -> Section | None:
     """Section on who learns: a table and its reading; None if no protocol has many attempts."""
     table = progress(material.trials, material.experiment)
     if table.empty:

@@ -21,7 +21,6 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from causal_openlock.analysis.decisions import Decided
 from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT, ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of
@@ -259,7 +258,7 @@ def _row(axes: Axes, place: int, own: pd.DataFrame, never: tuple[float, float]) 
         )  # fmt: skip
 
 
-def section(material: Material, _: Decided) -> Section | None:
+def section(material: Material) -> Section | None:
     """The cost of learning; None where the ideal observer's attempts are known of no condition."""
     table = learning_costs(material)
     if table.empty:

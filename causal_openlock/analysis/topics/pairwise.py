@@ -9,7 +9,7 @@ count as independent.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Mapping
 from itertools import combinations
 from typing import Any
 
@@ -19,8 +19,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
-from causal_openlock.analysis.decisions import Decided
-from causal_openlock.analysis.effects import ALPHA, Difference, Group, weighted_difference
+from causal_openlock.analysis.effects import ALPHA, Difference, Group, holm, weighted_difference
 from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT, judged, ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import (
@@ -41,7 +40,7 @@ Outcomes = Mapping[str, Mapping[str, pd.DataFrame]]
 """Tables of :func:`outcomes` by learner, by condition."""
 PAIR_COLUMNS = [
     *("learner", "other", "conditions", "pairs"),
-    *("difference", "ci_low", "ci_high", "p", "probability"),
+    *("difference", "ci_low", "ci_high", "p", "probability", "p_corrected"),
 ]
 """Columns of :func:`pairwise_table`."""
 _PAIRS = "P(row needs fewer attempts than column)"
@@ -126,8 +125,9 @@ def pairwise_table(held: Outcomes) -> pd.DataFrame:
         A row for each pair with the columns :data:`PAIR_COLUMNS`: ``learner``, ``other``,
         ``conditions`` (how many in common), ``pairs`` (of subjects), ``difference`` (by how many
         attempts the learner needs more than the other) with its 95% interval ``ci_low`` and
-        ``ci_high``, ``p`` (as if it were the only comparison) and ``probability`` (that a subject
-        of the learner needs fewer attempts than one of the other).
+        ``ci_high``, ``p`` (as if it were the only comparison), ``probability`` (that a subject
+        of the learner needs fewer attempts than one of the other) and ``p_corrected`` (for all
+        pairs, after Holm).
     """
     rows = []
     for one, other in combinations(held, 2):
@@ -135,7 +135,8 @@ def pairwise_table(held: Outcomes) -> pd.DataFrame:
         if common:
             found, pairs, wins = compared(held[one], held[other])
             rows.append((one, other, common, pairs, *found, wins))
-    return pd.DataFrame(rows, columns=PAIR_COLUMNS)
+    table = pd.DataFrame(rows, columns=PAIR_COLUMNS[:-1])
+    return table.assign(p_corrected=holm(table["p"].to_numpy(float)))
 
 
 def plot_pairs(
@@ -236,30 +237,14 @@ def all_pairs(material: Material) -> dict[str, pd.DataFrame]:
     return {one: pairwise_table(held) for one, held in material.once(all_outcomes).items()}
 
 
-def compute(material: Material) -> dict[str, pd.DataFrame]:
-    """All pairs of learners, by those protocols that have any."""
-    return {protocol: table for protocol, table in material.once(all_pairs).items() if len(table)}
-
-
-def tests(computed: Mapping[str, pd.DataFrame]) -> dict[Hashable, float]:
-    """The p of every pair, by protocol and names."""
-    return {
-        (protocol, row.learner, row.other): row.p
-        for protocol, table in computed.items()
-        for row in table.itertuples()
-    }
-
-
-def section(material: Material, decided: Decided) -> Section | None:
+def section(material: Material) -> Section | None:
     """Comparisons of all learners under each protocol; None if nowhere two of them can compare."""
-    found: dict[str, pd.DataFrame] = decided.computed
+    found = {name: table for name, table in material.once(all_pairs).items() if len(table)}
     protocols: list[dict[str, Any]] = []
     tables: list[Table] = []
     plots: list[SectionPlot] = []
     for protocol, part in file_names(found).items():
-        rows = found[protocol].itertuples()
-        corrected = [decided.p((protocol, r.learner, r.other)) for r in rows]
-        table = found[protocol].assign(p_corrected=corrected)
+        table = found[protocol]
         differ = table["p_corrected"] < ALPHA
         alike = table[~differ].to_dict("records")
         about = {"total": len(table), "differ": int(differ.sum()), "alike": alike}
@@ -274,9 +259,4 @@ def section(material: Material, decided: Decided) -> Section | None:
     return _PROSE.section("pairwise", tables, plots, protocols=protocols)
 
 
-def family(key: tuple[str, str, str]) -> Hashable:
-    """The question of a test: which pairs of learners differ, under a protocol."""
-    return key[0]
-
-
-TOPIC = Topic("pairwise", 90, section, compute, tests, family)
+TOPIC = Topic("pairwise", 90, section)

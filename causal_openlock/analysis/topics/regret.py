@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.decisions import Decided
 from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
@@ -160,7 +159,7 @@ def regret_by_condition(table: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=[*columns, "information", "useless"])
 
 
-def section(material: Material, _: Decided) -> Section | None:
+def section(material: Material) -> Section | None:
     """Regret, information and useless actions; None where no attempt can be judged."""
     record = material.record
     if not 0 < record.num_rows <= MOST or "actions" not in record.column_names:
@@ -174,4 +173,4 @@ def section(material: Material, _: Decided) -> Section | None:
     )
 
 
-TOPIC = Topic("regret", 50, section, columns=("actions",))
+TOPIC = Topic("regret", 50, section)

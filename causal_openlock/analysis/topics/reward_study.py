@@ -14,7 +14,6 @@ from typing import Any
 
 import pandas as pd
 
-from causal_openlock.analysis.decisions import Decided
 from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
@@ -152,7 +151,7 @@ def best_rewards(
     return found
 
 
-def section(material: Material, _: Decided) -> Section | None:
+def section(material: Material) -> Section | None:
     """The reward study: which rewards learn, or None if the experiment has too few rewards."""
     rewards = rewards_of(material.experiment)
     if len({one.name for one in rewards.values()}) < LEAST_REWARDS:

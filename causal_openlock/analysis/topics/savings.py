@@ -16,7 +16,6 @@ import pandas as pd
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
-from causal_openlock.analysis.decisions import Decided
 from causal_openlock.analysis.measures import BASELINES, TRANSFERS, by_subject, ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, panels, trials_under
@@ -180,7 +179,7 @@ def plot_savings(
     return at.returned
 
 
-def section(material: Material, _: Decided) -> Section | None:
+def section(material: Material) -> Section | None:
     """Section on savings by training; None if no condition and its baseline were played."""
     found = material.once(savings)
     protocols = list(dict.fromkeys(found.loc[~found["reference"].astype(bool), "protocol"]))

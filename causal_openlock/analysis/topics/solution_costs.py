@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.decisions import Decided
 from causal_openlock.analysis.measures import CELL, SOLUTIONS, SUBJECT, judged
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.section import Section
@@ -41,7 +40,7 @@ def solution_costs(trials: pd.DataFrame) -> pd.DataFrame:
     return means.reset_index().merge(mean_intervals(long, by, "attempts"), on=by)
 
 
-def section(material: Material, _: Decided) -> Section | None:
+def section(material: Material) -> Section | None:
     """A table of means with their intervals; None where no solution was found."""
     costs = solution_costs(material.trials)
     if costs.empty:

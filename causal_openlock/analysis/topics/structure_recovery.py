@@ -20,7 +20,6 @@ import pandas as pd
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from causal_openlock.analysis.decisions import Decided
 from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of
@@ -281,7 +280,7 @@ def draw_structure_recovery(
     return at.returned
 
 
-def section(material: Material, _: Decided) -> Section | None:
+def section(material: Material) -> Section | None:
     """Edges that subjects had wrong; None where nobody says what they take the structure to be."""
     record = material.record
     if not 0 < record.num_rows <= MOST or "actions" not in record.column_names:
@@ -319,4 +318,4 @@ def _first_and_last(table: pd.DataFrame) -> pd.DataFrame:
     return rows.drop(columns="protocol") if rows["protocol"].nunique() == 1 else rows
 
 
-TOPIC = Topic("structure_recovery", 55, section, columns=("actions",))
+TOPIC = Topic("structure_recovery", 55, section)

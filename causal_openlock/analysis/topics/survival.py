@@ -15,7 +15,6 @@ import pandas as pd
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
-from causal_openlock.analysis.decisions import Decided
 from causal_openlock.analysis.measures import CELL, SUBJECT, judged, ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import (
@@ -156,7 +155,7 @@ def fastest(trials: pd.DataFrame) -> list[str]:
     return means.sort_values(kind="stable").index[:MOST_LINES].tolist()
 
 
-def section(material: Material, _: Decided) -> Section | None:
+def section(material: Material) -> Section | None:
     """A figure for each protocol; None of an empty record."""
     trials = material.trials
     names = ordered(trials["protocol"].unique(), ("human",))

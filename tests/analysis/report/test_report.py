@@ -19,7 +19,7 @@ from causal_openlock.analysis.report.writing import make_report
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.section import Section, SectionPlot
 from causal_openlock.analysis.table import Table, printed
-from causal_openlock.analysis.topic import Topic, all_topics, columns_of, sections_of
+from causal_openlock.analysis.topic import Topic, all_topics, sections_of
 from causal_openlock.analysis.topics.belief_traces import TOPIC as BELIEFS
 from causal_openlock.errors import OpenLockError
 from causal_openlock.schemas.schema import schema_from_dict
@@ -34,7 +34,7 @@ from support.whole_report import lines_of, whole_material
 pytestmark = pytest.mark.slow
 
 
-def paid_section(material, _):
+def paid_section(material):
     """How much each learner was paid: a section as somebody might add it."""
     if not material.record.num_rows:
         return None
@@ -51,7 +51,7 @@ def paid_section(material, _):
     return Section("paid", "What was paid", (text,), (table,), (plot,))
 
 
-OURS = Topic("paid", 1, paid_section, columns=("reward",))
+OURS = Topic("paid", 1, paid_section)
 SOLVED = trial_rows([1, 2, 3])
 
 
@@ -320,14 +320,13 @@ def test_a_topic_of_ones_own_is_on_the_page_and_in_files(tmp_path):
 def test_each_step_of_a_report_is_named_when_it_begins(tmp_path):
     record, steps = table(SOLVED), []
     make_report(material_of(record, experiment_of(record)), tmp_path, [OURS], steps.append)
-    paid = ["computing paid", "describing paid", "drawing paid"]
+    paid = ["describing paid", "drawing paid"]
     assert [step for step in steps if step.endswith(" paid")] == paid
     assert {step.partition(" ")[0] for step in steps} == {"computing", "describing", "drawing"}
 
 
 def test_topics_of_an_empty_record_and_two_of_one_name():
     assert sections_of(material_of(table([]), NOBODY), all_topics()) == []
-    assert columns_of([OURS]) == ["reward"]
     record = table(SOLVED)
     with pytest.raises(ValueError, match="paid"):
         sections_of(material_of(record, experiment_of(record)), [OURS, OURS])
