@@ -15,7 +15,6 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT
-from causal_openlock.analysis.report.about_people import exclusions
 from causal_openlock.analysis.report.warnings import not_applicable, warnings_of
 from causal_openlock.analysis.results.by_condition import ConditionTable, condition_tables
 from causal_openlock.analysis.results.material import Material
@@ -129,16 +128,11 @@ class Results(Material):
 
         Few subjects, trials that were not solved and count as the limit, cells that are missing.
         """
-        experiment = self.experiment
-        missing = missing_cells(experiment)
-        unfinished = f"{counted(len(missing), 'cell')} of {len(experiment.files)} missing"
-        of_numbers = warnings_of(
-            self.counts.trials, self.summary, experiment.versions, self.references, self.given
-        )
-        of_numbers = *experiment.warned, *exclusions(self), *of_numbers
-        of_numbers = *not_applicable(experiment.reasons), *of_numbers
+        missing = missing_cells(self.experiment)
+        of_numbers = *not_applicable(self.experiment.reasons), *warnings_of(self)
         if not missing:
             return of_numbers
+        unfinished = f"{counted(len(missing), 'cell')} of {len(self.experiment.files)} missing"
         return f"{unfinished}: {missing[0].text}{'; ...' if missing[1:] else ''}.", *of_numbers
 
     @cached_property

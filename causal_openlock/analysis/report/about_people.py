@@ -7,23 +7,28 @@ medians are given.
 
 from __future__ import annotations
 
-import pandas as pd
+import numpy as np
 
 from causal_openlock.analysis.measures import CELL, SUBJECT
-from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.experiment.beside_record import REACTIONS, read_reactions
 from causal_openlock.experiment.declare import PERSON
+from causal_openlock.wording import counted, joined
 
-_PROSE = Prose(__name__)
-KINDS = ("baseline", "transfer")
+IN_WORDS = {"baseline": "a baseline", "transfer": "transfer"}
+"""Kinds of conditions, in which people took some time."""
 
 
 def exclusions(results: Material) -> tuple[str, ...]:
     """Say how many people are left out, a sentence for each of their labels."""
     sizes = results.trials.drop_duplicates([*CELL, *SUBJECT])["learner"].value_counts()
+    people = {
+        name: counted(out + int(sizes.get(name, 0)), "person", "people")
+        for name, out in results.experiment.excluded.items()
+    }
     return tuple(
-        _PROSE.sentence("excluded", name=name, out=out, of=out + int(sizes.get(name, 0)))
+        f"Of {people[name]} ({name}), {out} completed no trial and "
+        f"{'was' if out == 1 else 'were'} left out."
         for name, out in results.experiment.excluded.items()
     )
 
@@ -34,35 +39,36 @@ def about_people(results: Material) -> str:
     Raises:
         StoreError: If a file of reaction times is damaged.
     """
+    took = [
+        f"{counted(len(minutes), 'person', 'people')} took {np.median(minutes):.1f} minutes in "
+        f"{IN_WORDS[kind]}"
+        for kind, minutes in sorted(_minutes(results).items())
+    ]
+    if not took:
+        return " ".join(exclusions(results))
+    told = [f"From the first action to the last, {joined(took)} (median)"]
+    for reference in (one.reference for one in results.references if one.reference.minutes):
+        known = [f"{value} in {IN_WORDS[kind]}" for kind, value in reference.minutes.items()]
+        told.append(f"{reference.name} ({reference.source}) took about {joined(known)}")
+    return " ".join([*exclusions(results), "; ".join(told) + "."])
+
+
+def _minutes(results: Material) -> dict[str, list[float]]:
+    """The minutes that each person took, by the kind of condition."""
+    kinds = {
+        one.name: "transfer" if one.test else "baseline" for one in results.experiment.conditions
+    }
     people = [one.name for one in results.experiment.learners if one.learner == PERSON]
-    took = minutes_taken(results, people)
-    said = [*exclusions(results)]
-    if not took.empty:
-        published = [one.reference for one in results.references if one.reference.minutes]
-        rows = took.to_dict("records")
-        said.append(_PROSE.sentence("minutes", took=rows, published=published))
-    return " ".join(said)
-
-
-def minutes_taken(results: Material, people: list[str]) -> pd.DataFrame:
-    """Return how long people took: ``kind`` of condition, number of ``people``, median ``minutes``.
-
-    Args:
-        results: What was played; times are with it, in its folders.
-        people: Labels of those who are people.
-    """
-    kinds = {one.name: KINDS[bool(one.test)] for one in results.experiment.conditions}
     own = results.trials[results.trials["learner"].isin(people)]
-    counted = {*zip(own["condition"].astype(str), own["subject"], strict=True)}
-    rows = []
+    included = {*zip(own["condition"].astype(str), own["subject"], strict=True)}
+    minutes: dict[str, list[float]] = {}
     for folder in results.folders:
         if not people or not any((folder / REACTIONS).glob("*.parquet")):
             continue
         known = read_reactions(folder).to_pandas().dropna(subset="time")
         for (condition, subject), acts in known.groupby(["condition", "subject"]):
-            if (condition, subject) in counted:
+            if (condition, subject) in included:
                 first = acts["reaction"].fillna(0.0).iloc[0]
                 seconds = acts["time"].iloc[-1] - acts["time"].iloc[0] + first
-                rows.append((kinds[condition], seconds / 60))
-    table = pd.DataFrame(rows, columns=["kind", "minutes"]).groupby("kind")["minutes"]
-    return table.agg(people="size", minutes="median").reset_index()
+                minutes.setdefault(kinds[condition], []).append(seconds / 60)
+    return minutes

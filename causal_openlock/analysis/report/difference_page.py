@@ -30,8 +30,8 @@ from causal_openlock.analysis.measures import (
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import in_rows, panels
 from causal_openlock.analysis.prose import Prose
+from causal_openlock.analysis.report.described import in_words
 from causal_openlock.analysis.report.page import Written
-from causal_openlock.analysis.report.what_was_run import edges, in_words
 from causal_openlock.analysis.section import Section
 from causal_openlock.experiment.declare import PAPER_CONDITIONS
 from causal_openlock.storage.stored import StoredExperiment
@@ -95,7 +95,7 @@ def _readable(experiment: StoredExperiment) -> dict[str, Any]:
         data = condition.as_dict()
         for phase, group in (("train", condition.train), ("test", condition.test)):
             for part, trials in zip(data[phase], group, strict=True):
-                part["schema"] = f"{trials.schema.name}: {edges(trials.schema)}"
+                part["schema"] = trials.schema.to_text()
         found[f"condition {condition.name}"] = _without_name(data)
     return found
 

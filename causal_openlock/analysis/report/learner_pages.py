@@ -7,9 +7,8 @@ of subjects that needed that number of attempts.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import pandas as pd
 
@@ -25,13 +24,12 @@ _RENAMED = {"share_solved": "solved", "ideal_attempts": "ideal"}
 _PROSE = Prose(__name__)
 
 
-def learner_pages(material: Material, described: Sequence[Mapping[str, Any]] = ()) -> list[Section]:
+def learner_pages(material: Material) -> list[Section]:
     """A section for each learner: ``learner_1``, ``learner_2``, ... in the order of learners.
 
-    Their tables and plots are called by the learner's name. What is described of learners is from
-    :func:`~causal_openlock.analysis.report.what_was_run.what_was_run`.
+    Their tables and plots are called by the learner's name.
     """
-    known = {one["name"]: one for one in described}
+    about = {spec.name: spec.origin.about for spec in material.experiment.learners}
     headline, learners = material.headline, material.learners
     played = [name for name in learners if (headline["learner"] == name).any()]
     pages = []
@@ -62,9 +60,9 @@ def learner_pages(material: Material, described: Sequence[Mapping[str, Any]] = (
                 )
             ],
             [plot],
-            learner=known.get(name),
         )
-        pages.append(replace(page, title=name))
+        text = (about[name],) if about.get(name) else ()
+        pages.append(replace(page, title=name, text=text))
     return pages
 
 

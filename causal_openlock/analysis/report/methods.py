@@ -1,31 +1,19 @@
-"""The paragraphs of a paper's methods section, from results alone.
-
-What a reader needs to repeat and to judge a comparison: conditions, budgets, learners with what
-differs from their defaults, subjects, training before the experiment, how uncertainty is computed,
-versions, seed, and what to cite.
-"""
+"""The methods section of a paper, from results alone: what it takes to repeat and to judge them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterator
 
 from causal_openlock.analysis.effects import ALPHA
-from causal_openlock.analysis.measures import CELL, SUBJECT
-from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.report.about_people import about_people
-from causal_openlock.analysis.report.what_was_run import edges, pairs, trials_played
+from causal_openlock.analysis.report.described import described, in_words, pairs
 from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.results.references import Reference
 from causal_openlock.analysis.statistics import LEVEL, RESAMPLES
 from causal_openlock.contract.registry import changed_parameters, registry
-from causal_openlock.experiment.declare import PERSON, Condition, LearnerSpec, Protocol
+from causal_openlock.experiment.declare import PERSON, LearnerSpec
 from causal_openlock.files.validation import plain
-from causal_openlock.schemas.finding import bundled, bundled_schemas
-from causal_openlock.schemas.schema import Schema
-from causal_openlock.world.rewards import RewardFunction
-
-PAPER_SCHEMAS = ("CC3", "CE3", "CC4", "CE4")
-_PROSE = Prose(__name__)
+from causal_openlock.wording import counted, joined
 
 
 class Methods(str):
@@ -38,127 +26,140 @@ class Methods(str):
 
 
 def methods(results: Material) -> Methods:
-    """Return the methods section of a paper on these results, a paragraph for each of its topics.
+    """Return the methods section of a paper on these results, in paragraphs.
 
-    Nothing but the results is needed. Where a learner is not installed here in the version that
-    played, its defaults are not known, and all its parameters are given.
+    Where a learner is not installed here in the version that played, its defaults are not known,
+    and all its parameters are given.
 
     >>> from causal_openlock import compare
     >>> results = compare("CC4", ["oracle"], subjects=2, workers=0)
     >>> print(results.methods().split(". ")[1])
-    The condition was CC4 (5 trials)
+    Condition CC4 (CC4): 5 trials
 
     Args:
         results: The results of one or more folders.
     """
-    experiment, trials = results.experiment, results.trials
-    played = [spec for spec in experiment.learners if spec.name in results.learners]
-    learners = [spec for spec in played if spec.origin.class_name != PERSON]
-    met = {one.name: one for condition in experiment.conditions for one in condition.schemas}
-    found = _PROSE.paragraphs(
-        "text",
-        learners=[spec.name for spec in learners],
-        people=[spec.name for spec in played if spec not in learners],
-        played=trials_played(trials),
-        conditions=results.conditions,
-        schemas={name: (edges(one), len(one.solutions)) for name, one in met.items() if _own(one)},
-        actions=_actions(experiment.protocols, met.values()),
-        protocols=[
-            (one, [spec.name for spec in played if spec.protocol == one])
-            for one in experiment.protocols
+    seeds = [str(seed) for seed in sorted(results.trials["seed"].astype(int).unique())]
+    versions = [
+        f"{name} {in_words(version)}"
+        for name, version in results.experiment.versions.items()
+        if version != "not installed"
+    ]
+    paragraphs = (
+        _rooms(results),
+        _subjects(results),
+        _measures(results),
+        [
+            f"All randomness follows from the {'seed' if len(seeds) == 1 else 'seeds'} "
+            f"{joined(seeds)}, with streams of random numbers of its own for each subject.",
+            f"Played with {joined(versions)}.",
+            "To cite: Edmonds et al. (2018), Human Causal Transfer: Challenges for Deep "
+            "Reinforcement Learning, CogSci; and causal_openlock by its CITATION.cff.",
         ],
-        shown=[one for one in experiment.conditions if one.shown],
-        own_rooms=[one.name for one in experiment.conditions if _has_own_rooms(one)],
-        subjects=_subjects(results),
-        about_people=about_people(results),
-        missing=len(experiment.missing),
-        cells=len(experiment.files),
-        described=[_described(spec) for spec in learners],
-        informed=[spec.name for spec in learners if spec.origin.informed],
-        trained={name: int(n) for name, n in results.trained_before.items() if n == n},
-        unknown=[name for name, n in results.trained_before.items() if n != n],
-        rewards={spec.reward.name: _terms(spec.reward) for spec in learners},
-        not_applicable=experiment.reasons,
-        references=[
-            one.reference for one in results.references if one.cells and len(one.reference.points)
-        ],
-        level=LEVEL,
-        resamples=RESAMPLES,
-        alpha=ALPHA,
-        seeds=[str(seed) for seed in sorted(trials["seed"].astype(int).unique())],
-        versions=experiment.versions,
     )
-    works = _works(experiment.versions.get("causal-openlock"), " ".join(found))
-    return Methods("\n\n".join([*found, *_PROSE.paragraphs("to_cite", works=works)]))
+    return Methods("\n\n".join(" ".join(filter(None, sentences)) for sentences in paragraphs))
 
 
-def _described(spec: LearnerSpec) -> dict[str, Any]:
+def _rooms(results: Material) -> Iterator[str]:
+    """The paragraph on subjects, rooms and budgets."""
+    tables = described(results.experiment, results.trials)
+    subjects = []
+    for name, own in results.headline.groupby("learner", sort=False)["subjects"]:
+        several = own.min() < own.max()
+        subjects.append(f"{name} (n = {own.min():,}{f' to {own.max():,}' if several else ''})")
+    yield (
+        f"{joined(subjects)} played in rooms of OpenLock (Edmonds et al., 2018), in which levers "
+        "and a door follow a hidden causal schema; n counts the subjects in a condition."
+    )
+    for name, train, test, played in tables["Conditions"].to_numpy():
+        rooms = train if test == "–" else f"{train}, tested in {test}"
+        yield f"Condition {name} ({rooms}): {played}."
+    yield "L0 -> L1 says that L1 can be moved while L0 is pushed (| while any is, & while all are)."
+    for name, edges, actions, _ in tables["Schemas"].to_numpy():
+        yield f"Schema {name} is {edges}; an attempt has at most {actions} actions there."
+    for name, budgets in tables["Protocols"].to_numpy():
+        own = tables["Learners"].query("Protocol == @name")["Learner"]
+        yield f"Protocol {name} ({', '.join(own)}): {budgets}"
+
+
+def _subjects(results: Material) -> Iterator[str]:
+    """The paragraph on people, learners and what these had learned before."""
+    experiment = results.experiment
+    if experiment.missing:
+        cells = f"{len(experiment.missing)} of {len(experiment.files)} cells"
+        yield f"{cells} were not played and are missing from all results."
+    yield about_people(results)
+    yield (
+        "Subjects of the same number and seed met the same rooms in the same order, whatever the "
+        "learner."
+    )
+    for why in experiment.reasons:
+        yield f"Not applicable: {why}."
+    for spec in experiment.learners:
+        if spec.origin.class_name == PERSON:
+            yield f"{spec.name} are people."
+            continue
+        yield f"{_settings(spec)}."
+        if spec.origin.informed:
+            yield f"{spec.name} was told what subjects cannot perceive: a bound and not a learner."
+    for name, attempts in results.trained_before.items():
+        if attempts != attempts:
+            yield f"What {name} had learned before the experiment is unknown."
+            continue
+        yield (
+            f"{name} was trained for {counted(int(attempts), 'attempt')} before the experiment, "
+            "which are not in its numbers of attempts; its subjects share this training, so "
+            "intervals are over rooms and leave out how much trainings differ."
+        )
+    for name, terms in described(experiment)["Rewards"].to_numpy():
+        yield f"The reward {name} is {terms}."
+
+
+def _settings(spec: LearnerSpec) -> str:
     """A learner's name, class, and the parameters that are to be given."""
     entry, origin = registry().get(spec.learner), spec.origin
     dist = entry.dist if entry else None
     here = dist is not None and origin.package.startswith(f"{dist.name} {dist.version}")
-    known = here and entry is not None and entry.value == origin.class_name
     given = plain(spec.parameters)
-    if known:
-        given = changed_parameters(spec.learner, given)
-    return {
-        "name": spec.name,
-        "learner": spec.learner,
-        "package": origin.package,
-        "parameters": pairs(given),
-        "knows_defaults": known,
-        "is_plain": known and not given and spec.name == spec.learner,
-    }
+    if here and entry is not None and entry.value == origin.class_name:
+        changed = changed_parameters(spec.learner, given)
+        parameters = f"default parameters{f' except {pairs(changed)}' if changed else ''}"
+    else:
+        parameters = f"the parameters {pairs(given)}" if given else "no parameters"
+    return f"{spec.name} is {spec.learner} of {origin.package} with {parameters}"
 
 
-def _terms(reward: RewardFunction) -> str:
-    return pairs({key: value for key, value in reward.as_dict().items() if key != "name"})
-
-
-def _own(schema: Schema) -> bool:
-    """Whether a schema is another than the paper's of that name."""
-    known = bundled_schemas().get(schema.name) if schema.name in PAPER_SCHEMAS else None
-    return known is None or {**known.as_dict(), "title": ""} != {**schema.as_dict(), "title": ""}
-
-
-def _actions(protocols: tuple[Protocol, ...], schemas: Any) -> dict[int, list[str]]:
-    """Schemas of rooms, by the number of actions in an attempt there."""
-    found: dict[int, list[str]] = {}
-    for limit, name in {
-        (one.actions_for(room), room.name) for one in protocols for room in schemas
-    }:
-        found.setdefault(limit, []).append(name)
-    return {limit: sorted(found[limit]) for limit in sorted(found)}
-
-
-def _has_own_rooms(condition: Condition) -> bool:
-    """Whether the layouts of a condition are others than its protocol's."""
-    trials = (*condition.train, *condition.test)
-    return bool(condition.rooms) or any(one.layouts or not one.shuffle for one in trials)
-
-
-def _subjects(results: Material) -> dict[str, list[str]]:
-    """Learners, by their number of subjects in each condition, in words."""
-    sizes = results.trials.drop_duplicates([*CELL, *SUBJECT]).groupby(CELL, observed=True).size()
-    found: dict[str, list[str]] = {}
-    for learner, own in sizes.groupby("learner", observed=True):
-        low, high = int(own.min()), int(own.max())
-        words = f"{low:,}" if low == high else f"{low:,} to {high:,}"
-        found.setdefault(words, []).append(str(learner))
-    return found
-
-
-def _works(version: Any, text: str) -> list[Mapping[str, Any]]:
-    """Works to cite, from ``CITATION.cff``: the software in the version used, and what is named."""
-    from ruamel.yaml import YAML
-
-    held = YAML(typ="safe", pure=True).load(bundled("CITATION.cff").read_text(encoding="utf-8"))
-    if isinstance(version, str):
-        held["version"] = version.partition("+")[0]
-    named = [
-        one
-        for one in (held["preferred-citation"], *held["references"])
-        if f"{one['authors'][0]['family-names']} et al., {one['year']}" in text
+def _measures(results: Material) -> Iterator[str]:
+    """The paragraph on measures and statistics."""
+    yield (
+        "The measure is the number of attempts until every solution of a room was found, the last "
+        "one included. A trial that was not solved counts as its limit. A condition is judged by "
+        "the mean of a subject's test trials or, without a test, by the last trial. Means over "
+        f"subjects have {LEVEL:.0%} percentile bootstrap intervals ({RESAMPLES:,} resamples). "
+        "Learners are compared by mean differences of paired subjects, averaged over the "
+        "conditions that both played, with intervals and two-sided tests by t with Welch and "
+        "Satterthwaite's degrees of freedom."
+    )
+    references = [
+        _source(one.reference)
+        for one in results.references
+        if one.cells and len(one.reference.points)
     ]
-    works = {one["title"]: one for one in (held, *named)}
-    return [{"year": str(one.get("date-released"))[:4], **one} for one in works.values()]
+    if references:
+        yield (
+            "Where learners played the same rooms under the same budgets, they are compared, by "
+            "the same tests for independent groups, with the means and standard errors of "
+            f"{joined(references)}."
+        )
+    yield (
+        f"An effect is called significant if p < {ALPHA} after Holm's correction over the tests of "
+        "one question, such as which pairs of learners differ; whether training with the same "
+        "structure helps in a test is a planned question, tested by Student's t without correction."
+    )
+
+
+def _source(reference: Reference) -> str:
+    """``people (Edmonds et al., 2018; n = 40)``."""
+    sizes = sorted({str(int(size)) for size in reference.points["subjects"]})
+    parts = filter(None, (reference.source or reference.detail, f"n = {joined(sizes)}"))
+    return f"{reference.name} ({'; '.join(parts)})"

@@ -2,54 +2,65 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import CELL
-from causal_openlock.analysis.prose import Prose
-from causal_openlock.analysis.results.references import Beside, Reference, beside_any
+from causal_openlock.analysis.prose import some
+from causal_openlock.analysis.report.about_people import exclusions
+from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.results.references import Beside, beside_any
 from causal_openlock.analysis.statistics import FEW_SUBJECTS
 from causal_openlock.analysis.table import percent
+from causal_openlock.wording import joined
 
 
-def warnings_of(
-    trials: pd.DataFrame,
-    summary: pd.DataFrame,
-    versions: Mapping[str, Any],
-    references: Sequence[Beside] = (),
-    given: Sequence[Reference] = (),
-) -> tuple[str, ...]:
-    """Warnings to read before believing the numbers, a sentence each.
-
-    Versions of a package are a list where cells were run with several.
-    """
-    published = [one for one in references if one.reference not in given]
-    named = np.zeros(len(summary), bool)
-    for one in published:
-        called = summary["condition"].isin(one.reference.points["condition"]).to_numpy()
-        named |= called & Beside(one.reference, None).stands(summary)
-    others = summary.loc[named & ~beside_any(summary, published), CELL].drop_duplicates()
-    own = [one for one in references if one.reference in given]
+def warnings_of(results: Material) -> Iterator[str]:
+    """Warnings to read before believing the numbers, a sentence each."""
+    summary, trials = results.summary, results.counts.trials
+    yield from results.experiment.warned
+    yield from exclusions(results)
+    for name, attempts in results.trained_before.items():
+        if attempts > 0:
+            yield f"{name} was trained once: its intervals are over rooms, not over trainings."
+    if others := _called_alike(results):
+        yield (
+            "Some conditions are called like the paper's and have other rooms, trials or budgets, "
+            f"so published results are not shown next to them ({some(others)})."
+        )
+    own = [one for one in results.references if one.reference in results.given]
+    alone = [one.reference.name for one in own if not one.stands(summary).any()]
+    if alone:
+        which = "this reference is" if len(alone) == 1 else "these references are"
+        yield (
+            f"No learner played the same rooms under the same budgets as {joined(alone)}, so "
+            f"{which} not shown."
+        )
     of_learner = ["learner", "protocol"]
-    subjects = summary.groupby(CELL, observed=True)["subjects"].agg(["min", "max"])
     fewest = summary.groupby(of_learner, observed=True)["subjects"].min()
+    if few := _by_label(fewest[fewest < FEW_SUBJECTS]):
+        yield f"Fewer than {FEW_SUBJECTS} subjects, so intervals are unreliable ({some(few)})."
+    subjects = summary.groupby(CELL, observed=True)["subjects"].agg(["min", "max"])
+    if uneven := [*map(_label, subjects.index[subjects["min"] != subjects["max"]])]:
+        yield (
+            "Not every subject played every trial, so means of different trials are about "
+            f"different subjects ({some(uneven)})."
+        )
     solved = trials.groupby(of_learner, observed=True)["solved"].mean()
-    several = {name: _several(version) for name, version in versions.items()}
-    return Prose(__name__).paragraphs(
-        "warnings",
-        others=[_label(key) for key in others.itertuples(index=False)],
-        alone=[one.reference.name for one in own if not one.stands(summary).any()],
-        least=FEW_SUBJECTS,
-        few=_by_label(fewest[fewest < FEW_SUBJECTS]),
-        uneven=[_label(key) for key in subjects.index[subjects["min"] != subjects["max"]]],
-        unsolved={
-            name: percent(1 - share) for name, share in _by_label(solved).items() if share < 1
-        },
-        versions={name: found for name, found in several.items() if len(found) > 1},
-    )
+    if unsolved := _by_label(solved[solved < 1]):
+        shares = {name: percent(1 - share) for name, share in unsolved.items()}
+        yield (
+            "Some trials were not solved, so means there are lower than what solving them would "
+            "have taken (share of all trials that were not solved, training included: "
+            f"{some(shares)})."
+        )
+    for package, versions in results.experiment.versions.items():
+        if not isinstance(versions, str):
+            several = ", ".join(sorted(versions))
+            yield f"Cells were run with different versions of {package} ({several})."
 
 
 def not_applicable(reasons: Iterable[str]) -> tuple[str, ...]:
@@ -61,19 +72,24 @@ def not_applicable(reasons: Iterable[str]) -> tuple[str, ...]:
     return tuple(f"Not applicable (–): {why}." for why in reasons)
 
 
+def _called_alike(results: Material) -> list[str]:
+    """Cells of conditions that are called like published ones, and are others."""
+    summary = results.summary
+    published = [one for one in results.references if one.reference not in results.given]
+    named = np.zeros(len(summary), bool)
+    for one in published:
+        called = summary["condition"].isin(one.reference.points["condition"]).to_numpy()
+        named |= called & Beside(one.reference, None).stands(summary)
+    others = summary.loc[named & ~beside_any(summary, published), CELL].drop_duplicates()
+    return [_label(key) for key in others.itertuples(index=False)]
+
+
 def _by_label(values: pd.Series) -> dict[str, Any]:
     """Values by group, the lowest first."""
-    ordered = values.sort_values(kind="stable")
-    return {_label(key): value for key, value in ordered.items()}
+    return {_label(key): value for key, value in values.sort_values(kind="stable").items()}
 
 
 def _label(key: Any) -> str:
     """``ddqn, CC4 (human)``: a learner, perhaps a condition, and a protocol."""
     *names, protocol = map(str, key)
     return f"{', '.join(names)} ({protocol})"
-
-
-def _several(version: Any) -> list[str]:
-    if isinstance(version, str) or not isinstance(version, Iterable):
-        return [str(version)]
-    return sorted({str(one) for one in version})

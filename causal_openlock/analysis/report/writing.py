@@ -19,12 +19,12 @@ import pandas as pd
 
 from causal_openlock.analysis.effects import ALPHA
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.report.about_people import about_people, exclusions
+from causal_openlock.analysis.report.about_people import about_people
 from causal_openlock.analysis.report.all_figures import figures_of
+from causal_openlock.analysis.report.described import described, in_words
 from causal_openlock.analysis.report.learner_pages import learner_pages
 from causal_openlock.analysis.report.page import Written
 from causal_openlock.analysis.report.warnings import not_applicable, warnings_of
-from causal_openlock.analysis.report.what_was_run import trials_played, what_was_run
 from causal_openlock.analysis.results.by_condition import condition_tables
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.missing import missing_cells, with_missing
@@ -90,13 +90,10 @@ def make_report(
     experiment = material.experiment
     trials, learners, summary = material.counts.trials, material.learners, material.summary
     missing = missing_cells(experiment)
-    described = what_was_run(experiment, trials_played(trials))
-    described["people"] = about_people(material)
-
     write_table(with_missing(summary, missing), folder / "summary.csv")
     begin = begin or (lambda _: None)
     written = Written(folder / "report.html", figures, lambda name: begin(f"drawing {name}"))
-    plots, pages = figures_of(material), learner_pages(material, described["each"])
+    plots, pages = figures_of(material), learner_pages(material)
     topics = all_topics() if topics is None else topics
     begin("computing leaderboard")
     ranked = leaderboard(material)
@@ -117,7 +114,7 @@ def make_report(
         answers=opening,
         openings=tuple(one.answer for one in sections if one.answer),
         figure=written.plot(opening_figures[0]) if opening_figures else None,
-        about={one["name"]: one["about"] for one in described["each"]},
+        about={spec.name: spec.origin.about for spec in experiment.learners},
         legend=legend(first),
         headline={
             one.protocol: one
@@ -143,10 +140,15 @@ def make_report(
         alpha=ALPHA,
         learners=[written.section(one) for one in pages],
         summary=_summary_blocks(summary, learners, material.references),
-        described=described,
+        people=about_people(material),
+        described=[
+            Table("", title, frame, verbatim=True)
+            for title, frame in described(experiment, trials).items()
+            if len(frame)
+        ],
+        versions=[f"{name} {in_words(one)}" for name, one in experiment.versions.items()],
         not_applicable=not_applicable(experiment.reasons),
-        warnings=exclusions(material)
-        + warnings_of(trials, summary, experiment.versions, material.references, material.given),
+        warnings=[*warnings_of(material)],
         given=material.given,
     )
     return Report(written.path, opening, ranked, written.removed)

@@ -71,8 +71,8 @@ def test_what_changed_is_told_field_by_field():
         "learner bayes, parameters, lapse": ("0.0", "0.5"),
         "learner random, protocol, attempt limit": ("30", "60"),
         "condition CC4, train, 1, schema": (
-            "CC4: L0 → L1, L2, L3; L1, L2, L3 → door",
-            "CC4: L0 → L1, L2; L1, L2, L3 → door",
+            "CC4: L0 -> L1, L2, L3; L1 | L2 | L3 -> door",
+            "CC4: L0 -> L1, L2; L1 | L2 | L3 -> door",
         ),
     }
     only_once = changes(described(), described(["bayes"], ["CC4", "CE3-CC4"]))

@@ -14,7 +14,6 @@ import pytest
 from matplotlib.figure import Figure
 
 import causal_openlock as ol
-from causal_openlock.analysis.report.what_was_run import edges
 from causal_openlock.analysis.report.writing import make_report
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.section import Section, SectionPlot
@@ -22,7 +21,6 @@ from causal_openlock.analysis.table import Table, printed
 from causal_openlock.analysis.topic import Topic, all_topics, sections_of
 from causal_openlock.analysis.topics.belief_traces import TOPIC as BELIEFS
 from causal_openlock.errors import OpenLockError
-from causal_openlock.schemas.schema import schema_from_dict
 from causal_openlock.version import RESULTS_VERSION
 from support.command import at_once
 from support.fabricated_records import random_cells, table, trial_rows
@@ -137,20 +135,6 @@ def test_many_missing_cells_are_counted_and_not_all_listed(tmp_path):
     text = lines_of(path.read_text("utf-8"))
     assert "30 of its cells are missing" in text
     assert re.search(r"^cell23: .*\nand 6 more$", text, re.M)
-
-
-def test_schema_in_a_line_names_strengths_gates_and_levers_without_effect():
-    noisy = {
-        "name": "noisy",
-        "levers": ["L0", "L1", "L2", "L3"],
-        "edges": {"L0": {"L1": {"strength": 0.8}, "door": {}}, "L1": ["door"], "L2": ["door"]},
-        "gates": {"door": {"at_least": 2}, "L1": "all"},
-        "inert": ["L3"],
-    }
-    assert edges(schema_from_dict(noisy)) == (
-        "L0 → L1 (0.8), door; L1, L2 → door; L1 needs all of its causes; "
-        "door needs at least 2 of its causes; without effect: L3"
-    )
 
 
 @pytest.mark.parametrize(
