@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from causal_openlock.cli.options import ProtocolName, ReferenceFolders, Seed, Workers
-from causal_openlock.cli.report import report_store
+from causal_openlock.cli.report import report_results
 from causal_openlock.cli.stopping import resumable
+from causal_openlock.cli.terminal import complain
 from causal_openlock.comparison.progress_bar import shown
-from causal_openlock.errors import CellsFailed, OpenLockError
+from causal_openlock.errors import OpenLockError
 
 if TYPE_CHECKING:
     from causal_openlock.running.progress import RunProgress
@@ -86,6 +87,7 @@ def compare(
     from causal_openlock.analysis.results.references import find_references
     from causal_openlock.comparison.comparing import play
     from causal_openlock.comparison.console import Terminal
+    from causal_openlock.comparison.results import open_results
     from causal_openlock.experiment.file import find_experiment, read_experiment
     from causal_openlock.experiment.making import Changes
     from causal_openlock.files.atomic import folder_at
@@ -102,15 +104,15 @@ def compare(
     chosen = read_experiment(find_experiment(experiment), changes, console.print_line)
     # A changed experiment is another one, and has results of its own.
     own = "" if changes == Changes() else f"-{chosen.identity[:8]}"
-    before: list[int] = []
     folder = folder_at(out or Path("results") / f"{chosen.name}{own}")
+    if own and (name := Store(folder).name):  # other learners, say: one comparison all the same
+        chosen = replace(chosen, name=name)
+    before: list[int] = []
     with resumable():
-        if own and (name := Store(folder).name):  # other learners, say: one comparison all the same
-            chosen = replace(chosen, name=name)
         with shown(chosen.name, console) as show:
 
             def progress(standing: RunProgress) -> None:
-                before[:] = before or [standing.done]
+                before.append(standing.done)
                 show(standing)
 
             failed = play(
@@ -126,23 +128,15 @@ def compare(
                 watching=Watching(checkpoint_every, str(tensorboard) if tensorboard else None),
                 time_limit=time_limit,
             )
-        if any(before) and not failed:
+        if any(before[:1]) and not failed:
             cells = part.of(chosen.cells()) if part else chosen.cells()
             console.print(f"{before[0]} of {len(cells)} cells were there already")
-        if failed and failed.every:
-            raise _without_reasons(failed)
-        if part is None:
-            report_store(folder, console, references=references, reasons=False)
-        else:
+        if part is not None:
             console.print_line(
                 f"shard {shard} is done; when all shards are: causal-openlock report {folder}"
             )
-    if failed:
-        raise _without_reasons(failed)
-
-
-def _without_reasons(failed: CellsFailed) -> OpenLockError:
-    """How many cells failed; which they are was printed when they did."""
-    error = OpenLockError(failed.summary)
-    error.status = failed.status
-    return error
+        elif not (failed and failed.every):
+            report_results(open_results(folder, reference=references), folder, reasons=False)
+    if failed:  # the reasons were printed when they did
+        complain(failed.summary)
+        raise typer.Exit(failed.status)

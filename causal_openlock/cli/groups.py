@@ -18,24 +18,21 @@ GROUPS = {
     "Predict": ("score", "fit", "recover", "design"),
     "Share": ("export", "bundle", "evidence"),
 }
-OTHERS = "More"
 
 
 class GroupedCommands(TyperGroup):
     """A command line whose help lists commands in groups."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write a section for each group that has a command, in columns of one width."""
-        listed = {name: command for name, command in self.commands.items() if not command.hidden}
-        width = max(map(len, listed), default=0)
-        texts = {
-            name: command.get_short_help_str(formatter.width - width - 6)
-            for name, command in listed.items()
-        }
-        named = {name for names in GROUPS.values() for name in names}
-        others = tuple(name for name in texts if name not in named)
-        for title, names in {**GROUPS, OTHERS: others}.items():
-            rows = [(name.ljust(width), texts[name]) for name in names if name in texts]
+        """Write a section for each group that has a command."""
+        listed = {name: one for name, one in self.commands.items() if not one.hidden}
+        others = listed.keys() - {name for names in GROUPS.values() for name in names}
+        for title, names in {**GROUPS, "More": sorted(others)}.items():
+            rows = [
+                (name.ljust(8), listed[name].get_short_help_str(formatter.width - 14))
+                for name in names
+                if name in listed
+            ]
             if rows:
                 with formatter.section(title):
                     formatter.write_dl(rows)

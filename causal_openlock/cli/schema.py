@@ -32,24 +32,15 @@ def list_schemas() -> None:
 
     table = Table("schema", "levers", "solutions", "actions", "title", box=None, pad_edge=False)
     found = bundled_schemas()
-    faults = []
     for path in sorted(Path("schemas").glob("*.yaml")):
         try:
             found[path.stem] = read_schema(path)
         except OpenLockError as error:
-            faults.append(str(error))
+            say(f"warning: {error}", error=True)
     for name, schema in found.items():
-        table.add_row(
-            name,
-            str(len(schema.levers)),
-            str(len(schema.solutions)),
-            str(schema.least_action_limit),
-            schema.title,
-        )
-    console = Terminal()
-    console.print(table)
-    for fault in faults:
-        console.print_line(fault, "yellow")
+        counts = len(schema.levers), len(schema.solutions), schema.least_action_limit
+        table.add_row(name, *map(str, counts), schema.title)
+    Terminal().print(table)
 
 
 @app.command()
@@ -61,21 +52,16 @@ def show(
 ) -> None:
     """Show a schema: its graph and its solutions."""
     from causal_openlock.render.graph import schema_text
+    from causal_openlock.world.room import Room, action_names
 
     schema = _read(name)
     say(schema_text(schema).rstrip())
     if layout is not None:
-        _show_layout(schema, layout)
-
-
-def _show_layout(schema: Schema, layout: str) -> None:
-    from causal_openlock.world.room import Room, action_names
-
-    room = Room.of(schema, layout)
-    names = action_names(room.positions)
-    say(f"\nIn {room.layout.name}:")
-    for levers in schema.solutions:
-        say("  " + ", ".join(names[action] for action in room.action_of(levers)))
+        room = Room.of(schema, layout)
+        names = action_names(room.positions)
+        say(f"\nIn {room.layout.name}:")
+        for levers in schema.solutions:
+            say("  " + ", ".join(names[action] for action in room.action_of(levers)))
 
 
 @app.command()
@@ -158,8 +144,9 @@ def new(
     path = out or Path(f"{name}.yaml")
     if path.exists():
         raise OpenLockError(f"{path} exists already; choose another name, or remove it first")
-    start = _read(like)
-    schema = schema_from_dict({**start.as_dict(), "name": name, "title": f"{name}, after {like}"})
+    schema = schema_from_dict(
+        {**_read(like).as_dict(), "name": name, "title": f"{name}, after {like}"}
+    )
     write_text(path, _GUIDE + schema.to_yaml())
     say(f"{path} written; change it, then try:")
     say(f"  causal-openlock schema check {path}")
@@ -187,10 +174,8 @@ def worth(
     ] = False,
 ) -> None:
     """Compute what knowing the schema is worth to an ideal observer, in attempts."""
-    from rich.table import Table
-
     from causal_openlock.belief.worth import schema_worth
-    from causal_openlock.comparison.console import Terminal
+    from causal_openlock.comparison.console import Terminal, plain_table
     from causal_openlock.comparison.progress_bar import shown_steps
 
     among = among or ["all"]
@@ -202,14 +187,11 @@ def worth(
             levers_known=not levers_unknown,
             report=report,
         )
-    table = Table("attempts", box=None, pad_edge=False)
-    for column in ("known", "unknown", "worth"):
-        table.add_column(column, justify="right")
+    table = plain_table("attempts", "known", "unknown", "worth")
     for row in found.table.itertuples(index=False):
         table.add_row(row.attempts, *(f"{number:.3f}" for number in row[1:]))
-    console = Terminal()
-    console.print(table)
-    console.print_line(str(found))
+    Terminal().print(table)
+    say(str(found))
 
 
 def _weighted(text: str) -> tuple[str, float]:

@@ -213,10 +213,10 @@ def _nothing_searched(learner: str) -> str:
 def print_fit(fitted: Fit, found: FittedLearner, console: Terminal) -> None:
     """The best candidates, the distances, the effects and the entry to paste."""
     from causal_openlock.analysis.statistics import too_few
-    from causal_openlock.cli.marks import legend, marked, rounded
     from causal_openlock.comparison.console import plain_table
     from causal_openlock.files.yaml_file import dump_yaml
     from causal_openlock.fitting.actions import at_bound
+    from causal_openlock.fitting.marks import legend, marked, rounded
     from causal_openlock.fitting.objective import TARGETS
     from causal_openlock.fitting.outcome import entries
     from causal_openlock.paper.likeness_figure import CLEAR, signs

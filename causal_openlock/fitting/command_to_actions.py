@@ -6,8 +6,8 @@ from collections.abc import Callable, Hashable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from causal_openlock.cli.marks import legend, marked, rounded
 from causal_openlock.cli.stopping import resumable
+from causal_openlock.fitting.marks import legend, marked, rounded
 from causal_openlock.wording import counted, joined
 
 if TYPE_CHECKING:
