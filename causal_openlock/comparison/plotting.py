@@ -17,12 +17,11 @@ from causal_openlock.analysis.plots.course import plot_course
 from causal_openlock.analysis.plots.subjects import plot_subjects
 from causal_openlock.analysis.plots.sweep import plot_sweep
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.topics.congruency import plot_congruency
 from causal_openlock.analysis.topics.learning_cost import plot_cost
 from causal_openlock.analysis.topics.pairwise import plot_pairs
-from causal_openlock.analysis.topics.savings import plot_savings
 from causal_openlock.analysis.topics.structure_recovery import plot_structure_recovery
 from causal_openlock.analysis.topics.survival import plot_survival
+from causal_openlock.analysis.topics.transfer import plot_savings
 from causal_openlock.files.validation import check_arguments
 from causal_openlock.paper.likeness_figure import plot_likeness
 
@@ -65,7 +64,6 @@ class Plots:
     categories = Plot(plot_categories)
     survival = Plot(plot_survival)
     cost = Plot(plot_cost)
-    congruency = Plot(plot_congruency)
     savings = Plot(plot_savings)
     pairs = Plot(plot_pairs)
     subjects = Plot(plot_subjects)

@@ -195,14 +195,14 @@ class Results(Material):
         return structure_recovery(self)
 
     @cached_property
-    def congruency(self) -> pd.DataFrame:
-        """How many attempts training with the structure of the test saves, by learner and test.
+    def transfer(self) -> pd.DataFrame:
+        """What training saves in the test of each transfer condition, by learner.
 
-        See :func:`~causal_openlock.analysis.topics.congruency.congruency`.
+        See :func:`~causal_openlock.analysis.topics.transfer.transfer`.
         """
-        from causal_openlock.analysis.topics.congruency import congruency
+        from causal_openlock.analysis.topics.transfer import transfer
 
-        return congruency(self)
+        return transfer(self)
 
     @cached_property
     def pairs(self) -> pd.DataFrame:

@@ -32,8 +32,8 @@ def main() -> None:
     trained = ol.compare(["CC4", "CE4"], "random", protocol=SHORT, subjects=4, seed=1)
     grid = ol.sweep("bayes", lapse=[0.0, 0.1, 0.3, 0.6], policy=["solve_and_learn", "thompson"])
     swept = ol.compare(["CC4", "CC3-CC4"], grid, subjects=12, seed=1)
-    names = ("attempts", "transfer", "course", "survival", "cost", "likeness", "pairs")
-    plots = {name: (results, {}) for name in (*names, "congruency", "savings")}
+    names = ("attempts", "transfer", "course", "survival", "cost", "likeness", "pairs", "savings")
+    plots = {name: (results, {}) for name in names}
     plots["structure_recovery"] = (results, {})
     plots["subjects"] = (results, {"learners": ["like_people"]})
     plots["beliefs"] = (results, {"condition": "CC3-CC4", "trial": 7})

@@ -13,8 +13,8 @@ import pytest
 from scipy import stats
 
 from causal_openlock.analysis.effects import ALPHA, Group, holm, weighted_difference
-from causal_openlock.analysis.topics.congruency import COMPARED, congruency
 from causal_openlock.analysis.topics.pairwise import all_pairs
+from causal_openlock.analysis.topics.transfer import CONGRUENT, OTHER, transfer
 from causal_openlock.experiment.declare import PAPER_CONDITIONS
 from support.paper_play import material, play
 
@@ -57,10 +57,10 @@ def p_of(played):
         ]
         pairs[one, other] = weighted_difference(gaps).p
     for learner, cells in played.items():
-        for test, names in COMPARED.items():
-            same, other = (cells[name, "test"][:, 0] for name in names)
+        for condition in CONGRUENT.values():
+            same, other = (cells[name, "test"][:, 0] for name in (condition, OTHER[condition]))
             p = stats.ttest_ind(other, same).pvalue if np.ptp(other) else 1.0
-            congruent[learner, test] = float(p)
+            congruent[learner, condition] = float(p)
     # A question about pairs is one of all pairs; one about training is each by itself.
     return {"pairs": [*pairs.values()]} | {key: [p] for key, p in congruent.items()}
 
@@ -96,5 +96,5 @@ def test_these_are_the_tests_that_a_report_makes():
     pairs = all_pairs(results)["human"]
     assert pairs["p"].tolist() == pytest.approx(ours.pop("pairs"))
     assert pairs["p_corrected"].tolist() == pytest.approx(holm(pairs["p"].to_numpy()).tolist())
-    congruent = congruency(results).query("not reference").set_index(["learner", "test"])["p"]
-    assert congruent.to_dict() == pytest.approx({key: p for key, (p,) in ours.items()})
+    saved = transfer(results).query("not reference").set_index(["learner", "condition"])["p"]
+    assert saved[[*ours]].tolist() == pytest.approx([p for (p,) in ours.values()])

@@ -36,7 +36,7 @@ pytestmark = pytest.mark.slow
 
 PLOTS = {
     **dict.fromkeys(("attempts", "transfer", "course", "survival", "cost"), "results"),
-    **dict.fromkeys(("likeness", "pairs", "congruency", "savings", "subjects"), "results"),
+    **dict.fromkeys(("likeness", "pairs", "savings", "subjects"), "results"),
     **{"categories": "trained", "beliefs": "believed", "structure_recovery": "asked"},
     "sweep": "swept",
 }
@@ -152,7 +152,7 @@ def test_learners_are_in_the_order_of_the_tables():
     assert list(played_results.results().learners) == ORDER
     for name in ("attempts", "transfer", "course", "subjects"):
         assert [title for title in titles(draw(name)) if title in ORDER] == ORDER, name
-    for name in ("congruency", "savings", "cost"):
+    for name in ("savings", "cost"):
         drawn = draw(name, **({} if name == "cost" else {"learners": ORDER}))
         assert [row for row in names_at(drawn[0].yaxis) if row in ORDER] == ORDER, name
     assert [line.get_label() for line in draw("survival")[0].lines] == ORDER
@@ -456,7 +456,7 @@ def shown_in(axes):
 @pytest.mark.parametrize(
     ("name", "kinds"),
     [
-        ("results", "cost survival course likeness congruency savings subjects"),
+        ("results", "cost survival course likeness savings subjects"),
         ("trained", "categories"),
         ("believed", "beliefs structure_recovery"),
         ("fabricated", "course pairs"),

@@ -76,12 +76,10 @@ def test_the_python_runs(folder, monkeypatch):
 
 
 def test_the_interval_of_what_transfer_saves_people_is_the_one_that_is_computed():
-    from causal_openlock.analysis.topics.congruency import congruency
-
     results = ol.compare(["CC3-CC4", "CE3-CC4", "CC3-CE4", "CE3-CE4"], "oracle", subjects=1)
-    people = congruency(results).set_index(["learner", "test"]).loc["people"]
-    for test in ("CC4", "CE4"):
-        saved, low, high = people.loc[test, ["saved", "low", "high"]]
+    people = results.transfer.set_index(["learner", "condition"]).loc["people"]
+    for test, condition in (("CC4", "CC3-CC4"), ("CE4", "CE3-CE4")):
+        saved, low, high = people.loc[condition, ["saved", "low", "high"]]
         place = rf"{saved + 1e-9:.2f}\s(attempts )?in\s{test}"
         assert re.search(rf"{place}\s\((95%\sinterval )?{low:.2f}\sto\s{high:.2f}\)", README)
 
