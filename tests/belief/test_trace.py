@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from causal_openlock.analysis.plots.belief import plot_trace
-from causal_openlock.analysis.results.information import information_per_action, mean_information
 from causal_openlock.belief.structure_schemas import (
     behave_alike,
     by_position,
@@ -132,9 +131,6 @@ def test_what_was_impossible_leads_to_other_hypotheses(uncertain):
     assert whole.count("from here on levers may fail to move") == 1
     legend = [text.get_text() for text in drawn(uncertain).legends[0].get_texts()]
     assert "other hypotheses" in legend
-    # What hypotheses drawn anew tell is not information.
-    renewed = [action.renewed != "" for action in uncertain.actions]
-    assert np.isnan(information_per_action([uncertain])["gain_obtained"]).tolist() == renewed
 
 
 @pytest.mark.parametrize("name", ["bayes", "bayes_net_ddqn"])
@@ -147,18 +143,9 @@ def test_beliefs_follow_from_what_was_done_alone(name):
     pd.testing.assert_frame_equal(seen.table(), played.table(), check_exact=True)
 
 
-def test_information_of_trials_adds_up_and_every_subject_counts_once(cc4):
-    traces = [cc4, traced("CC4", subject=1)]
-    actions = information_per_action(traces)
-    for trace in traces:
-        own = actions[actions["subject"] == trace.subject]
-        assert len(own) == len(trace.actions)
-        assert own["gain_obtained"].sum() == pytest.approx(trace.entropies[0] - trace.entropies[-1])
-    means = mean_information(actions, ["learner"])
-    assert (means["subjects"].tolist(), means["actions"].tolist()) == ([2], [len(actions)])
-    by_hand = [trace.table()["gain_obtained"].mean() for trace in traces]
-    assert means["obtained"].tolist() == pytest.approx([np.mean(by_hand)])
-    assert mean_information(actions)["actions"].sum() == len(actions)
+def test_information_adds_up_over_a_trial(cc4):
+    gains = cc4.table()["gain_obtained"]
+    assert gains.sum() == pytest.approx(cc4.entropies[0] - cc4.entropies[-1])
 
 
 # -- structures compared ---------------------------------------------------------------------------

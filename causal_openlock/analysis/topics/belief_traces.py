@@ -6,16 +6,18 @@ It is the first trial of the first subject in the first condition; see
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from causal_openlock.analysis.prose import Prose
-from causal_openlock.analysis.results.information import information_per_action, mean_information
+import pandas as pd
+
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.traces import believers, replayed
-from causal_openlock.analysis.section import Section
+from causal_openlock.analysis.section import Section, SectionPlot, drawn, sentences
+from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.errors import OpenLockError
-from causal_openlock.wording import file_names
+from causal_openlock.wording import counted, file_names, joined
 
 if TYPE_CHECKING:
     from causal_openlock.belief.trace import Trace
@@ -27,13 +29,8 @@ LONGEST = 60
 """Trials of more attempts than this are not traced: it takes long, and few are shown."""
 
 
-_PROSE = Prose(__name__)
-
-
 def section(material: Material) -> Section | None:
     """A trace of each of the first learners that hold beliefs; None if there are none."""
-    from causal_openlock.analysis.plots.belief import THRESHOLD, Part, plot_trace
-
     traces: dict[str, Trace] = {}
     changed: list[str] = []
     more: list[str] = []
@@ -47,37 +44,81 @@ def section(material: Material) -> Section | None:
             changed.append(name)  # it, or its parameters, are not those of the learner as it is now
     if not traces:
         return None
-    findings = [
-        {
-            "learner": name,
-            "known_from": trace.known_from,
-            "attempts": trace.actions[-1].attempt,
-            "found": trace.found,
-            "solutions": len(trace.truth.solutions),
-        }
-        for name, trace in traces.items()
-    ]
-    information = information_per_action(list(traces.values()))
-    means = mean_information(information, ["learner", "attempt"]).drop(columns="subjects")
-    formats = {"predicted": ".2f", "obtained": "+.2f"}
-    return _PROSE.section(
-        "beliefs",
-        [_PROSE.table("belief_information", means, formats)],
-        [
-            _PROSE.plot(
-                "belief", plot_trace, trace, {}, f"belief_{part}",
-                f"results.plot.beliefs({trace.subject}, learner={name!r})",
-                trace=trace, part=Part.of(trace), threshold=THRESHOLD,
-            )
-            for (name, trace), part in zip(
-                traces.items(), file_names(traces).values(), strict=True
-            )
-        ],
-        answer=_PROSE.sentence("answer", findings=findings),
-        findings=findings,
-        more=more,
-        changed=changed,
+    text = (
+        " ".join(_finding(name, trace) for name, trace in traces.items()),
+        "Shown is the first trial of the first subject in the first condition, played once more "
+        "with the recorded actions. causal-openlock trace shows any other trial.",
+        f"Other learners that hold beliefs, not shown here: {joined(more)}." if more else "",
+        "Not shown, as their code or parameters have changed since: "
+        f"{', '.join(changed)}." if changed else "",
     )  # fmt: skip
+    # The first screen has what surprises: a learner that knows the structure and does not use it.
+    answer = sentences(
+        *(
+            f"In the trial shown under Beliefs, {_finding(name, trace)}"
+            for name, trace in traces.items()
+            if trace.known_from and trace.found < len(trace.truth.solutions)
+        )
+    )
+    plots = [
+        _plot(f"belief_{part}", name, traces[name]) for name, part in file_names(traces).items()
+    ]
+    paragraphs = tuple(filter(None, text))
+    return Section("beliefs", "Beliefs", paragraphs, (_information(traces),), tuple(plots), answer)
+
+
+def _finding(name: str, trace: Trace) -> str:
+    """What a learner believed and found, as a sentence."""
+    solutions, found = len(trace.truth.solutions), trace.found
+    believed = (
+        f"holds the true structure most probable from the end of attempt {trace.known_from} on"
+        if trace.known_from
+        else "does not hold the true structure most probable in the end"
+    )
+    share = "all" if found == solutions else f"only {found} of" if found else "none of"
+    attempts = counted(trace.actions[-1].attempt, "attempt")
+    return f"{name} {believed} and finds {share} {solutions} solutions in {attempts}."
+
+
+def _information(traces: Mapping[str, Trace]) -> Table:
+    """Bits that the actions of each attempt gave on average."""
+    actions = pd.concat([trace.table().assign(learner=name) for name, trace in traces.items()])
+    # Entropies of different hypotheses cannot be compared.
+    actions["gain_obtained"] = actions["gain_obtained"].where(actions["renewed"] == "")
+    frame = actions.groupby(["learner", "attempt"], sort=False).agg(
+        actions=("number", "size"),
+        predicted=("gain_predicted", "mean"),
+        obtained=("gain_obtained", "mean"),
+    )
+    caption = (
+        "Bits that an action was expected to give and that it gave, on average over the actions of "
+        "an attempt: by how much less is missing to certainty after it. Negative where an answer "
+        "left the subject less certain. Actions after which hypotheses were drawn again do not "
+        "count as having given anything."
+    )
+    title = "Information gained per action"
+    formats = {"predicted": ".2f", "obtained": "+.2f"}
+    return Table("belief_information", title, frame.reset_index(), formats, caption)
+
+
+def _plot(file: str, learner: str, trace: Trace) -> SectionPlot:
+    from causal_openlock.analysis.plots.belief import THRESHOLD, Part, plot_trace
+
+    part = Part.of(trace)
+    caption = sentences(
+        "What one subject did, attempt by attempt; the bits missing to certainty about the room; "
+        "the information expected of each action by itself and the information that it gave, which "
+        "agree on average over rooms as probable as the subject believes; and the marginal "
+        f"probability of each arrow that was ever more probable than {THRESHOLD:.0%}, true arrows "
+        "above the line. Below, the structure that is most probable in the end next to the true "
+        "one, levers called by their positions.",
+        part.cut,
+        "What a learner forgets after an attempt counts against its last action.",
+        "Where the line is dotted hypotheses were replaced by others, so that the difference is "
+        "not information." if part.renewed else "",
+    )  # fmt: skip
+    call = f"results.plot.beliefs({trace.subject}, learner={learner!r})"
+    return drawn(file, plot_trace, trace, f"What {learner} believed", caption, call)
 
 
 TOPIC = Topic("belief_traces", 140, section)

@@ -12,16 +12,13 @@ from typing import Annotated
 import pandas as pd
 from pydantic import BaseModel, Field, NonNegativeInt, ValidationError
 
-from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.missing import beginnings
 from causal_openlock.analysis.section import Section
+from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.storage.store import Store
-
-_PROSE = Prose(__name__)
-_CELL = ["learner", "condition"]
-_SILENT = "unanswered actions"
+from causal_openlock.wording import counted
 
 
 class _Counts(BaseModel):
@@ -34,34 +31,34 @@ class _Counts(BaseModel):
     unanswered: NonNegativeInt
     unreadable: NonNegativeInt
 
-    def row(self) -> dict[str, float]:
-        """The counts by column of the table."""
-        asked, answered = self.tokens
-        return {
-            "answers": self.answers,
-            "tokens of questions": asked,
-            "tokens of answers": answered,
-            "seconds": self.latency,
-            "no action": sum(self.faults.values()),
-            _SILENT: self.unanswered,
-            "unreadable structures": self.unreadable,
-        }
-
 
 def section(material: Material) -> Section | None:
     """Answers, tokens and seconds; None where nothing was said."""
     table = _counted(material)
     if table.empty:
         return None
-    groups = table.groupby(_CELL, sort=False)
+    groups = table.groupby(["learner", "condition"], sort=False)
     shown = groups.sum()
     shown.insert(0, "subjects", groups.size())
-    by_learner = table.groupby("learner", sort=False)[_SILENT].sum()
-    return _PROSE.section(
-        "language_models",
-        [_PROSE.table("language_models", shown.reset_index(), dict.fromkeys(shown, ",.0f"))],
-        silent=by_learner[by_learner > 0].to_dict(),
+    silent = table.groupby("learner", sort=False)["unanswered actions"].sum()
+    lost = [f"{counted(many, 'action')} of {name}" for name, many in silent.items() if many]
+    text = ["All that was said is in the folder transcripts of these results, and their bundle."]
+    if lost:
+        text.append(
+            "Some answers were not actions, though they were asked for again, and the action was "
+            f"spent on what changes nothing: {', '.join(lost)}. How these learners fare says as "
+            "much about how they were asked as about what they know."
+        )
+    caption = (
+        "Sums over subjects. Seconds: how long answers took, most of them side by side; no action: "
+        "answers that were malformed, refused or out of range; unreadable structures: answers to "
+        "which lever enables which."
     )
+    counts = Table(
+        "language_models", "What was asked and answered", shown.reset_index(),
+        dict.fromkeys(shown, ",.0f"), caption,
+    )  # fmt: skip
+    return Section("language_models", "Language models", tuple(text), (counts,))
 
 
 def _counted(material: Material) -> pd.DataFrame:
@@ -72,19 +69,28 @@ def _counted(material: Material) -> pd.DataFrame:
         for file in material.experiment.files:
             path = store.transcript(Path(file))
             if path.is_file() and (names := known.get(file.rsplit("_", 2)[0])):
-                learner, condition, _ = names
-                cell = {"learner": learner, "condition": condition}
-                rows += [{**cell, **counts.row()} for counts in _counts(path)]
+                cell = {"learner": names[0], "condition": names[1]}
+                rows += [cell | counts for counts in _counts(path)]
     return pd.DataFrame(rows)
 
 
-def _counts(path: Path) -> Iterator[_Counts]:
+def _counts(path: Path) -> Iterator[dict[str, float]]:
+    """The counts of each subject of a transcript, by column of the table."""
     with path.open("rb") as file:
         for line in file:
             try:
-                yield _Counts.model_validate_json(line)
+                counts = _Counts.model_validate_json(line)
             except ValidationError:
                 continue  # what was said
+            yield {
+                "answers": counts.answers,
+                "tokens of questions": counts.tokens[0],
+                "tokens of answers": counts.tokens[1],
+                "seconds": counts.latency,
+                "no action": sum(counts.faults.values()),
+                "unanswered actions": counts.unanswered,
+                "unreadable structures": counts.unreadable,
+            }
 
 
 TOPIC = Topic("language_models", 60, section)
