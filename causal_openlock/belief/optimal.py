@@ -8,9 +8,9 @@ found under the optimal policy (the Bellman equation, expectimax over beliefs):
 
 Levers must move surely, so an action only splits B; sets of hypotheses are integers, a bit each.
 
-Values are cached by state, for states at the start of an attempt up to renaming of the levers. An
-action is dropped once a lower bound shows that another is as good: each solution left costs an
-attempt, and the present attempt saves one only where it can still complete a solution.
+Values are cached by state, up to renaming of the levers. An action is dropped once a lower bound
+shows that another is as good: each solution left costs an attempt, and the present attempt saves
+one only where it can still complete a solution.
 
 Pulling a lever back never helps within the paper's three actions (enumerated up to four levers).
 By default it is left out unless an attempt has two actions to spare, which a pull and the push that
@@ -31,7 +31,7 @@ from causal_openlock.belief.placements import TooLargeError
 from causal_openlock.belief.structures import Hypotheses
 from causal_openlock.schemas.fsm import BoolArray, FloatArray
 
-NODE_LIMIT = 30_000
+NODE_LIMIT = 20_000
 """Searching more states than these is too large a problem; a few seconds."""
 HYPOTHESIS_LIMIT = 5_000
 """More hypotheses than these are too large a problem."""
@@ -186,8 +186,7 @@ class Optimum:
             if possible & (possible - 1) == 0 or len(found) == self._solutions:
                 left = range(len(found), self._solutions)
                 return sum((charge(possible, number) for number in left), 0.0 * charge(possible, 0))
-            possible, found = self._renamed(possible, found)
-            start = Point(possible, found, 0, self._limit)
+            start = self._renamed(Point(possible, found, 0, self._limit))
             return charge(possible, len(found)) + after(start, False)
 
         @cache
@@ -220,9 +219,8 @@ class Optimum:
         left = self._solutions - len(found)
         if not left or possible & (possible - 1) == 0:
             return self._weight(possible) * left
-        possible, found = self._renamed(possible, found)
-        value = self._search(Point(possible, found, 0, self._limit), False)
-        return self._weight(possible) + value
+        start = Point(possible, found, 0, self._limit)
+        return self._weight(possible) + self._search(self._renamed(start), False)
 
     def _after(self, point: Point, changed: bool) -> float:
         """The value after an action, in an attempt in which something changed or nothing did.
@@ -230,7 +228,7 @@ class Optimum:
         What changes is what is known: the possible hypotheses, or the solutions found.
         """
         if point.left:
-            return self._search(point, changed)
+            return self._search(self._renamed(point), changed)
         # An attempt that changes nothing is never the best: do not search it again and again.
         return self._attempts(point.possible, point.found) if changed else math.inf
 
@@ -351,29 +349,32 @@ class Names:
         # What distinguishes levers, [features, H, slots].
         self._features = np.stack([threshold, np.bitwise_count(levers), opens, solves])
 
-    def canonical(self, possible: int, found: tuple[int, ...]) -> tuple[int, tuple[int, ...]]:
+    def canonical(self, point: Point) -> Point:
         """The same state with levers renamed in the order of what is believed about them."""
-        held = _flags(possible, self._many)
+        held = _flags(point.possible, self._many)
         marks = self._features[:, held].sum(axis=1)
         order = sorted(
             range(self._slots),
             key=lambda slot: (
                 self._class[slot],
-                sum(mask >> slot & 1 for mask in found),
+                point.pushed >> slot & 1,
+                sum(mask >> slot & 1 for mask in point.found),
                 *marks[:, slot].tolist(),
             ),
         )
         # Levers exchange names within their class, one swap after another.
+        _, found, pushed, left = point
         image_of, at = np.flatnonzero(held), list(range(self._slots))
         names = sorted(range(self._slots), key=lambda slot: (self._class[slot], slot))
         for slot, lever in zip(names, order, strict=True):
             if (now := at.index(lever)) != slot:
                 image_of = self._swap[slot, now, image_of]
                 found = tuple(sorted(swapped(mask, slot, now) for mask in found))
+                pushed = swapped(pushed, slot, now)
                 at[slot], at[now] = at[now], at[slot]
         image = np.zeros(self._many, dtype=bool)
         image[image_of] = True
-        return bits(image), found
+        return Point(bits(image), found, pushed, left)
 
 
 def bits(flags: BoolArray) -> int:
