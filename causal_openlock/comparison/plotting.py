@@ -14,6 +14,7 @@ from causal_openlock.analysis.plots.attempts import plot_attempts, plot_transfer
 from causal_openlock.analysis.plots.belief import plot_beliefs
 from causal_openlock.analysis.plots.categories import plot_categories
 from causal_openlock.analysis.plots.course import plot_course
+from causal_openlock.analysis.plots.style import plot_style
 from causal_openlock.analysis.plots.subjects import plot_subjects
 from causal_openlock.analysis.plots.sweep import plot_sweep
 from causal_openlock.analysis.results.material import Material
@@ -38,14 +39,19 @@ class Plot:
     def __get__(self, plots: Plots, owner: type) -> Callable[..., Any]:
         @wraps(self.function)
         def plot(*values: Any, **options: Any) -> Any:
+            changes = {key: options.pop(key) for key in ("labels", "colors") if key in options}
             check_arguments(options, self.function, self.name)
-            return self.function(plots.results, *values, **options)
+            with plot_style(**changes):
+                return self.function(plots.results, *values, **options)
 
         return plot
 
 
 class Plots:
     """Every plot of some results; each takes ``ax=`` and returns the axes that it drew into.
+
+    Each also takes ``labels={"bayes": "Bayesian"}`` and ``colors={"bayes": "black"}``: what to call
+    learners and conditions, and their colours.
 
     Example:
         >>> from causal_openlock import compare

@@ -93,8 +93,8 @@ def draw_points(
 ) -> Any:
     """Draw the panels from points, effects that were tested and numbers that were fitted."""
     looks = (("o", 4, _GREY, "people"),
-             ("D", 4.5, style.current().common_cause, "on CC4"),
-             ("D", 4.5, style.current().common_effect, "on CE4"))  # fmt: skip
+             ("D", 4.5, style.current().trained("CC4"), "on CC4"),
+             ("D", 4.5, style.current().trained("CE4"), "on CE4"))  # fmt: skip
     highest = max(float(own[["mean", "people_mean"]].max().max()) for own in points.values())
     with panels(ax, len(points), in_rows(len(points), 2, 2.5)) as at:
         for axes, (name, own) in zip(at.axes, points.items(), strict=True):

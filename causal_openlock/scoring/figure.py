@@ -43,7 +43,7 @@ def draw_scores(
     drawn = table[["bits", "ci_high"]].max(axis=None), each["bits"].max(), *levels.values()
     top = 1.04 * float(np.nanmax(drawn))
     conditions = ordered(table["condition"].unique())
-    looks = {name: style.current().line(number) for number, name in enumerate(names)}
+    looks = {name: style.current().line(number, name) for number, name in enumerate(names)}
     with panels(ax, len(conditions), in_rows(len(conditions), 3, 2.2)) as at:
         for axes, condition in zip(at.axes, conditions, strict=True):
             here = table[table["condition"] == condition]

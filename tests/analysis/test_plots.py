@@ -10,8 +10,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pyarrow as pa
 import pytest
+from matplotlib.collections import PathCollection
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.text import Text
 
 import causal_openlock as ol
 from causal_openlock.analysis.measures import TRANSFERS, category_counts
@@ -477,6 +481,33 @@ def test_the_line_under_a_figure_of_the_report_makes_it_again(name, kinds):
 
 
 # -- the style ------------------------------------------------------------------------------------
+
+
+def seen(figure):
+    """The words and the colours of a figure."""
+    words = {text.get_text() for text in figure.findobj(Text)}
+    lines = [*figure.findobj(Line2D), *figure.findobj(Text)]
+    faces = [*figure.findobj(Patch), *figure.findobj(PathCollection)]
+    colours = [one.get_color() for one in lines]
+    colours += [face for one in faces for face in np.reshape(one.get_facecolor(), (-1, 4))]
+    return words, {to_hex(colour) for colour in colours}
+
+
+@EVERY
+def test_learners_and_conditions_have_the_labels_and_colours_that_are_given(name):
+    learners = {"results": "oracle", "trained": "random", "swept": "theory_based"}
+    learner = learners.get(PLOTS[name], "bayes")
+    figure = Figure()
+    draw(name, ax=figure, labels={learner: "Mine"}, colors={learner: "#123456", "CC4": "#654321"})
+    words, colours = seen(figure)
+    if name != "beliefs":  # it names the learner in its title
+        assert "Mine" in words
+        assert learner not in words
+    if name not in ("beliefs", "pairs"):
+        assert "#123456" in colours
+    if name in ("attempts", "course"):
+        assert "#654321" in colours
+    assert style.current() == STYLE
 
 
 def test_a_style_holds_for_a_while_or_from_now_on():

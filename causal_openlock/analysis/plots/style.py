@@ -193,6 +193,16 @@ def name_places(axes: Axes, places: Sequence[float], names: Sequence[str]) -> No
     axes.set_xticks(places, names, **slanted)
 
 
+def name_rows(axes: Axes, names: Sequence[str]) -> None:
+    """Give a panel a row for each name, the first at the top, and lines for its x axis."""
+    axes.set_yticks(range(len(names)), [label(name, 28) for name in names])
+    axes.set_ylim(len(names) - 0.4, -0.6)
+    for name, tick in zip(names, axes.get_yticklabels(), strict=False):  # inner panels show none
+        tick.set_color(current().colors.get(name, "black"))
+    axes.tick_params(axis="y", length=0)
+    axes.grid(True, axis="x")
+
+
 def panel_title(axes: Axes, name: str, detail: str = "") -> None:
     """Name a panel; long names are wrapped, and ``$`` does not begin mathematics."""
     lines = textwrap.wrap(label(name), 26, max_lines=2, placeholder="…") or [name]

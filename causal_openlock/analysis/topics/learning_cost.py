@@ -227,10 +227,7 @@ def _scale(axes: Axes, names: Sequence[str], limits: tuple[float, float, float])
     axes.xaxis.set_major_formatter("{x:,.0f}")
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_xlabel("Attempts, all training counted")
-    axes.set_yticks(range(len(names)), [style.label(name, 28) for name in names])
-    axes.set_ylim(len(names) - 0.4, -0.6)
-    axes.tick_params(axis="y", length=0)
-    axes.grid(True, axis="x")
+    style.name_rows(axes, names)
     axes.grid(False, axis="y")
     axes.axvspan(edge, end, color=_NEVER, zorder=0.6)
 
@@ -241,8 +238,9 @@ def _row(axes: Axes, place: int, own: pd.DataFrame, never: tuple[float, float]) 
     edge, end = never
     # Subjects stand a little above and below one another, the same ones in every drawing.
     aside = 0.22 * np.sin(2.4 * np.arange(len(reached)))
+    colour = style.current().colors.get(own["learner"].iloc[0], style.current().other(3))
     axes.plot(
-        reached, place + aside, "o", ms=3.5, color=style.current().other(3), mec="#1F6F9F", mew=0.4,
+        reached, place + aside, "o", ms=3.5, color=colour, mec="#1F6F9F", mew=0.4,
         alpha=0.8, zorder=2,
     )  # fmt: skip
     middle, low, high = median_cost(cost)

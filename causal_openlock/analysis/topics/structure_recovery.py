@@ -259,7 +259,7 @@ def draw_structure_recovery(
         raise NothingToDrawError("nobody said what they take the structure of a room to be")
     names = ordered(table["learner"].unique(), results.learners)
     top = max(1.0, 1.04 * float(table[["shd", "ci_high"]].max(axis=None)))
-    looks = {name: style.current().line(number) for number, name in enumerate(names)}
+    looks = {name: style.current().line(number, name) for number, name in enumerate(names)}
     shown = ordered(table["condition"].unique(), results.conditions)
     with panels(ax, len(shown), in_rows(len(shown), 3, 2.0)) as at:
         for axes, condition in zip(at.axes, shown, strict=True):

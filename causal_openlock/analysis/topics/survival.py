@@ -120,7 +120,7 @@ def plot_survival(
     names = ordered(table["learner"].unique(), results.learners)
     # The first lines are broad and the next ones narrow: where they coincide, both are still seen.
     looks = {
-        name: {**style.current().line(number), "lw": max(1.2, 3.2 - 0.5 * number)}
+        name: {**style.current().line(number, name), "lw": max(1.2, 3.2 - 0.5 * number)}
         for number, name in enumerate(names)
     }
     shown = ordered(table["condition"].unique(), results.conditions)

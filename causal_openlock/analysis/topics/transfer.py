@@ -216,11 +216,8 @@ def plot_savings(
 
     with panels(ax, 4, lay_out) as at:
         for axes, tested in zip(at.axes, (*CONGRUENT, *CONGRUENT), strict=True):
-            axes.grid(axis="x")
+            style.name_rows(axes, names)
             axes.axvline(0, color="#333333", lw=0.9, zorder=1)
-            axes.set_yticks(range(len(names)), [style.label(name, 28) for name in names])
-            axes.set_ylim(len(names) - 0.4, -0.6)
-            axes.tick_params(axis="y", length=0)
             axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
             style.panel_title(axes, f"Test of {tested}")
         above, below = at.axes[:2], at.axes[2:]
