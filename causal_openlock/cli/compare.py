@@ -26,9 +26,7 @@ def compare(
     out: Annotated[
         str | None,
         typer.Option(
-            "--out",
-            "-o",
-            help="Folder for the results; by default one of its own in results/.",
+            "--out", "-o", help="Folder for the results; by default one of its own in results/."
         ),
     ] = None,
     condition: Annotated[
@@ -45,8 +43,7 @@ def compare(
     seed: Seed = None,
     workers: Workers = None,
     cluster: Annotated[
-        str | None,
-        typer.Option(help="Let workers of Dask play: tcp://host:8786."),
+        str | None, typer.Option(help="Let workers of Dask play: tcp://host:8786.")
     ] = None,
     shard: Annotated[
         str | None,

@@ -35,8 +35,7 @@ def export(
 def bundle(
     folder: ResultsFolder,
     out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", help="ZIP file to write; default: FOLDER.zip."),
+        Path | None, typer.Option("--out", "-o", help="ZIP file to write; default: FOLDER.zip.")
     ] = None,
     licence: Annotated[
         str, typer.Option("--license", help="Of the data, such as CC-BY-4.0, for its data card.")

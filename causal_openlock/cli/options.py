@@ -37,8 +37,7 @@ Exclude = Annotated[
     ),
 ]
 ResultsFolder = Annotated[
-    Path,
-    typer.Argument(help="Folder that compare or play wrote to.", parser=_results_folder),
+    Path, typer.Argument(help="Folder that compare or play wrote to.", parser=_results_folder)
 ]
 SubjectNumber = Annotated[
     int, typer.Option("--subject", min=0, max=2**31 - 1, help="Number of the subject.")

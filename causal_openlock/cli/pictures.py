@@ -33,8 +33,7 @@ def room(
         typer.Option("--after", "-a", help="Do this first, such as push_UPPER; one or more times."),
     ] = None,
     part: Annotated[
-        float,
-        typer.Option(min=0.0, max=1.0, help="How much of the last movement is done."),
+        float, typer.Option(min=0.0, max=1.0, help="How much of the last movement is done.")
     ] = 1.0,
     size: PictureSize = 600,
     out: Annotated[

@@ -29,11 +29,7 @@ def text(
     from causal_openlock.render.words import Wording, feedback, room_now
 
     session = Session(
-        find_condition(condition),
-        find_protocol(protocol),
-        [subject],
-        seed=seed,
-        learner="text",
+        find_condition(condition), find_protocol(protocol), [subject], seed=seed, learner="text"
     )
     brief = session.brief
     words = Wording.draw(brief.positions, brief.generators[0], story)  # type: ignore[arg-type]

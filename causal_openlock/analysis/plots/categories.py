@@ -32,10 +32,7 @@ _OUTLINES = {"CE4": ":", "CC4": "-"}  # left to right, as in the paper's Figure 
 
 
 def counts_like_ddqn(
-    results: Material,
-    kind: str,
-    learners: Names = None,
-    conditions: Names = None,
+    results: Material, kind: str, learners: Names = None, conditions: Names = None
 ) -> pd.DataFrame:
     """Counts of categories that can be compared with those of the paper's DDQN; perhaps none.
 

@@ -61,10 +61,7 @@ class Course(NamedTuple):
 
 
 def course_of(
-    results: Material,
-    protocol: str | None = None,
-    learners: Names = None,
-    conditions: Names = None,
+    results: Material, protocol: str | None = None, learners: Names = None, conditions: Names = None
 ) -> Course:
     """The course of every condition under a protocol; arguments as in :func:`plot_course`.
 
