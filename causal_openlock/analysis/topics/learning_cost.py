@@ -28,7 +28,7 @@ from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.bounds import Bounds
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.section import Section
-from causal_openlock.analysis.statistics import SEED, bootstrap_interval
+from causal_openlock.analysis.statistics import median_interval
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.errors import NothingToDrawError
 from causal_openlock.schemas.fsm import FloatArray
@@ -125,19 +125,10 @@ def cost_of_learning(
 def median_cost(cost: FloatArray) -> tuple[float, float, float]:
     """The median of subjects, inf where half of them never came so far, and its 95% interval.
 
-    >>> median_cost(np.array([4.0, 4.0, 4.0]))
-    (4.0, 4.0, 4.0)
+    >>> median_cost(np.array([4.0, 4.0, 4.0, 5.0, 4.0, np.inf]))
+    (4.0, 4.0, inf)
     """
-    never = 1e18  # infinity has no differences; so far above the others it stays there
-    most = np.max(cost, where=np.isfinite(cost), initial=0.0)
-    ends = bootstrap_interval(
-        lambda values: np.median(values, axis=-1),
-        [np.minimum(cost, never)],
-        np.random.default_rng(SEED),
-    )
-    found = (float(np.median(cost)), *map(float, ends))
-    low, middle, high = (np.inf if end > most else end for end in (found[1], found[0], found[2]))
-    return middle, low, high
+    return (float(np.median(cost)), *median_interval(cost))
 
 
 def plot_cost(
@@ -154,7 +145,7 @@ def plot_cost(
     Well is within ``within`` times the attempts of the ideal observer; see
     :func:`~causal_openlock.analysis.topics.learning_cost.learning_costs`. A row for each learner, a
     dot for each subject of all conditions, on a logarithmic axis; black: the median with its 95%
-    bootstrap interval. On the right, in grey, are subjects that never came so far, with how many
+    interval. On the right, in grey, are subjects that never came so far, with how many
     there are, and the most attempts that one of them made. What a learner was trained with before
     the experiment, such as the meta-training of ``rl2``, counts.
 
@@ -287,7 +278,7 @@ def shown(table: pd.DataFrame) -> pd.DataFrame:
                 "reached": row["reached"],
                 "before the experiment": _trained(row["before"]),
                 "attempts, median": _printed(row["attempts"]) if known else never,
-                "95% interval": " to ".join(ends) if known else "",
+                "95% interval": " to ".join(ends) if known and not np.isnan(row["ci_low"]) else "",
             }
         )
     frame = pd.DataFrame(rows)

@@ -107,7 +107,7 @@ def recovered(table: pd.DataFrame) -> pd.DataFrame:
 
     Returns:
         A row for each learner, condition, protocol and ``visit``: how many ``subjects``; the means
-        of ``shd``, with its 95% bootstrap interval ``ci_low`` and ``ci_high``, ``f1`` and
+        of ``shd``, with its 95% interval ``ci_low`` and ``ci_high``, ``f1`` and
         ``brier``.
     """
     by = ["learner", "condition", "protocol", "visit"]
@@ -229,7 +229,7 @@ def plot_structure_recovery(
     That is the structural Hamming distance between what they take the structure to be and the
     schema (:func:`~causal_openlock.analysis.topics.structure_recovery.structure_recovery`); 0 is
     perfect. A panel for each condition, a line for each learner; with at most four learners a band
-    is the 95% bootstrap interval over subjects. Learners play again what is on record, which takes
+    is the 95% interval over subjects. Learners play again what is on record, which takes
     as long as it took then, so that of each condition the first ``subjects`` do; None stands for
     all.
 
