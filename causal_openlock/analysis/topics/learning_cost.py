@@ -19,16 +19,14 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
-from numpy.typing import NDArray
 
 from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT, ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of
-from causal_openlock.analysis.prose import Prose
-from causal_openlock.analysis.results.bounds import Bounds
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.section import Section
-from causal_openlock.analysis.statistics import median_interval
+from causal_openlock.analysis.section import Section, drawn
+from causal_openlock.analysis.statistics import SEED, bootstrap_interval
+from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.errors import NothingToDrawError
 from causal_openlock.schemas.fsm import FloatArray
@@ -36,12 +34,9 @@ from causal_openlock.schemas.fsm import FloatArray
 WITHIN = 1.5
 """A room is solved well in at most this multiple of the ideal observer's attempts."""
 _NEVER = "#F2F2F2"  # behind subjects that never came so far
-_PROSE = Prose(__name__)
 
 
-def learning_costs(
-    results: Material, within: float = WITHIN, repeats: bool = False
-) -> pd.DataFrame:
+def learning_costs(results: Material, within: float = WITHIN) -> pd.DataFrame:
     """How many attempts each learner needs, all training counted, until it solves a new room well.
 
     >>> table = learning_costs(results)
@@ -50,8 +45,7 @@ def learning_costs(
 
     Args:
         results: What was played.
-        within: As in :func:`cost_of_learning`, as ``repeats``.
-        repeats: As there.
+        within: How well: in at most this multiple of the ideal observer's attempts.
 
     Returns:
         A row for each ``learner`` and ``protocol``, of all conditions in which the attempts of the
@@ -61,7 +55,7 @@ def learning_costs(
         ``ci_high``, inf where it is beyond what was played; and ``asked``, the most attempts that
         one of its subjects had, ``before`` included.
     """
-    return costs_by_learner(subject_costs(results, results.trials, within, repeats))
+    return costs_by_learner(subject_costs(results, results.trials, within))
 
 
 def costs_by_learner(each: pd.DataFrame) -> pd.DataFrame:
@@ -77,58 +71,56 @@ def costs_by_learner(each: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=[*columns, "attempts", "ci_low", "ci_high", "asked"])
 
 
-def subject_costs(
-    results: Material, trials: pd.DataFrame, within: float = WITHIN, repeats: bool = False
-) -> pd.DataFrame:
-    """:func:`cost_of_learning` with what learners were trained with ``before``, which it counts."""
-    table = cost_of_learning(trials, results.bounds, within, repeats)
-    trained = results.trained_before
-    before = table["learner"].astype(str).map(lambda name: trained.get(name, 0))
-    added = table[["cost", "asked"]].add(before.fillna(0).astype(float), axis=0)
-    return table.assign(before=before, **added)
-
-
-def cost_of_learning(
-    trials: pd.DataFrame, bounds: Bounds, within: float = WITHIN, repeats: bool = False
-) -> pd.DataFrame:
+def subject_costs(results: Material, trials: pd.DataFrame, within: float = WITHIN) -> pd.DataFrame:
     """Number of attempts of each subject until it first solved a new room well.
 
+    A room is new if the subject has not met its schema with its layout; where a protocol goes
+    through the same layouts over and over, only the first visits are new.
+
     Args:
-        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-        bounds: What the ideal observer needs.
-        within: How well: in at most this multiple of its attempts.
-        repeats: Whether rooms count that the subject has visited before. A room is new if the
-            subject has not met its schema with its layout; where a protocol goes through the same
-            layouts over and over, only the first visits are new.
+        results: With what the ideal observer needs, and how learners were trained before.
+        trials: Rows of ``results.trials``.
+        within: As in :func:`learning_costs`.
 
     Returns:
         A row for each subject of each ``learner``, ``condition`` and ``protocol`` in which a bound
-        is known: :data:`~causal_openlock.analysis.measures.SUBJECT`; ``cost``, all its attempts up
+        is known: :data:`~causal_openlock.analysis.measures.SUBJECT`; ``before``, attempts of
+        training before the experiment, which the following count; ``cost``, all its attempts up
         to the one that solves that room, inf if there is none; and ``asked``, all its attempts up
         to the end of the last room that could have been.
     """
     rooms = trials[["condition", "protocol", "phase"]]
-    bound = pd.Series({key: bound.attempts for key, bound in bounds.items()}, dtype=float)
+    bound = pd.Series({key: one.attempts for key, one in results.bounds.items()}, dtype=float)
     rows = trials.assign(bound=bound.reindex(pd.MultiIndex.from_frame(rooms.astype(str))).array)
     rows = rows.sort_values([*CELL, *SUBJECT, *VISIT], kind="stable")
-    whole = rows.groupby([*CELL, *SUBJECT], observed=True, sort=False)
-    made = whole["last_attempt"].cumsum()
-    room = [*CELL, *SUBJECT, "schema", "layout"]
-    counts = rows["bound"].notna() & (repeats | ~rows.duplicated(room))
+    made = rows.groupby([*CELL, *SUBJECT], observed=True, sort=False)["last_attempt"].cumsum()
+    counts = rows["bound"].notna() & ~rows.duplicated([*CELL, *SUBJECT, "schema", "layout"])
     solved = counts & rows["solved"] & (rows["attempts"] <= within * rows["bound"])
     until = made - rows["last_attempt"] + rows["attempts"]
     rows = rows.assign(cost=until.where(solved, np.inf), asked=made.where(counts))
     found = rows.groupby([*CELL, *SUBJECT], observed=True, sort=True)[["cost", "asked"]]
-    return found.agg({"cost": "min", "asked": "max"}).dropna().reset_index()
+    table = found.agg({"cost": "min", "asked": "max"}).dropna().reset_index()
+    trained = table["learner"].astype(str).map(lambda name: results.trained_before.get(name, 0))
+    added = table[["cost", "asked"]].add(trained.fillna(0).astype(float), axis=0)
+    return table.assign(before=trained, **added)
 
 
 def median_cost(cost: FloatArray) -> tuple[float, float, float]:
     """The median of subjects, inf where half of them never came so far, and its 95% interval.
 
-    >>> median_cost(np.array([4.0, 4.0, 4.0, 5.0, 4.0, np.inf]))
-    (4.0, 4.0, inf)
+    >>> median_cost(np.array([4.0, 4.0, 4.0]))
+    (4.0, 4.0, 4.0)
     """
-    return (float(np.median(cost)), *median_interval(cost))
+    never = 1e18  # infinity has no differences; so far above the others it stays there
+    most = np.max(cost, where=np.isfinite(cost), initial=0.0)
+    ends = bootstrap_interval(
+        lambda values: np.median(values, axis=-1),
+        [np.minimum(cost, never)],
+        np.random.default_rng(SEED),
+    )
+    found = (float(np.median(cost)), *map(float, ends))
+    low, middle, high = (np.inf if end > most else end for end in (found[1], found[0], found[2]))
+    return middle, low, high
 
 
 def plot_cost(
@@ -137,7 +129,6 @@ def plot_cost(
     learners: Names = None,
     conditions: Names = None,
     within: float = WITHIN,
-    repeats: bool = False,
     ax: Any = None,
 ) -> Any:
     """How many attempts, all training counted, until a new room is first solved well.
@@ -145,20 +136,19 @@ def plot_cost(
     Well is within ``within`` times the attempts of the ideal observer; see
     :func:`~causal_openlock.analysis.topics.learning_cost.learning_costs`. A row for each learner, a
     dot for each subject of all conditions, on a logarithmic axis; black: the median with its 95%
-    interval. On the right, in grey, are subjects that never came so far, with how many
-    there are, and the most attempts that one of them made. What a learner was trained with before
-    the experiment, such as the meta-training of ``rl2``, counts.
+    interval. On the right, in grey, are subjects that never came so far, with how many there are,
+    and the most attempts that one of them made. What a learner was trained with before the
+    experiment, such as the meta-training of ``rl2``, counts.
 
     >>> axes = plot_cost(results, conditions=["CC4"])
     >>> [label.get_text() for label in axes.get_yticklabels()]
     ['random', 'oracle']
 
-    With ``repeats`` rooms count that the subject has visited before. The other arguments, what is
-    returned and errors are those of
+    The other arguments, what is returned and errors are those of
     :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`.
     """
     trials = rows_of(results, results.trials, learners, conditions)
-    table = subject_costs(results, trials, within, repeats)
+    table = subject_costs(results, trials, within)
     if table.empty:
         raise NothingToDrawError(
             "no such learner played a condition of which the attempts of the ideal observer are "
@@ -175,7 +165,9 @@ def draw_costs(table: pd.DataFrame, learners: Sequence[str], ax: Any = None) -> 
         learners: The learners to draw, in this order.
         ax: As for :func:`plot_cost`.
     """
-    table = table.assign(row=_rows(table))
+    several = table.groupby("learner", observed=True)["protocol"].transform("nunique") > 1
+    learner, protocol = table["learner"].astype(str), table["protocol"].astype(str)
+    table = table.assign(row=learner.where(~several, learner + " (" + protocol + ")"))
     names = [name for learner in learners
              for name in ordered(table.loc[table["learner"] == learner, "row"])]  # fmt: skip
     finite = table.loc[np.isfinite(table["cost"]), "cost"]
@@ -196,14 +188,6 @@ def draw_costs(table: pd.DataFrame, learners: Sequence[str], ax: Any = None) -> 
             ]
         )
     return at.returned
-
-
-def _rows(table: pd.DataFrame) -> NDArray[np.object_]:
-    """Names of rows: of learners, with the protocol where one of them has several."""
-    several = table.groupby("learner", observed=True)["protocol"].nunique()
-    played = zip(table["learner"], table["protocol"], strict=True)
-    names = [f"{who} ({how})" if several[who] > 1 else str(who) for who, how in played]
-    return np.array(names, dtype=object)
 
 
 def _scale(axes: Axes, names: Sequence[str], limits: tuple[float, float, float]) -> None:
@@ -252,14 +236,26 @@ def section(material: Material) -> Section | None:
     table = learning_costs(material)
     if table.empty:
         return None
-    return _PROSE.section(
-        "learning_cost",
-        [_PROSE.table("learning_cost", shown(table), {"reached": ".0%", "n": ","})],
-        [_PROSE.plot("learning_cost", plot_cost, material, name="cost_of_learning")],
-        within=WITHIN,
-        able=int(np.isfinite(table["attempts"]).sum()),
-        total=len(table),
+    able = int(np.isfinite(table["attempts"]).sum())
+    text = (
+        "How many attempts does a learner need, all of its training counted, until it first solves "
+        f"a room that is new to it within {WITHIN} times the attempts of the ideal observer? One "
+        "such room may be luck, and says nothing about the next. More than half of the subjects "
+        f"reach it in {able} of {len(table)} learners."
     )
+    caption = (
+        "n: subjects of all conditions, pooled; reached: the share of them that solved such a "
+        "room; before the experiment: attempts of training that the learner declares, such as "
+        "meta-training; attempts: the median, these included."
+    )
+    title = "Attempts until a new room is solved well"
+    costs = Table("learning_cost", title, shown(table), {"reached": ".0%", "n": ","}, caption)
+    plot = drawn(
+        "cost_of_learning", plot_cost, material, title,
+        "A dot is a subject; the axis is logarithmic; black: the median with its 95% interval. In "
+        "grey: subjects that never did, and the most attempts that one of them had.",
+    )  # fmt: skip
+    return Section("learning_cost", "The cost of learning", (text,), (costs,), (plot,))
 
 
 def shown(table: pd.DataFrame) -> pd.DataFrame:
@@ -278,7 +274,7 @@ def shown(table: pd.DataFrame) -> pd.DataFrame:
                 "reached": row["reached"],
                 "before the experiment": _trained(row["before"]),
                 "attempts, median": _printed(row["attempts"]) if known else never,
-                "95% interval": " to ".join(ends) if known and not np.isnan(row["ci_low"]) else "",
+                "95% interval": " to ".join(ends) if known else "",
             }
         )
     frame = pd.DataFrame(rows)

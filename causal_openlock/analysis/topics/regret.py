@@ -9,21 +9,19 @@ learners. Only what is on record is used.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cache, partial
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT
-from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.section import Section
-from causal_openlock.analysis.statistics import mean_interval
+from causal_openlock.analysis.statistics import SEED, mean_interval
+from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.record import played
-from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.room import Layout, positions_for
 
 if TYPE_CHECKING:
@@ -35,12 +33,6 @@ WORTH = ["used", "regret", "gained", "useless"]
 """Measures of an attempt: the fields of :class:`~causal_openlock.belief.observer.Worth`."""
 MOST = 400_000
 """Records of more attempts than this are not judged: it takes half a minute for each million."""
-_PROSE = Prose(__name__)
-_FORMATS = {
-    "subjects": ",",
-    **dict.fromkeys(("regret", "ci_low", "ci_high", "information"), ".2f"),
-    "useless": ".0%",
-}
 
 
 def regret(results: Material) -> pd.DataFrame:
@@ -67,67 +59,44 @@ def regret(results: Material) -> pd.DataFrame:
         - ``useless``: how many actions were known to be: sure to change nothing, or at a moment at
           which nothing in the rest of the attempt could help any more.
     """
+    from causal_openlock.belief.observer import observer_of
     from causal_openlock.belief.placements import TooLargeError
 
-    record = played(results.record)
-    table = record.select([*_TRIAL, *_ROOM, "attempt"]).to_pandas()
-    table = table.sort_values([*_TRIAL, "attempt"])
-    done = record["actions"].combine_chunks()
-    ends = [0, *done.value_lengths().to_numpy().cumsum().tolist()]
-    every = done.flatten().to_numpy().tobytes()  # an action is a byte, an attempt a few of them
-    actions = [every[ends[row] : ends[row + 1]] for row in table.index]
-    table = table.reset_index(drop=True)
-    observers = _observers(results)
-    worth: dict[Observer, dict[int, Worth]] = {one: {} for one, _ in observers.values()}
-    sizes = table.groupby([*_TRIAL, *_ROOM], observed=True, sort=False, dropna=False).size()
-    for key, end, size in zip(sizes.index, sizes.cumsum(), sizes, strict=True):
-        own = range(end - size, end)  # a trial's attempts follow one another
-        known = observers.get((key[0], key[1], key[-2]))
-        placed = known and known[1](key[-1])
-        # Play that leads the observer out of reach leaves out all rooms of its schema, whose other
-        # trials are no fair sample.
-        if not known or placed is None or known[0] not in worth:
+    record = played(results.record).select([*_TRIAL, *_ROOM, "attempt", "actions"])
+    table = record.to_pandas().sort_values([*_TRIAL, "attempt"], ignore_index=True)
+    actions = table.pop("actions").to_numpy()
+    rooms = {
+        (spec.name, condition.name, schema.name): (schema, spec.protocol.actions_for(schema))
+        for spec in results.experiment.learners
+        for condition in results.experiment.conditions
+        for schema in condition.schemas
+    }
+    worths: dict[Observer, dict[int, Worth]] = {}
+    out_of_reach = set()
+    trials = table.groupby([*_TRIAL, *_ROOM], observed=True, sort=False, dropna=False)
+    for (learner, condition, *_, name, layout), rows in trials.indices.items():
+        if (learner, condition, name) not in rooms:
+            continue
+        schema, limit = rooms[learner, condition, name]
+        observer = observer_of(schema, limit)
+        if observer is None or observer in out_of_reach:
             continue
         try:
-            worths = known[0].trial(placed, actions[own.start : own.stop])
+            placed = Layout.of(schema, layout, positions_for(schema))
+            own = zip(rows.tolist(), observer.trial(placed, actions[rows]), strict=False)
         except TooLargeError:
-            del worth[known[0]]
+            # All rooms of the schema are left out, as its other trials are no fair sample.
+            out_of_reach.add(observer)
+        except OpenLockError:
+            continue  # no layout of these levers
         else:
-            worth[known[0]].update(zip(own, worths, strict=False))
-    rows = {row: one for of_schema in worth.values() for row, one in of_schema.items()}
-    found = pd.DataFrame([*rows.values()], columns=WORTH, index=[*rows])
-    joined = table.loc[[*rows]].join(found).sort_index().reset_index(drop=True)
-    learner = pd.Categorical(joined["learner"], list(results.learners))
-    return joined.drop(columns="layout").assign(learner=learner)
-
-
-def _observers(
-    results: Material,
-) -> dict[tuple[str, str, str], tuple[Observer, Callable[[str], Layout | None]]]:
-    """The observer of each learner's rooms, and their layouts by name; see :func:`_placed`.
-
-    Keys are learner, condition and schema.
-    """
-    from causal_openlock.belief.observer import observer_of
-
-    found: dict[tuple[str, str, str], tuple[Observer, Callable[[str], Layout | None]]] = {}
-    for spec in results.experiment.learners:
-        for condition in results.experiment.conditions:
-            for schema in condition.schemas:
-                limit = spec.protocol.actions_for(schema)
-                if (observer := observer_of(schema, limit)) is not None:
-                    found[spec.name, condition.name, schema.name] = (
-                        observer,
-                        cache(partial(_placed, schema)),
-                    )
-    return found
-
-
-def _placed(schema: Schema, layout: str) -> Layout | None:
-    try:
-        return Layout.of(schema, layout, positions_for(schema))
-    except OpenLockError:  # no layout of these levers
-        return None
+            worths.setdefault(observer, {}).update(own)
+    held = [own for observer, own in worths.items() if observer not in out_of_reach]
+    worth = {row: one for own in held for row, one in own.items()}
+    found = pd.DataFrame([*worth.values()], columns=WORTH, index=[*worth])
+    joined = table.loc[[*worth]].join(found).sort_index().reset_index(drop=True)
+    learners = pd.Categorical(joined["learner"], list(results.learners))
+    return joined.drop(columns="layout").assign(learner=learners)
 
 
 def regret_by_condition(table: pd.DataFrame) -> pd.DataFrame:
@@ -150,7 +119,8 @@ def regret_by_condition(table: pd.DataFrame) -> pd.DataFrame:
         each[name] /= each["used"]
     rows = []
     for (learner, protocol), own in each.groupby(["learner", "protocol"], observed=True):
-        low, high = mean_interval(own["regret"].to_numpy(float))
+        interval = mean_interval(own[["regret"]].to_numpy(float).T, np.random.default_rng(SEED))
+        low, high = (float(end[0]) for end in interval)
         means = own[["regret", "gained", "useless"]].mean()
         rows.append((learner, protocol, len(own), means.iloc[0], low, high, *means.iloc[1:]))
     columns = ["learner", "protocol", "subjects", "regret", "ci_low", "ci_high"]
@@ -165,10 +135,27 @@ def section(material: Material) -> Section | None:
     table = regret_by_condition(regret(material))
     if table.empty:
         return None
-    shown = table if table["protocol"].nunique() > 1 else table.drop(columns="protocol")
-    return _PROSE.section(
-        "regret", [_PROSE.table("regret", shown, _FORMATS)], rows=table.to_dict("records")
+    told = ", ".join(f"{row.learner} {row.regret:.2f}" for row in table.itertuples())
+    text = (
+        "The ideal observer, who knows the schema, is put in each subject’s place: it learns from "
+        "what the subject does, and says what the best choice would have been. Attempts of a trial "
+        "that choices cost, beyond those that had to be made, and, of a trial that was not solved, "
+        f"those that would still have been needed: {told}."
     )
+    caption = (
+        "subjects: of all conditions; regret: attempts of a trial that the choices cost on "
+        "average, whatever luck there was (0 for the ideal observer), with its 95% interval; "
+        "information: bits that an action gained; useless: share of actions that were known to be, "
+        "as they were sure to change nothing, or nothing in the rest of the attempt could help any "
+        "more. What is known is what follows from the schema and from what the subject itself has "
+        "seen in the room; who does not know the schema knows less."
+    )
+    shown = table if table["protocol"].nunique() > 1 else table.drop(columns="protocol")
+    formats = dict.fromkeys(("regret", "ci_low", "ci_high", "information"), ".2f")
+    formats |= {"subjects": ",", "useless": ".0%"}
+    title = "Regret, information and useless actions"
+    values = Table("regret", title, shown, formats, caption)
+    return Section("regret", "What attempts were worth", (text,), (values,))
 
 
 TOPIC = Topic("regret", 50, section)

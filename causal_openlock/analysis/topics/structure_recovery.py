@@ -23,11 +23,11 @@ from matplotlib.ticker import MaxNLocator
 from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of
-from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.structure_errors import structure_distance
-from causal_openlock.analysis.section import Section
+from causal_openlock.analysis.section import Section, drawn
 from causal_openlock.analysis.statistics import mean_intervals
+from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.contract.checks import failures_of
 from causal_openlock.contract.learner import Learner, Structure
@@ -38,6 +38,7 @@ from causal_openlock.experiment.declare import Condition, LearnerSpec
 from causal_openlock.experiment.plan import shown_trials
 from causal_openlock.experiment.record import PHASES
 from causal_openlock.experiment.session import AT_ONCE, Session
+from causal_openlock.wording import joined
 from causal_openlock.world.rewards import PAPER_REWARD
 from causal_openlock.world.room import Layout, positions_for
 
@@ -49,11 +50,6 @@ ASKED = 10
 """Subjects of a learner in a condition that a report lets play again."""
 MOST = 100_000
 """Records of more attempts than this are not played again."""
-_PROSE = Prose(__name__)
-_FORMATS = {
-    **dict.fromkeys(("first room", "last room", "low", "high", "F1", "Brier"), ".2f"),
-    **{"subjects": ",", "rooms": ","},
-}
 
 
 def structure_recovery(results: Material, subjects: int | None = None) -> pd.DataFrame:
@@ -162,31 +158,25 @@ def _again(own: pd.DataFrame, spec: LearnerSpec, condition: Condition) -> Iterat
             left = step.trial_over & step.view.playing & (step.view.trial > session.shown_trials)
             for row in np.flatnonzero(left).tolist():
                 room = now.rooms[now.room[row]]
-                if (believed := _believed(learner, row, spec.name, room.layout.positions)) is None:
+                believed = learner.structure(row)
+                if believed is None:
                     continue
+                positions = room.layout.positions
+                if not isinstance(believed, Structure) or len(believed.edges) != positions:
+                    raise LearnerError(
+                        f"the structure of {spec.name} is not a Structure for {positions} "
+                        "positions; return None where the learner cannot say"
+                    )
                 known: dict[str, Any] = {"learner": spec.name, "condition": condition.name}
                 known |= {"protocol": spec.protocol.name, "subject": numbers[row]}
                 known |= {"visit": int(step.view.trial[row]), "schema": room.schema.name}
-                found[row].append(
-                    {**known, **structure_distance(believed, room.schema, room.layout)}
-                )
+                found[row].append(known | structure_distance(believed, room.schema, room.layout))
             now = session.truth
     again = session.record().to_pandas()
     for row, number in enumerate(numbers):
         then, today = (one.loc[one["subject"] == number, "actions"] for one in (own, again))
         if list(map(list, then)) == list(map(list, today)):
             yield from found[row]
-
-
-def _believed(learner: Learner, row: int, name: str, positions: int) -> Structure | None:
-    """A subject's belief about the structure, if the learner can say."""
-    found = learner.structure(row)
-    if found is not None and not (isinstance(found, Structure) and len(found.edges) == positions):
-        raise LearnerError(
-            f"the structure of {name} is not a Structure for {positions} positions; return None "
-            "where the learner cannot say"
-        )
-    return found
 
 
 def _answered(results: Material, pairs: pd.DataFrame) -> list[dict[str, Any]]:
@@ -241,20 +231,8 @@ def plot_structure_recovery(
     The other arguments, what is returned and errors are those of
     :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`.
     """
-    table = structure_recovery(results, subjects=subjects)
-    return draw_structure_recovery(results, table, learners=learners, conditions=conditions, ax=ax)
-
-
-def draw_structure_recovery(
-    results: Material,
-    table: pd.DataFrame,
-    *,
-    learners: Names = None,
-    conditions: Names = None,
-    ax: Any = None,
-) -> Any:
-    """Draw a table of :func:`structure_recovery`."""
-    table = rows_of(results, recovered(table), learners, conditions)
+    asked = results.once(_asked) if subjects == ASKED else structure_recovery(results, subjects)
+    table = rows_of(results, recovered(asked), learners, conditions)
     if table.empty:
         raise NothingToDrawError("nobody said what they take the structure of a room to be")
     names = ordered(table["learner"].unique(), results.learners)
@@ -280,41 +258,56 @@ def draw_structure_recovery(
     return at.returned
 
 
+def _asked(results: Material) -> pd.DataFrame:
+    return structure_recovery(results, ASKED)
+
+
 def section(material: Material) -> Section | None:
     """Edges that subjects had wrong; None where nobody says what they take the structure to be."""
     record = material.record
     if not 0 < record.num_rows <= MOST or "actions" not in record.column_names:
         return None
-    table = structure_recovery(material, subjects=ASKED)
-    if table.empty:
+    asked = material.once(_asked)
+    if asked.empty:
         return None
-    rows = _first_and_last(recovered(table))
-    call = "results.plot.structure_recovery()"
-    plot = _PROSE.plot(
-        "structure_recovery", draw_structure_recovery, material, {"table": table}, call=call
+    rows = _first_and_last(recovered(asked))
+    learners = joined(list(dict.fromkeys(rows["learner"])))
+    text = (
+        f"A subject can solve a room without knowing why. What {learners} took the structure of "
+        "each room to be when they left it is compared with the room’s schema, edge by edge. "
+        f"Learners play again what is on record, {ASKED} subjects of a condition at most; of "
+        "people it is what they answered."
     )
-    return _PROSE.section(
-        "structure_recovery",
-        [_PROSE.table("structure_recovery", rows, _FORMATS)],
-        [plot],
-        learners=list(dict.fromkeys(rows["learner"])),
-        most=ASKED,
+    caption = (
+        "First and last room: edges of the graph that a subject would have to add, take away or "
+        "turn round, on average (structural Hamming distance; an edge counts as believed from one "
+        "half), with its 95% interval in the last room. F1, of the edges believed, and Brier, the "
+        "mean squared difference of belief and truth, in the last room; of people, who tick or do "
+        "not, Brier is the share of wrong edges."
     )
+    formats = dict.fromkeys(("first room", "last room", "low", "high", "F1", "Brier"), ".2f")
+    formats |= {"subjects": ",", "rooms": ","}
+    table = Table("structure_recovery", "Edges that were wrong", rows, formats, caption)
+    plot = drawn(
+        "structure_recovery", plot_structure_recovery, material,
+        "Edges that were wrong, over trials",
+        "Structural Hamming distance of what subjects took the structure to be when they left a "
+        "room, 0 is perfect: mean of subjects; bands, with at most four learners, are 95% "
+        "intervals.",
+    )  # fmt: skip
+    return Section("structure_recovery", "Structure recovery", (text,), (table,), (plot,))
 
 
 def _first_and_last(table: pd.DataFrame) -> pd.DataFrame:
     """A row for each learner in a condition: its first room, and its last."""
     by = ["learner", "condition", "protocol"]
-    first, last = (
-        getattr(table.groupby(by, observed=True, sort=False), at)() for at in ("first", "last")
-    )
-    rows = pd.DataFrame(
-        {
-            "subjects": last["subjects"], "rooms": last["visit"], "first room": first["shd"],
-            "last room": last["shd"], "low": last["ci_low"], "high": last["ci_high"],
-            "F1": last["f1"], "Brier": last["brier"],
-        }
-    ).reset_index()  # fmt: skip
+    grouped = table.groupby(by, observed=True, sort=False)
+    first, last = grouped.head(1).set_index(by), grouped.tail(1).set_index(by)
+    names = {
+        **{"subjects": "subjects", "visit": "rooms", "first": "first room", "shd": "last room"},
+        **{"ci_low": "low", "ci_high": "high", "f1": "F1", "brier": "Brier"},
+    }
+    rows = last.assign(first=first["shd"])[[*names]].rename(columns=names).reset_index()
     return rows.drop(columns="protocol") if rows["protocol"].nunique() == 1 else rows
 
 
