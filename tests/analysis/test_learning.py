@@ -136,8 +136,8 @@ def test_few_subjects_are_undecided():
     parts[:3, 1] = 0.9
     parts[9, 4] = 0.9  # in the end neither surely above chance nor surely below the best
     assert judge(ZERO, parts, BAR) == UNDECIDED
-    assert judge(ZERO[:3], around([0.5] * 5, 3), BAR) == UNDECIDED
-    assert judge(ZERO[:4], around([0.5] * 5, 4), BAR) == LEARNS
+    assert judge(ZERO[:4], around([0.5] * 5, 4), BAR) == UNDECIDED
+    assert judge(ZERO[:5], around([0.5] * 5, 5), BAR) == LEARNS
 
 
 def test_random_subjects_seldom_seem_to_learn():
