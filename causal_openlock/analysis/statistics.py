@@ -128,6 +128,22 @@ def student(
     return mean - half, mean + half
 
 
+def beside_mean(low: float, high: float, subjects: int, mode: float, at_mode: int) -> str:
+    """What stands next to a mean: its interval, or how many subjects have the most common value.
+
+    >>> beside_mean(3.5, 3.9, 20, 4.0, 9), beside_mean(3.5, 3.9, 6, 4.0, 2)
+    ('3.50–3.90', '≈ 3.50–3.90')
+    >>> beside_mean(np.nan, np.nan, 40, 30.0, 38), beside_mean(np.nan, np.nan, 4, 30.0, 4)
+    ('38 of 40 at 30 (83% to 99%)', '')
+    """
+    if subjects < LEAST_UNITS:
+        return ""
+    if not np.isnan(low):
+        return f"{'≈ ' if subjects < APPROXIMATE else ''}{low:.2f}–{high:.2f}"
+    least, most = share_interval(at_mode / subjects, subjects)
+    return f"{at_mode} of {subjects} at {mode:.4g} ({least:.0%} to {most:.0%})"
+
+
 def share_interval(share: ArrayLike, size: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Wilson's interval of a share of ``size`` subjects, ``[...]`` low and high; NaN for too few.
 

@@ -23,7 +23,7 @@ from causal_openlock.analysis.results.by_condition import records
 from causal_openlock.analysis.results.chance import attempts_at_random
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import Beside, gap_column
-from causal_openlock.analysis.statistics import FEW_SUBJECTS, too_few
+from causal_openlock.analysis.statistics import FEW_SUBJECTS, LEAST_UNITS, too_few
 from causal_openlock.analysis.table import Table, number, printed, share
 from causal_openlock.analysis.topics.pairwise import Outcomes, all_outcomes, compared
 from causal_openlock.experiment.declare import HUMAN_PROTOCOL, default_action_limit
@@ -37,9 +37,9 @@ _NONE = Difference(np.nan, np.nan, np.nan, np.nan)
 Cell = tuple[str, str]
 """A value, and its interval or other text next to it in small type."""
 _PROSE = Prose(__name__)
-_EVERY = "in every subject"
+_EVERY = "in nearly every subject"
 _LEADERS = 4  # fewer learners than these share the first sentence where they do not differ
-_EVERY_OF_A_CONDITION = "the same in every subject of a condition"
+_EVERY_OF_A_CONDITION = "nearly the same in every subject of a condition"
 
 
 def normalised_score(
@@ -391,7 +391,7 @@ def leaderboard_tables(table: pd.DataFrame) -> Iterator[LeaderboardTable]:
             },
             marks=frozenset(
                 mark
-                for mark, text in (("≥", "≥"), ("≤", "≤"), ("*", "*"), ("all", "in every subject"))
+                for mark, text in (("≥", "≥"), ("≤", "≤"), ("*", "*"), ("all", "every subject"))
                 if any(text in part for cells in wide.values() for cell in cells for part in cell)
             ),
             above=bool((rows["score"].astype(float).round(2) > 1).any()),
@@ -539,8 +539,9 @@ def _cell(column: str, row: Mapping[str, Any], cut: Collection[str]) -> Cell:
 
 
 def _without_interval(column: str, row: Mapping[str, Any]) -> str:
-    """Reason for a missing interval: too few subjects, or all of them differ by the same."""
-    if column != "to_best" or row["subjects"] < 2 or row["reference"]:
+    """Reason for a missing interval: too few subjects, or nearly all differ by the same."""
+    few = row["subjects"] * row["conditions"] < LEAST_UNITS
+    if column != "to_best" or few or row["reference"]:
         return "no interval"
     return _EVERY if row["conditions"] == 1 else _EVERY_OF_A_CONDITION
 

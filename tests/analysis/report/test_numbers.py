@@ -106,6 +106,8 @@ def test_headline_means_intervals_and_shares(page, solved):
             if interval:
                 told = stats.ttest_1samp(values, 0.0).confidence_interval()
                 assert interval == [f"{told.low:.2f}–{told.high:.2f}"]
+            else:
+                assert small[0].startswith(f"{alike} of {len(values)} at ")
 
 
 def test_every_trial_in_the_summary(folder, solved):
