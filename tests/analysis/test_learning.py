@@ -48,7 +48,7 @@ def test_visits_worked_by_hand():
     )
     counted = attempts_to_solve(record)
     assert counted["last_attempt"].tolist() == [4, 4, 2]
-    of = counted[["else", "unlock", "open1", "open2", "open3"]].to_numpy().tolist()
+    of = counted[["neither", "unlock", "open1", "open2", "open3"]].to_numpy().tolist()
     assert of == [[0, 2, 1, 1, 0], [1, 0, 1, 1, 1], [0, 0, 2, 0, 0]]
     assert counted["solved"].tolist() == [False, True, False]
     whole = shares(counted, parts=1).iloc[0]

@@ -70,14 +70,16 @@ def shares(trials: pd.DataFrame, parts: int = PARTS) -> pd.DataFrame:
     )
     added = tally.groupby([*by, "part"], sort=True, observed=True)
     table = (
-        added[["visits", "attempts", "opened", "solved", ELSE, "unlock", FOUND]].sum().reset_index()
+        added[["visits", "attempts", "opened", "solved", "neither", "unlock", FOUND]]
+        .sum()
+        .reset_index()
     )
     table[OPENS] = table["opened"] / table["attempts"]
-    table[ELSE] = table[ELSE] / table["attempts"]
+    table[ELSE] = table["neither"] / table["attempts"]
     table[FINDS_ALL] = table["solved"] / table["visits"]
     table[UNLOCKS] = table["unlock"] / table["attempts"]
     table[FOUND] /= table["visits"]
-    return table.drop(columns=["opened", "solved", "unlock"])
+    return table.drop(columns=["opened", "solved", "neither", "unlock"])
 
 
 def starts(trials: pd.DataFrame) -> pd.DataFrame:
