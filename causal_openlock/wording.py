@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 
 def counted(number: int, one: str, many: str | None = None) -> str:
@@ -25,6 +25,20 @@ def significant(number: float, digits: int = 4) -> int | float:
 def joined(names: Sequence[str]) -> str:
     """``a, b and c``; empty for none."""
     return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
+
+
+def some(names: Iterable[str] | Mapping[str, object], most: int = 8) -> str:
+    """A list of names, or of names with values, that is cut off when it gets long.
+
+    >>> some({"a": 1, "b": 2, "c": 3}, most=2)
+    'a: 1; b: 2; and 1 more'
+    """
+    if isinstance(names, Mapping):
+        names = [f"{name}: {value}" for name, value in names.items()]
+    names = list(names)
+    more = len(names) - most
+    shown = "; ".join(names[:most])
+    return f"{shown}; and {more} more" if more > 0 else shown
 
 
 _ROLE = re.compile(r"(?::[\w:]+:)?`(?:~[\w.]*\.)?([^`]*?)(?: <[^`>]*>)?`_*")

@@ -9,7 +9,7 @@ Python passes what was found, as numbers and names; filters print these (:data:`
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from importlib.resources import files
 from types import MappingProxyType
@@ -19,7 +19,7 @@ import pandas as pd
 
 from causal_openlock.analysis.section import Section, SectionPlot, drawn
 from causal_openlock.analysis.table import Table, percent, printed
-from causal_openlock.wording import counted, joined
+from causal_openlock.wording import counted, joined, some
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -28,7 +28,6 @@ LONG = 24
 """Tables of more rows than this are closed until they are opened; in print they are open."""
 
 _PAGE = "causal_openlock.analysis.report"  # where the templates of the page are
-_SHOWN = 8  # names in a list before "and n more"
 
 
 class Prose:
@@ -128,16 +127,6 @@ def environment() -> Environment:
     made.filters.update(FILTERS)
     made.globals["LONG"] = LONG
     return made
-
-
-def some(names: Iterable[str] | Mapping[str, Any]) -> str:
-    """A list of names, or of names with values, that is cut off when it gets long."""
-    if isinstance(names, Mapping):
-        names = [f"{name}: {value}" for name, value in names.items()]
-    names = list(names)
-    more = len(names) - _SHOWN
-    shown = "; ".join(names[:_SHOWN])
-    return f"{shown}; and {more} more" if more > 0 else shown
 
 
 FILTERS: dict[str, Callable[..., Any]] = {

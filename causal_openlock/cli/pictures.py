@@ -145,10 +145,7 @@ def trace(
     ] = None,
 ) -> None:
     """Describe a trial: what a subject did, saw, learned and believed."""
-    from matplotlib.figure import Figure
-
-    from causal_openlock.analysis.plots import style
-    from causal_openlock.analysis.plots.belief import plot_trace
+    from causal_openlock.analysis.plots.belief import save_trace_figure
     from causal_openlock.belief.trace import trace_text, trace_trial
     from causal_openlock.render.suffixes import path_of_picture
 
@@ -157,9 +154,7 @@ def trace(
     traced = trace_trial(*who, **how)
     for line in trace_text(traced, attempts):
         say(line)
-    figure = Figure()
-    plot_trace(traced, actions=actions, ax=figure)
-    style.save(figure, path)
+    save_trace_figure(traced, path, actions)
     say(f"\n{path} written")
     if table is not None:
         write_text(table, csv_of(traced.table()))

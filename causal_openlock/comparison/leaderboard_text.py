@@ -6,15 +6,12 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
-from causal_openlock.analysis.topics.leaderboard import leaderboard_tables, legend
+from causal_openlock.analysis.topics.leaderboard import leaderboard_tables
 from causal_openlock.comparison.console import Terminal, plain_table
 
 
 def print_leaderboard(
-    ranked: pd.DataFrame,
-    console: Terminal,
-    answers: Mapping[str, Sequence[str]] | None = None,
-    warn: bool = True,
+    ranked: pd.DataFrame, console: Terminal, answers: Mapping[str, Sequence[str]] | None = None
 ) -> None:
     """Print the table of each protocol, and what its numbers mean.
 
@@ -22,21 +19,16 @@ def print_leaderboard(
         ranked: From :func:`~causal_openlock.analysis.topics.leaderboard.leaderboard`.
         console: Where to.
         answers: Sentences above the tables, by protocol, as a report has them.
-        warn: Whether to warn of few subjects below a table.
     """
-    tables = list(leaderboard_tables(ranked))
-    for table in tables:
-        console.print(f"\nProtocol {table.protocol}: {table.measured}", style="bold")
-        for sentence in (answers or {}).get(table.protocol, ()):
+    for protocol, table in leaderboard_tables(ranked).items():
+        console.print(f"\n{table.title}", style="bold")
+        for sentence in (answers or {}).get(protocol, ()):
             console.print(sentence, highlight=False)
-        shown = plain_table(*table.short_heads)
+        shown = plain_table(*(head.replace(" than ", " than\n") for head in table.heads))
         shown.columns[0].no_wrap = False
-        for name, row in table.short_rows.items():
-            is_reference = name in table.references and name not in table.given
-            shown.add_row(name, *row, style="bold" if is_reference else "")
-            if table.references[-1:] == (name,):
-                shown.add_row()
+        for number, row in enumerate(table.rows, start=1):
+            shown.add_row(*(text.replace("\n", " ") for text in row))
+            if number == len(table.looks):
+                shown.add_row()  # below those who do not compete
         console.print_whole(shown)
-        if warn and table.few:
-            console.print(table.few, style="yellow", highlight=False)
-    console.print(f"\n{legend(tables, narrow=True)}", style="dim", highlight=False)
+        console.print(table.caption, style="dim", highlight=False)

@@ -370,7 +370,7 @@ class Results(Material):
 
         text = StringIO()
         plain = {"force_terminal": False, "force_jupyter": False, "no_color": True}
-        print_leaderboard(self.leaderboard, Terminal(file=text, width=100, **plain), warn=False)
+        print_leaderboard(self.leaderboard, Terminal(file=text, width=100, **plain))
         return "\n".join([text.getvalue().strip(), *self.warnings])
 
 

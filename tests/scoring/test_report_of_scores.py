@@ -188,6 +188,7 @@ def test_subjects_count_alike_and_an_impossible_action_has_no_interval():
     whole = over(table, ["trial"]).iloc[0]
     assert (whole["bits"], whole["subjects"], whole["actions"]) == (1.75, 2, 9)
     assert whole["expected"] == pytest.approx(1.0)
+    assert (whole["ci_low"], whole["ci_high"]) == pytest.approx((1.5, 2.0))
     by_part = failures(table, {"CC3": 7}).set_index("part")["beyond"]
     assert by_part["second attempts"] == pytest.approx(1.0)
     assert worst_attempts(table, {"CC3": 7})["attempt"].iloc[0] == 2

@@ -9,13 +9,12 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import CELL
-from causal_openlock.analysis.prose import some
 from causal_openlock.analysis.report.about_people import exclusions
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import Beside, beside_any
 from causal_openlock.analysis.statistics import FEW_SUBJECTS
 from causal_openlock.analysis.table import percent
-from causal_openlock.wording import joined
+from causal_openlock.wording import joined, some
 
 
 def warnings_of(results: Material) -> Iterator[str]:

@@ -29,14 +29,12 @@ from causal_openlock.analysis.results.by_condition import condition_tables
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.missing import missing_cells, with_missing
 from causal_openlock.analysis.results.references import Beside, difference_from
-from causal_openlock.analysis.statistics import beside_mean
-from causal_openlock.analysis.table import Table, percent, write_table
+from causal_openlock.analysis.table import Table, interval, percent, write_table
 from causal_openlock.analysis.topic import Topic, all_topics, sections_of
 from causal_openlock.analysis.topics.leaderboard import (
     answers,
     leaderboard,
     leaderboard_tables,
-    legend,
 )
 from causal_openlock.analysis.topics.pairwise import all_pairs
 from causal_openlock.files.atomic import folder_at
@@ -99,7 +97,7 @@ def make_report(
     begin("computing leaderboard")
     ranked = leaderboard(material)
     written.table("leaderboard", ranked)
-    first, opening = list(leaderboard_tables(ranked)), answers(ranked, material.once(all_pairs))
+    opening = answers(ranked, material.once(all_pairs))
     sections = sections_of(material, topics, lambda name: begin(f"describing {name}"))
     opening_figures = [plot for one in sections for plot in one.plots if plot.opening]
     written.page(
@@ -111,12 +109,12 @@ def make_report(
         trials=len(trials),
         missing=[cell.text for cell in missing],
         failed=sum(cell.failed for cell in missing),
-        first=first,
+        first=leaderboard_tables(
+            ranked, {spec.name: spec.origin.about for spec in experiment.learners}
+        ),
         answers=opening,
         openings=tuple(one.answer for one in sections if one.answer),
         figure=written.plot(opening_figures[0]) if opening_figures else None,
-        about={spec.name: spec.origin.about for spec in experiment.learners},
-        legend=legend(first),
         headline={
             one.protocol: one
             for one in condition_tables(
@@ -181,7 +179,7 @@ def _every_trial(part: pd.DataFrame, references: Sequence[Beside]) -> Table:
         *((head, part[name], "d") for head, name in _COUNTS.items()),
         ("Attempts", part["attempts"], ".2f"),
         ("SE", part["se"].where(part["subjects"] > 1), ".2f"),
-        ("95% interval", [*map(_interval, *(part[name] for name in _INTERVAL))], "s"),
+        ("95% interval", [*map(_interval, part["ci_low"], part["ci_high"])], "s"),
         ("Solved", part["share_solved"].map(percent), "s"),
     ]
     for one in references:
@@ -206,8 +204,5 @@ def _every_trial(part: pd.DataFrame, references: Sequence[Beside]) -> Table:
 _COUNTS = {"Trial": "trial", "Loops": "loops", "n": "subjects"}
 
 
-_INTERVAL = ("ci_low", "ci_high", "subjects", "mode", "at_mode")
-
-
-def _interval(*values: Any) -> str:
-    return beside_mean(*values) or "–"
+def _interval(low: float, high: float) -> str:
+    return interval(low, high) or "–"
