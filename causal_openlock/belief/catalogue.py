@@ -14,7 +14,7 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from causal_openlock.belief.grammar import Generated, assigned, outlines, schema_classes
+from causal_openlock.belief.grammar import assigned, outlines, schema_classes
 from causal_openlock.belief.structures import (
     Hypotheses,
     Structures,
@@ -143,33 +143,26 @@ def catalogue(
     only ``limit`` structures of the shortest classes are listed, within :data:`TABLE_BYTES`; the
     others are sampled from the free form. For ``simplicity`` see :func:`free_form_weight`.
     """
-    outline, splits = outlines(levers)
-    fitting = np.flatnonzero(fits(outline, solutions, action_limit))
+    structures, outlined = outlines(levers)
+    fitting = np.flatnonzero(fits(structures, solutions, action_limit))
     if levers > FREE_FORM_LEVERS:  # classes come in the order of their length
         orders = math.factorial(levers)
-        ways = [orders // math.prod(map(math.factorial, splits[index])) for index in fitting]
+        ways = [orders // math.prod(map(math.factorial, outlined[at].sizes)) for at in fitting]
         most = min(limit, TABLE_BYTES // behaviour_bytes(levers, action_limit))
         fitting = fitting[np.cumsum(ways) <= most]
-    generated = assigned(outline[fitting], tuple(splits[index] for index in fitting))
+    structures, kind, chance = assigned(structures[fitting], [outlined[at] for at in fitting])
     if levers <= FREE_FORM_LEVERS:
-        structures = gate_dags(levers)
-        chosen = np.flatnonzero(fits(structures, solutions, action_limit))
-        kind = np.full(len(chosen), len(schema_classes()))
-        chance = free_form_weight(levers, simplicity)[chosen]
-        causes, threshold = structures.causes[chosen], structures.threshold[chosen]
-        free_form = Generated(causes, threshold, kind, chance)
-        generated = Generated.joined([generated, free_form])
-    first, member = merge(generated.labels())
-    members = Structures(generated.causes[first], generated.threshold[first])
+        every = gate_dags(levers)
+        chosen = np.flatnonzero(fits(every, solutions, action_limit))
+        structures = Structures.joined([structures, every[chosen]])
+        kind = np.append(kind, np.full(len(chosen), len(schema_classes())))
+        chance = np.append(chance, free_form_weight(levers, simplicity)[chosen])
+    first, member = merge(structures.labels())
+    members = structures[first]
     _, behaviour = merge(members.behaviour(action_limit, uncertain))
     rank = np.argsort(behaviour, kind="stable")  # structures of a behaviour side by side
-    place = np.empty_like(rank)
-    place[rank] = np.arange(len(rank))
+    place = np.argsort(rank)
     pairs = np.argsort(place[member], kind="stable")
     return Catalogue(
-        members=members[rank],
-        behaviour=behaviour[rank],
-        member=place[member][pairs],
-        kind=generated.kind[pairs],
-        chance=generated.chance[pairs],
+        members[rank], behaviour[rank], place[member][pairs], kind[pairs], chance[pairs]
     )

@@ -19,6 +19,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import combinations, pairwise, permutations
+from typing import NamedTuple
 
 import numpy as np
 
@@ -179,40 +180,31 @@ def class_prior(simplicity: float, free_form: float) -> FloatArray:
     return np.append((1.0 - free_form) * prior / prior.sum(), free_form)
 
 
-@dataclass(frozen=True, eq=False)
-class Generated(Structures):
-    """G structures on n levers, each as often as classes generate it, and these classes.
+class Outline(NamedTuple):
+    """A class, the sizes of its roles, and the probability of these sizes given the class."""
 
-    Attributes:
-        kind: ``[G]`` index of the class.
-        chance: ``[G]`` probability that the class generates it, of all structures on n levers.
-    """
-
-    kind: IntArray
-    chance: FloatArray
+    kind: int
+    sizes: tuple[int, ...]
+    chance: float
 
 
 @cache
-def outlines(levers: int) -> tuple[Generated, tuple[tuple[int, ...], ...]]:
+def outlines(levers: int) -> tuple[Structures, list[Outline]]:
     """One structure for each class and each way to split the levers into its roles.
 
     Which lever plays which role is left open: it changes neither the number of solutions nor their
     lengths, which rule most structures out. With many levers only the shortest classes are
     outlined, as there are tens of thousands.
-
-    Returns:
-        The structures with the levers in the order of the roles, and the size of each role.
     """
-    rows: list[tuple[int, float, tuple[int, ...]]] = []
+    found: list[Outline] = []
     for index, kind in enumerate(schema_classes()):
         ways = list(kind.sizes(levers))
-        if len(rows) + len(ways) > MOST_OUTLINES:
+        if len(found) + len(ways) > MOST_OUTLINES:
             break
-        rows += [(index, 1.0 / len(ways), sizes) for sizes in ways]
-    kinds, chances, splits = zip(*rows, strict=True)
-    nodes = np.array([_outline(schema_classes()[index], sizes) for index, _, sizes in rows])
-    causes, threshold = nodes[..., 0].astype(np.uint16), nodes[..., 1].astype(np.uint8)
-    return Generated(causes, threshold, np.array(kinds), np.array(chances)), splits
+        found += [Outline(index, sizes, 1.0 / len(ways)) for sizes in ways]
+    nodes = np.array([_outline(schema_classes()[one.kind], one.sizes) for one in found])
+    structures = Structures(nodes[..., 0].astype(np.uint16), nodes[..., 1].astype(np.uint8))
+    return structures, found
 
 
 def _outline(kind: SchemaClass, sizes: tuple[int, ...]) -> list[tuple[int, int]]:
@@ -227,17 +219,25 @@ def _outline(kind: SchemaClass, sizes: tuple[int, ...]) -> list[tuple[int, int]]
     return nodes
 
 
-def assigned(outline: Generated, splits: tuple[tuple[int, ...], ...]) -> Generated:
-    """Each outline with every assignment of levers to roles of these sizes, equally probable."""
-    parts = [outline[:0]]
-    for split in sorted(set(splits)):
-        of_split = outline[np.flatnonzero([sizes == split for sizes in splits])]
-        orders = [*assignments(split)]
+def assigned(
+    structures: Structures, outlined: Sequence[Outline]
+) -> tuple[Structures, IntArray, FloatArray]:
+    """Each outline with every assignment of levers to its roles, equally probable.
+
+    Returns:
+        The structures, of each its class, and the probability that the class generates it.
+    """
+    kind = np.array([outline.kind for outline in outlined], dtype=int)
+    chance = np.array([outline.chance for outline in outlined])
+    parts = [(structures[:0], kind[:0], chance[:0])]
+    for sizes in sorted({outline.sizes for outline in outlined}):
+        alike = np.flatnonzero([outline.sizes == sizes for outline in outlined])
+        orders = [*assignments(sizes)]
         for order in orders:
-            placed = of_split.on_slots(order, outline.levers)
-            chance = of_split.chance / len(orders)
-            parts.append(Generated(placed.causes, placed.threshold, of_split.kind, chance))
-    return Generated.joined(parts)
+            placed = structures[alike].on_slots(order, structures.levers)
+            parts.append((placed, kind[alike], chance[alike] / len(orders)))
+    placed, kinds, chances = zip(*parts, strict=True)
+    return Structures.joined(placed), np.concatenate(kinds), np.concatenate(chances)
 
 
 def assignments(sizes: Sequence[int]) -> Iterator[tuple[int, ...]]:

@@ -83,10 +83,8 @@ def test_a_description_is_as_long_as_its_parts_and_the_prior_falls_with_it():
 
 @pytest.mark.parametrize("levers", [1, 2, 3, 4])
 def test_a_class_generates_what_dealing_out_its_roles_gives(levers):
-    ours, whole = defaultdict(float), assigned(*outlines(levers))
-    for key, kind, chance in zip(
-        keys_of(whole), whole.kind.tolist(), whole.chance.tolist(), strict=True
-    ):
+    ours, (structures, *pairs) = defaultdict(float), assigned(*outlines(levers))
+    for key, kind, chance in zip(keys_of(structures), *map(np.ndarray.tolist, pairs), strict=True):
         ours[kind, key] += chance
     # Dealing four levers out by hand takes long: every class of up to three, one in forty of four.
     chosen = range(0, len(schema_classes()), 40 if levers == 4 else 1)
