@@ -17,6 +17,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import chain
 
 import numpy as np
 
@@ -49,9 +50,7 @@ class Belief:
         found: The levers that were pushed when each solution was found, as masks of slots.
         drawn: How many hypotheses were sampled, where there are too many to list.
         possible: Whether any hypothesis explains what was observed.
-        events: How often each event was observed in this trial.
-        attempt: The events of this attempt, for subjects that forget.
-        kept: The events of the trial that are not forgotten.
+        attempts: The events of each attempt of this trial.
 
     Example:
         >>> import numpy as np
@@ -67,9 +66,7 @@ class Belief:
     found: tuple[int, ...] = ()
     drawn: int = 0
     possible: bool = True
-    events: Counter[Event] = field(default_factory=Counter)
-    attempt: tuple[Event, ...] = ()
-    kept: tuple[Event, ...] = ()
+    attempts: list[list[Event]] = field(default_factory=lambda: [[]])
 
     @property
     def positions(self) -> IntArray:
@@ -119,19 +116,17 @@ class Belief:
         total = weight.sum()
         return weight / total if total > 0 else prior
 
-    def forget(self, lost: float, keeps: bool) -> None:
-        """Lose a part of the trial's evidence at the end of an attempt.
+    def end_attempt(self, lost: float, keeps: bool) -> None:
+        """Begin another attempt; a subject that forgets loses a part of the trial's evidence.
 
-        The posterior moves back to the baseline by a share ``lost``; if the subject ``keeps`` the
-        events of this attempt, they become part of the baseline.
+        The posterior moves back to the baseline by a share ``lost``; if the subject ``keeps`` what
+        it observed in this attempt, that becomes part of the baseline.
         """
-        if self.start is None:
-            return
-        if keeps:
-            self.start = self.given(self.start, self.attempt)
-            self.kept += self.attempt
-        self.attempt = ()
-        self.weight = (1.0 - lost) * self.weight + lost * self.start
+        if self.start is not None:
+            if keeps:
+                self.start = self.given(self.start, self.attempts[-1])
+            self.weight = (1.0 - lost) * self.weight + lost * self.start
+        self.attempts.append([])
 
 
 class Beliefs:
@@ -246,18 +241,19 @@ class Beliefs:
             event = observed(step, subject, belief.slots, belief.found)
             if event is not None:
                 self._observe(subject, event)
-            belief = self._belief(subject)
-            if self.prior.forgetting and step.attempt_over[subject]:
-                keeps = bool(step.new_solution[subject]) and self.prior.forgets == "failures"
-                belief.forget(self.prior.forgetting, keeps)
+            if step.attempt_over[subject]:
+                belief = self._belief(subject)
+                belief.end_attempt(self.prior.forgetting, self._keeps(belief.attempts[-1]))
             if step.trial_over[subject]:
                 self.leave(subject)
 
+    def _keeps(self, attempt: list[Event]) -> bool:
+        """Whether a subject that forgets keeps what it observed in an attempt."""
+        return self.prior.forgets == "failures" and any(event.new for event in attempt)
+
     def _observe(self, subject: int, event: Event) -> None:
         belief = self._belief(subject)
-        belief.events[event] += 1
-        if belief.start is not None:
-            belief.attempt = (*belief.attempt, event)
+        belief.attempts[-1].append(event)
         if not belief.observe(event):
             self._reconsider(subject)
         elif belief.drawn > FEW_DRAWS and self._depleted(belief):
@@ -297,10 +293,11 @@ class Beliefs:
     def _rebuilt(self, subject: int) -> Belief:
         """The posterior over other hypotheses, given everything observed in this trial."""
         past = self._belief(subject)
-        fresh = self._prior_belief(subject, past.space.sight, past.slots, past.events)
-        fresh.events, fresh.found = past.events, past.found
-        fresh.attempt, fresh.kept = past.attempt, past.kept
-        fresh.possible = all(map(fresh.observe, past.events.elements()))
+        events = Counter(chain(*past.attempts))
+        fresh = self._prior_belief(subject, past.space.sight, past.slots, events)
+        fresh.attempts, fresh.found = past.attempts, past.found
+        fresh.possible = all(map(fresh.observe, events.elements()))
         if fresh.possible and fresh.start is not None:
-            fresh.start = fresh.given(fresh.start, fresh.kept)
+            kept = chain(*filter(self._keeps, past.attempts[:-1]))
+            fresh.start = fresh.given(fresh.start, kept)
         return fresh
