@@ -76,7 +76,7 @@ def compare(
 ) -> None:
     """Compare learners, and write a report of the results.
 
-    A folder that holds a part of this comparison is completed.
+    The default takes one to three minutes. A folder that holds a part of it is completed.
 
     Exit status: 0 if everything was played, 1 if cells failed and all others were played, 2 if what
     was asked for cannot be done, 130 or 143 if it was stopped.

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from causal_openlock.cli.options import ResultsFolder
+from causal_openlock.cli.options import Output, ResultsFolder
 from causal_openlock.cli.terminal import say
 from causal_openlock.wording import counted
 
 
 def export(
     folder: ResultsFolder,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", help=".csv or .csv.gz; default: FOLDER/record.csv."),
-    ] = None,
+    out: Output = None,
 ) -> None:
-    """Write the record as CSV."""
+    """Write the record as CSV.
+
+    By default it is FOLDER/record.csv; .csv.gz compresses it.
+    """
     from causal_openlock.export.as_csv import write_csv
     from causal_openlock.storage.store import Store
 
@@ -34,14 +33,12 @@ def export(
 
 def bundle(
     folder: ResultsFolder,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="ZIP file to write; default: FOLDER.zip.")
-    ] = None,
+    out: Output = None,
     licence: Annotated[
         str, typer.Option("--license", help="Of the data, such as CC-BY-4.0, for its data card.")
     ] = "",
 ) -> None:
-    """Pack an experiment, its record and its report into one file."""
+    """Pack an experiment, its record and its report into one file, FOLDER.zip."""
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.export.bundle import write_bundle
     from causal_openlock.storage.store import Store

@@ -39,6 +39,10 @@ Exclude = Annotated[
 ResultsFolder = Annotated[
     Path, typer.Argument(help="Folder that compare or play wrote to.", parser=_results_folder)
 ]
+LearnerName = Annotated[str, typer.Option("--learner", "-l", help="The learner that plays.")]
+TrialNumber = Annotated[
+    int, typer.Option("--trial", min=1, help="The trial, counted over the whole condition.")
+]
 SubjectNumber = Annotated[
     int, typer.Option("--subject", min=0, max=2**31 - 1, help="Number of the subject.")
 ]
@@ -56,6 +60,9 @@ ExperimentName = Annotated[
     ),
 ]
 Workers = Annotated[int | None, typer.Option(min=1, help="Processes; default: one for each core.")]
+Output = Annotated[
+    Path | None, typer.Option("--out", "-o", help="File to write, in the form of its suffix.")
+]
 PictureSize = Annotated[int, typer.Option(min=120, max=2160, help="Height in pixels.")]
 
 

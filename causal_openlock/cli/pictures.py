@@ -145,7 +145,10 @@ def trace(
     ] = None,
 ) -> None:
     """Describe a trial: what a subject did, saw, learned and believed."""
-    from causal_openlock.analysis.plots.belief import save_trace_figure
+    from matplotlib.figure import Figure
+
+    from causal_openlock.analysis.plots import style
+    from causal_openlock.analysis.plots.belief import plot_trace
     from causal_openlock.belief.trace import trace_text, trace_trial
     from causal_openlock.render.suffixes import path_of_picture
 
@@ -154,7 +157,9 @@ def trace(
     traced = trace_trial(*who, **how)
     for line in trace_text(traced, attempts):
         say(line)
-    save_trace_figure(traced, path, actions)
+    figure = Figure()
+    plot_trace(traced, actions=actions, ax=figure)
+    style.save(figure, path)
     say(f"\n{path} written")
     if table is not None:
         write_text(table, csv_of(traced.table()))

@@ -46,7 +46,10 @@ def report(
         bool, typer.Option("--methods", help="Print the methods section for a paper instead.")
     ] = False,
 ) -> None:
-    """Write the report of a results folder, or compare two folders."""
+    """Write the report of a results folder, or compare two folders.
+
+    That of the default comparison takes ten to twenty seconds.
+    """
     if against is not None:
         if beside or reference or exclude or methods:
             raise OpenLockError(

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from causal_openlock.cli.options import Output
 from causal_openlock.cli.terminal import say
 from causal_openlock.errors import OpenLockError
 from causal_openlock.files.atomic import write_text
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
 app = typer.Typer(no_args_is_help=True, help="List, show, check, draw, export and begin schemas.")
 
 SchemaName = Annotated[str, typer.Argument(help="Name of a schema, or path of a file.")]
-Output = Annotated[Path | None, typer.Option("--out", "-o", help="File to write.")]
 
 
 @app.command("list")

@@ -4,14 +4,14 @@ Workers report the share of their cells that is done in files next to the cells,
 So the progress is the same whether processes, a cluster or the shards of a job array play, and
 whether the run itself or ``status`` asks.
 
-Work is counted in attempts: the most that a cell can have. The time left is estimated from those of
-the cells that are being played. No result depends on it.
+Work is counted in attempts: the most that a cell can have. The time left is estimated from the
+seconds that each learner takes for one. No result depends on it.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from statistics import mean
@@ -53,25 +53,34 @@ class RunProgress:
 
 
 def progress_of(
-    cells: Sequence[Cell], left: Collection[Cell], failed: int, playing: Sequence[Playing]
+    cells: Sequence[Cell],
+    left: Collection[Cell],
+    failed: int,
+    playing: Sequence[Playing],
+    paces: Mapping[str, float],
 ) -> RunProgress:
-    """The progress of a comparison, given its cells and those that are neither done nor failed."""
+    """The progress of a comparison.
+
+    Args:
+        cells: Its cells.
+        left: Those that are neither done nor failed.
+        failed: How many have failed.
+        playing: Those that are being played.
+        paces: Seconds of an attempt, by learner; the others' are taken to be the mean.
+    """
     to_do: dict[str, float] = {cell.file_name: work(cell) for cell in left}
-    paces = []  # seconds of an attempt
-    for cell, share, seconds, _ in playing:
+    for cell, share, *_ in playing:
         to_do[cell.file_name] *= 1 - share
-        if share:
-            paces.append(seconds / (share * work(cell)))
-    remaining, longest = sum(to_do.values()), max(to_do.values(), default=0.0)
-    known = paces or not remaining
-    attempts = max(remaining / max(len(playing), 1), longest)
+    remaining, usual = sum(to_do.values()), mean(paces.values() or [0.0])
+    known = any(paces.values()) or not left
+    times = [to_do[cell.file_name] * paces.get(cell.spec.name, usual) for cell in left]
     return RunProgress(
         cells=len(cells),
         done=len(cells) - len(left) - failed,
         failed=failed,
         playing=tuple(playing),
         share=1 - remaining / sum(map(work, cells)) if remaining else 1.0,
-        left=attempts * mean(paces or [0.0]) if known else None,
+        left=max([sum(times) / max(len(playing), 1), *times]) if known else None,
     )
 
 
@@ -83,6 +92,15 @@ def playing_in(store: Store, cells: Iterable[Cell]) -> list[Playing]:
             still = max(0.0, time.time() - report[0] / 1e9)
             playing.append(Playing(cell, report[1], report[2] + still, still))
     return playing
+
+
+def paces_of(playing: Iterable[Playing]) -> dict[str, float]:
+    """Seconds of an attempt, by learner, in cells that are being played."""
+    return {
+        cell.spec.name: seconds / (share * work(cell))
+        for cell, share, seconds, _ in playing
+        if share
+    }
 
 
 def work(cell: Cell) -> int:
@@ -115,4 +133,5 @@ def status_of(
             left.remove(cell)
         elif report:
             quiet[cell.in_words] = report.still
-    return progress_of(cells, left, len(failures), playing), quiet, failures
+    progress = progress_of(cells, left, len(failures), playing, paces_of(playing))
+    return progress, quiet, failures

@@ -28,7 +28,7 @@ from causal_openlock.experiment.declare import Cell, Experiment
 from causal_openlock.files.validation import whole_number
 from causal_openlock.running import workers as workplaces
 from causal_openlock.running.cluster import in_cluster
-from causal_openlock.running.progress import RunProgress, playing_in, progress_of, work
+from causal_openlock.running.progress import RunProgress, paces_of, playing_in, progress_of, work
 from causal_openlock.running.worker import Watching, play_cell
 from causal_openlock.running.workers import Doing, LostError, ThisProcess, TooLateError, done_jobs
 from causal_openlock.storage.beside_cell import (
@@ -181,6 +181,7 @@ class _Run:
     jobs: deque[Cell] = field(default_factory=deque)
     reasons: dict[str, str] = field(default_factory=dict)
     losses: dict[str, tuple[int, int]] = field(default_factory=dict)
+    paces: dict[str, float] = field(default_factory=dict)  # seconds of an attempt, by learner
 
     def missing(self, elsewhere: Collection[str], retry_failed: bool) -> deque[Cell]:
         """The cells that have to be played, in order."""
@@ -220,7 +221,9 @@ class _Run:
         waiting = {cell.file_name for cell in self.jobs}
         given = [cell for name, cell in self.left.items() if name not in waiting]
         playing = playing_in(self.store, given)
-        self.progress(progress_of(self.cells, self.left.values(), len(self.reasons), playing))
+        self.paces |= paces_of(playing)
+        left, failed = self.left.values(), len(self.reasons)
+        self.progress(progress_of(self.cells, left, failed, playing, self.paces))
 
     def take(self, cell: Cell, remarks: list[str], error: BaseException | None) -> None:
         """Take note of a cell that is done, has failed, or has lost its worker."""
@@ -235,6 +238,7 @@ class _Run:
         else:
             for remark in remarks:
                 self.warn(remark)
+            self.paces.setdefault(cell.spec.name, 0.0)  # it was too quick to report any progress
             self.is_done(cell)
 
     def is_done(self, cell: Cell) -> None:

@@ -4,7 +4,9 @@ import itertools
 from types import SimpleNamespace
 
 from causal_openlock.comparison.progress_bar import LINE_EVERY, lines, naming_still_cells
-from causal_openlock.running.progress import Playing, RunProgress
+from causal_openlock.experiment.file import find_experiment, read_experiment
+from causal_openlock.experiment.making import Changes
+from causal_openlock.running.progress import Playing, RunProgress, progress_of, work
 
 CELL = SimpleNamespace(file_name="a", in_words="slow in CC3, subjects 0-1")
 
@@ -31,3 +33,17 @@ def test_lines_are_regular_and_name_what_hangs():
         show(RunProgress(4, 3, 1, (), 1.0, 0.0))
     assert [line for _, line in said][-1] == "e: 3 of 4 cells done, 1 failed, in 7 min"
     assert sum("in 7 min" in line for _, line in said) == 1
+
+
+def test_the_time_left_goes_by_the_pace_of_each_learner():
+    changes = Changes(["CC3", "CE3"], ["oracle", "bayes"], None, 40, 1)
+    cells = read_experiment(find_experiment("default"), changes).cells()
+    first, second = (cell for cell in cells if cell.spec.name == "bayes")
+    paces = {"oracle": 0.0, "bayes": 20 / work(first)}
+    half = [Playing(first, 0.5, 10.0, 0.0)]
+    for left, seconds in ((cells, 30), ([first, second], 30), ([first], 10), ([], 0)):
+        playing = half if first in left else []
+        assert round(progress_of(cells, left, 0, playing, paces).left) == seconds
+    assert (
+        progress_of(cells, cells, 0, [], {"oracle": 0.0}).left is None
+    )  # of the other nothing is known

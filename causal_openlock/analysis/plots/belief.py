@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import textwrap
 from dataclasses import dataclass
-from itertools import groupby
-from pathlib import Path
+from itertools import pairwise
 from typing import Any
 
 import networkx as nx
@@ -18,7 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch, Rectangle
+from matplotlib.patches import Patch
 
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import panels, set_size
@@ -26,7 +25,6 @@ from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.traces import replayed
 from causal_openlock.belief.trace import Moment, Trace, agreement, percent, shown_name
 from causal_openlock.render.graph import draw_schema
-from causal_openlock.render.suffixes import path_of_picture
 
 MOST_ACTIONS, MOST_ARROWS = 36, 20
 THRESHOLD = 0.1
@@ -107,8 +105,7 @@ def plot_trace(trace: Trace, *, actions: int = MOST_ACTIONS, ax: Any = None) -> 
 
     with panels(ax, 6, lay_out) as at:
         timeline, entropy, gains, matrix, most_probable, truth = at.axes
-        for axes, label in zip(at.axes, PANELS, strict=True):
-            axes.set_label(label)
+        for axes in at.axes:
             axes.grid(False)
             axes.tick_params(axis="x", length=0, labelbottom=False)
         timeline.set_xlim(-0.5, len(names) + 0.5)
@@ -138,21 +135,16 @@ def plot_trace(trace: Trace, *, actions: int = MOST_ACTIONS, ax: Any = None) -> 
     return at.returned
 
 
-PANELS = ("timeline", "entropy", "gains", "arrows", "most probable", "truth")
-"""Labels of the axes, from above."""
-
-
-def _looks() -> dict[str, tuple[str, dict[str, Any]]]:
+def _looks() -> dict[str, dict[str, Any]]:
     """Marks of the outcomes of actions, distinct in form as well: a ring, filled marks, a star."""
     own, edge = style.current(), {"mec": _INK, "mew": 0.8}
-    star = {"marker": "*", "mfc": own.common_cause, **edge, "ms": 11}
     return {
-        "nothing": ("nothing", {"marker": "_", "mec": _FAINT, "mew": 1.6, "ms": 7}),
-        "moved": ("moved", {"marker": "o", "mfc": "white", **edge, "ms": 6}),
-        "unlocked": ("unlocked", {"marker": "D", "mfc": own.other(3), **edge, "ms": 5.5}),
-        "locked": ("locked again", {"marker": "s", "mfc": _INK, **edge, "ms": 5.5}),
-        "opened": ("opened", {"marker": "^", "mfc": own.other(1), **edge, "ms": 7}),
-        "new solution": ("new solution", star),
+        "nothing": {"marker": "_", "mec": _FAINT, "mew": 1.6, "ms": 7},
+        "moved": {"marker": "o", "mfc": "white", **edge, "ms": 6},
+        "unlocked": {"marker": "D", "mfc": own.other(3), **edge, "ms": 5.5},
+        "locked": {"marker": "s", "mfc": _INK, **edge, "ms": 5.5},
+        "opened": {"marker": "^", "mfc": own.other(1), **edge, "ms": 7},
+        "new solution": {"marker": "*", "mfc": own.common_cause, **edge, "ms": 11},
     }
 
 
@@ -163,18 +155,6 @@ def _bars() -> tuple[dict[str, Any], dict[str, Any]]:
         {"fc": "white", "ec": own.common_effect, "lw": 0.9, "hatch": "////"},
         {"fc": own.common_cause, "ec": _INK, "lw": 0.6},
     )
-
-
-def save_trace_figure(trace: Trace, path: Path | str, actions: int = MOST_ACTIONS) -> None:
-    """Draw a trace into an SVG, PNG or PDF file; equal traces give equal files.
-
-    Raises:
-        OpenLockError: If the suffix is another or the file cannot be written.
-    """
-    path = path_of_picture(path)
-    figure = Figure()
-    plot_trace(trace, actions=actions, ax=figure)
-    style.save(figure, path)
 
 
 @dataclass(frozen=True)
@@ -241,32 +221,28 @@ class Part:
         return any(action.renewed for action in self.actions)
 
     @property
-    def attempts(self) -> list[tuple[int, int, int]]:
-        """Each attempt's number, and the first and the last of its columns."""
-        found = []
-        for attempt, own in groupby(enumerate(self.actions, 1), lambda at: at[1].attempt):
-            columns = [column for column, _ in own]
-            found.append((attempt, columns[0], columns[-1]))
-        return found
+    def attempts(self) -> list[tuple[float, float]]:
+        """Where each attempt begins and ends, on the common x axis."""
+        begins = [column - 0.5 for column, one in enumerate(self.actions, 1) if one.number == 1]
+        return list(pairwise([*begins, len(self.actions) + 0.5]))
 
     def divide(self, axes: Axes) -> None:
         """Draw a line before each attempt."""
-        for _, first, _ in self.attempts:
-            axes.axvline(first - 0.5, color="#A8A8A8", lw=0.6, zorder=0.5)
+        for begin, _ in self.attempts:
+            axes.axvline(begin, color="#A8A8A8", lw=0.6, zorder=0.5)
 
 
 def _draw_timeline(axes: Axes, shown: Part, names: list[str]) -> None:
     """Draw actions and their outcomes, attempt by attempt."""
     axes.set(ylim=(0, 1))
     axes.spines[:].set_visible(False)
-    for index, (attempt, first, last) in enumerate(shown.attempts):
-        face = ("#EDEDED", "#DCDCDC")[index % 2]
-        axes.add_patch(Rectangle((first - 0.46, 0), last - first + 0.92, 1, fc=face, zorder=0))
-        middle = (first + last) / 2
-        axes.text(middle, 0.97, str(attempt), ha="center", va="top", fontsize=_SMALL + 0.5)
+    for number, (begin, end) in enumerate(shown.attempts):
+        axes.axvspan(begin + 0.04, end - 0.04, fc=("#EDEDED", "#DCDCDC")[number % 2], zorder=0)
+        middle = (begin + end) / 2
+        axes.text(middle, 0.97, str(number + 1), ha="center", va="top", fontsize=_SMALL + 0.5)
     looks, scale = _looks(), min(1.0, shown.column / 11.5)
     for column, action in enumerate(shown.actions, start=1):
-        _, mark = looks[action.outcome]
+        mark = looks[action.outcome]
         axes.plot(column, 0.32, ls="none", **{**mark, "ms": mark["ms"] * scale})
     axes.set_yticks([0.84, 0.32], ["Attempt", "What came of it"])
     axes.set_xticks(range(len(names) + 1), ["at first", *names], rotation=90, fontsize=_SMALL)
@@ -339,8 +315,8 @@ def _legend_handles(shown: Part) -> list[Any]:
     happened = {action.outcome for action in shown.actions}
     expected, obtained = _bars()
     handles: list[Any] = [
-        Line2D([], [], ls="none", label=label, **mark)
-        for outcome, (label, mark) in _looks().items()
+        Line2D([], [], ls="none", label=outcome, **mark)
+        for outcome, mark in _looks().items()
         if outcome in happened
     ]
     handles += [Patch(label="bits expected", **expected), Patch(label="bits obtained", **obtained)]
