@@ -14,15 +14,14 @@ from functools import cached_property
 import pandas as pd
 
 from causal_openlock.analysis.measures import ordered
-from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.errors import StoreError
 from causal_openlock.scoring.score_table import COLUMNS, PLAYED, OutdatedError
 from causal_openlock.scoring.scores import FOLDER, SUBJECT, Scores, choices_in
 from causal_openlock.scoring.teacher_forcing import ATTEMPT, digests_of, setting_of
 from causal_openlock.storage.store import Store
+from causal_openlock.wording import counted, joined
 
-PROSE = Prose("causal_openlock.scoring.scores_section")
 _KEY = {name: (int if name in ("seed", "subject") else str) for name in SUBJECT}
 
 
@@ -81,7 +80,10 @@ def scores_on_record(material: Material) -> OnRecord:
         try:
             actions = Scores.read(folder / FOLDER).actions
         except OutdatedError:
-            notes.append(PROSE.sentence("outdated"))
+            notes.append(
+                "The scores in this folder are left out: an earlier version made them, and they do "
+                "not say of which actions they are. Score these subjects again."
+            )
             continue
         record, experiment = Store(folder).record(ATTEMPT)
         now = digests_of(record.to_pandas(), experiment).astype(_KEY)
@@ -89,20 +91,30 @@ def scores_on_record(material: Material) -> OnRecord:
         stale = known[PLAYED] != known["now"]
         if stale.any():
             gone = known[stale].drop_duplicates(SUBJECT)["learner"].value_counts(sort=False)
-            notes.append(PROSE.sentence("stale", subjects=gone.to_dict()))
+            of = [f"{counted(many, 'subject')} of {name}" for name, many in gone.items()]
+            notes.append(
+                f"Scores of {joined(of)} are left out: they are of other actions than those on "
+                "record. Score these subjects again."
+            )
         parts.append(known[~stale][COLUMNS])
     found = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=COLUMNS)
     if apart := [str(name) for name, own in found.groupby("learner") if not _compared(own)]:
-        notes.append(PROSE.sentence("apart", names=apart))
+        notes.append(
+            f"Scores of the subjects of {joined(apart)} are left out: none of these subjects was "
+            "scored by all of the learners that scored some. Score all subjects with the same "
+            "learners."
+        )
         found = found[~found["learner"].isin(apart)]
     if found.empty:
         return OnRecord(None, tuple(notes))
 
     settings = {one.name: setting_of(one) for one in material.experiment.learners}
     who = found[["scored", "setting"]].drop_duplicates()
-    if others := [one.scored for one in who.itertuples()
-                  if settings.get(one.scored, one.setting) != one.setting]:  # fmt: skip
-        notes.append(PROSE.sentence("set_otherwise", names=[*dict.fromkeys(others)]))
+    played = who["scored"].map(settings)
+    for name in who["scored"][played.notna() & (played != who["setting"])].unique():
+        notes.append(
+            f"{name} predicts with another code, version or settings than it played with here."
+        )
     choices = choices_in(material.experiment)
     if (found["action_index"] >= found["condition"].map(choices)).any():
         raise StoreError("the scores hold an action that there is not; score the subjects again")

@@ -6,21 +6,19 @@ It is made of what ``causal-openlock score`` left in a results folder. Statistic
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.effects import ALPHA, holm
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.section import Section, SectionPlot
+from causal_openlock.analysis.section import Section, drawn, sentences
+from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Topic
-from causal_openlock.scoring.on_record import PROSE, scores_on_record
+from causal_openlock.scoring.on_record import scores_on_record
 from causal_openlock.scoring.scores import SUBJECT, Scores
-from causal_openlock.scoring.worst_predicted import failures, worst_attempts
-from causal_openlock.wording import file_names
-from causal_openlock.world.room import positions_for
+from causal_openlock.wording import counted, file_names, joined
 
 MOST_PLOTS = 4
 """Maximum number of learners that get a figure; tables list all."""
@@ -28,107 +26,135 @@ MOST_SUBJECTS = 200
 """Maximum number of subjects that get a row; ``followed.csv`` lists all."""
 SURE = 0.9
 """Probability from which a subject is said to follow a learner."""
-_ATTRIBUTED = ["condition", "subject", "follows", "probability", "ahead"]
 _NAMES = {
-    **{"scored": "predicted by", "by": "predicted by", "low": "ci_low", "high": "ci_high"},
-    **{"worse": "more than best", "worse_low": "low", "worse_high": "high"},
-    **{"p_corrected": "p corrected", "best_of": "best of"},
+    **{"scored": "predicted by", "low": "ci_low", "high": "ci_high", "worse": "more than best"},
+    **{"worse_low": "low", "worse_high": "high", "p_corrected": "p corrected"},
+    **{"best_of": "best of", "frequency": "followed", "protected": "most frequent"},
 }
 _FORMATS = {
-    **dict.fromkeys(("bits", "ci_low", "ci_high", "expected", "beyond"), ".2f"),
+    **dict.fromkeys(("bits", "ci_low", "ci_high", "most frequent", "probability"), ".2f"),
     **dict.fromkeys(("more than best", "low", "high"), "+.2f"),
-    **{"p corrected": ".2g", "followed": ".0%", "most frequent": ".2f"},
-    **{"actions": ",", "subjects": ",", "probability": ".2f", "ahead": ",.1f"},
+    **{"p corrected": ".2g", "followed": ".0%", "subjects": ",", "ahead": ",.1f"},
 }
 
 
 def section(material: Material) -> Section | None:
-    """Section: the best predictor, the learners that subjects follow, its failures; or None."""
-    positions = {
-        one.name: max(map(positions_for, one.schemas)) for one in material.experiment.conditions
-    }
-    who: list[dict[str, Any]] = []
-    names = ("scores", "attributed", "failures", "worst_attempts")
-    tables: dict[str, list[pd.DataFrame]] = {name: [] for name in names}
-    plots: list[SectionPlot] = []
+    """Section: the best predictor, and the learners that subjects follow; or None."""
     on_record = scores_on_record(material)
     each = on_record.each
-    parts = file_names(each)
-    for of, one in each.items():
-        ranked, shares = one.ranking, one.followed.set_index("scored")
-        best = str(ranked["scored"].iloc[0])
-        own = one.actions[one.actions["scored"] == best]
-        worst = failures(own, positions)
-        ranked = ranked.assign(
-            p_corrected=holm(ranked["p"].where(ranked["worse"].notna()).to_numpy(float)),
-            followed=shares.loc[ranked["scored"], "frequency"].to_numpy(),
-            **{"most frequent": shares.loc[ranked["scored"], "protected"].to_numpy()},
-        )
-        tables["scores"].append(ranked.assign(of=of))
-        if len(ranked) > 1:
-            tables["attributed"].append(one.attributed[_ATTRIBUTED].assign(of=of))
-        tables["failures"].append(worst.assign(of=of, by=best))
-        tables["worst_attempts"].append(worst_attempts(own, positions).assign(of=of, by=best))
-        sure = one.attributed.query("probability >= @SURE")["follows"].value_counts()
-        found = _found(of, ranked, worst, own, one.choices)
-        who.append({**found, "sure": sure.to_dict(), "at_least": SURE})
-        if len(plots) < MOST_PLOTS:
-            name = f"scores_{parts[of]}"
-            call = f"results.scores.plot(of={of!r})"
-            plots.append(
-                PROSE.plot("scores", Scores.plot, one, {"of": of}, name, call, of=of,
-                            bands=len(ranked))
-            )  # fmt: skip
-    if not (who or on_record.notes):
+    if not (each or on_record.notes):
         return None
-    if sum(map(len, tables["attributed"])) > MOST_SUBJECTS:
-        del tables["attributed"]
-    shown = [
-        PROSE.table(name, _shown(rows, len(each)), _FORMATS)
-        for name, rows in tables.items()
-        if rows
+    ranked = {of: _ranked(one).assign(of=of) for of, one in each.items()}
+    followed = [one.attributed.assign(of=of) for of, one in each.items() if len(ranked[of]) > 1]
+    text = list(on_record.notes)
+    tables = []
+    if each:
+        text.insert(0, _about(material, each))
+        text += [_predicted(of, one, ranked[of]) for of, one in [*each.items()][:8]]
+        caption = (
+            "Bits: mean of subjects, with its 95% interval over subjects (none where a subject did "
+            "what the learner takes for impossible). More than best: on the same subjects, with "
+            "its 95% interval; p: paired, corrected for the learners that are compared; best of: "
+            "subjects that no learner predicts better. The best was chosen by the same subjects, "
+            "which favours it. Followed: the share of subjects that follow a learner if each "
+            "follows one of these, and most frequent the probability that it is the most frequent, "
+            "which allows for all being equally frequent (random-effects model selection with "
+            "−BIC/2 for the log evidence)."
+        )
+        title = "Bits per action, and who follows whom"
+        tables.append(Table("scores", title, _joined(ranked.values()), _FORMATS, caption))
+    if 0 < sum(map(len, followed)) <= MOST_SUBJECTS:
+        caption = (
+            "If each subject follows one of these: the learner that it most probably follows, with "
+            "what probability, and by how many nats its evidence (−BIC/2) is ahead of the best of "
+            "the others. The probability takes into account how many others follow each learner."
+        )
+        title = "Which learner each subject follows"
+        tables.append(Table("attributed", title, _joined(followed), _FORMATS, caption))
+    plots = [
+        drawn(
+            f"scores_{part}",
+            Scores.plot,
+            each[of],
+            f"Bits per action over trials: what {of} did",
+            "How many bits per action each learner needs in each trial, the fewer the better: mean "
+            f"of subjects{', with 95% intervals over subjects' if len(ranked[of]) <= 4 else ''}. "
+            "Thin lines are single subjects; dotted: what a learner that knows nothing needs. A "
+            "trial without a point has an action that the learner takes for impossible.",
+            f"results.scores.plot(of={of!r})",
+            of=of,
+        )
+        for of, part in [*file_names(each).items()][:MOST_PLOTS]
     ]
-    return PROSE.section("scores", shown, plots, who=who, subjects=_sizes(material, each),
-                          notes=on_record.notes)  # fmt: skip
+    title = "Who predicts what was done"
+    return Section("scores", title, tuple(text), tuple(tables), tuple(plots))
 
 
-def _found(
-    of: str,
-    ranked: pd.DataFrame,
-    worst: pd.DataFrame,
-    own: pd.DataFrame,
-    choices: Mapping[str, int],
-) -> dict[str, Any]:
-    """Values of the sentences about the subjects of one learner."""
-    others = ranked.iloc[1:]
-    beaten = others["p_corrected"] < ALPHA
-    size = {name: np.log2(count) for name, count in choices.items()}
-    return {
-        "of": of,
-        "best": ranked.iloc[0].to_dict(),
-        "beaten": others.loc[beaten, "scored"].tolist(),
-        "others": others.loc[~beaten, "scored"].tolist(),
-        "uniform": float(own["condition"].astype(str).map(size).mean()),
-        "actions": len(own),
-        "most": ranked.loc[ranked["followed"].idxmax()].to_dict(),
-        "worst": worst.iloc[0].to_dict(),
-    }
+def _ranked(scores: Scores) -> pd.DataFrame:
+    """The learners, the best predictor first, and how many subjects follow each."""
+    ranked = scores.ranking.merge(scores.followed.drop(columns="exceedance"), on="scored")
+    return ranked.assign(
+        p_corrected=holm(ranked["p"].where(ranked["worse"].notna()).to_numpy(float))
+    )
 
 
-def _shown(tables: Sequence[pd.DataFrame], several: int) -> pd.DataFrame:
-    """Join tables; with several learners, the column of whose subjects they are is first."""
+def _joined(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
+    """Join tables; whose subjects they are is first, if there are several."""
     table = pd.concat(tables, ignore_index=True).rename(columns=_NAMES)
-    first = [*(["of"] if several > 1 else []), *table.columns.intersection(["predicted by"])]
-    order = [*first, *(name for name in table.columns if name not in ("of", "predicted by", "p"))]
-    return table[order]
+    first = [name for name in ("of", "predicted by") if name in table]
+    if table["of"].nunique() == 1:
+        first.remove("of")
+    left_out = ("of", "predicted by", "p", "learner", "protocol", "experiment", "seed")
+    return table[[*first, *(name for name in table if name not in left_out)]]
 
 
-def _sizes(material: Material, each: Mapping[str, Scores]) -> tuple[int, int]:
-    """Number of subjects that are scored, and of those of the same learners on record."""
+def _about(material: Material, each: Mapping[str, Scores]) -> str:
+    """What was done, and how many subjects of the same learners are not scored."""
     scored = sum(len(one.subjects[SUBJECT].drop_duplicates()) for one in each.values())
-    trials = material.trials
-    known = trials[trials["learner"].isin(list(each))]
-    return scored, len(known[SUBJECT].drop_duplicates())
+    known = material.trials[material.trials["learner"].isin([*each])]
+    more = len(known[SUBJECT].drop_duplicates()) - scored
+    return sentences(
+        f"Learners were put in the place of {counted(scored, 'subject')}: each saw what the "
+        "subject saw, said how likely each action was, and was then shown what the subject did. "
+        "Bits per action are what it needed to say what was done, the fewer the better.",
+        f"{more} more of the same learners are on record, and not scored." if more else "",
+    )
+
+
+def _predicted(of: str, scores: Scores, ranked: pd.DataFrame) -> str:
+    """The best predictor of one learner's subjects, and the learners that they follow."""
+    best, others = ranked.iloc[0], ranked.iloc[1:]
+    own = scores.actions[scores.actions["scored"] == best["scored"]]
+    size = {name: np.log2(count) for name, count in scores.choices.items()}
+    uniform = own["condition"].astype(str).map(size).mean()
+    beaten = others["p_corrected"] < ALPHA
+    most = ranked.loc[ranked["frequency"].idxmax()]
+    sure = scores.attributed.query("probability >= @SURE")["follows"].value_counts()
+    interval = f" ({best['low']:.2f} to {best['high']:.2f})" if np.isfinite(best["low"]) else ""
+    said = [
+        f"Of {of}, {counted(best['subjects'], 'subject')} with {counted(len(own), 'action')}: "
+        f"{best['scored']} predicts best, with {best['bits']:.2f} bits per action{interval}; a "
+        f"learner that knows nothing needs {uniform:.2f}."
+    ]
+    if beaten.any():
+        said.append(
+            f"It predicts better than {joined([*others['scored'][beaten]])}, significantly after "
+            "correction for all learners that are compared."
+        )
+    if not beaten.all():
+        names = joined([*others["scored"][~beaten]])
+        said.append(f"From {names} it does not differ significantly.")
+    said.append(
+        f"If each subject follows one of these, {most['frequency']:.0%} follow {most['scored']}, "
+        f"which is the most frequent with probability {most['protected']:.2f}."
+    )
+    if len(sure) > 1:
+        groups = joined([f"{name} ({many})" for name, many in sure.items()])
+        said.append(
+            f"They do not all follow the same one (with a probability of at least {SURE}: "
+            f"{groups}), and means over all of them describe none of these groups."
+        )
+    return " ".join(said)
 
 
 TOPIC = Topic("scores", 25, section)

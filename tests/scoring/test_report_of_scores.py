@@ -19,7 +19,6 @@ from causal_openlock.files.checksums import read_table, table_bytes
 from causal_openlock.scoring.score_table import PLAYED, write_scores
 from causal_openlock.scoring.scores import FOLDER, FOLLOWED, SUBJECT, Scores, attributed, over
 from causal_openlock.scoring.teacher_forcing import ATTEMPT, digests_of
-from causal_openlock.scoring.worst_predicted import failures, worst_attempts
 from causal_openlock.storage.store import Store
 from support.topics import topics_called
 
@@ -189,9 +188,6 @@ def test_subjects_count_alike_and_an_impossible_action_has_no_interval():
     assert (whole["bits"], whole["subjects"], whole["actions"]) == (1.75, 2, 9)
     assert whole["expected"] == pytest.approx(1.0)
     assert (whole["ci_low"], whole["ci_high"]) == pytest.approx((1.5, 2.0))
-    by_part = failures(table, {"CC3": 7}).set_index("part")["beyond"]
-    assert by_part["second attempts"] == pytest.approx(1.0)
-    assert worst_attempts(table, {"CC3": 7})["attempt"].iloc[0] == 2
     never = over(made_up([[1, 1], [np.inf, 1]]), ["trial"]).iloc[0]
     assert np.isinf(never["bits"])
     assert np.isnan(never["ci_low"])
