@@ -46,7 +46,5 @@ def import_(
     )  # fmt: skip
     subjects, attempts = counted(made.subjects, "subject"), counted(made.attempts, "attempt")
     say(f"{out} written: {subjects}, {attempts}; causal-openlock report {out}")
-    for sentence in made.remarks:
-        say(sentence)
-    for sentence in made.left_out:
+    for sentence in made.warnings:
         say(f"warning: {sentence}", error=True)

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import re
 import shlex
-import shutil
 import tempfile
-from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
+from statistics import median
 from typing import Literal
 
 from causal_openlock.errors import OpenLockError, StoreError
@@ -28,26 +27,20 @@ from causal_openlock.experiment.declare import (
 )
 from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.record import played, with_times
-from causal_openlock.experiment.session import AT_ONCE
 from causal_openlock.files.atomic import folder_at, is_empty, move_into
-from causal_openlock.files.digest import digest
-from causal_openlock.importing.csv_tables import Table, experiment_of, table_actions
-from causal_openlock.importing.imported_actions import ActionEntry
-from causal_openlock.importing.jspsych import jspsych_actions
-from causal_openlock.importing.replaying import Checked, play_again
-from causal_openlock.importing.text import is_json
+from causal_openlock.importing.reading import MISSING, Action, actions_in
+from causal_openlock.importing.replaying import Replayed, replay
 from causal_openlock.play.people import MOST_PEOPLE
 from causal_openlock.play.person import LABEL, LEARNER
 from causal_openlock.schemas.finding import bundled_schemas
 from causal_openlock.schemas.schema import Schema
-from causal_openlock.storage.folder_lock import locked
 from causal_openlock.storage.store import Store
 from causal_openlock.wording import counted, nearest
 from causal_openlock.world.rewards import PAPER_REWARD, find_reward
 from causal_openlock.world.room import Layout
 
-BESIDE = ".importing-"
-"""The beginning of the name of the temporary folder, next to ``out``."""
+SLOW = 60.0
+"""Median seconds for an action from which on it is asked whether they are milliseconds."""
 
 
 @dataclass(frozen=True)
@@ -57,14 +50,13 @@ class Imported:
     Attributes:
         subjects: How many subjects have a trial that is over.
         attempts: How many attempts of trials that are over.
-        left_out: A sentence for each subject whose last trial is not over.
-        remarks: Sentences on how tables were read, where that is not as usual.
+        warnings: A sentence for each subject whose last trial is not over, and on times that are
+            too long.
     """
 
     subjects: int
     attempts: int
-    left_out: tuple[str, ...]
-    remarks: tuple[str, ...] = ()
+    warnings: tuple[str, ...]
 
 
 def import_files(
@@ -80,9 +72,8 @@ def import_files(
 ) -> Imported:
     """Play the actions in files again, and write them as a results folder.
 
-    Subjects are numbered in the order in which they come in their condition. What they were called
-    is not kept, nor are the names of the files; only this project's own CSV keeps its numbers,
-    unless they are far apart.
+    Subjects are numbered in the order in which they come in their condition; an export of this
+    project keeps its numbers. What people and files are called is not kept.
 
     Args:
         files: CSV, perhaps compressed, or what jsPsych saves.
@@ -100,123 +91,70 @@ def import_files(
         OpenLockError: If a file cannot be read, a row could not have happened, or the folder cannot
             be written; nothing has been written then.
     """
-    paths, folder = [*map(Path, files)], folder_at(out).resolve()
+    folder = folder_at(out).resolve()
     if folder == Path.cwd():
         raise StoreError(f"{out} is the folder that you work in; name a new folder in it")
     if not is_empty(folder):
         raise StoreError(f"{out} is there already; choose another folder")
-    _check_each_once(paths)
     known = read_experiment(find_experiment(experiment), tell=tell) if experiment else None
-    stated, remarks = [], []
-    for path in paths:
-        table = None if is_json(path) else Table.opened(path)
-        stated.append(experiment_of(table) if table else None)
-        remarks += table.remarks() if table else []
-    heads = {head for head in stated if head}
-    if len(heads) > 1:
-        raise OpenLockError(
-            "these files are of several experiments, or seeds; import each by itself, then read "
-            "them together"
-        )
-    short = re.sub(r"[^A-Za-z0-9]+", "_", folder.name).strip("_")[:64] or "imported"
-    name, seed = next(iter(heads), (short, seed))
-    for called in (name, learner):
-        if not re.fullmatch(NAME_FORM, called):
-            raise OpenLockError(f"{called!r} cannot be a name here; it must be {NAME_IN_WORDS}")
-    groups = _grouped((one for path in paths for one in _actions_of(path)), learner, protocol)
-    in_condition: dict[str, dict[str, None]] = defaultdict(dict)
-    for (_, called, _), subjects in groups.items():
-        in_condition[called].update(dict.fromkeys(subjects))
-    numbers = {called: _numbers([*names], all(stated)) for called, names in in_condition.items()}
+    actions = [*chain.from_iterable(actions_in(Path(file)) for file in files)]
+    name, seed = _origin(actions, folder, seed)
+    groups: dict[tuple[str, str, str], dict[str, list[Action]]] = {}
+    for action in actions:
+        group = action.learner or learner, action.condition, action.protocol or protocol
+        groups.setdefault(group, {}).setdefault(action.subject, []).append(action)
+    # Numbers of an export stay, but a folder has room for every one up to the highest.
+    possible = {str(number) for number in range(MOST_PEOPLE)}
+    numbered = all(action.experiment and action.subject in possible for action in actions)
     specs: dict[str, LearnerSpec] = {}
     conditions: dict[str, Condition] = {}
-    found: list[tuple[LearnerSpec, Checked]] = []
+    numbers: dict[str, dict[str, int]] = {}
+    found: list[tuple[LearnerSpec, Replayed]] = []
     for (label, called, budget), subjects in groups.items():
         first = next(iter(subjects.values()))[0]
         try:
             spec = specs.setdefault(label, _spec(label, budget, known))
             condition = conditions.setdefault(called, _condition(called, known))
+            if spec.protocol.name != budget:
+                raise OpenLockError(
+                    f"{label} has played under {spec.protocol.name}, and here under {budget}; give "
+                    "learners under different protocols different labels"
+                )
         except OpenLockError as error:
-            raise first.place.fault(str(error)) from None
-        if spec.protocol.name != budget:
-            raise first.place.fault(
-                f"{label} has played under {spec.protocol.name}, and here under {budget}; give "
-                "learners under different protocols different labels"
-            )
-        number = numbers[called]
-        several, those = [*subjects.values()], [number[name] for name in subjects]
-        for at in range(0, len(several), AT_ONCE):
-            these = slice(at, at + AT_ONCE)
-            drawn = layouts == "drawn"
-            checked = play_again(several[these], those[these], condition, spec, name, seed, drawn)
-            found += [(spec, one) for one in checked]
-    if not any(one.record.num_rows for _, one in found):
-        raise OpenLockError(f"{paths[0]}: there is no trial that is over; is this the right file?")
+            raise OpenLockError(f"{first.place}: {error}") from None
+        own = numbers.setdefault(called, {})
+        for subject, acted in subjects.items():
+            number = own.setdefault(subject, int(subject) if numbered else len(own))
+            again = replay(acted, number, condition, spec, name, seed, layouts == "drawn")
+            found.append((spec, again))
+    over = [again for _, again in found if again.record.num_rows]
+    if not over:
+        raise OpenLockError(f"{files[0]}: there is no trial that is over; is this the right file?")
     command = shlex.join(["causal-openlock", "import", "FILES", "--out", Path(out).as_posix()])
-    _write(folder, name, seed, command, [*specs.values()], [*conditions.values()], found)
+    _write(folder, name, seed, command, [*conditions.values()], found)
     return Imported(
-        sum(one.record.num_rows > 0 for _, one in found),
-        sum(played(one.record).num_rows for _, one in found),
-        tuple(
-            f"{one.entries[-1].place}: the last trial of subject {one.entries[-1].subject} is not "
-            f"over, and left out ({counted(one.left_out, 'action')})"
-            for _, one in found
-            if one.left_out
-        ),
-        tuple(remarks),
+        len(over), sum(played(again.record).num_rows for again in over), _warnings(actions, found)
     )
 
 
-def _check_each_once(paths: Sequence[Path]) -> None:
-    """Refuse two files of the same content: one person would be two subjects."""
-    seen: dict[str, Path] = {}
-    for path in paths:
-        content = path.read_bytes() if path.is_file() else b""
-        other = seen.setdefault(digest(content), path)
-        if other is not path and content:
-            raise OpenLockError(
-                f"{other} and {path} have the same content, so that one person would be two "
-                "subjects; leave one out"
-            )
-
-
-def _actions_of(path: Path) -> Iterator[ActionEntry]:
-    return jspsych_actions(path) if is_json(path) else table_actions(Table.opened(path))
-
-
-def _grouped(
-    entries: Iterable[ActionEntry], learner: str, protocol: str
-) -> dict[tuple[str, str, str], dict[str, list[ActionEntry]]]:
-    """Actions by learner, condition and protocol, by subject."""
-    groups: dict[tuple[str, str, str], dict[str, list[ActionEntry]]] = defaultdict(dict)
-    unnamed: dict[str, Path] = {}
-    for one in entries:
-        file = one.place.file
-        if not one.named and unnamed.setdefault(one.subject, file) != file:
-            raise one.place.fault(
-                f"neither this file nor {unnamed[one.subject]} says whose it is, and their names "
-                "are alike; rename one, or add subject to the entries"
-            )
-        if one.learner and not re.fullmatch(NAME_FORM, one.learner):
-            raise one.place.fault(f"{one.learner!r} is not a label; one is {NAME_IN_WORDS}")
-        group = groups[one.learner or learner, one.condition, one.protocol or protocol]
-        group.setdefault(one.subject, []).append(one)
-    return groups
-
-
-def _numbers(names: Sequence[str], own: bool) -> dict[str, int]:
-    """The subjects' numbers: those of our own files, else in the order of appearance."""
-    if own and all(name.isascii() and name.isdecimal() and len(name) < 9 for name in names):
-        numbers = {name: int(name) for name in names}
-        # A folder has room for every number up to the highest.
-        few = max(numbers.values()) < max(MOST_PEOPLE, len(names))
-        if few and len({*numbers.values()}) == len(names):
-            return numbers
-    return {name: number for number, name in enumerate(names)}
+def _origin(actions: Sequence[Action], folder: Path, seed: int) -> tuple[str, int]:
+    """The name and seed of the experiment: those of an export, or the folder's and the given."""
+    stated = {(action.experiment, action.seed) for action in actions if action.experiment}
+    if len(stated) > 1:
+        raise OpenLockError(
+            "these files are of several experiments, or seeds; import each by itself, then read "
+            "them together"
+        )
+    short = re.sub(r"[^A-Za-z0-9]+", "_", folder.name).strip("_")[:64] or "imported"
+    name, seed = next(iter(stated), (short, seed))
+    if not re.fullmatch(NAME_FORM, name):
+        raise OpenLockError(f"{name!r} cannot be a name here; it must be {NAME_IN_WORDS}")
+    return name, seed
 
 
 def _condition(name: str, known: Experiment | None) -> Condition:
-    declared = {one.name: one for one in known.conditions} if known else {}
+    """A condition of the experiment, or of the package: a name in a file opens no other file."""
+    declared = {condition.name: condition for condition in known.conditions} if known else {}
     if name in declared:
         return declared[name]
     shown = name.startswith(f"{SHOWN}-")
@@ -226,7 +164,6 @@ def _condition(name: str, known: Experiment | None) -> Condition:
 
 
 def _bundled_schema(name: str) -> Schema:
-    """A schema of the package: what files of data name opens no other file."""
     known = bundled_schemas()
     if name not in known:
         raise OpenLockError(
@@ -237,12 +174,31 @@ def _bundled_schema(name: str) -> Schema:
 
 
 def _spec(label: str, protocol: str, known: Experiment | None) -> LearnerSpec:
+    if not re.fullmatch(NAME_FORM, label) or label in MISSING:
+        raise OpenLockError(f"{label!r} is not a label; one is {NAME_IN_WORDS}")
     specs = known.learners if known else ()
-    budgets = {one.protocol.name: one.protocol for one in specs}
-    rewards = {one.name: one.reward for one in specs}
+    budget = find_protocol(protocol, {spec.protocol.name: spec.protocol for spec in specs})
+    rewards = {spec.name: spec.reward for spec in specs}
     reward = rewards.get(label) or find_reward(PAPER_REWARD)
-    budget = find_protocol(protocol, budgets)
     return LearnerSpec(learner=LEARNER, name=label, protocol=budget, reward=reward, subjects=1)
+
+
+def _warnings(
+    actions: Sequence[Action], found: Sequence[tuple[LearnerSpec, Replayed]]
+) -> tuple[str, ...]:
+    warnings = [
+        f"{again.last.place}: the last trial of subject {again.last.subject} is not over, and left "
+        f"out ({counted(again.left_out, 'action')})"
+        for _, again in found
+        if again.left_out
+    ]
+    times = [action.reaction for action in actions if action.reaction is not None]
+    if times and median(times) > SLOW:
+        warnings.append(
+            f"half of the reactions took more than {median(times):g} seconds; if these are "
+            "milliseconds, divide the column by 1,000 and import again"
+        )
+    return tuple(warnings)
 
 
 def _write(
@@ -250,19 +206,19 @@ def _write(
     name: str,
     seed: int,
     command: str,
-    specs: Sequence[LearnerSpec],
     conditions: Sequence[Condition],
-    found: Sequence[tuple[LearnerSpec, Checked]],
+    found: Sequence[tuple[LearnerSpec, Replayed]],
 ) -> None:
     """Write everything into a temporary folder first, so that it is whole or not there."""
-    most = {spec.name: 1 + max(o.subject for s, o in found if s is spec) for spec in specs}
+    most = {spec.name: 1 + max(o.number for s, o in found if s is spec) for spec, _ in found}
+    specs = {spec.name: replace(spec, subjects=most[spec.name]) for spec, _ in found}
     rooms: dict[str, dict[int, tuple[Layout, ...]]] = {one.name: {} for one in conditions}
-    for _, one in found:
-        own = one.condition.rooms.get(one.subject, ())
-        if rooms[one.condition.name].setdefault(one.subject, own) != own:
-            raise one.entries[0].place.fault(
-                f"subject {one.subject} of two learners has met different rooms; call the subjects "
-                "differently"
+    for _, again in found:
+        own = again.condition.rooms.get(again.number, ())
+        if rooms[again.condition.name].setdefault(again.number, own) != own:
+            raise OpenLockError(
+                f"{again.last.place}: a subject of this name met other rooms with another "
+                "learner; call the subjects differently"
             )
     experiment = Experiment(
         name=name,
@@ -271,36 +227,22 @@ def _write(
         seed=seed,
         cell_size=1,
         conditions=tuple(replace(one, rooms=rooms[one.name]) for one in conditions),
-        learners=tuple(replace(spec, subjects=most[spec.name]) for spec in specs),
+        learners=tuple(specs.values()),
     )
-    with _beside(folder) as beside:
-        store = Store(beside / "results")
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".importing-") as beside:
+        store = Store(Path(beside) / "results")
         store.open(experiment, changed=False)
         cells = []
-        for spec, one in found:
-            if not one.record.num_rows:
+        for spec, again in found:
+            if not again.record.num_rows:
                 continue
-            cell = Cell(name, seed, spec, one.condition, one.subject, 1)
-            ends = [taken.time for taken in one.done if taken.attempt_over]
-            store.write(cell, with_times(one.record, ends[: one.record.num_rows]))
-            if any((entry.reaction, entry.time) != (None, None) for entry in one.entries):
-                path = store.folder / REACTIONS / cell.file_name
-                write_reactions(path, one.condition.name, one.subject, one.done)
-            cells.append(cell)
+            cells.append(Cell(name, seed, spec, again.condition, again.number, 1))
+            ends = [taken.time for taken in again.done if taken.attempt_over]
+            store.write(cells[-1], with_times(again.record, ends[: again.record.num_rows]))
+            if any((taken.reaction, taken.time) != (None, None) for taken in again.done):
+                path = store.folder / REACTIONS / cells[-1].file_name
+                write_reactions(path, again.condition.name, again.number, again.done)
         store.declare(experiment, [cell.file_name for cell in cells])
         store.close()
         move_into(store.folder, folder)
-
-
-@contextmanager
-def _beside(folder: Path) -> Iterator[Path]:
-    """A folder for a while; those that killed imports have left are removed."""
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    for left in folder.parent.glob(f"{BESIDE}*"):
-        with suppress(StoreError), locked(left):  # another import may be at work
-            shutil.rmtree(left, ignore_errors=True)
-    with (
-        tempfile.TemporaryDirectory(dir=folder.parent, prefix=BESIDE) as name,
-        locked(Path(name)),
-    ):
-        yield Path(name)
