@@ -38,7 +38,10 @@ def bundle(
         str, typer.Option("--license", help="Of the data, such as CC-BY-4.0, for its data card.")
     ] = "",
 ) -> None:
-    """Pack an experiment, its record and its report into one file, FOLDER.zip."""
+    """Pack an experiment, its record and its report into one file.
+
+    By default it is FOLDER.zip.
+    """
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.export.bundle import write_bundle
     from causal_openlock.storage.store import Store

@@ -10,10 +10,13 @@ import typer
 from causal_openlock.cli.options import (
     ConditionName,
     ExperimentName,
+    LearnerName,
+    Output,
     PictureSize,
     ProtocolName,
     Seed,
     SubjectNumber,
+    TrialNumber,
     one_trial,
 )
 from causal_openlock.cli.terminal import say
@@ -36,11 +39,12 @@ def room(
         float, typer.Option(min=0.0, max=1.0, help="How much of the last movement is done.")
     ] = 1.0,
     size: PictureSize = 600,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Picture to write (SVG or PNG).")
-    ] = None,
+    out: Output = None,
 ) -> None:
-    """Draw a room as in the paper's Figure 2, or after some actions."""
+    """Draw a room as in the paper's Figure 2, or after some actions.
+
+    It is an SVG or PNG.
+    """
     from causal_openlock.render.room import look_after, save_still
     from causal_openlock.schemas.finding import find_schema
     from causal_openlock.world.room import Room, action_index, first_layout
@@ -56,12 +60,8 @@ def room(
 
 def film(
     condition: ConditionName,
-    learner: Annotated[
-        str, typer.Option("--learner", "-l", help="The learner that plays.")
-    ] = "bayes",
-    trial: Annotated[
-        int, typer.Option(min=1, help="The trial to show, counted over the whole condition.")
-    ] = 1,
+    learner: LearnerName = "bayes",
+    trial: TrialNumber = 1,
     subject: SubjectNumber = 0,
     seed: Seed = None,
     protocol: ProtocolName = None,
@@ -78,14 +78,12 @@ def film(
     speed: Annotated[
         float, typer.Option(min=0.1, max=20.0, help="How many times faster than usual.")
     ] = 1.0,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", "-o", help="Film (GIF, MP4), or its last moment (PNG, SVG), by the suffix."
-        ),
-    ] = None,
+    out: Output = None,
 ) -> None:
-    """Film a trial: the arm carries out a learner's actions."""
+    """Film a trial: the arm carries out a learner's actions.
+
+    The film is a GIF or MP4; a PNG or SVG is its last moment.
+    """
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.render.film import check_suffix, save_film
     from causal_openlock.render.filmed_trial import play_trial, recorded_trial
@@ -123,28 +121,23 @@ def film(
 
 def trace(
     condition: ConditionName,
-    learner: Annotated[
-        str,
-        typer.Option("--learner", "-l", help="The learner; it must hold beliefs, as bayes does."),
-    ] = "bayes",
-    trial: Annotated[
-        int, typer.Option(min=1, help="The trial, counted over the whole condition.")
-    ] = 1,
+    learner: LearnerName = "bayes",
+    trial: TrialNumber = 1,
     subject: SubjectNumber = 0,
     seed: Seed = None,
     protocol: ProtocolName = None,
     experiment: ExperimentName = "default",
     attempts: Annotated[int, typer.Option(min=1, help="Attempts to describe at most.")] = 30,
     actions: Annotated[int, typer.Option(min=1, help="Actions to draw at most.")] = 36,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", help="Picture to write (SVG, PNG or PDF, by its suffix)."),
-    ] = None,
+    out: Output = None,
     table: Annotated[
         Path | None, typer.Option(help="Also write a row for each action to this CSV file.")
     ] = None,
 ) -> None:
-    """Describe a trial: what a subject did, saw, learned and believed."""
+    """Describe a trial: what a subject did, saw, learned and believed.
+
+    The learner must hold beliefs, as bayes does. The picture is an SVG, PNG or PDF.
+    """
     from matplotlib.figure import Figure
 
     from causal_openlock.analysis.plots import style
