@@ -4,7 +4,7 @@ Everything here reads the record (:mod:`causal_openlock.experiment.record`) and 
 it is of, one step after the other:
 
 =============== =================================================================================
-``statistics``  How certain a result over subjects is: bootstrap intervals.
+``statistics``  How certain a mean over subjects is: its interval.
 ``effects``     How large an effect is, and how many subjects it takes to see it.
 ``table``       A table in every form: HTML, text, Markdown, LaTeX, CSV.
 ``measures``    What happened: attempts to solve each trial, and attempts in each category.

@@ -46,6 +46,9 @@ NAMES = [*CELL, "experiment", "phase", "schema", "layout", "category"]
 SOLUTIONS = ("first", "second", "third")
 """Columns with what each solution cost, in the order in which solutions were found."""
 
+OUTCOMES = ("neither", *CATEGORIES[1:])
+"""Columns with attempts of each category; the first, ``else``, is a keyword of Python."""
+
 START = 10
 """The first tenth of a trial's attempts, and at least one attempt, are its start."""
 
@@ -61,13 +64,13 @@ _FIRST = {
 _WHOLE = dict.fromkeys(
     [
         *("seed", "subject", "loop", "trial", "attempts", "first_solution", "last_attempt"),
-        *("solutions_found", "solutions", *CATEGORIES, "opened_at_start"),
+        *("solutions_found", "solutions", *OUTCOMES, "opened_at_start"),
     ],
     np.int64,
 )
 COLUMNS = [
     *(*TRIAL, "attempts", *SOLUTIONS, "first_solution", "last_attempt", "solved"),
-    *("solutions_found", "solutions", *CATEGORIES, "opened_at_start"),
+    *("solutions_found", "solutions", *OUTCOMES, "opened_at_start"),
 ]
 """Columns of :func:`attempts_to_solve`."""
 
@@ -98,7 +101,7 @@ def attempts_to_solve(record: pa.Table) -> pd.DataFrame:
         - ``last_attempt``: number of its last attempt; a trial may continue after it is solved.
         - ``solved``: whether every solution was found.
         - ``solutions_found``, ``solutions``: how many were found and how many there are.
-        - for each of :data:`~causal_openlock.experiment.record.CATEGORIES`, how many attempts.
+        - for each of :data:`OUTCOMES`, how many attempts.
         - ``opened_at_start``: how many attempts opened the door at its :data:`START`.
 
     Raises:
@@ -225,7 +228,7 @@ def _trials(frame: pd.DataFrame) -> tuple[pd.DataFrame, IntArray]:
         second=trials["second"] - trials["first"],
         third=trials["third"] - trials["second"],
         solved=trials["solved_at"].notna(),
-        **dict(zip(CATEGORIES, counts.T, strict=True)),
+        **dict(zip(OUTCOMES, counts.T, strict=True)),
         opened_at_start=np.bincount(opened, minlength=len(trials)),
     )
 

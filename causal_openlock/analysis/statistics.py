@@ -1,23 +1,33 @@
-"""How certain a result over subjects is: percentile bootstrap intervals.
+"""How certain a mean over subjects is: the one interval of every table and figure.
 
-A bootstrap draws as many subjects as there are, with replacement, over and over, and reports
-between which values the middle 95% of the results lie. It assumes no distribution, which suits
-attempts: they are bounded by a limit that many subjects hit.
+A mean has Student's interval. It has none over fewer than :data:`LEAST_UNITS` subjects, and none
+where nearly all subjects have the same value, as those that never solve a room within the limit:
+their spread says little about the next subject. What stands there instead is how many have that
+value, with Wilson's interval of their share.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
-from causal_openlock.schemas.fsm import FloatArray, IntArray
+from causal_openlock.schemas.fsm import BoolArray, FloatArray
 from causal_openlock.wording import counted
 
 FEW_SUBJECTS = 20
 """Groups of fewer subjects than this are warned about."""
+LEAST_UNITS = 5
+"""Means over fewer subjects have no interval."""
+APPROXIMATE = 10
+"""Intervals over fewer subjects are marked as approximate."""
+MOST_ALIKE = 0.9
+"""A mean has no interval where this share of the subjects has the same value."""
+LEVEL = 0.95
+SEED = 2018
+"""Seed of whatever a table draws at random, so that tables agree."""
 
 
 def too_few(subjects: int, to: str = "rank learners", where: str = "") -> str:
@@ -37,92 +47,133 @@ def too_few(subjects: int, to: str = "rank learners", where: str = "") -> str:
     return f"{counted(subjects, 'subject')}{where} {are} too few to {to}"
 
 
-LEVEL = 0.95
-RESAMPLES = 2000
-SEED = 2018
-"""Default seed of the resampling; the same for every table, so that tables agree."""
+def mean_intervals(frame: pd.DataFrame, by: Sequence[str], value: str) -> pd.DataFrame:
+    """Student's intervals of the mean of ``value`` in every group of ``by``.
 
-_BATCH = 4_000_000  # resampled values in memory at once: 32 MB
-
-Generators = np.random.Generator | Sequence[np.random.Generator]
-
-
-def bootstrap_interval(
-    statistic: Callable[..., FloatArray],
-    groups: Sequence[FloatArray | IntArray],
-    rng: Generators,
-    *,
-    counted: bool = False,
-    level: float = LEVEL,
-    resamples: int = RESAMPLES,
-) -> tuple[FloatArray, FloatArray]:
-    """Percentile bootstrap interval of what is computed from independent groups of subjects.
-
-    The subjects of each group are resampled among themselves.
-
-    >>> groups = [np.array([3.0, 5, 4, 6]), np.array([9.0, 8, 7])]
-    >>> low, high = bootstrap_interval(
-    ...     lambda a, b: a.mean(axis=-1) - b.mean(axis=-1), groups, np.random.default_rng(0)
-    ... )
-    >>> float(low) < 4.5 - 8 < float(high)
-    True
+    >>> frame = pd.DataFrame({"learner": ["a"] * 6, "attempts": [3.0, 4, 3, 5, 4, 4]})
+    >>> mean_intervals(frame, ["learner"], "attempts").round(2).values.tolist()
+    [['a', 3.04, 4.62, 4.0, 3]]
 
     Args:
-        statistic: From ``[..., R, n]`` resampled values of each group to ``[..., R]``.
-        groups: ``[..., n]`` the values of each group's n subjects. All rows of leading axes are
-            resampled with the same indices, so that a row's interval does not depend on the others.
-        rng: A generator for all groups in turn, or one for each.
-        counted: Whether groups are given as ``[U]`` counts instead: how many subjects have each of
-            U values. Resamples are then drawn as such counts, ``[R, U]``, which takes as long for a
-            million subjects as for forty.
-        level: Probability that the interval is to cover.
-        resamples: How many times to resample.
+        frame: One row for each subject of each group.
+        by: Columns that make up a group.
+        value: The column to average.
 
     Returns:
-        ``[...]`` low and ``[...]`` high; NaN if a group has fewer than two subjects.
+        One row for each group, sorted: ``by``; ``ci_low`` and ``ci_high``, NaN where the mean has
+        no interval; ``mode``, the most common value, and ``at_mode``, how many have it.
     """
-    # Where all subjects of a group are equal, one of them stands for all, without rounding.
-    alone = statistic(*(one[..., None, :] if counted else one[..., None, :1] for one in groups))
-    if min(int(one.sum()) if counted else one.shape[-1] for one in groups) < 2:
-        low, high = np.full((2, *alone.shape[:-1]), np.nan)
-        return low, high
-    each = [rng] * len(groups) if isinstance(rng, np.random.Generator) else rng
-    draw = _resampled_counts if counted else _resampled
-    batch = max(1, _BATCH // sum(one.size for one in groups))
-    drawn = [
-        statistic(*(draw(one, own, int(number)) for one, own in zip(groups, each, strict=True)))
-        for number in np.diff([*range(0, resamples, batch), resamples])
-    ]
-    tail = (1 - level) / 2
-    ordered = np.sort(np.concatenate(drawn, axis=-1), axis=-1)
-    varies = ordered[..., 0] < ordered[..., -1]
-    alike = counted | np.all([(one == one[..., :1]).all(axis=-1) for one in groups], axis=0)
-    constant = np.where(alike, alone[..., 0], ordered[..., 0])
-    low, high = np.where(varies, _quantiles(ordered, np.array([tail, 1 - tail])), constant)
-    return low, high
+    values = frame[[*by]].assign(value=frame[value].round(9))
+    counts = values.groupby([*by, "value"], observed=True).size().rename("at_mode").reset_index()
+    modes = counts.sort_values("at_mode", kind="stable").groupby([*by], observed=True).last()
+    table = values.groupby([*by], observed=True)["value"].agg(["size", "mean", "var"])
+    modes = modes.reindex(table.index)
+    low, high = student(table["size"], table["mean"], table["var"], modes["at_mode"])
+    table = table.assign(ci_low=low, ci_high=high, mode=modes["value"], at_mode=modes["at_mode"])
+    return table.reset_index()[[*by, "ci_low", "ci_high", "mode", "at_mode"]]
 
 
-def _resampled(values: Any, rng: np.random.Generator, number: int) -> Any:
-    """``[..., number, n]`` values of subjects drawn with replacement."""
-    subjects = values.shape[-1]
-    return values[..., rng.integers(subjects, size=(number, subjects))]
+def mean_interval(values: FloatArray, level: float = LEVEL) -> tuple[float, float]:
+    """Student's interval of the mean of ``[n]`` subjects; NaN where it has none.
 
-
-def _resampled_counts(counts: Any, rng: np.random.Generator, number: int) -> Any:
-    """``[number, U]`` how many of the subjects drawn have each value."""
-    return rng.multinomial(counts.sum(), counts / counts.sum(), size=number)
-
-
-def _quantiles(ordered: FloatArray, p: FloatArray) -> FloatArray:
-    """``[2, ...]`` quantiles of ``[..., R]`` sorted values, for two p.
-
-    Interpolated as SciPy 1.17 does: ``numpy.quantile`` differs in the last bit, which rounding to
-    six digits can show.
+    >>> low, high = mean_interval(np.array([3.0, 4, 3, 5, 4, 4]))
+    >>> round(low, 2), round(high, 2), mean_interval(np.full(6, 30.0))
+    (3.04, 4.62, (nan, nan))
     """
-    place = p * ordered.shape[-1] + (1 - p)
-    above, part = place.astype(int), place % 1
-    ends = (1 - part) * ordered[..., above - 1] + part * ordered[..., above]
-    return np.moveaxis(ends, -1, 0)
+    size = len(values)
+    variance = values.var(ddof=1) if size > 1 else np.nan
+    low, high = student(size, values.mean(), variance, at_mode(values), level)
+    return float(low), float(high)
+
+
+def at_mode(values: FloatArray) -> int:
+    """How many of ``[n]`` values are the most common one.
+
+    >>> at_mode(np.array([30.0, 12, 30, 30]))
+    3
+    """
+    return int(np.unique(values.round(9), return_counts=True)[1].max())
+
+
+def alike(size: ArrayLike, at_mode: ArrayLike) -> BoolArray:
+    """Whether so many have the most common value that their mean has no interval.
+
+    >>> alike([40, 40], [36, 35]).tolist()
+    [True, False]
+    """
+    return np.asarray(at_mode) >= MOST_ALIKE * np.asarray(size) - 1e-9
+
+
+def student(
+    size: ArrayLike,
+    mean: ArrayLike,
+    variance: ArrayLike,
+    at_mode: ArrayLike,
+    level: float = LEVEL,
+) -> tuple[FloatArray, FloatArray]:
+    """Student's intervals of means, ``[...]`` low and high, NaN for those that have none.
+
+    Args:
+        size: ``[...]`` how many subjects each mean is over.
+        mean: ``[...]`` the means.
+        variance: ``[...]`` variances of the subjects, with size − 1 in the denominator.
+        at_mode: ``[...]`` how many subjects have the most common value.
+        level: How often the interval is to cover.
+    """
+    from scipy.special import stdtrit
+
+    size, mean = np.asarray(size), np.asarray(mean)
+    half = stdtrit(np.maximum(size - 1, 1), (1 + level) / 2) * np.sqrt(variance / size)
+    half = np.where((size < LEAST_UNITS) | alike(size, at_mode), np.nan, half)
+    return mean - half, mean + half
+
+
+def beside_mean(low: float, high: float, subjects: int, mode: float, at_mode: int) -> str:
+    """What stands next to a mean: its interval, or how many subjects have the most common value.
+
+    >>> beside_mean(3.5, 3.9, 20, 4.0, 9), beside_mean(3.5, 3.9, 6, 4.0, 2)
+    ('3.50–3.90', '≈ 3.50–3.90')
+    >>> beside_mean(np.nan, np.nan, 40, 30.0, 38), beside_mean(np.nan, np.nan, 4, 30.0, 4)
+    ('38 of 40 at 30 (83% to 99%)', '')
+    """
+    if subjects < LEAST_UNITS:
+        return ""
+    if not np.isnan(low):
+        return f"{'≈ ' if subjects < APPROXIMATE else ''}{low:.2f}–{high:.2f}"
+    least, most = share_interval(at_mode / subjects, subjects)
+    return f"{at_mode} of {subjects} at {mode:.4g} ({least:.0%} to {most:.0%})"
+
+
+def share_interval(share: ArrayLike, size: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Wilson's interval of a share of ``size`` subjects, ``[...]`` low and high; NaN for too few.
+
+    >>> [round(float(end), 3) for end in share_interval(38 / 40, 40)]
+    [0.835, 0.986]
+    """
+    from scipy.special import ndtri
+
+    share, size = np.asarray(share), np.asarray(size)
+    z = ndtri((1 + LEVEL) / 2)
+    middle = share + z**2 / (2 * size)
+    half = z * np.sqrt(share * (1 - share) / size + (z / (2 * size)) ** 2)
+    whole = np.where(size < LEAST_UNITS, np.nan, 1 + z**2 / size)
+    return (middle - half) / whole, (middle + half) / whole
+
+
+def median_interval(values: FloatArray, level: float = LEVEL) -> tuple[float, float]:
+    """Exact interval of the median of ``[n]`` subjects, from the sign test; NaN for too few.
+
+    >>> median_interval(np.array([5.0, 3, 4, 9, 7, 30]))
+    (3.0, 30.0)
+    """
+    from scipy.special import bdtr
+
+    size = len(values)
+    outside = int((bdtr(np.arange(size), size, 0.5) <= (1 - level) / 2).sum())
+    if not outside:
+        return np.nan, np.nan
+    ordered = np.sort(values)
+    return float(ordered[outside - 1]), float(ordered[size - outside])
 
 
 def error_of_bar(bar: pd.Series[float], subjects: pd.Series[int]) -> pd.Series[float]:
@@ -132,55 +183,3 @@ def error_of_bar(bar: pd.Series[float], subjects: pd.Series[int]) -> pd.Series[f
     [1.265]
     """
     return bar * np.sqrt(subjects / (subjects - 1).clip(lower=1))
-
-
-def mean_interval(
-    samples: FloatArray,
-    rng: np.random.Generator,
-    *,
-    level: float = LEVEL,
-    resamples: int = RESAMPLES,
-) -> tuple[FloatArray, FloatArray]:
-    """Bootstrap interval of the mean, for many groups of equal size at once.
-
-    >>> low, high = mean_interval(np.array([[4.0, 4, 4], [3, 5, 10]]), np.random.default_rng(0))
-    >>> low.tolist(), high.tolist()
-    ([4.0, 3.0], [4.0, 10.0])
-
-    Args:
-        samples: ``[G, n]`` one value for each subject of each of G groups.
-        rng: As in :func:`bootstrap_interval`, as the rest.
-        level: As there.
-        resamples: As there.
-
-    Returns:
-        ``[G]`` low and ``[G]`` high; NaN for fewer than two subjects.
-    """
-    return bootstrap_interval(
-        lambda values: values.mean(axis=-1), [samples], rng, level=level, resamples=resamples
-    )
-
-
-def mean_intervals(frame: pd.DataFrame, by: Sequence[str], value: str) -> pd.DataFrame:
-    """Bootstrap intervals of the mean of ``value`` in every group of ``by``.
-
-    Args:
-        frame: One row for each subject of each group, subjects in a fixed order.
-        by: Columns that make up a group.
-        value: The column to average.
-
-    Returns:
-        One row for each group, sorted: ``by``, ``ci_low`` and ``ci_high``.
-    """
-    grouped = frame.groupby(list(by), observed=True, sort=True)
-    sizes = grouped.size()
-    values = frame[value].to_numpy(float)[np.argsort(grouped.ngroup().to_numpy(), kind="stable")]
-    size = sizes.to_numpy()
-    first = np.cumsum(size) - size
-    ends = np.empty((2, len(size)))
-    for subjects in np.unique(size):
-        which = np.flatnonzero(size == subjects)
-        samples = values[first[which, None] + np.arange(subjects)]
-        ends[:, which] = mean_interval(samples, np.random.default_rng(SEED))
-    result = sizes.reset_index()[list(by)]
-    return result.assign(ci_low=ends[0], ci_high=ends[1])

@@ -260,14 +260,3 @@ def percent(share: float) -> str:
     if 0 < share < 0.0005 or 0.9995 < share < 1:  # some is not none, and not all
         return "<0.1%" if share < 0.5 else ">99.9%"
     return f"{100 * share:.1f}%"
-
-
-def interval(low: float | None, high: float | None) -> str:
-    """An interval, or nothing where subjects do not differ or there is only one.
-
-    >>> interval(3.25, 4.0), interval(4.0, 4.0), interval(None, None)
-    ('3.25–4.00', '', '')
-    """
-    if low is None or high is None or np.isnan(low) or low == high:
-        return ""
-    return f"{low + 0.0:.2f}–{high + 0.0:.2f}"

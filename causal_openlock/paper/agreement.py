@@ -2,7 +2,7 @@
 
 The paper's counts are known for each category and block, but not how many agents they add up, so
 they are taken as exact, and only the learner's subjects have uncertainty. Two shares *agree* if the
-whole bootstrap interval of ours lies within a margin of the paper's, they *disagree* if all of it
+whole interval of ours lies within a margin of the paper's, they *disagree* if all of it
 lies outside, and otherwise it is *undecided*. Of orders and of growth the sign is judged.
 
 Figure 6 has five blocks of 30,000 attempts. The paper does not say whether one agent made them all,
@@ -19,6 +19,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from causal_openlock.analysis.effects import Group as Sample
+from causal_openlock.analysis.effects import weighted_difference
 from causal_openlock.analysis.measures import BASELINES, SUBJECT, TRANSFERS
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
@@ -36,7 +38,7 @@ from causal_openlock.analysis.results.visits import (
     shares,
 )
 from causal_openlock.analysis.section import Section
-from causal_openlock.analysis.statistics import SEED, bootstrap_interval
+from causal_openlock.analysis.statistics import share_interval
 from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.experiment.declare import PROTOCOLS, Experiment, Protocol
@@ -105,19 +107,16 @@ def same(
         values: ``[n]`` one number for each subject.
         paper: The paper's number.
         margin: How far from it counts as the same.
-        visits: If the numbers are shares of visits, of how many in all. Where all subjects are
-            equal, as with no success in few visits, the bootstrap interval has no width; so the
-            interval is at least Wilson's for this number of visits.
+        visits: If the numbers are shares of visits, of how many in all; the interval is at least
+            Wilson's for this number of visits.
 
     Returns:
         Their mean, the ends of its interval, and the verdict.
     """
-    from scipy.stats import binomtest
-
     low, high = interval(values)
     if visits:
-        wilson = binomtest(round(values.mean() * visits), visits).proportion_ci(method="wilson")
-        low, high = min(low, float(wilson.low)), max(high, float(wilson.high))
+        least, most = share_interval(values.mean(), visits)
+        low, high = float(np.fmin(low, least)), float(np.fmax(high, most))
     verdict = UNDECIDED
     if len(values) >= LEAST_SUBJECTS:
         if paper - margin <= low and high <= paper + margin:
@@ -177,14 +176,13 @@ def transfer_points(tested: pd.DataFrame) -> pd.DataFrame:
 def transfer_order(tested: pd.DataFrame) -> pd.DataFrame:
     """The order of the transfer cases by share of attempts with a solution.
 
-    Kendall's tau of the four means is recomputed in every resample of the subjects, and so is the
-    difference of each pair of cases. Where the paper's shares differ by less than :data:`MARGIN`, a
-    pair agrees if ours surely also do so.
+    A pair of cases agrees if the whole interval of their difference has the paper's sign; where the
+    paper's shares differ by less than :data:`MARGIN`, if ours surely also do so.
 
     Returns:
-        For each learner and protocol that has all four cases, a row ``tau`` (agrees if its whole
-        interval is above 0, disagrees if none of it is) and one for each pair, such as
-        ``CC3-CC4 − CE3-CC4``, with the columns :data:`ORDER_COLUMNS`.
+        For each learner and protocol that has all four cases, a row ``tau``, Kendall's tau of the
+        four means with the paper's (agrees if every pair does, disagrees if any pair does), and one
+        for each pair, such as ``CC3-CC4 − CE3-CC4``, with the columns :data:`ORDER_COLUMNS`.
     """
     published = _published("test")
     paper = np.array([published_shares(published[case][0])[OPENS] for case in TRANSFERS])
@@ -193,22 +191,15 @@ def transfer_order(tested: pd.DataFrame) -> pd.DataFrame:
         cases = played.setdefault((group.learner, group.protocol), {})
         cases[group.condition] = matrix(mine, OPENS)[:, 0]
     pairs = list(combinations(range(len(TRANSFERS)), 2))
-
-    def order(*cases: FloatArray) -> FloatArray:
-        means = [values.mean(axis=-1) for values in cases]
-        return np.stack([kendall(means, paper), *(means[a] - means[b] for a, b in pairs)])
-
     rows: list[tuple[Any, ...]] = []
     for names, cases in played.items():
         if not all(case in cases for case in TRANSFERS):
             continue
         samples = [cases[case] for case in TRANSFERS]
-        few = min(map(len, samples)) < LEAST_SUBJECTS
-        ends = bootstrap_interval(order, samples, np.random.default_rng(SEED))
-        (tau, *ours), (low, *lows), (high, *highs) = order(*samples), *ends
-        verdict = AGREES if low > 0 else DISAGREES if high <= 0 else UNDECIDED
-        rows.append((*names, "tau", tau, low, high, 1.0, UNDECIDED if few else verdict))
-        for (a, b), value, low, high in zip(pairs, ours, lows, highs, strict=True):
+        of_pairs = []
+        for a, b in pairs:
+            found = weighted_difference([Sample.of(samples[a]), Sample.of(samples[b], -1.0)])
+            value, low, high, _ = found
             gap = paper[a] - paper[b]
             if abs(gap) < MARGIN:
                 alike = low >= -MARGIN and high <= MARGIN
@@ -217,7 +208,12 @@ def transfer_order(tested: pd.DataFrame) -> pd.DataFrame:
                 alike, apart = (low > 0, high < 0) if gap > 0 else (high < 0, low > 0)
             verdict = AGREES if alike else DISAGREES if apart else UNDECIDED
             pair = f"{TRANSFERS[a]} − {TRANSFERS[b]}"
-            rows.append((*names, pair, value, low, high, gap, UNDECIDED if few else verdict))
+            of_pairs.append((*names, pair, value, low, high, gap, verdict))
+        verdicts = {row[-1] for row in of_pairs}
+        verdict = AGREES if verdicts == {AGREES} else UNDECIDED
+        verdict = DISAGREES if DISAGREES in verdicts else verdict
+        tau = kendall([values.mean() for values in samples], paper)
+        rows += [(*names, "tau", tau, np.nan, np.nan, 1.0, verdict), *of_pairs]
     return pd.DataFrame(rows, columns=ORDER_COLUMNS)
 
 

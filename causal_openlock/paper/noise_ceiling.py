@@ -28,7 +28,7 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import at_places, by_subject
-from causal_openlock.analysis.statistics import LEVEL, RESAMPLES, SEED, error_of_bar
+from causal_openlock.analysis.statistics import LEVEL, SEED, error_of_bar
 from causal_openlock.contract.registry import changed_parameters, is_ours
 from causal_openlock.experiment.declare import LearnerSpec
 from causal_openlock.paper.likeness import (
@@ -50,6 +50,8 @@ NULL_CURVES = {
 """The null curves, each with the values from which its numbers are fitted."""
 
 VERDICTS = ("nearer", "farther", "not ranked")
+RESAMPLES = 2000
+"""Studies of people, and of subjects, that are drawn."""
 
 
 class Ceiling(NamedTuple):

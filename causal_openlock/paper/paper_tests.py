@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.effects import ALPHA, hedges_g, partial_eta_squared
+from causal_openlock.analysis.effects import ALPHA
 from causal_openlock.analysis.measures import at_places, by_subject
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
@@ -30,6 +30,8 @@ from causal_openlock.paper.significance import (
     INTERACTION,
     SignificanceTest,
     contrast_test,
+    hedges_g,
+    partial_eta_squared,
     t_test,
     trial_test,
 )

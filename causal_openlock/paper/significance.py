@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from causal_openlock.analysis.effects import Group, partial_eta_squared
+from causal_openlock.analysis.effects import Group
 from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.wording import joined
 
@@ -28,6 +28,32 @@ squares of type III)."""
 
 Sample = Group | FloatArray
 """A group of subjects: a summary of it, or ``[n]`` their values."""
+
+
+def hedges_g(d: float, df: int) -> float:
+    """Hedges' g: Cohen's d without its bias in small samples, for n + m − 2 degrees of freedom.
+
+    >>> round(hedges_g(0.8, 10), 3)
+    0.738
+
+    NaN for fewer than 2 degrees of freedom, with which the bias is not defined.
+    """
+    from scipy.special import gammaln
+
+    if df < 2:
+        return float("nan")
+    return float(d * np.exp(gammaln(df / 2) - gammaln((df - 1) / 2)) / np.sqrt(df / 2))
+
+
+def partial_eta_squared(f: float, df_effect: int, df_error: int) -> float:
+    """Partial η² of an F: the share of the variance left by other effects that this one explains.
+
+    Of the multivariate test of trials it is 1 − Wilks' Λ.
+
+    >>> round(partial_eta_squared(24.94, 1, 156), 3)
+    0.138
+    """
+    return float(f * df_effect / (f * df_effect + df_error))
 
 
 @dataclass(frozen=True)

@@ -107,7 +107,7 @@ class Scores:
         """Draw how many bits per action learners need in each trial; the fewer, the better.
 
         A panel for each condition, a line for each learner that predicts, the one that predicts
-        best first; with at most four a band is the 95% bootstrap interval over subjects. Thin lines
+        best first; with at most four a band is the 95% interval over subjects. Thin lines
         are subjects, and the dotted one is what a learner that knows nothing needs. A trial in
         which a subject did what a learner takes for impossible has no point.
 
@@ -321,7 +321,7 @@ def over(actions: pd.DataFrame, columns: Sequence[str]) -> pd.DataFrame:
 
     Returns:
         A row for each ``scored`` learner and part: the mean ``bits`` per action, with its 95%
-        bootstrap interval over subjects, ``ci_low`` and ``ci_high``; what the learner itself
+        interval over subjects, ``ci_low`` and ``ci_high``; what the learner itself
         ``expected`` to need (NaN where it gives no probabilities); of how many ``actions`` of how
         many ``subjects``. What one does that the learner takes for impossible needs infinitely
         many, and has no interval.

@@ -48,7 +48,7 @@ def test_visits_worked_by_hand():
     )
     counted = attempts_to_solve(record)
     assert counted["last_attempt"].tolist() == [4, 4, 2]
-    of = counted[["else", "unlock", "open1", "open2", "open3"]].to_numpy().tolist()
+    of = counted[["neither", "unlock", "open1", "open2", "open3"]].to_numpy().tolist()
     assert of == [[0, 2, 1, 1, 0], [1, 0, 1, 1, 1], [0, 0, 2, 0, 0]]
     assert counted["solved"].tolist() == [False, True, False]
     whole = shares(counted, parts=1).iloc[0]
@@ -136,8 +136,8 @@ def test_few_subjects_are_undecided():
     parts[:3, 1] = 0.9
     parts[9, 4] = 0.9  # in the end neither surely above chance nor surely below the best
     assert judge(ZERO, parts, BAR) == UNDECIDED
-    assert judge(ZERO[:3], around([0.5] * 5, 3), BAR) == UNDECIDED
-    assert judge(ZERO[:4], around([0.5] * 5, 4), BAR) == LEARNS
+    assert judge(ZERO[:4], around([0.5] * 5, 4), BAR) == UNDECIDED
+    assert judge(ZERO[:5], around([0.5] * 5, 5), BAR) == LEARNS
 
 
 def test_random_subjects_seldom_seem_to_learn():

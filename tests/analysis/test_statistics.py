@@ -1,7 +1,6 @@
 """Intervals, sizes of effects, corrections and power: by hand, by SciPy and by statsmodels."""
 
-import math
-import warnings
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -14,15 +13,19 @@ import causal_openlock as ol
 from causal_openlock.analysis.effects import (
     ALPHA,
     Group,
-    difference,
-    hedges_g,
+    contrast,
     holm,
-    partial_eta_squared,
     weighted_difference,
 )
 from causal_openlock.analysis.sample_size import power_of_t
-from causal_openlock.analysis.statistics import bootstrap_interval, mean_interval, mean_intervals
-from causal_openlock.paper.significance import t_test
+from causal_openlock.analysis.statistics import (
+    mean_interval,
+    mean_intervals,
+    median_interval,
+    share_interval,
+    student,
+)
+from causal_openlock.paper.significance import hedges_g, partial_eta_squared, t_test
 
 
 def seeded(seed):
@@ -32,124 +35,67 @@ def seeded(seed):
 # -- intervals ------------------------------------------------------------------------------------
 
 
-def test_bootstrap_interval_covers_what_it_should():
-    samples = seeded(1).normal(10, 2, size=(300, 40))
-    low, high = mean_interval(samples, seeded(2), resamples=500)
-    assert 0.89 < ((low < 10) & (high > 10)).mean() < 0.98
-    assert np.median(high - low) == pytest.approx(2 * 1.96 * 2 / math.sqrt(40), rel=0.1)
+def units():
+    """``[n]`` values of each cell of the stored studies that has thirty units or more."""
+    for path in sorted(Path(__file__).parents[2].glob("evidence/*/units.parquet")):
+        table = pd.read_parquet(path)
+        value = next((name for name in ("value", "attempts", "mean") if name in table), None)
+        keys = table.select_dtypes(exclude="number").columns
+        keys = [name for name in keys if table[name].nunique() < 200]
+        if value is not None:
+            for _, own in table.groupby(keys, dropna=False, observed=True):
+                values = own[value].dropna().to_numpy(float)
+                if len(values) >= 30 and np.ptp(values):
+                    yield values
 
 
-@pytest.mark.parametrize("level", [0.95, 0.99])
-def test_intervals_of_means_are_scipys_to_the_last_digit(level):
-    samples = seeded(4).integers(3, 31, size=(50, 40)).astype(float)
-    theirs = stats.bootstrap(
-        (samples,), np.mean, axis=-1, method="percentile", confidence_level=level,
-        n_resamples=2000, batch=2500, rng=seeded(2018),
-    ).confidence_interval  # fmt: skip
-    low, high = mean_interval(samples, seeded(2018), level=level)
-    assert low == pytest.approx(theirs.low, rel=1e-14)
-    assert high == pytest.approx(theirs.high, rel=1e-14)
+def test_intervals_cover_the_means_of_the_projects_own_units():
+    rng, cells = seeded(1), [*units()]
+    assert len(cells) > 600
+    table = {}
+    for size in (6, 10, 20, 40):
+        covered = []
+        for cell in cells:
+            drawn = np.sort(rng.choice(cell, (200, size)), axis=1)
+            most = run = np.ones(200, int)
+            for place in range(1, size):
+                run = np.where(drawn[:, place] == drawn[:, place - 1], run + 1, 1)
+                most = np.maximum(most, run)
+            low, high = student(size, drawn.mean(axis=1), drawn.var(axis=1, ddof=1), most)
+            given = ~np.isnan(low)
+            if given.mean() > 0.3:
+                held = (low - 1e-12 <= cell.mean()) & (cell.mean() <= high + 1e-12)
+                covered.append(held[given].mean())
+        table[size] = np.median(covered), np.quantile(covered, 0.05)
+    medians, fifths = zip(*table.values(), strict=True)
+    assert medians == pytest.approx((0.947, 0.945, 0.948, 0.948), abs=0.01)
+    assert fifths == pytest.approx((0.84, 0.87, 0.91, 0.92), abs=0.02)
 
 
-def gap(one, other):
-    return one.mean(axis=-1) - other.mean(axis=-1)
+def test_intervals_are_students_and_there_are_none_of_few_or_equal_subjects():
+    values = seeded(4).integers(3, 31, 12).astype(float)
+    theirs = stats.ttest_1samp(values, 0.0).confidence_interval()
+    assert mean_interval(values) == pytest.approx(tuple(theirs))
+    frame = pd.DataFrame({"learner": "a", "attempts": values})
+    frame = pd.concat([frame, frame.head(4).assign(learner="few")])
+    frame = pd.concat([frame, frame.head(10).assign(learner="limit", attempts=[30.0] * 9 + [3])])
+    found = mean_intervals(frame, ["learner"], "attempts").set_index("learner")
+    assert found.loc["a", ["ci_low", "ci_high"]].tolist() == pytest.approx([*theirs])
+    assert found.loc[["few", "limit"], ["ci_low", "ci_high"]].isna().all(axis=None)
+    assert found.loc["limit", ["mode", "at_mode"]].tolist() == [30.0, 9]
+    assert np.isnan(mean_interval(values[:4])).all()
 
 
-def scipys(groups, resamples, seed):
-    return stats.bootstrap(
-        groups,
-        lambda a, b, axis: a.mean(axis=axis) - b.mean(axis=axis),
-        method="percentile",
-        n_resamples=resamples,
-        rng=seed,
-    ).confidence_interval
-
-
-def test_intervals_of_two_samples_are_scipys():
-    rng = seeded(1)
-    groups = rng.normal(5, 2, 30), rng.normal(3, 1, 50)
-    ours = bootstrap_interval(gap, groups, seeded(2), resamples=5000)
-    assert ours == pytest.approx(tuple(scipys(groups, 5000, 3)), abs=0.06)
-
-
-def test_intervals_without_spread_or_company():
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        low, high = mean_interval(np.full((2, 7), 0.1), seeded(0))
-        assert low.tolist() == high.tolist() == [0.1, 0.1]
-        low, high = mean_interval(np.zeros((3, 1)), seeded(0))
-        assert low.shape == high.shape == (3,)
-        assert np.isnan([*low, *high]).all()
-        low, high = bootstrap_interval(gap, [np.full(4, 0.1), np.full(3, 0.3)], seeded(0))
-        assert low == high == pytest.approx(-0.2)
-        assert np.isnan(bootstrap_interval(gap, [np.ones(1), np.ones(9)], seeded(0))).all()
-
-
-def test_a_groups_interval_does_not_depend_on_the_others():
-    groups = np.repeat([*"abcd"], [10, 10, 10, 4])
-    frame = pd.DataFrame({"group": groups, "x": seeded(5).random(34)})
-    together = mean_intervals(frame, ["group"], "x").set_index("group")
-    for name in "abcd":
-        alone = mean_intervals(frame[frame["group"] == name], ["group"], "x").set_index("group")
-        assert alone.loc[name].tolist() == pytest.approx(together.loc[name].tolist(), rel=1e-12)
-
-    def ends(second):
-        generators = [seeded(1), seeded(2)]
-        groups = [np.arange(7.0), second]
-        return bootstrap_interval(lambda one, other: one.mean(axis=-1), groups, generators)
-
-    assert ends(np.arange(9.0)) == ends(np.arange(3.0))
-
-
-def test_strata_are_resampled_among_themselves():
-    """Within constant groups nothing varies, however far apart the groups are."""
-    far = [np.full(9, 1.0), np.append(np.full(9, 50.0), 50.5)]
-    low, high = bootstrap_interval(
-        lambda *drawn: np.concatenate(drawn, axis=-1).mean(axis=-1), far, seeded(0)
-    )
-    middle = (9 + 500.5) / 19
-    assert middle - 0.1 < low < high < middle + 0.1
-
-
-def test_counts_of_equal_values_are_resampled_as_the_values_are():
-    values = np.array([1.0, 2.0, 2.0, 9.0, 9.0, 9.0])
-    distinct, counts = np.unique(values, return_counts=True)
-    by_counts = bootstrap_interval(
-        lambda drawn: drawn @ distinct / 6, [counts], seeded(1), counted=True
-    )
-    low, high = mean_interval(values[None], seeded(2))
-    assert by_counts == pytest.approx((low[0], high[0]), abs=0.35)
+def test_shares_have_wilsons_interval_and_medians_that_of_the_sign_test():
+    for many, size in ((0, 5), (38, 40), (40, 40)):
+        theirs = stats.binomtest(many, size).proportion_ci(method="wilson")
+        assert share_interval(many / size, size) == pytest.approx(tuple(theirs))
+    values = seeded(1).permutation(40).astype(float)
+    assert median_interval(values) == (13.0, 26.0)  # 14th lowest and highest: P(X <= 13) = .019
+    assert np.isnan(median_interval(np.ones(5))).all()
 
 
 # -- differences ----------------------------------------------------------------------------------
-
-
-def test_differences_are_welchs_test_and_a_bootstrap():
-    rng = seeded(5)
-    first, second = rng.integers(3, 12, 30).astype(float), rng.integers(4, 25, 18).astype(float)
-    found = difference(first, second, ("a", "b"))
-    assert found.value == first.mean() - second.mean()
-    assert found.p == stats.ttest_ind(first, second, equal_var=False).pvalue
-    booted = scipys((first, second), 9000, 2)
-    assert (found.low, found.high) == pytest.approx((booted.low, booted.high), abs=0.15)
-
-
-def test_differences_of_groups_that_do_not_vary_are_counted_exactly():
-    three, four = np.full(3, 30.0), np.full(4, 12.0)
-    # Of the 35 ways to choose 3 of 7, two part the groups as sharply: one either way.
-    found = difference(three, four, ("a", "b"))
-    assert found == (18.0, 18.0, 18.0, pytest.approx(2 / 35))
-    assert difference(three, np.full(5, 30.0), ("a", "b")).p == 1.0
-    alone = difference(np.array([3.0]), four, ("a", "b"))
-    assert alone.value == -9.0
-    assert all(math.isnan(value) for value in alone[1:])
-
-
-def test_resamples_depend_on_the_group_and_on_nothing_else():
-    values, constant = np.array([1.0, 2.1, 2.3, 9.7, 4.4, 5.2]), np.full(4, 3.0)
-    found = difference(values, constant, ("key", "b"))
-    assert found[:3] == pytest.approx(difference(values[::-1], constant, ("key", "c"))[:3])
-    assert found[1:3] != difference(values, constant, ("other", "b"))[1:3]
 
 
 def test_one_group_is_students_t_and_two_are_welchs():
@@ -171,21 +117,45 @@ def test_conditions_count_alike_whatever_their_size():
     assert found.low < 6.0 < found.high
 
 
-def test_where_nobody_differs_there_is_no_interval_and_p_is_that_of_equal_signs():
-    found = weighted_difference([Group.of(np.full(5, 2.0))])
-    assert (found.value, found.p) == (2.0, 2 / 2**5)
+def test_where_nearly_all_are_alike_there_is_no_interval_and_an_exact_test():
+    pairs = np.array([0.0] * 36 + [2, 3, 2, 2])
+    found = weighted_difference([Group.of(pairs)])
+    assert found[:1] + found[3:] == (pairs.mean(), stats.binomtest(4, 4).pvalue)
     assert np.isnan([found.low, found.high]).all()
+    assert weighted_difference([Group.of(np.full(5, 2.0))]).p == 2 / 2**5
     assert weighted_difference([Group.of(np.zeros(5))]).p == 1.0
-    unpaired = weighted_difference([Group.of(np.full(5, 30.0)), Group.of(np.full(3, 4.0), -1)])
-    assert (unpaired.value, unpaired.p) == (26.0, 2 / 2**3)
-    assert np.isnan(weighted_difference([Group.of(np.ones(1))])[1:]).all()
+    one, other = np.array([30.0] * 38 + [4, 5]), np.array([30.0] * 36 + [3, 4, 7, 8])
+    found = weighted_difference([Group.of(one), Group.of(other, -1)])
+    theirs = stats.permutation_test(
+        (one, other), lambda a, b, axis: a.mean(axis) - b.mean(axis), rng=seeded(1)
+    )
+    assert np.isnan(found.low)
+    assert found.p == pytest.approx(theirs.pvalue, abs=0.02)
+    apart = weighted_difference([Group.of(np.full(9, 30.0)), Group.of(np.full(8, 4.0), -1)])
+    assert (apart.value, apart.p < 0.001) == (26.0, True)
+
+
+def test_fewer_than_five_subjects_have_neither_interval_nor_p():
+    assert np.isnan(weighted_difference([Group.of(np.arange(4.0))])[1:]).all()
+    few = [Group.of(np.arange(9.0)), Group.of(np.arange(4.0), -1)]
+    assert np.isnan(weighted_difference(few)[1:]).all()
+    assert not np.isnan(weighted_difference([Group.of(np.arange(3.0))] * 2)).any()
     assert Group.of(np.ones(1)).variance == Group.published(4.0, 0.5, 1).variance == 0.0
+
+
+def test_subjects_of_the_same_rooms_are_paired():
+    one = pd.Series([3.0, 5, 4, 7, 9, 4], index=[*"abcdef"])
+    other = pd.Series([2.0, 9, 6, 6, 4, 6], index=one.index)
+    theirs = stats.ttest_rel(one, other)
+    assert weighted_difference(contrast(one, other)).p == pytest.approx(theirs.pvalue)
+    apart = weighted_difference(contrast(one, other.set_axis([*"ghijkl"])))
+    assert apart.p == pytest.approx(stats.ttest_ind(one, other, equal_var=False).pvalue)
 
 
 def test_equal_groups_have_no_difference_of_the_last_digits():
     for size in range(1, 30):
-        groups = [Group.of(np.full(3, 30.1), 1 / size) for _ in range(size)]
-        others = [Group.of(np.full(3, 30.1), -1 / size) for _ in range(size)]
+        groups = [Group.of(np.full(6, 30.1), 1 / size) for _ in range(size)]
+        others = [Group.of(np.full(6, 30.1), -1 / size) for _ in range(size)]
         assert weighted_difference([*groups, *others])[::3] == (0.0, 1.0)
 
 

@@ -94,24 +94,24 @@ def test_a_share_against_the_papers(mean, spread, verdict):
 
 
 def test_few_subjects_and_few_visits_decide_nothing():
-    assert same(np.full(3, 0.3), 0.3, 0.05)[3] == UNDECIDED
-    assert same(np.full(4, 0.3), 0.3, 0.05)[3] == AGREES
+    assert same(np.full(4, 0.3), 0.3, 0.05)[3] == UNDECIDED
+    assert same(np.full(5, 0.3), 0.3, 0.05)[3] == AGREES
     # None of 8 visits: the share may well be .3. None of 500: surely not.
-    few = same(np.zeros(4), 0.3, 0.05, visits=8)
+    few = same(np.zeros(5), 0.3, 0.05, visits=8)
     assert few[1:3] == pytest.approx((0.0, 0.324), abs=1e-3)
     assert few[3] == UNDECIDED
-    assert same(np.zeros(4), 0.3, 0.05, visits=500)[3] == DISAGREES
+    assert same(np.zeros(5), 0.3, 0.05, visits=500)[3] == DISAGREES
 
 
 @pytest.mark.parametrize(
     ("gain", "verdict"),
     [
-        ([0.3, 0.2, 0.4, 0.3], AGREES),
-        ([0.06, 0.05, 0.07, 0.08], AGREES),
-        ([0.01, 0.02, 0.01, 0.02], DISAGREES),  # sure, and next to nothing
-        ([-0.3, -0.2, -0.4, -0.1], DISAGREES),
-        ([0.5, -0.2, 0.3, -0.1], UNDECIDED),
-        ([0.3, 0.2, 0.4], UNDECIDED),  # three subjects
+        ([0.3, 0.2, 0.4, 0.3, 0.3], AGREES),
+        ([0.06, 0.05, 0.07, 0.08, 0.06], AGREES),
+        ([0.01, 0.02, 0.01, 0.02, 0.01], DISAGREES),  # sure, and next to nothing
+        ([-0.3, -0.2, -0.4, -0.1, -0.3], DISAGREES),
+        ([0.5, -0.2, 0.3, -0.1, 0.1], UNDECIDED),
+        ([0.3, 0.2, 0.4, 0.3], UNDECIDED),  # four subjects
     ],
 )
 def test_growth(gain, verdict):

@@ -111,7 +111,7 @@ def plot_sweep(
     """Attempts in the trials that a condition is judged by, by the value of a parameter.
 
     A panel for each condition, a line for each series of learners that differ in the parameter
-    alone, with 95% bootstrap intervals. A mean that unsolved trials are in is a lower bound, and
+    alone, with 95% intervals. A mean that unsolved trials are in is a lower bound, and
     its marker is empty. The numbers are those of :func:`sweep_table`.
 
     >>> from causal_openlock import compare, sweep

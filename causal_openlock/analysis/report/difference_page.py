@@ -2,7 +2,7 @@
 
 The descriptions of the two experiments are compared piece by piece, and for each learner in each
 condition that both played, the means of the subjects
-(:func:`~causal_openlock.analysis.effects.difference`). What is not measured twice is not
+(:func:`~causal_openlock.analysis.effects.weighted_difference`). What is not measured twice is not
 compared.
 """
 
@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from causal_openlock.analysis.effects import ALPHA, difference, holm
+from causal_openlock.analysis.effects import ALPHA, contrast, holm, weighted_difference
 from causal_openlock.analysis.measures import (
     CELL,
     SUBJECT,
@@ -57,7 +57,7 @@ COLUMNS = (
     *("attempts_first", "attempts_second", "difference", "ci_low", "ci_high", "p", "p_holm"),
     "verdict",
 )
-SAME, UNDECIDED, DIFFERENT, UNKNOWN = "the same", "undecided", "different", "one subject"
+SAME, UNDECIDED, DIFFERENT, UNKNOWN = "the same", "undecided", "different", "too few subjects"
 
 
 def changes(first: StoredExperiment, second: StoredExperiment) -> pd.DataFrame:
@@ -123,11 +123,11 @@ def compared(first: pd.DataFrame, second: pd.DataFrame, learners: Sequence[str])
     Returns:
         One row for each ``learner``, ``condition`` and ``protocol`` that is in both and judged by
         the same trial, which is ``measured``; for each record how many ``subjects_`` and the mean
-        ``attempts_``; the ``difference`` (second less first) with its bootstrap interval
-        ``ci_low`` and ``ci_high``; ``p`` of Welch's test, and ``p_holm``, corrected over all rows
-        but those that are the same, which are not tested (NaN there); and a ``verdict``:
+        ``attempts_``; the ``difference`` (second less first) with its interval ``ci_low`` and
+        ``ci_high``; ``p`` of the test, paired where rooms are the same, and ``p_holm``, corrected
+        over all rows but those that are the same (NaN there); and a ``verdict``:
         :data:`SAME` where every subject has the same value, :data:`DIFFERENT` where ``p_holm`` is
-        below 5%, otherwise :data:`UNDECIDED`, or :data:`UNKNOWN` for one subject.
+        below 5%, otherwise :data:`UNDECIDED`, or :data:`UNKNOWN` for too few subjects.
     """
     groups = [_groups(trials) for trials in (first, second)]
     keys = [key for key in groups[0] if key in groups[1]]
@@ -137,9 +137,8 @@ def compared(first: pd.DataFrame, second: pd.DataFrame, learners: Sequence[str])
     rows: list[tuple[Any, ...]] = []
     for key in keys:
         before, after = groups[0][key], groups[1][key]
-        label = "/".join(key)
-        found = difference(after, before, (f"second/{label}", f"first/{label}"))
-        same = len(before) == len(after) and bool((before == after).all())
+        found = weighted_difference(contrast(after, before))
+        same = np.array_equal(before, after)
         verdict = SAME if same else UNKNOWN if np.isnan(found.p) else ""
         sizes, means = (len(before), len(after)), (before.mean(), after.mean())
         rows.append((*key, *sizes, *means, *found, np.nan, verdict))
@@ -151,13 +150,14 @@ def compared(first: pd.DataFrame, second: pd.DataFrame, learners: Sequence[str])
 
 
 def _groups(trials: pd.DataFrame) -> dict[tuple[str, str, str, str], Any]:
-    """``[n]`` values of the subjects, in their order, of each learner, condition and protocol."""
-    values = by_subject(judged(trials), ["phase", "trial"])
-    values = values.assign(measured=measured(values)).sort_values([*CELL, *SUBJECT], kind="stable")
-    return {
-        key: part["attempts"].to_numpy(float)
-        for key, part in values.groupby([*CELL, "measured"], observed=True)
-    }
+    """``[n]`` values of the subjects of each learner, condition and protocol, by their rooms."""
+    rows = judged(trials)
+    values = by_subject(rows, ["phase", "trial"])
+    rooms = rows.groupby([*CELL, "phase", "trial", *SUBJECT], observed=True)["layout"].first()
+    names = [values["seed"], values["subject"], rooms.astype(str).reset_index(drop=True)]
+    values = values.assign(measured=measured(values))
+    values.index = pd.MultiIndex.from_arrays(names, names=[None] * len(names))
+    return dict(iter(values.groupby([*CELL, "measured"], observed=True)["attempts"]))
 
 
 def write_difference(

@@ -9,7 +9,7 @@ from causal_openlock.analysis.report.about_people import about_people
 from causal_openlock.analysis.report.described import described, in_words, pairs
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import Reference
-from causal_openlock.analysis.statistics import LEVEL, RESAMPLES
+from causal_openlock.analysis.statistics import LEVEL
 from causal_openlock.contract.registry import changed_parameters, registry
 from causal_openlock.experiment.declare import PERSON, LearnerSpec
 from causal_openlock.files.validation import plain
@@ -135,10 +135,11 @@ def _measures(results: Material) -> Iterator[str]:
         "The measure is the number of attempts until every solution of a room was found, the last "
         "one included. A trial that was not solved counts as its limit. A condition is judged by "
         "the mean of a subject's test trials or, without a test, by the last trial. Means over "
-        f"subjects have {LEVEL:.0%} percentile bootstrap intervals ({RESAMPLES:,} resamples). "
-        "Learners are compared by mean differences of paired subjects, averaged over the "
-        "conditions that both played, with intervals and two-sided tests by t with Welch and "
-        "Satterthwaite's degrees of freedom."
+        f"at least five subjects have Student's {LEVEL:.0%} intervals, but where 90% or more of "
+        "the subjects have the same value. Learners are compared by mean differences of paired "
+        "subjects, averaged over the conditions that both played, with intervals and two-sided "
+        "tests by t with Welch and Satterthwaite's degrees of freedom, or, where 90% or more of "
+        "the differences are the same, by the sign test (a permutation test where rooms differ)."
     )
     references = [
         _source(one.reference)

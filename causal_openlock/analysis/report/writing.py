@@ -29,7 +29,8 @@ from causal_openlock.analysis.results.by_condition import condition_tables
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.missing import missing_cells, with_missing
 from causal_openlock.analysis.results.references import Beside, difference_from
-from causal_openlock.analysis.table import Table, interval, percent, write_table
+from causal_openlock.analysis.statistics import beside_mean
+from causal_openlock.analysis.table import Table, percent, write_table
 from causal_openlock.analysis.topic import Topic, all_topics, sections_of
 from causal_openlock.analysis.topics.leaderboard import (
     answers,
@@ -179,7 +180,7 @@ def _every_trial(part: pd.DataFrame, references: Sequence[Beside]) -> Table:
         *((head, part[name], "d") for head, name in _COUNTS.items()),
         ("Attempts", part["attempts"], ".2f"),
         ("SE", part["se"].where(part["subjects"] > 1), ".2f"),
-        ("95% interval", [*map(_interval, part["ci_low"], part["ci_high"])], "s"),
+        ("95% interval", [*map(_interval, *(part[name] for name in _INTERVAL))], "s"),
         ("Solved", part["share_solved"].map(percent), "s"),
     ]
     for one in references:
@@ -204,5 +205,8 @@ def _every_trial(part: pd.DataFrame, references: Sequence[Beside]) -> Table:
 _COUNTS = {"Trial": "trial", "Loops": "loops", "n": "subjects"}
 
 
-def _interval(low: float, high: float) -> str:
-    return interval(low, high) or "–"
+_INTERVAL = ("ci_low", "ci_high", "subjects", "mode", "at_mode")
+
+
+def _interval(*values: Any) -> str:
+    return beside_mean(*values) or "–"

@@ -11,10 +11,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.results.references import Beside, Reference
+from causal_openlock.analysis.statistics import beside_mean
 from causal_openlock.analysis.table import Table, number, share
 from causal_openlock.experiment.declare import PAPER_CONDITIONS
 
@@ -148,8 +150,9 @@ def condition_tables(
 def in_cell(row: Row | None) -> list[str]:
     """A learner's result in a condition as lines: the mean, its interval, and what was not solved.
 
-    >>> in_cell({"attempts": 28.0, "ci_low": 24.8, "ci_high": 30.0, "share_solved": 0.1})
-    ['≥ 28.00', '24.80–30.00', '10% solved']
+    >>> row = {"attempts": 28.0, "ci_low": 24.8, "ci_high": 31.2, "subjects": 20, "mode": 30.0}
+    >>> in_cell(row | {"at_mode": 14, "share_solved": 0.1})
+    ['≥ 28.00', '24.80–31.20', '10% solved']
     """
     if row is None:
         return ["–"]
@@ -157,11 +160,11 @@ def in_cell(row: Row | None) -> list[str]:
     if row["share_solved"] == 0:
         return [f"not within {row['attempts']:g}"]
     found = [mean if row["share_solved"] == 1 else f"≥ {mean}"]
-    if row["ci_low"] is not None and row["ci_low"] < row["ci_high"]:
-        found.append(f"{number(row['ci_low'])}–{number(row['ci_high'])}")
+    low, high = (np.nan if row[end] is None else row[end] for end in ("ci_low", "ci_high"))
+    found.append(beside_mean(low, high, row["subjects"], row["mode"], row["at_mode"]))
     if row["share_solved"] < 1:
         found.append(f"{share(row['share_solved'])} solved")
-    return found
+    return [text for text in found if text]
 
 
 def records(table: pd.DataFrame) -> list[dict[str, Any]]:

@@ -58,7 +58,7 @@ TAKEN = frozenset({
     "learner", "condition", "protocol", "phase", "trial", "loops", "subjects", "limit", "solved",
     "found", "solutions", "median", "attempts", "score", "best", "se", "difference", "ideal",
     "measured", "informed", "reference", "n", "ideal_observer", "share_solved", "ci_low",
-    "ci_high", "human", "model", "people", "published_model", "interval",
+    "ci_high", "mode", "at_mode", "human", "model", "people", "published_model", "interval",
 })  # fmt: skip
 """Names that tables have already, in lower case with underscores."""
 

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 SUMMARY_COLUMNS = (
     *(*CELL, "phase", "trial", "loops", "subjects"),
-    *("attempts", "se", "ci_low", "ci_high", "share_solved"),
+    *("attempts", "se", "ci_low", "ci_high", "mode", "at_mode", "share_solved"),
 )
 """The first columns of :func:`summarise`; those of references and ``ideal_attempts`` follow."""
 
@@ -96,7 +96,9 @@ def summarise(
         - ``subjects``: how many.
         - ``attempts``: mean attempts to solve the trial; an unsolved trial counts as the limit.
         - ``se``: population SD / √subjects, as the paper's error bars.
-        - ``ci_low``, ``ci_high``: 95% bootstrap interval over subjects; NaN for one subject.
+        - ``ci_low``, ``ci_high``: 95% interval (Student's) over subjects; NaN for fewer than five,
+          or where 90% of them have one value.
+        - ``mode``, ``at_mode``: the most common value of subjects, and how many have it.
         - ``share_solved``: share of visits in which every solution was found, from 0 to 1.
         - ``human_attempts``, ``human_se``: people's, as published; NaN where there are none.
         - ``difference``: ``attempts`` minus ``human_attempts``.
@@ -116,8 +118,8 @@ def headline(
 
     Returns:
         One row for each ``learner``, ``protocol`` and ``condition``, with ``measured`` (such as
-        ``trial 5`` or ``test``), ``subjects``, ``attempts``, ``ci_low``, ``ci_high``,
-        ``share_solved``, the columns of references and ``ideal_attempts`` as in
+        ``trial 5`` or ``test``), ``subjects``, ``attempts``, ``ci_low``, ``ci_high``, ``mode``,
+        ``at_mode``, ``share_solved``, the columns of references and ``ideal_attempts`` as in
         :func:`summarise`.
     """
     table, added = _means(judged(trials), references, bounds, of_judged=True)
@@ -125,7 +127,7 @@ def headline(
         ["learner", "protocol", "condition"], kind="stable", ignore_index=True
     )
     first = ["learner", "protocol", "condition", "measured", "subjects", "attempts"]
-    return table[[*first, "ci_low", "ci_high", "share_solved", *added]]
+    return table[[*first, "ci_low", "ci_high", "mode", "at_mode", "share_solved", *added]]
 
 
 def _means(
@@ -142,7 +144,7 @@ def _means(
     by = ["phase", "trial"]
     means = mean_by_trial(trials, by).rename(columns={"mean": "attempts"})
     intervals = mean_intervals(by_subject(trials, by), [*CELL, *by], "attempts")
-    table = means.assign(ci_low=intervals["ci_low"], ci_high=intervals["ci_high"])
+    table = means.assign(**intervals[["ci_low", "ci_high", "mode", "at_mode"]])
     keys = zip(
         *(table[name].astype(str) for name in ("condition", "protocol", "phase")), strict=True
     )

@@ -16,7 +16,11 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import CELL, START, SUBJECT, at_places
-from causal_openlock.analysis.statistics import LEVEL, SEED, mean_interval
+from causal_openlock.analysis.statistics import (
+    LEAST_UNITS,
+    LEVEL,
+    student,
+)
 from causal_openlock.experiment.declare import Experiment
 from causal_openlock.schemas.fsm import FloatArray
 
@@ -31,8 +35,8 @@ UNLOCKS, FOUND = "unlocks", "found"
 """Also measured: the share of attempts that unlock the door and do not open it, and how many of a
 room's solutions are found in a visit, as a share."""
 
-LEAST_SUBJECTS = 4
-"""Subjects below which a bootstrap interval is hardly narrower than from lowest to highest."""
+LEAST_SUBJECTS = LEAST_UNITS
+"""Fewer subjects are not judged."""
 
 
 class Group(NamedTuple):
@@ -66,14 +70,16 @@ def shares(trials: pd.DataFrame, parts: int = PARTS) -> pd.DataFrame:
     )
     added = tally.groupby([*by, "part"], sort=True, observed=True)
     table = (
-        added[["visits", "attempts", "opened", "solved", ELSE, "unlock", FOUND]].sum().reset_index()
+        added[["visits", "attempts", "opened", "solved", "neither", "unlock", FOUND]]
+        .sum()
+        .reset_index()
     )
     table[OPENS] = table["opened"] / table["attempts"]
-    table[ELSE] = table[ELSE] / table["attempts"]
+    table[ELSE] = table["neither"] / table["attempts"]
     table[FINDS_ALL] = table["solved"] / table["visits"]
     table[UNLOCKS] = table["unlock"] / table["attempts"]
     table[FOUND] /= table["visits"]
-    return table.drop(columns=["opened", "solved", "unlock"])
+    return table.drop(columns=["opened", "solved", "neither", "unlock"])
 
 
 def starts(trials: pd.DataFrame) -> pd.DataFrame:
@@ -107,9 +113,9 @@ def matrix(rows: pd.DataFrame, measure: str) -> FloatArray:
 
 
 def interval(values: FloatArray, level: float = LEVEL) -> tuple[float, float]:
-    """Bootstrap interval of the mean of ``[n]`` subjects; NaN for fewer than two."""
-    low, high = mean_interval(values[None], np.random.default_rng(SEED), level=level)
-    return float(low[0]), float(high[0])
+    """Student's bounds of the mean of ``[n]`` subjects for a verdict, also where all are equal."""
+    low, high = student(len(values), values.mean(), values.var(ddof=1), 0, level)
+    return float(low), float(high)
 
 
 def many_attempts(experiment: Experiment) -> set[str]:

@@ -32,7 +32,7 @@ from causal_openlock.analysis.results.visits import (
     starts,
 )
 from causal_openlock.analysis.section import Section
-from causal_openlock.analysis.statistics import LEVEL
+from causal_openlock.analysis.statistics import LEVEL, mean_interval, share_interval
 from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.experiment.declare import Experiment, default_action_limit
@@ -133,7 +133,9 @@ def progress(trials: pd.DataFrame, experiment: Experiment) -> pd.DataFrame:
             share = matrix(parts, measure)
             counted = matrix(parts, "attempts" if measure == OPENS else "visits")[:, -1]
             means = share.mean(axis=0)
-            low, high = interval(share[:, -1])
+            low, high = mean_interval(share[:, -1])
+            if np.isnan(low):  # where nearly all subjects are alike
+                low, high = map(float, share_interval(share[:, -1].mean(), len(share)))
             exact = _chance(experiment, group, rows, measure)
             random, most = lucky.get((group.condition, group.protocol, measure), (np.nan, np.nan))
             own = group.learner in by_chance

@@ -25,7 +25,7 @@ from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.section import Section, drawn
-from causal_openlock.analysis.statistics import SEED, bootstrap_interval
+from causal_openlock.analysis.statistics import median_interval
 from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.errors import NothingToDrawError
@@ -108,19 +108,10 @@ def subject_costs(results: Material, trials: pd.DataFrame, within: float = WITHI
 def median_cost(cost: FloatArray) -> tuple[float, float, float]:
     """The median of subjects, inf where half of them never came so far, and its 95% interval.
 
-    >>> median_cost(np.array([4.0, 4.0, 4.0]))
-    (4.0, 4.0, 4.0)
+    >>> median_cost(np.array([4.0, 4.0, 4.0, 5.0, 4.0, np.inf]))
+    (4.0, 4.0, inf)
     """
-    never = 1e18  # infinity has no differences; so far above the others it stays there
-    most = np.max(cost, where=np.isfinite(cost), initial=0.0)
-    ends = bootstrap_interval(
-        lambda values: np.median(values, axis=-1),
-        [np.minimum(cost, never)],
-        np.random.default_rng(SEED),
-    )
-    found = (float(np.median(cost)), *map(float, ends))
-    low, middle, high = (np.inf if end > most else end for end in (found[1], found[0], found[2]))
-    return middle, low, high
+    return (float(np.median(cost)), *median_interval(cost))
 
 
 def plot_cost(
@@ -274,7 +265,7 @@ def shown(table: pd.DataFrame) -> pd.DataFrame:
                 "reached": row["reached"],
                 "before the experiment": _trained(row["before"]),
                 "attempts, median": _printed(row["attempts"]) if known else never,
-                "95% interval": " to ".join(ends) if known else "",
+                "95% interval": " to ".join(ends) if known and not np.isnan(row["ci_low"]) else "",
             }
         )
     frame = pd.DataFrame(rows)

@@ -19,7 +19,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
-from causal_openlock.analysis.effects import ALPHA, Difference, Group, holm, weighted_difference
+from causal_openlock.analysis.effects import ALPHA, Difference, contrast, holm, weighted_difference
 from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT, judged, ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import (
@@ -104,12 +104,11 @@ def compared(
         place = second.index.get_indexer(first.index)
         shared = place >= 0
         weight = 1 / len(common)
+        groups += contrast(first, second, weight)
         if shared.any():
             gap = values[0][shared] - values[1][place[shared]]
-            groups.append(Group.of(gap, weight))
             pairs += len(gap)
         else:
-            groups += [Group.of(values[0], weight), Group.of(values[1], -weight)]
             gap = np.subtract.outer(*values)
         wins.append(float(np.mean((gap < 0) + (gap == 0) / 2)))
     return weighted_difference(groups), pairs, float(np.mean(wins)) if wins else np.nan

@@ -11,13 +11,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.section import Section
-from causal_openlock.analysis.statistics import SEED, mean_interval
+from causal_openlock.analysis.statistics import mean_interval
 from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.errors import OpenLockError
@@ -119,8 +118,7 @@ def regret_by_condition(table: pd.DataFrame) -> pd.DataFrame:
         each[name] /= each["used"]
     rows = []
     for (learner, protocol), own in each.groupby(["learner", "protocol"], observed=True):
-        interval = mean_interval(own[["regret"]].to_numpy(float).T, np.random.default_rng(SEED))
-        low, high = (float(end[0]) for end in interval)
+        low, high = mean_interval(own["regret"].to_numpy(float))
         means = own[["regret", "gained", "useless"]].mean()
         rows.append((learner, protocol, len(own), means.iloc[0], low, high, *means.iloc[1:]))
     columns = ["learner", "protocol", "subjects", "regret", "ci_low", "ci_high"]

@@ -30,7 +30,7 @@ def solution_costs(trials: pd.DataFrame) -> pd.DataFrame:
     Returns:
         A row for each ``condition``, ``protocol``, ``learner`` and ``solution`` that was found:
         ``subjects`` that found it, their mean ``attempts`` since the solution before, and its 95%
-        bootstrap interval over subjects, ``ci_low`` to ``ci_high``.
+        interval over subjects, ``ci_low`` to ``ci_high``.
     """
     each = judged(trials).groupby([*CELL, *SUBJECT], observed=True)[[*SOLUTIONS]].mean()
     long = each.rename_axis(columns="solution").stack().dropna().rename("attempts").reset_index()
@@ -59,7 +59,7 @@ def section(material: Material) -> Section | None:
         "solution, or only once that solution says which lever plays which role."
     )
     caption = (
-        "Means over the n subjects that found that solution, with 95% bootstrap intervals. Who "
+        "Means over the n subjects that found that solution, with 95% intervals. Who "
         "often fails looks better here than in a mean of all trials, which counts an unsolved "
         "trial as the limit."
     )

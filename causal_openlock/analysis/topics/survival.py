@@ -26,7 +26,7 @@ from causal_openlock.analysis.plots.panels import (
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.section import Section
-from causal_openlock.analysis.statistics import SEED, bootstrap_interval
+from causal_openlock.analysis.statistics import share_interval
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.wording import file_names
@@ -46,7 +46,7 @@ def unsolved_after(trials: pd.DataFrame) -> pd.DataFrame:
     Returns:
         A row for each ``learner``, ``condition``, ``protocol`` and number of ``attempts``, from 0
         to the most that one of its trials had: ``unsolved`` (a share), ``ci_low`` and ``ci_high``
-        (95% bootstrap over subjects; NaN for one subject), ``subjects`` and ``at_risk``, how many
+        (Wilson's interval of a share of subjects), ``subjects`` and ``at_risk``, how many
         trials were neither solved nor censored before that attempt.
     """
     parts = []
@@ -59,14 +59,9 @@ def unsolved_after(trials: pd.DataFrame) -> pd.DataFrame:
         left = np.zeros((size, length))
         np.add.at(left, (subject, ended), 1)
         risk = left[:, ::-1].cumsum(axis=1)[:, ::-1]  # those that end at an attempt, or later
-        low, high = bootstrap_interval(
-            lambda drawn, e=events, r=risk: kaplan_meier(drawn @ e, drawn @ r).swapaxes(-1, -2),
-            [np.ones(size, np.int64)],  # each subject once
-            np.random.default_rng(SEED),
-            counted=True,
-        )
         share = kaplan_meier(events.sum(axis=0), risk.sum(axis=0))
         rows = pd.DataFrame({"attempts": np.arange(length), "unsolved": share})
+        low, high = share_interval(share, size)
         rows = rows.assign(
             ci_low=low, ci_high=high, subjects=size, at_risk=risk.sum(axis=0).astype(int)
         )
@@ -102,7 +97,7 @@ def plot_survival(
     They are the trials that a condition is judged by: its test, or the last trial of a baseline. A
     trial that was not solved is censored at its limit: a line that does not reach 0 is the share
     that never was. A panel for each condition, a line for each learner, by default of the
-    :data:`MOST_LINES` that are fastest; with at most four learners a band is the 95% bootstrap
+    :data:`MOST_LINES` that are fastest; with at most four learners a band is the 95%
     interval over subjects.
 
     >>> axes = plot_survival(results, conditions=["CC4"])
