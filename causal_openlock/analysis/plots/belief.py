@@ -86,8 +86,8 @@ def plot_trace(trace: Trace, *, actions: int = MOST_ACTIONS, ax: Any = None) -> 
     shown = Part.of(trace, actions)
     names = list(map(shown_name, shown.actions))
     heading = textwrap.wrap(
-        f"{trace.learner} in {trace.condition}, trial {trace.trial} of {trace.trials} "
-        f"(subject {trace.subject}, protocol {trace.protocol.name})",
+        f"{style.label(trace.learner)} in {style.label(trace.condition)}, trial {trace.trial} of "
+        f"{trace.trials} (subject {trace.subject}, protocol {style.label(trace.protocol.name)})",
         84,
     )
     # Inches of the axes of the four panels, and of all names and titles around them.
@@ -127,9 +127,15 @@ def plot_trace(trace: Trace, *, actions: int = MOST_ACTIONS, ax: Any = None) -> 
             for name in draw_schema(schema, axes).texts:
                 name.set(fontsize=0.92 * float(name.get_fontsize()))  # capitals are wide
             axes.set_title(text, loc="center", fontsize="medium")
+        handles = timeline.get_legend_handles_labels()[0]
+        expected, obtained = _bars()
+        handles += [Patch(label="bits expected", **expected)]
+        handles += [Patch(label="bits obtained", **obtained)]
+        if shown.renewed:
+            handles.append(Line2D([], [], label="other hypotheses", **_RENEWED))
         timeline.figure.legend(
-            handles=_legend_handles(shown), loc="outside upper left", ncols=7, alignment="left",
-            title=style.label("\n".join(heading)), title_fontproperties={"weight": "bold"},
+            handles=handles, loc="outside upper left", ncols=7, alignment="left",
+            title="\n".join(heading), title_fontproperties={"weight": "bold"},
             handlelength=1.3, columnspacing=1.2, handletextpad=0.4,
         )  # fmt: skip
     return at.returned
@@ -240,10 +246,12 @@ def _draw_timeline(axes: Axes, shown: Part, names: list[str]) -> None:
         axes.axvspan(begin + 0.04, end - 0.04, fc=("#EDEDED", "#DCDCDC")[number % 2], zorder=0)
         middle = (begin + end) / 2
         axes.text(middle, 0.97, str(number + 1), ha="center", va="top", fontsize=_SMALL + 0.5)
-    looks, scale = _looks(), min(1.0, shown.column / 11.5)
-    for column, action in enumerate(shown.actions, start=1):
-        mark = looks[action.outcome]
-        axes.plot(column, 0.32, ls="none", **{**mark, "ms": mark["ms"] * scale})
+    scale = min(1.0, shown.column / 11.5)
+    for outcome, mark in _looks().items():
+        columns = [place for place, one in enumerate(shown.actions, 1) if one.outcome == outcome]
+        look = {**mark, "ms": mark["ms"] * scale, "ls": "none"}
+        if columns:
+            axes.plot(columns, [0.32] * len(columns), label=outcome, **look)
     axes.set_yticks([0.84, 0.32], ["Attempt", "What came of it"])
     axes.set_xticks(range(len(names) + 1), ["at first", *names], rotation=90, fontsize=_SMALL)
     axes.tick_params(length=0)
@@ -308,18 +316,3 @@ def _draw_arrows(axes: Axes, shown: Part, beside: list[Axes]) -> None:
         mesh, ax=beside, label="probability", ticks=[0, 0.5, 1], shrink=0.3, anchor=(0, 0.1),
         aspect=12,
     )  # fmt: skip
-
-
-def _legend_handles(shown: Part) -> list[Any]:
-    """Entries of the legend: the outcomes that occurred, and the bars."""
-    happened = {action.outcome for action in shown.actions}
-    expected, obtained = _bars()
-    handles: list[Any] = [
-        Line2D([], [], ls="none", label=outcome, **mark)
-        for outcome, mark in _looks().items()
-        if outcome in happened
-    ]
-    handles += [Patch(label="bits expected", **expected), Patch(label="bits obtained", **obtained)]
-    if shown.renewed:
-        handles.append(Line2D([], [], label="other hypotheses", **_RENEWED))
-    return handles
