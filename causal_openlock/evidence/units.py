@@ -6,7 +6,7 @@ the unit, and its subjects are averaged.
 
 Columns of ``units.parquet``: ``learner``, ``condition``, ``protocol``, ``phase``; ``trial`` (of
 people's protocol) or ``part`` (of a long course, see
-:mod:`~causal_openlock.analysis.results.visits`; of a curve, fifty trials); ``judged``,
+:mod:`~causal_openlock.analysis.topics.learning`; of a curve, fifty trials); ``judged``,
 whether a condition is judged by this row; ``unit``, the number of the subject or of the network,
 ``trials``, how many of its trials, or of its subjects', were averaged; and the measures:
 
@@ -34,7 +34,7 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import CELL, SOLUTIONS, SUBJECT
-from causal_openlock.analysis.results.visits import shares
+from causal_openlock.analysis.topics.learning import shares
 from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.study import (
     AFTER,

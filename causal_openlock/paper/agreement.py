@@ -24,7 +24,11 @@ from causal_openlock.analysis.effects import weighted_difference
 from causal_openlock.analysis.measures import BASELINES, SUBJECT, TRANSFERS
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.visits import (
+from causal_openlock.analysis.section import Section
+from causal_openlock.analysis.statistics import share_interval
+from causal_openlock.analysis.table import Table
+from causal_openlock.analysis.topic import Topic
+from causal_openlock.analysis.topics.learning import (
     ELSE,
     FINDS_ALL,
     LEAST_SUBJECTS,
@@ -37,10 +41,6 @@ from causal_openlock.analysis.results.visits import (
     matrix,
     shares,
 )
-from causal_openlock.analysis.section import Section
-from causal_openlock.analysis.statistics import share_interval
-from causal_openlock.analysis.table import Table
-from causal_openlock.analysis.topic import Topic
 from causal_openlock.experiment.declare import PROTOCOLS, Experiment, Protocol
 from causal_openlock.paper.published import paper_ddqn
 from causal_openlock.schemas.fsm import FloatArray
@@ -159,7 +159,7 @@ def _beside_paper(
 def transfer_points(tested: pd.DataFrame) -> pd.DataFrame:
     """Figure 7: what share of test attempts has a solution, and of visits all, in each case.
 
-    Tested are :func:`~causal_openlock.analysis.results.visits.shares` with one part.
+    Tested are :func:`~causal_openlock.analysis.topics.learning.shares` with one part.
 
     Returns:
         Rows of :data:`POINT_COLUMNS`; ``point`` is ``opens`` or ``finds_all``.

@@ -20,11 +20,10 @@ import pandas as pd
 from causal_openlock.analysis.measures import mean_by_trial
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.visits import FINDS_ALL, OPENS
 from causal_openlock.analysis.section import Section
 from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Topic
-from causal_openlock.analysis.topics.learning import LEARNS, progress
+from causal_openlock.analysis.topics.learning import FINDS_ALL, LEARNS, OPENS, progress
 from causal_openlock.experiment.declare import HUMAN_PROTOCOL, PAPER_ACTION_LIMIT, Experiment
 from causal_openlock.paper.references import people_beside
 from causal_openlock.schemas.fsm import FloatArray

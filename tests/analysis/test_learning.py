@@ -9,24 +9,22 @@ import pytest
 from causal_openlock.analysis.measures import attempts_to_solve
 from causal_openlock.analysis.results.bounds import ideal_bounds
 from causal_openlock.analysis.results.chance import chance_of_finding_all, chance_of_opening
-from causal_openlock.analysis.results.visits import (
-    FINDS_ALL,
-    OPENS,
-    many_attempts,
-    matrix,
-    shares,
-    starts,
-)
 from causal_openlock.analysis.topics import learning, reward_study
 from causal_openlock.analysis.topics.learning import (
     FALLS,
+    FINDS_ALL,
     FLAT,
     LEARNS,
     NOT,
+    OPENS,
     SOME,
     UNDECIDED,
     judge,
+    many_attempts,
+    matrix,
     progress,
+    shares,
+    starts,
 )
 from causal_openlock.schemas.finding import find_schema
 from support.fabricated_courses import around, course, described

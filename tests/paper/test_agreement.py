@@ -5,7 +5,7 @@ import pyarrow as pa
 import pytest
 
 from causal_openlock.analysis.measures import TRANSFERS, attempts_to_solve
-from causal_openlock.analysis.results.visits import FINDS_ALL, OPENS, shares
+from causal_openlock.analysis.topics.learning import FINDS_ALL, OPENS, shares
 from causal_openlock.evidence.study import read_study
 from causal_openlock.paper.agreement import (
     AGREES,

@@ -1,43 +1,53 @@
-"""Verdicts on whether learners learn, by a rule that is stated and can be checked.
+"""Learning under protocols with many attempts, and verdicts on it by a rule that can be checked.
 
-A learner's visits to train on are cut into five parts. In each of them every subject has a share of
-attempts that open the door, and a share of visits in which it found every solution. The rule
-(:func:`judge`) compares these shares with chance and with the subject's own start, and allows for
-how much subjects differ. Chance is the share that random actions reach, computed exactly from the
-room; where such a learner is in the record, also what it did, its luck included.
+Under such protocols a trial does not end when it is solved, so "attempts to solve" says little;
+what says much is how often attempts open the door, and in how many visits every solution was found.
+A subject's visits to rooms are cut, in the order of time, into a few equal parts, and each part has
+these two shares: one number for each subject, so that intervals are over subjects.
+
+The rule (:func:`judge`) compares these shares with chance and with the subject's own start, and
+allows for how much subjects differ. Chance is the share that random actions reach, computed exactly
+from the room; where such a learner is in the record, also what it did, its luck included.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.measures import SUBJECT
-from causal_openlock.analysis.prose import Prose
+from causal_openlock.analysis.measures import CELL, START, SUBJECT, at_places
 from causal_openlock.analysis.results.chance import chance_of_finding_all, chance_of_opening
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.visits import (
-    FINDS_ALL,
-    LEAST_SUBJECTS,
-    OPENS,
-    PARTS,
-    Group,
-    each_group,
-    going_on,
-    interval,
-    matrix,
-    shares,
-    starts,
-)
 from causal_openlock.analysis.section import Section
-from causal_openlock.analysis.statistics import LEVEL, mean_interval, share_interval
+from causal_openlock.analysis.statistics import (
+    LEAST_UNITS,
+    LEVEL,
+    mean_interval,
+    share_interval,
+    student,
+)
 from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.experiment.declare import Experiment, default_action_limit
 from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.world.room import positions_for
+
+PARTS = 5
+"""Into how many parts a phase is cut: the paper's Figure 6 has five blocks."""
+
+OPENS, FINDS_ALL, ELSE = "opens", "finds_all", "else"
+"""Measures of a part: the shares of attempts that open the door, of visits in which every
+solution is found, and of attempts that neither unlock nor open the door."""
+
+UNLOCKS, FOUND = "unlocks", "found"
+"""Also measured: the share of attempts that unlock the door and do not open it, and how many of a
+room's solutions are found in a visit, as a share."""
+
+LEAST_SUBJECTS = LEAST_UNITS
+"""Fewer subjects are not judged."""
 
 LEARNS = "learns"
 FALLS = "rises, then falls"
@@ -56,13 +66,101 @@ MARGIN = 0.1
 MANY_CONDITIONS = 3
 """Number of conditions from which those of a learner are not named one by one."""
 
-_PROSE = Prose(__name__)
+
+class Group(NamedTuple):
+    """Subjects that are compared: a learner in a condition under a protocol."""
+
+    learner: str
+    condition: str
+    protocol: str
+
+
+def shares(trials: pd.DataFrame, parts: int = PARTS) -> pd.DataFrame:
+    """The shares of every subject in each part of a phase.
+
+    A subject's visits in a phase are cut into ``parts`` shares that are equal up to one visit; a
+    phase of fewer visits has a part for each.
+
+    Returns:
+        One row for each subject, phase and part (from 1): the columns of a cell and of a subject,
+        ``phase``, ``part``, ``visits``, ``attempts`` and the shares :data:`OPENS`,
+        :data:`FINDS_ALL`, :data:`ELSE`, :data:`UNLOCKS` and :data:`FOUND`.
+    """
+    by = [*CELL, "phase", *SUBJECT]
+    whole = trials.groupby(by, sort=False, observed=True)
+    number, total = whole.cumcount(), whole["trial"].transform("size")
+    tally = trials.assign(
+        part=number * np.minimum(parts, total) // total + 1,
+        visits=1,
+        attempts=trials["last_attempt"],
+        opened=trials[["open1", "open2", "open3"]].sum(axis=1),
+        found=trials["solutions_found"] / trials["solutions"],
+    )
+    added = tally.groupby([*by, "part"], sort=True, observed=True)
+    table = (
+        added[["visits", "attempts", "opened", "solved", "neither", "unlock", FOUND]]
+        .sum()
+        .reset_index()
+    )
+    table[OPENS] = table["opened"] / table["attempts"]
+    table[ELSE] = table["neither"] / table["attempts"]
+    table[FINDS_ALL] = table["solved"] / table["visits"]
+    table[UNLOCKS] = table["unlock"] / table["attempts"]
+    table[FOUND] /= table["visits"]
+    return table.drop(columns=["opened", "solved", "neither", "unlock"])
+
+
+def starts(trials: pd.DataFrame) -> pd.DataFrame:
+    """Measures of every subject at the start of training.
+
+    Returns:
+        One row for each subject: the columns of a cell and of a subject, ``opens``, at the
+        :data:`~causal_openlock.analysis.measures.START` of its first visit, and ``finds_all``, 0 or
+        1, in that visit.
+    """
+    by = [*CELL, *SUBJECT]
+    first = trials[trials["phase"] == "train"].groupby(by, sort=False, observed=True).head(1)
+    opened = first["opened_at_start"] / np.maximum(first["last_attempt"] // START, 1)
+    return first[by].assign(**{OPENS: opened, FINDS_ALL: first["solved"].astype(float)})
+
+
+def each_group(
+    table: pd.DataFrame, phase: str | None = None
+) -> Iterator[tuple[Group, pd.DataFrame]]:
+    """The rows of every learner, protocol and condition (of one phase), in the order of names."""
+    kept = table if phase is None else table[table["phase"] == phase]
+    by = ["learner", "protocol", "condition"]
+    for (learner, protocol, condition), rows in kept.groupby(by, observed=True):
+        yield Group(learner, condition, protocol), rows
+
+
+def matrix(rows: pd.DataFrame, measure: str) -> FloatArray:
+    """``[n, P]`` a measure of n subjects in each of the parts that all of them have."""
+    values, _ = at_places(rows, ["part"], measure)
+    return values[:, ~np.isnan(values).any(axis=0)]
+
+
+def interval(values: FloatArray, level: float = LEVEL) -> tuple[float, float]:
+    """Student's bounds of the mean of ``[n]`` subjects for a verdict, also where all are equal."""
+    low, high = student(len(values), values.mean(), values.var(ddof=1), 0, level)
+    return float(low), float(high)
+
+
+def many_attempts(experiment: Experiment) -> set[str]:
+    """Names of the protocols whose trials continue after they are solved."""
+    stops = {one.name for one in experiment.protocols if one.stop_when_solved}
+    return {one.name for one in experiment.protocols} - stops
+
+
+def going_on(trials: pd.DataFrame, experiment: Experiment) -> pd.DataFrame:
+    """The trials under protocols that continue after a trial is solved."""
+    return trials[trials["protocol"].isin(many_attempts(experiment))]
 
 
 def judge(
     start: FloatArray, parts: FloatArray, bar: float, counted: FloatArray | None = None
 ) -> str:
-    """Whether subjects learn, by the rule that the section states (``templates/learning.txt.j2``).
+    """Whether subjects learn, by the rule that the section states.
 
     Args:
         start: ``[n]`` each subject's share at its start.
@@ -195,18 +293,40 @@ def section(material: Material) -> Section | None:
     if table.empty:
         return None
     doors, alls = table[table["measure"] == OPENS], table[table["measure"] == FINDS_ALL]
-    return _PROSE.section(
-        "learning",
-        [_shown("learning_door", doors), _shown("learning_all", alls)],
-        doors=by_verdict(doors),
-        alls=by_verdict(alls),
-        least=LEAST_SUBJECTS,
-        margin=MARGIN,
-        sure=SURE_OF_SUBJECT,
+    text = (
+        f"Opening the door. {verdicts(doors)}",
+        f"Finding every solution within a visit. {verdicts(alls)}",
+        "A learner's training is cut into five parts of equally many visits. It counts as above "
+        "chance in a part if the whole interval over subjects lies above chance. It counts as "
+        "risen there if the mean share is at least twice that at the start, and the whole interval "
+        "of the subjects' gains on their own starts lies above zero; the start is the first tenth "
+        "of the attempts of the first visit (for finding every solution: the first visit). "
+        "Intervals cover 95%, or, where one part of five is enough, 99%. “learns”: above chance "
+        "and risen in the last part. “rises, then falls”: so in some part, and in the last at most "
+        "half of the best, by an interval below zero. “above chance, no rise”: able from the "
+        "start, or at no time surely twice as good. “some subjects learn”: the group is surely "
+        "above chance in no part, but single subjects are in the last, by an exact binomial test "
+        f"of each (p < {SURE_OF_SUBJECT} for all subjects together). “does not learn”: neither the "
+        "group nor any subject is surely above chance, and the whole interval of the last part "
+        f"lies less than {MARGIN} above it. “undecided”: everything else, such as risen, and in "
+        f"the end neither surely above chance nor surely fallen; or fewer than {LEAST_SUBJECTS} "
+        "subjects. These verdicts follow from intervals, each by itself: they are not corrected "
+        "for their number.",
     )
+    tables = (
+        _shown(
+            "learning_door", "Which learners learn to open the door",
+            "Share of attempts that open it.", doors,
+        ),
+        _shown(
+            "learning_all", "Which learners learn to find every solution",
+            "Share of visits in which every solution is found.", alls,
+        ),
+    )  # fmt: skip
+    return Section("learning", "Which learners learn", text, tables)
 
 
-def _shown(name: str, rows: pd.DataFrame) -> Table:
+def _shown(name: str, title: str, share: str, rows: pd.DataFrame) -> Table:
     first = ["learner", "condition", "protocol", "verdict"]
     last = ["subjects", "visits"]
     shares_of = [name for name in rows if name not in (*first, *last, "measure")]
@@ -216,30 +336,27 @@ def _shown(name: str, rows: pd.DataFrame) -> Table:
         frame = frame.drop(columns="protocol")
     frame = frame.rename(columns={"peak": "best"}).reset_index(drop=True)
     formats = {**dict.fromkeys((*shares_of, "best"), ".2%"), "chance": ".4%", "visits": ".0f"}
-    return _PROSE.table(name, frame, formats, parts=PARTS)
+    caption = (
+        f"{share} Means over subjects: at the start, in the first, the best and the last of "
+        f"{PARTS} parts of training, with the 95% interval of the last. chance: of random actions, "
+        "exactly; random: of the random learner. visits: trials to train on."
+    )
+    return Table(name, title, frame, formats, caption)
 
 
-def by_verdict(rows: pd.DataFrame) -> dict[str, list[dict[str, Any]]]:
-    """Learners and conditions of each verdict, by one measure of :func:`progress`.
-
-    Returns:
-        By verdict, in the order of :data:`VERDICTS`: ``learner``, ``protocol`` (empty if it has
-        only one) and ``conditions`` (none if it is every one of many).
-    """
-    found: dict[str, list[dict[str, Any]]] = {verdict: [] for verdict in VERDICTS}
+def verdicts(rows: pd.DataFrame) -> str:
+    """Learners and conditions of each verdict, by one measure of :func:`progress`, in words."""
+    found: dict[str, list[str]] = {verdict: [] for verdict in VERDICTS}
     for learner, own in rows.groupby("learner", sort=False):
         several = own["protocol"].nunique() > 1
         for protocol, part in own.groupby("protocol", sort=False):
+            under = f" under {protocol}" if several else ""
             for verdict, mine in part.groupby("verdict")["condition"]:
                 every = len(mine) == len(part) >= MANY_CONDITIONS
-                found[str(verdict)].append(
-                    {
-                        "learner": learner,
-                        "protocol": protocol if several else "",
-                        "conditions": [] if every else list(mine),
-                    }
-                )
-    return {verdict: groups for verdict, groups in found.items() if groups}
+                where = "every condition" if every else ", ".join(mine)
+                found[str(verdict)].append(f"{learner}{under} ({where})")
+    each = [f"{verdict.capitalize()}: {'; '.join(who)}." for verdict, who in found.items() if who]
+    return " ".join(each)
 
 
 TOPIC = Topic("learning", 100, section)

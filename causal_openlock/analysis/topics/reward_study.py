@@ -10,24 +10,24 @@ them by attempts that open the door, of which a reward paid once for each soluti
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import pandas as pd
 
 from causal_openlock.analysis.measures import ordered
-from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.visits import FINDS_ALL, OPENS
 from causal_openlock.analysis.section import Section
+from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.analysis.topics.learning import (
     FALLS,
+    FINDS_ALL,
     FLAT,
     LEARNS,
     NOT,
+    OPENS,
     SOME,
-    by_verdict,
     progress,
+    verdicts,
 )
 from causal_openlock.experiment.declare import Experiment
 from causal_openlock.world.rewards import AuthorsReward, Reward, RewardFunction
@@ -42,7 +42,6 @@ ABLE = {OPENS: (LEARNS, FALLS), FINDS_ALL: (LEARNS, FALLS, FLAT)}
 """Verdicts that count as learning; a first visit is long enough to learn in, so that the share of
 those in which every solution is found need not rise from there."""
 
-_PROSE = Prose(__name__)
 _RUNGS = {
     "unique": "unique_solutions",
     "change": "state_change",
@@ -68,89 +67,6 @@ def rewards_of(experiment: Experiment) -> dict[str, RewardFunction]:
     return {spec.name: spec.reward for spec in experiment.learners if spec.name not in by_chance}
 
 
-def study(table: pd.DataFrame, rewards: Mapping[str, RewardFunction]) -> pd.DataFrame:
-    """Results of each reward, the one first with which every solution is found most often.
-
-    Returns:
-        One row for each learner: ``learner``; ``door`` and ``all``, its mean shares in the last
-        part of training, averaged over conditions, each followed by the verdict on it in each
-        condition (``door CC4``, ``all CC4``, ...); ``reward``, and its ``terms`` in words.
-    """
-    kept = table[table["learner"].isin(list(rewards))]
-    conditions = ordered(kept["condition"])
-    rows = []
-    for learner, mine in kept.groupby("learner", sort=False):
-        row: dict[str, Any] = {"learner": learner}
-        for name, measure in (("door", OPENS), ("all", FINDS_ALL)):
-            own = mine[mine["measure"] == measure]
-            row[name] = own["last"].mean()
-            for condition in conditions:
-                found = own.loc[own["condition"] == condition, "verdict"]
-                row[f"{name} {condition}"] = ", ".join(dict.fromkeys(found))
-        row["reward"] = rewards[str(learner)].name
-        row["terms"] = " + ".join(sorted(reward_terms(rewards[str(learner)]))) or "none"
-        rows.append(row)
-    frame = pd.DataFrame(rows)
-    return frame.sort_values(["all", "door"], ascending=False, kind="stable", ignore_index=True)
-
-
-def without_repeats(
-    table: pd.DataFrame, rewards: Mapping[str, RewardFunction]
-) -> dict[str, dict[str, Any]] | None:
-    """Whether unique solutions cannot be learned, as the paper says; None if no learner got them.
-
-    Returns:
-        By measure, whether the paper is ``right``: ``yes``, ``no`` (it is learned in every
-        condition), ``in part`` or ``undecided``; and the learners by ``verdict``.
-    """
-    unique = [name for name, one in rewards.items() if "unique_solutions" in reward_terms(one)]
-    table = table[table["learner"].isin(unique)]
-    return {measure: _without(table, measure) for measure in ABLE} if len(table) else None
-
-
-def _without(table: pd.DataFrame, measure: str) -> dict[str, Any]:
-    found = table[table["measure"] == measure]
-    able = found["verdict"].isin(ABLE[measure])
-    if (found["verdict"] == NOT).all():
-        right = "yes"
-    elif able.all():
-        right = "no"
-    else:
-        right = "in part" if able.any() or (found["verdict"] == SOME).any() else "undecided"
-    return {"right": right, "verdicts": by_verdict(found)}
-
-
-def best_rewards(
-    table: pd.DataFrame, rewards: Mapping[str, RewardFunction]
-) -> list[dict[str, Any]]:
-    """Learners with the paper's best combination, compared with the others.
-
-    Returns:
-        ``learner``, ``condition``, ``last`` (its share of visits in which every solution is found,
-        in the last part of training), ``door`` (that of attempts that open the door), how many
-        others are ``better`` and which of them surely (``above``), by intervals.
-    """
-    best = [
-        name
-        for name, one in rewards.items()
-        if reward_terms(one) == BEST_OF_PAPER and isinstance(one, Reward)
-    ]
-    by = ["learner", "condition", "protocol"]
-    doors = table[table["measure"] == OPENS].set_index(by)["last"].rename("door")
-    visits = table[table["measure"] == FINDS_ALL].join(doors, on=by)
-    found = []
-    for row in visits[visits["learner"].isin(best)].to_dict("records"):
-        others = visits[
-            (visits["condition"] == row["condition"])
-            & (visits["protocol"] == row["protocol"])
-            & ~visits["learner"].isin(best)
-        ]
-        above = others[others["ci_low"] > row["ci_high"]].to_dict("records")
-        better = int((others["last"] > row["last"]).sum())
-        found.append({**row, "better": better, "above": above})
-    return found
-
-
 def section(material: Material) -> Section | None:
     """The reward study: which rewards learn, or None if the experiment has too few rewards."""
     rewards = rewards_of(material.experiment)
@@ -160,12 +76,96 @@ def section(material: Material) -> Section | None:
     table = table[table["learner"].isin(list(rewards))]
     if table.empty:
         return None
-    return _PROSE.section(
-        "reward_study",
-        [_PROSE.table("reward_study", study(table, rewards), {"door": ".2%", "all": ".1%"})],
-        unique=without_repeats(table, rewards),
-        best=best_rewards(table, rewards),
+    text = []
+    unique = [name for name, one in rewards.items() if "unique_solutions" in reward_terms(one)]
+    without = table[table["learner"].isin(unique)]
+    if len(without):
+        text = [
+            "The paper: with unique solutions nothing is learned. Here, by visits in which every "
+            f"solution is found: {_held_against(without, FINDS_ALL)}",
+            "By attempts that open the door, of which an agent optimal for unique solutions alone "
+            f"needs as many in a visit as there are solutions: {_held_against(without, OPENS)}",
+        ]
+    if best := _best(table, rewards):
+        text.append(
+            "The paper: negative immovable, partial sequence and solution multiplier are best. "
+            f"Here: {' '.join(best)}"
+        )
+    text.append(
+        "“Surely” means that 95% intervals over subjects do not overlap. The verdicts are those of "
+        "“Which learners learn”, where the rule is stated."
     )
+    caption = (
+        "“door”: share of attempts that open the door, “all”: share of visits in which every "
+        "solution is found, both in the last part of training, averaged over conditions; with a "
+        "condition, the verdict there. Terms are added to the basic reward."
+    )
+    formats = {"door": ".2%", "all": ".1%"}
+    frame = study(table, rewards)
+    tables = (Table("reward_study", "Which rewards learn", frame, formats, caption),)
+    return Section("reward_study", "Reward study", tuple(text), tables)
+
+
+def study(table: pd.DataFrame, rewards: Mapping[str, RewardFunction]) -> pd.DataFrame:
+    """Results of each reward, the one first with which every solution is found most often."""
+    frame = pd.DataFrame(index=list(dict.fromkeys(table["learner"])))
+    for name, measure in (("door", OPENS), ("all", FINDS_ALL)):
+        own = table[table["measure"] == measure]
+        frame[name] = own.groupby("learner")["last"].mean()
+        for condition in ordered(own["condition"]):
+            found = own[own["condition"] == condition].groupby("learner")["verdict"]
+            frame[f"{name} {condition}"] = found.agg(lambda each: ", ".join(dict.fromkeys(each)))
+    frame["reward"] = [rewards[name].name for name in frame.index]
+    terms = [" + ".join(sorted(reward_terms(rewards[name]))) for name in frame.index]
+    frame["terms"] = [words or "none" for words in terms]
+    frame = frame.sort_values(["all", "door"], ascending=False, kind="stable")
+    return frame.rename_axis("learner").reset_index()
+
+
+def _held_against(without: pd.DataFrame, measure: str) -> str:
+    """Whether nothing is learned with unique solutions, as the paper says, in words."""
+    found = without[without["measure"] == measure]
+    able = found["verdict"].isin(ABLE[measure])
+    if (found["verdict"] == NOT).all():
+        right = "the same, in every condition."
+    elif able.all():
+        right = "otherwise, in every condition something is learned."
+    elif able.any() or (found["verdict"] == SOME).any():
+        right = "otherwise in part."
+    else:
+        right = "undecided."
+    return f"{right} {verdicts(found)}"
+
+
+def _best(table: pd.DataFrame, rewards: Mapping[str, RewardFunction]) -> list[str]:
+    """How learners with the paper's best combination compare with the others, by intervals."""
+    best = [
+        name
+        for name, one in rewards.items()
+        if reward_terms(one) == BEST_OF_PAPER and isinstance(one, Reward)
+    ]
+    by = ["learner", "condition", "protocol"]
+    doors = table[table["measure"] == OPENS].set_index(by)["last"].rename("door")
+    visits = table[table["measure"] == FINDS_ALL].join(doors, on=by)
+    others = visits[~visits["learner"].isin(best)]
+    found = []
+    for row in visits[visits["learner"].isin(best)].itertuples():
+        same = (others["condition"] == row.condition) & (others["protocol"] == row.protocol)
+        above = others[same & (others["ci_low"] > row.ci_high)]
+        better = int((same & (others["last"] > row.last)).sum())
+        if len(above):
+            named = ", ".join(f"{one.learner} ({one.last:.1%})" for one in above.itertuples())
+            compared = f". Surely more often finds every solution {named}"
+        elif better:
+            finds = "finds" if better == 1 else "find"
+            compared = f"; {better} of the others {finds} every solution more often, but not surely"
+        else:
+            compared = ", and none of the others finds every solution more often"
+        found.append(
+            f"{row.learner} in {row.condition} finds every solution in {row.last:.1%} of the last "
+            f"part's visits, and opens the door in {row.door:.1%} of its attempts{compared}."
+        )
+    return found
 
 
 TOPIC = Topic("reward_study", 120, section)
