@@ -38,8 +38,7 @@ def report(
         bool,
         typer.Option(
             "--figures",
-            help="Also write figures (PDF) and tables (CSV, LaTeX) as files; without it, "
-            "those of an earlier report are removed.",
+            help="Also write figures (PDF) and tables (CSV, LaTeX) as files.",
         ),
     ] = False,
     methods: Annotated[
@@ -84,11 +83,10 @@ def report_results(
         figures: Whether figures and tables are also written as files.
         reasons: Whether to say why some learners are not applicable; ``compare`` has said it.
     """
-    from causal_openlock.analysis.prose import Prose
     from causal_openlock.analysis.report.about_people import exclusions
     from causal_openlock.analysis.report.warnings import not_applicable
     from causal_openlock.analysis.report.writing import make_report
-    from causal_openlock.analysis.results.missing import missing_cells
+    from causal_openlock.analysis.results.missing import missing_cells, unfinished
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.comparison.leaderboard_text import print_leaderboard
     from causal_openlock.comparison.progress_bar import shown_steps
@@ -101,17 +99,12 @@ def report_results(
     for sentence in (*exclusions(results), *said):
         console.print(sentence, highlight=False)
     if missing := missing_cells(results.experiment):
-        failed = sum(one.failed for one in missing)
-        text = Prose("causal_openlock.analysis.report.report").sentence(
-            "unfinished", cells=len(missing), failed=failed
-        )
-        console.print(f"\n{text}", style="yellow", soft_wrap=True, highlight=False)
+        text = f"\n{unfinished(missing)}"
+        console.print(text, style="yellow", soft_wrap=True, highlight=False)
         for one in missing[:MOST_MISSING]:
             console.print_line(f"  {one.text}")
         if len(missing) > MOST_MISSING:
             console.print(f"  and {len(missing) - MOST_MISSING} more")
-    if page.removed:
-        console.print_line(page.removed)
     console.print_line(f"report: {page.path}")
 
 
@@ -134,8 +127,7 @@ def report_difference(first: Path, second: Path, out: Path, figures: bool) -> No
         begin("reading")
         both = read_results(Store(first)), read_results(Store(second))
         begin("comparing")
-        changed, table, removed = write_difference(*both, path, names, figures)
-    for sentence in (sentence_on_changes(changed), sentence_on_differences(table), removed):
-        if sentence:
-            say(sentence)
+        changed, table = write_difference(*both, path, names, figures)
+    say(sentence_on_changes(changed))
+    say(sentence_on_differences(table))
     say(f"report: {path}")

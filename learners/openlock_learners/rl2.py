@@ -42,7 +42,7 @@ class RL2Parameters:
 
 
 class RL2(Learner):
-    """A recurrent policy, meta-trained over many rooms and schemas: it learns in its memory."""
+    """A recurrent policy, trained before in rooms of which half have the paper's schemas."""
 
     Parameters = RL2Parameters
     parameters: RL2Parameters

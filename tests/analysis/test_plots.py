@@ -469,7 +469,7 @@ def shown_in(axes):
 )
 def test_the_line_under_a_figure_of_the_report_makes_it_again(name, kinds):
     results = getattr(played_results, name)()
-    sections = [*sections_of(results, all_topics()), *learner_pages(results)]
+    sections = [*sections_of(results, all_topics()), learner_pages(results)]
     plots = [*figures_of(results), *(plot for section in sections for plot in section.plots)]
     assert plt.get_fignums() == []  # the report leaves no figure behind
     assert len({plot.call for plot in plots}) == len(plots)

@@ -17,6 +17,7 @@ from typing import Literal
 import pytest
 
 from causal_openlock.analysis.report import writing
+from causal_openlock.analysis.section import Section
 from causal_openlock.cli import main
 from causal_openlock.comparison import progress_bar
 from causal_openlock.running import workers
@@ -41,8 +42,9 @@ def report_shortly(patches: pytest.MonkeyPatch, reports: Reports = "short") -> N
     if progress_bar.FIRST_AFTER >= 1:  # a test about progress makes it shorter
         patches.setattr(progress_bar, "FIRST_AFTER", 3600.0)
     if reports != "whole":
-        for part in ("figures_of", "learner_pages", "sections_of"):
+        for part in ("figures_of", "sections_of"):
             patches.setattr(writing, part, lambda *_: [])
+        patches.setattr(writing, "learner_pages", lambda *_: Section("learners", "Learners"))
 
 
 @contextlib.contextmanager

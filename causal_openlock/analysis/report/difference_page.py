@@ -29,12 +29,13 @@ from causal_openlock.analysis.measures import (
 )
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import in_rows, panels
-from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.report.described import in_words
-from causal_openlock.analysis.report.page import Written
-from causal_openlock.analysis.section import Section
+from causal_openlock.analysis.report.page import write_page
+from causal_openlock.analysis.section import Section, drawn
+from causal_openlock.analysis.table import Table
 from causal_openlock.experiment.declare import PAPER_CONDITIONS
 from causal_openlock.storage.stored import StoredExperiment
+from causal_openlock.wording import counted, some
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -45,7 +46,6 @@ Results = tuple["pa.Table", StoredExperiment]
 MOST_DRAWN = 60
 """Differences between two results that are drawn: the first ones."""
 
-_PROSE = Prose(__name__)
 FORMATS = {
     **dict.fromkeys(("subjects_first", "subjects_second"), ","),
     **dict.fromkeys(("attempts_first", "attempts_second"), ".2f"),
@@ -58,6 +58,11 @@ COLUMNS = (
     "verdict",
 )
 SAME, UNDECIDED, DIFFERENT, UNKNOWN = "the same", "undecided", "different", "too few subjects"
+_IN_WORDS = {
+    UNDECIDED: "may differ or not: undecided",
+    SAME: "are the same, subject by subject",
+    UNKNOWN: "are of too few subjects to say",
+}
 
 
 def changes(first: StoredExperiment, second: StoredExperiment) -> pd.DataFrame:
@@ -67,11 +72,11 @@ def changes(first: StoredExperiment, second: StoredExperiment) -> pd.DataFrame:
         One row for each difference: ``what`` (such as ``learner ddqn, parameters, gamma``), and
         what it is in the ``first`` and in the ``second``, in words; ``–`` where it is not there.
     """
-    readable = [_readable(one) for one in (first, second)]
-    for mine, other in (readable, readable[::-1]):
-        for key in [key for key in mine if key not in other and isinstance(mine[key], Mapping)]:
-            mine[key] = "there"  # no details of what only one of them has
-    one, other = (dict(_flat(experiment)) for experiment in readable)
+    known = [_parts(experiment) for experiment in (first, second)]
+    for own, other in (known, known[::-1]):
+        for name in own.keys() - other.keys():
+            own[name] = "there"  # no details of what only one of them has
+    one, other = (dict(_flat(parts)) for parts in known)
     rows = [
         (what, one.get(what, "–"), other.get(what, "–"))
         for what in one | other
@@ -80,39 +85,25 @@ def changes(first: StoredExperiment, second: StoredExperiment) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["what", "first", "second"])
 
 
-def _readable(experiment: StoredExperiment) -> dict[str, Any]:
-    """An experiment with learners and conditions by name, and schemas in a line each."""
-    found: dict[str, Any] = {
-        "name": experiment.name,
-        "seed": experiment.seed,
-        "cell_size": experiment.cell_size,
-        "missing_cells": list(experiment.missing),
+def _parts(experiment: StoredExperiment) -> dict[str, Any]:
+    """An experiment as plain data, with each learner and condition by name."""
+    data = experiment.as_dict()
+    return {
+        **{name: data[name] for name in ("name", "seed", "cell_size")},
+        "missing cells": list(experiment.missing),
         "versions": dict(experiment.versions),
+        **{f"learner {spec['name']}": spec for spec in data["learners"]},
+        **{f"condition {condition['name']}": condition for condition in data["conditions"]},
     }
-    for spec in experiment.learners:
-        found[f"learner {spec.name}"] = _without_name(spec.as_dict())
-    for condition in experiment.conditions:
-        data = condition.as_dict()
-        for phase, group in (("train", condition.train), ("test", condition.test)):
-            for part, trials in zip(data[phase], group, strict=True):
-                part["schema"] = trials.schema.to_text()
-        found[f"condition {condition.name}"] = _without_name(data)
-    return found
 
 
-def _without_name(data: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in data.items() if key != "name"}
-
-
-def _flat(value: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str, str]]:
+def _flat(value: Any, *above: str) -> Iterator[tuple[str, str]]:
     if isinstance(value, Mapping) and value:
         for key, inner in value.items():
-            # What a learner or a condition is called stays as it is.
-            name = str(key).replace("_", " ") if above or " " not in str(key) else str(key)
-            yield from _flat(inner, (*above, name))
-    elif isinstance(value, list) and any(isinstance(one, Mapping | list) for one in value):
+            yield from _flat(inner, *above, str(key))
+    elif isinstance(value, list) and any(isinstance(part, Mapping | list) for part in value):
         for number, inner in enumerate(value, 1):
-            yield from _flat(inner, (*above, str(number)))
+            yield from _flat(inner, *above, str(number))
     else:
         yield ", ".join(above), in_words(value)
 
@@ -166,7 +157,7 @@ def write_difference(
     path: Path | str,
     names: tuple[str, str],
     figures: bool = False,
-) -> tuple[pd.DataFrame, pd.DataFrame, str]:
+) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Write the page that compares two records.
 
     Args:
@@ -178,91 +169,104 @@ def write_difference(
             ``tables/`` next to the page.
 
     Returns:
-        :func:`changes`, :func:`compared`, and a sentence on files of an earlier page that were
-        removed (empty without any).
+        :func:`changes` and :func:`compared`.
 
     Raises:
         OpenLockError: If a file cannot be written.
         StoreError: If a record has attempts missing or twice.
     """
     path = Path(path)
+    label = re.sub(r"\W+", "_", path.stem, flags=re.ASCII)
     changed = changes(first[1], second[1])
     trials = [count(record).trials for record, _ in (first, second)]
-    learners = [spec.name for spec in first[1].learners]
-    table = compared(trials[0], trials[1], learners)
-    written = Written(path, figures)
-    label = re.sub(r"\W+", "_", path.stem, flags=re.ASCII)
+    table = compared(trials[0], trials[1], [spec.name for spec in first[1].learners])
     cells = [set(_groups(one)) for one in trials]
-    sections = [
-        _changes_section(changed, names, label),
-        _noise_section(table, (cells[0] - cells[1], cells[1] - cells[0]), names, label),
+    alone = (cells[0] - cells[1], cells[1] - cells[0])
+    opening = [
+        f"{place}: {name}. {counted(record.num_rows, 'attempt')} in "
+        f"{counted(len(played), 'trial')}, seed {experiment.seed}"
+        + (f", {counted(len(experiment.missing), 'cell')} missing." if experiment.missing else ".")
+        for place, name, played, (record, experiment) in zip(
+            ("First", "Second"), names, trials, (first, second), strict=True
+        )
     ]
-    written.page(
-        "difference.html.j2",
-        title=f"{names[0]} and {names[1]}",
-        names=names,
-        results=[
-            {
-                "attempts": record.num_rows,
-                "trials": len(played),
-                "seed": experiment.seed,
-                "missing": len(experiment.missing),
-            }
-            for (record, experiment), played in zip((first, second), trials, strict=True)
-        ],
-        sections=[written.section(section) for section in sections],
-    )
-    return changed, table, written.removed
+    sections = [_changes(changed, names, label), _differences(table, alone, names, label)]
+    if len(table):
+        sections.append(_intervals(table, names, label))
+    title = f"{names[0]} and {names[1]}"
+    write_page(path, "page.html.j2", sections, figures, title=title, opening=opening)
+    return changed, table
 
 
 def sentence_on_changes(changed: pd.DataFrame) -> str:
-    """Sentence on the differences between two experiments (:func:`changes`)."""
-    return _PROSE.sentence("changes", things=changed["what"].tolist())
+    """Sentence on the differences between two experiments (:func:`changes`).
+
+    >>> sentence_on_changes(pd.DataFrame({"what": ["seed"]}))
+    '1 thing differs in what was run: seed.'
+    """
+    if changed.empty:
+        return "Nothing differs in what was run."
+    things = counted(len(changed), "thing differs", "things differ")
+    return f"{things} in what was run: {some(changed['what'])}."
 
 
 def sentence_on_differences(table: pd.DataFrame) -> str:
     """How many differences (:func:`compared`) are more than chance explains, in a sentence."""
+    if table.empty:
+        return "No learner played the same condition under the same protocol in both."
     rows = table[table["verdict"] == DIFFERENT]
-    more = (rows["learner"] + " in " + rows["condition"]).tolist()
-    verdicts = table["verdict"].value_counts().to_dict()
-    return _PROSE.sentence("noise", total=len(table), more=more, verdicts=verdicts)
+    more = [*(rows["learner"] + " in " + rows["condition"])]
+    verdicts = table["verdict"].value_counts()
+    told = [
+        f"{len(more)} of {len(table)} means differ by more than chance explains"
+        f"{f' ({some(more)})' if more else ''}",
+        *(f"{verdicts[name]} {words}" for name, words in _IN_WORDS.items() if name in verdicts),
+    ]
+    return f"{', '.join(told)}."
 
 
-def _changes_section(changed: pd.DataFrame, names: tuple[str, str], label: str) -> Section:
-    title = _PROSE.sentence("changes_title")
-    if changed.empty:
-        return Section("changes", title, _PROSE.paragraphs("no_changes"))
+def _changes(changed: pd.DataFrame, names: tuple[str, str], label: str) -> Section:
     shown = changed.rename(columns=dict(zip(("first", "second"), names, strict=True)))
-    table = _PROSE.table("changes", shown, {}, f"{label}_changes")
-    return Section("changes", title, (sentence_on_changes(changed),), (table,))
+    table = Table(f"{label}_changes", "Differences of the experiments", shown)
+    tables = (table,) if len(changed) else ()
+    text = (sentence_on_changes(changed),)
+    return Section("changes", "What changed", text, tables, is_open=True)
 
 
-def _noise_section(
+def _differences(
     table: pd.DataFrame,
     alone: Sequence[set[tuple[str, str, str, str]]],
     names: tuple[str, str],
     label: str,
 ) -> Section:
-    only = {
-        name: [f"{key[0]} in {key[1]} ({key[2]}, {key[3]})" for key in sorted(cells)]
-        for name, cells in zip(names, alone, strict=True)
-    }
-    text = (sentence_on_differences(table), *_PROSE.paragraphs("only", alone=only))
-    title = _PROSE.sentence("noise_title")
-    if table.empty:
-        return Section("noise", title, text)
-    drawn = table.assign(sure=table["verdict"] == DIFFERENT)
-    plot = _PROSE.plot(
-        "means", plot_differences, drawn, {"names": names}, f"{label}_means", "",
-        drawn=min(len(table), MOST_DRAWN), rows=len(table),
-    )  # fmt: skip
-    return Section(
-        "noise",
-        title,
-        text,
-        (_PROSE.table("means", table, FORMATS, f"{label}_means", names=names, alpha=ALPHA),),
-        (plot,),
+    text = [sentence_on_differences(table)]
+    for name, cells in zip(names, alone, strict=True):
+        if cells:
+            only = [f"{key[0]} in {key[1]} ({key[2]}, {key[3]})" for key in sorted(cells)]
+            text.append(f"Only in {name}: {some(only)}.")
+    caption = (
+        f"Mean attempts over subjects in {names[0]} (first) and {names[1]} (second); difference: "
+        "second less first, so negative is better, with its 95% interval (Student’s over pairs of "
+        "subjects where rooms are the same, otherwise Welch’s); p holm is p after Holm’s "
+        f"correction for all rows that are not the same, and below {ALPHA} it is different; the "
+        "others are undecided, which does not show that they are equal."
     )
+    means = Table(f"{label}_means", "Differences of the results", table, FORMATS, caption)
+    tables = (means,) if len(table) else ()
+    return Section("noise", "Do the results differ?", tuple(text), tables, is_open=True)
+
+
+def _intervals(table: pd.DataFrame, names: tuple[str, str], label: str) -> Section:
+    caption = (
+        "Difference of mean attempts with its 95% interval; filled and orange: different after "
+        "Holm’s correction."
+    )
+    if len(table) > MOST_DRAWN:
+        caption += f" The first {MOST_DRAWN} of {len(table)}."
+    title = f"Attempts in {names[1]} less those in {names[0]}"
+    rows = table.assign(sure=table["verdict"] == DIFFERENT)
+    plot = drawn(f"{label}_means", plot_differences, rows, title, caption, "", names=names)
+    return Section("intervals", "Differences with their intervals", plots=(plot,), is_open=True)
 
 
 def plot_differences(table: pd.DataFrame, names: Sequence[str], ax: Any = None) -> Axes:

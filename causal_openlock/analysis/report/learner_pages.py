@@ -14,56 +14,55 @@ import pandas as pd
 
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.subjects import plot_subjects
-from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import Beside, difference_from
-from causal_openlock.analysis.section import Section
-from causal_openlock.wording import file_names
+from causal_openlock.analysis.section import Section, drawn
+from causal_openlock.analysis.table import Table
+from causal_openlock.wording import file_names, joined
 
 _RENAMED = {"share_solved": "solved", "ideal_attempts": "ideal"}
-_PROSE = Prose(__name__)
 
 
-def learner_pages(material: Material) -> list[Section]:
-    """A section for each learner: ``learner_1``, ``learner_2``, ... in the order of learners.
-
-    Their tables and plots are called by the learner's name.
-    """
+def learner_pages(material: Material) -> Section:
+    """A figure and a table for each learner, in their order."""
     about = {spec.name: spec.origin.about for spec in material.experiment.learners}
-    headline, learners = material.headline, material.learners
-    played = [name for name in learners if (headline["learner"] == name).any()]
-    pages = []
+    headline = material.headline
+    played = [name for name in material.learners if (headline["learner"] == name).any()]
+    plots, tables = [], []
     for name, part in file_names(played).items():
         own = headline[headline["learner"] == name]
-        label = f"learner_{part}"
-        one = own["protocol"].nunique() == 1
-        plot = _PROSE.plot(
-            "learner", plot_subjects, material, {"learners": [name]}, label,
-            learner=name,
-            size=f"protocol {own['protocol'].iloc[0]}, {style.sizes(own)}" if one else "",
-            known=[
-                one.reference.name
-                for one in material.leading
-                if own[f"{one.reference.prefix}_attempts"].notna().any()
-            ],
-            ideal=bool(own["ideal_attempts"].notna().any()),
-        )  # fmt: skip
-        page = _PROSE.section(
-            f"learner_{learners.index(name) + 1}",
-            [
-                _PROSE.table(
-                    "learner",
-                    _shown(own, material.references),
-                    _formats(material.references),
-                    label,
-                    learner=name,
-                )
-            ],
-            [plot],
+        protocols = own["protocol"].unique()
+        size = "a panel for each protocol"
+        if len(protocols) == 1:
+            size = f"protocol {protocols[0]}, {style.sizes(own)}"
+        known = [
+            one.reference.name
+            for one in material.leading
+            if own[f"{one.reference.prefix}_attempts"].notna().any()
+        ]
+        beside = f"; next to it, mean ± standard error: {joined(known)}" if known else ""
+        ideal = "; dashed: the ideal observer" if own["ideal_attempts"].notna().any() else ""
+        caption = (
+            f"{about.get(name, '')} Attempts of its subjects in the trial that each condition is "
+            f"judged by ({size}). The area of a circle is the share of subjects; black: their mean "
+            f"with its 95% interval{beside}{ideal}. A trial that was not solved counts "
+            "as the limit."
+        ).strip()
+        label, title = f"learner_{part}", f"Subjects of {name}"
+        plot = drawn(label, plot_subjects, material, title, caption, learners=[name])
+        plots.append(replace(plot, folded=True))
+        tables.append(
+            Table(
+                label,
+                f"{name} in every condition",
+                _shown(own, material.references),
+                _formats(material.references),
+                "Mean attempts to solve the trial that the condition is judged by, with the 95% "
+                "interval over subjects.",
+            )
         )
-        text = (about[name],) if about.get(name) else ()
-        pages.append(replace(page, title=name, text=text))
-    return pages
+    text = ("What each learner is, its results, and how its subjects vary.",) if plots else ()
+    return Section("learners", "Learners", text, tuple(tables), tuple(plots))
 
 
 def _shown(own: pd.DataFrame, references: Sequence[Beside]) -> pd.DataFrame:

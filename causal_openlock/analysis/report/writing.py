@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import webbrowser
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -23,12 +22,13 @@ from causal_openlock.analysis.report.about_people import about_people
 from causal_openlock.analysis.report.all_figures import figures_of
 from causal_openlock.analysis.report.described import described, in_words
 from causal_openlock.analysis.report.learner_pages import learner_pages
-from causal_openlock.analysis.report.page import Written
+from causal_openlock.analysis.report.page import write_page
 from causal_openlock.analysis.report.warnings import not_applicable, warnings_of
 from causal_openlock.analysis.results.by_condition import condition_tables
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.missing import missing_cells, with_missing
-from causal_openlock.analysis.results.references import Beside, difference_from
+from causal_openlock.analysis.results.missing import missing_cells, unfinished, with_missing
+from causal_openlock.analysis.results.references import difference_from
+from causal_openlock.analysis.section import Section
 from causal_openlock.analysis.statistics import beside_mean
 from causal_openlock.analysis.table import Table, percent, write_table
 from causal_openlock.analysis.topic import Topic, all_topics, sections_of
@@ -40,6 +40,7 @@ from causal_openlock.analysis.topics.leaderboard import (
 from causal_openlock.analysis.topics.pairwise import all_pairs
 from causal_openlock.files.atomic import folder_at
 from causal_openlock.storage.store import Store
+from causal_openlock.wording import counted, file_names
 
 
 @dataclass(frozen=True)
@@ -51,13 +52,11 @@ class Report:
         answers: The sentences that it opens with, by protocol.
         leaderboard: Its first table, from
             :func:`~causal_openlock.analysis.topics.leaderboard.leaderboard`.
-        removed: A sentence on files of an earlier report that were removed; empty without any.
     """
 
     path: Path
     answers: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     leaderboard: pd.DataFrame = field(default_factory=pd.DataFrame, repr=False, compare=False)
-    removed: str = ""
 
     def open(self) -> None:
         """Open the page in a browser."""
@@ -68,7 +67,7 @@ def make_report(
     material: Material,
     out_dir: Path | str,
     topics: Sequence[Topic] | None = None,
-    begin: Callable[[str], None] | None = None,
+    begin: Callable[[str], None] = lambda _: None,
     figures: bool = False,
 ) -> Report:
     """Write the report of some results.
@@ -76,10 +75,9 @@ def make_report(
     Args:
         material: The results.
         out_dir: The folder to write ``report.html`` and ``summary.csv`` to; it is made if it does
-            not exist. Figures and tables of an earlier report that this one does not write are
-            removed; other files stay.
+            not exist.
         topics: What it is about; by default :func:`~causal_openlock.analysis.topic.all_topics`.
-        begin: Called before each step with its name, such as ``drawing survival``.
+        begin: Called before each step with its name, such as ``describing survival``.
         figures: Whether figures and tables are also written as files, to ``figures/`` and
             ``tables/``.
 
@@ -88,125 +86,161 @@ def make_report(
     """
     folder = folder_at(out_dir)
     experiment = material.experiment
-    trials, learners, summary = material.counts.trials, material.learners, material.summary
     missing = missing_cells(experiment)
-    write_table(with_missing(summary, missing), folder / "summary.csv")
-    begin = begin or (lambda _: None)
-    written = Written(folder / "report.html", figures, lambda name: begin(f"drawing {name}"))
-    plots, pages = figures_of(material), learner_pages(material)
-    topics = all_topics() if topics is None else topics
+    write_table(with_missing(material.summary, missing), folder / "summary.csv")
     begin("computing leaderboard")
     ranked = leaderboard(material)
-    written.table("leaderboard", ranked)
+    if figures:
+        write_table(ranked, folder / "tables" / "leaderboard.csv")
+    about = {spec.name: spec.origin.about for spec in experiment.learners}
+    first = leaderboard_tables(ranked, about)
     opening = answers(ranked, material.once(all_pairs))
-    sections = sections_of(material, topics, lambda name: begin(f"describing {name}"))
-    opening_figures = [plot for one in sections for plot in one.plots if plot.opening]
-    written.page(
+    topics = all_topics() if topics is None else topics
+    found = sections_of(material, topics, lambda name: begin(f"describing {name}"))
+    sentences = {protocol: [" ".join(own)] for protocol, own in opening.items()}
+    for protocol in [*first][:1]:
+        sentences[protocol] += [one.answer for one in found if one.answer]
+    begin("drawing")
+    course = Section("figures", "Course and categories", plots=tuple(figures_of(material)))
+    sections = [_conditions(material), *found, course, learner_pages(material)]
+    sections += [_every_trial(material), _what_was_run(material)]
+    pictures = [plot for one in found for plot in one.plots if plot.opening]
+    write_page(
+        folder / "report.html",
         "report.html.j2",
+        [one for one in sections if one.tables or one.plots or one in found],
+        figures,
+        Store(material.folders[0]).digest() if material.folders else "",
         title=experiment.title or experiment.name,
-        record=Store(material.folders[0]).digest() if material.folders else "",
-        experiment=experiment,
-        attempts=material.record.num_rows,
-        trials=len(trials),
-        missing=[cell.text for cell in missing],
-        failed=sum(cell.failed for cell in missing),
-        first=leaderboard_tables(
-            ranked, {spec.name: spec.origin.about for spec in experiment.learners}
-        ),
-        answers=opening,
-        openings=tuple(one.answer for one in sections if one.answer),
-        figure=written.plot(opening_figures[0]) if opening_figures else None,
-        headline={
-            one.protocol: one
-            for one in condition_tables(
-                material.headline,
-                learners,
-                material.conditions,
-                material.references,
-                experiment.without_any,
-            )
-        },
-        details={
-            one.reference: f"{one.reference.detail}, {style.sizes(one.reference.points)}"
-            for one in material.references
-            if len(one.reference.points)
-        },
-        sizes={
-            key: style.sizes(rows)
-            for key, rows in material.headline.groupby(["protocol", "learner"], observed=True)
-        },
-        figures=[written.plot(plot) for plot in plots],
-        sections=[written.section(one) for one in sections],
-        alpha=ALPHA,
-        learners=[written.section(one) for one in pages],
-        summary=_summary_blocks(summary, learners, material.references),
-        people=about_people(material),
-        described=[
-            Table("", title, frame, verbatim=True)
-            for title, frame in described(experiment, trials).items()
-            if len(frame)
-        ],
-        versions=[f"{name} {in_words(one)}" for name, one in experiment.versions.items()],
+        opening=[f"Experiment {experiment.name}, seed {experiment.seed}."],
+        missing=missing,
+        unfinished=unfinished(missing),
+        first=first,
+        answers=sentences,
+        figure=pictures[0] if pictures else None,
         not_applicable=not_applicable(experiment.reasons),
+        alpha=ALPHA,
         warnings=[*warnings_of(material)],
-        given=material.given,
     )
-    return Report(written.path, opening, ranked, written.removed)
+    return Report(folder / "report.html", opening, ranked)
 
 
-def _summary_blocks(
-    summary: pd.DataFrame, learners: Sequence[str], references: Sequence[Beside]
-) -> list[dict[str, Any]]:
-    """The summary by learner and protocol, as tables in which conditions are set apart."""
-    blocks = []
-    for learner in learners:
-        own = summary[summary["learner"] == learner]
-        for protocol, part in own.groupby("protocol", observed=True):
-            blocks.append(
-                {
-                    "learner": learner,
-                    "protocol": protocol,
-                    "size": style.sizes(part),
-                    "table": _every_trial(part, references),
-                }
-            )
-    return blocks
+def _conditions(material: Material) -> Section:
+    """The result of each learner in each condition."""
+    details = {
+        one.reference: f"{one.reference.detail}, {style.sizes(one.reference.points)}"
+        for one in material.references
+        if len(one.reference.points)
+    }
+    sizes = {
+        key: style.sizes(rows)
+        for key, rows in material.headline.groupby(["protocol", "learner"], observed=True)
+    }
+    found = condition_tables(
+        material.headline,
+        material.learners,
+        material.conditions,
+        material.references,
+        material.experiment.without_any,
+    )
+    parts = file_names(table.protocol for table in found)
+    tables = tuple(
+        replace(
+            table.table(sizes, details),
+            name=f"attempts_by_condition_{parts[table.protocol]}",
+            title=f"Protocol {table.protocol}",
+        )
+        for table in found
+    )
+    text = (
+        "Means over n subjects, with Student’s 95% intervals (≈: approximate, of fewer than ten; "
+        "none of fewer than five). Where 90% of subjects have one value: how many, with the "
+        "interval of their share. Differences from references are under Every trial.",
+    )
+    return Section("conditions", "Attempts in each condition", text, tables, is_open=True)
 
 
-def _every_trial(part: pd.DataFrame, references: Sequence[Beside]) -> Table:
-    columns: list[tuple[str, Any, str]] = [
-        ("Condition", part["condition"].astype(str), ""),
-        ("Phase", part["phase"].astype(str), ""),
-        *((head, part[name], "d") for head, name in _COUNTS.items()),
-        ("Attempts", part["attempts"], ".2f"),
-        ("SE", part["se"].where(part["subjects"] > 1), ".2f"),
-        ("95% interval", [*map(_interval, *(part[name] for name in _INTERVAL))], "s"),
-        ("Solved", part["share_solved"].map(percent), "s"),
-    ]
-    for one in references:
-        reference = one.reference
-        if reference.points.empty or part[f"{reference.prefix}_attempts"].isna().all():
-            continue
-        columns.append((reference.title, part[f"{reference.prefix}_attempts"], ".2f"))
-        columns.append(("SE", part[f"{reference.prefix}_se"], ".2f"))
-        if name := difference_from(reference, references):
-            columns.append(("Difference", part[name], "+.2f"))
-    if part["ideal_attempts"].notna().any():
-        columns.append(("Ideal", part["ideal_attempts"], ".2f"))
-    frame = pd.concat([pd.Series(values, part.index) for _, values, _ in columns], axis=1)
-    frame.columns = pd.Index([head for head, _, _ in columns])
-    starts = (part["condition"] != part["condition"].shift()).to_numpy()
-    return Table(
-        "every_trial", "Every trial", frame, {head: form for head, _, form in columns if form},
-        looks={int(row): "first" for row in np.flatnonzero(starts)}, verbatim=True,
-    )  # fmt: skip
+INTERVAL = ["ci_low", "ci_high", "subjects", "mode", "at_mode"]
+"""Columns that say what stands next to a mean."""
 
 
-_COUNTS = {"Trial": "trial", "Loops": "loops", "n": "subjects"}
+def _every_trial(material: Material) -> Section:
+    """The summary of each learner under each protocol."""
+    text = (
+        "A row is one trial number of one condition; where a protocol goes through its trials in "
+        "loops, each subject’s visits are averaged first. SE is the standard error (population SD "
+        "/ √n), “solved” the share of visits in which every solution was found, “ideal” what the "
+        "ideal observer needs, which knows the schema. The same numbers, with more digits, are in "
+        "summary.csv.",
+    )
+    tables = []
+    summary = material.summary
+    order = summary["learner"].map(material.learners.index)
+    by = ["learner", "protocol"]
+    for (learner, protocol), part in summary.iloc[order.argsort(kind="stable")].groupby(
+        by, sort=False
+    ):
+        columns = {
+            "Condition": part["condition"].astype(str),
+            "Phase": part["phase"].astype(str),
+            "Trial": part["trial"],
+            "Loops": part["loops"],
+            "n": part["subjects"],
+            "Attempts": part["attempts"],
+            "SE": part["se"].where(part["subjects"] > 1),
+            "95% interval": [
+                beside_mean(*row) or "–"
+                for row in part[INTERVAL].itertuples(index=False, name=None)
+            ],
+            "Solved": part["share_solved"].map(percent),
+        }
+        formats = dict.fromkeys(("Trial", "Loops", "n"), "d")
+        formats |= {"Attempts": ".2f", "SE": ".2f", "95% interval": "s", "Solved": "s"}
+        for reference in (one.reference for one in material.references):
+            if reference.points.empty:
+                continue
+            known = {
+                reference.title: (f"{reference.prefix}_attempts", ".2f"),
+                f"{reference.title} (SE)": (f"{reference.prefix}_se", ".2f"),
+                f"− {reference.title}": (
+                    difference_from(reference, material.references) or "",
+                    "+.2f",
+                ),
+            }
+            for head, (name, form) in known.items():
+                if name in part:
+                    columns[head], formats[head] = part[name], form
+        columns["Ideal"], formats["Ideal"] = part["ideal_attempts"], ".2f"
+        frame = pd.DataFrame(columns).dropna(axis="columns", how="all")
+        starts = (part["condition"] != part["condition"].shift()).to_numpy()
+        title = f"{learner}, protocol {protocol}, {style.sizes(part)}"
+        looks = {int(row): "first" for row in np.flatnonzero(starts)}
+        tables.append(Table("", title, frame, formats, looks=looks, verbatim=True))
+    return Section("every-trial", "Every trial", text, tuple(tables))
 
 
-_INTERVAL = ("ci_low", "ci_high", "subjects", "mode", "at_mode")
-
-
-def _interval(*values: Any) -> str:
-    return beside_mean(*values) or "–"
+def _what_was_run(material: Material) -> Section:
+    """The experiment, and how to run it again."""
+    experiment, trials = material.experiment, material.counts.trials
+    versions = [f"{name} {in_words(one)}" for name, one in experiment.versions.items()]
+    command = experiment.command or "causal-openlock compare EXPERIMENT.yaml --out DIR"
+    text = (
+        f"{counted(material.record.num_rows, 'attempt')} in {counted(len(trials), 'trial')}.",
+        about_people(material),
+        f"Versions: {'; '.join(versions)}." if versions else "",
+        f"A unit of work has at most {counted(experiment.cell_size, 'subject')}.",
+        f"To run it again: {command}",
+        "A path is the one of the experiment file at the time. The experiment with every default "
+        "filled in is in experiment.json. The report is written anew by causal-openlock report "
+        "DIR, with --figures also every figure as PDF (figures/) and every table as CSV and LaTeX "
+        "(tables/).",
+        "L0 -> L1 says that L1 can be moved while L0 is pushed (| while any of these is, & while "
+        "all are), and L0 -> door that the door is unlocked then; a number in brackets is the "
+        "probability that an enabled push takes effect, if it is not 1.",
+    )
+    tables = tuple(
+        Table(f"run_{title.lower()}", title, frame, verbatim=True)
+        for title, frame in described(experiment, trials).items()
+        if len(frame)
+    )
+    return Section("run", "What was run", tuple(filter(None, text)), tables)

@@ -41,6 +41,16 @@ def missing_cells(experiment: StoredExperiment) -> list[Missing]:
     return [_missing(cell, known, experiment.failures) for cell in experiment.missing]
 
 
+def unfinished(missing: Sequence[Missing]) -> str:
+    """Say how many cells are missing."""
+    failed = sum(cell.failed for cell in missing)
+    return (
+        f"This comparison is unfinished: {len(missing)} of its cells "
+        f"{'is' if len(missing) == 1 else 'are'} missing from every number and figure"
+        f"{f'; {failed} of them failed' if failed else ''}. Run compare again to complete it."
+    )
+
+
 def beginnings(experiment: StoredExperiment) -> dict[str, tuple[str, str, str]]:
     """A cell's learner, condition and protocol, by how its name begins, as in ``bayes_CC4``."""
     return {

@@ -69,11 +69,8 @@ def test_what_changed_is_told_field_by_field():
         "seed": ("1", "2"),
         "versions, numpy": ("2.0", "2.0, 2.1"),
         "learner bayes, parameters, lapse": ("0.0", "0.5"),
-        "learner random, protocol, attempt limit": ("30", "60"),
-        "condition CC4, train, 1, schema": (
-            "CC4: L0 -> L1, L2, L3; L1 | L2 | L3 -> door",
-            "CC4: L0 -> L1, L2; L1 | L2 | L3 -> door",
-        ),
+        "learner random, protocol, attempt_limit": ("30", "60"),
+        "condition CC4, train, 1, schema, edges, L0": ("L1, L2, L3", "L1, L2"),
     }
     only_once = changes(described(), described(["bayes"], ["CC4", "CE3-CC4"]))
     assert only_once.to_numpy().tolist() == [
@@ -145,7 +142,7 @@ def test_on_the_command_line(tmp_path, monkeypatch):
         assert at_once(*ran).status == 0
     done = at_once("report", "a", "b")
     assert done.status == 0, done.stderr
-    assert re.search(r"seed +1 +2", done.stdout)
+    assert "1 thing differs in what was run: seed." in done.stdout
     assert "the same" in done.stdout
     assert {path.name for path in (tmp_path / "a").glob("*.html")} == {
         *("difference_b.html", "report.html")
