@@ -30,7 +30,8 @@ from causal_openlock.contract.learner import Brief, Step, View
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 
 enumerated = lru_cache(maxsize=64)(enumerate_space)
-STRENGTH_NODES = 10
+PARTICLES = 500
+"""Structures that are sampled where there are too many to list."""
 REDRAWS = 2
 """Times that a subject samples again before it concludes that levers may fail."""
 FEW_DRAWS = 40
@@ -160,10 +161,7 @@ class Beliefs:
         self.prior = prior
         self.positions = brief.positions
         self._generators = generators
-        self._certain = strengths(0.0, 1.0, 1.0, 1)
-        self._unsure = strengths(
-            prior.noise or 0.5, prior.strength_alpha, prior.strength_beta, STRENGTH_NODES
-        )
+        self._certain, self._unsure = strengths(0.0), strengths(prior.noise or 0.5)
         self.unsure: BoolArray = np.full(brief.subjects, prior.noise > 0)
         self.knowledge = Knowledge(brief.subjects, brief.positions, prior, self._unsure)
         self.of: list[Belief | None] = [None] * brief.subjects
@@ -188,7 +186,7 @@ class Beliefs:
 
     def _space(self, sight: RoomSight, unsure: bool) -> Space:
         how = self._unsure if unsure else self._certain
-        return enumerated(sight, how, self.prior.simplicity, self.prior.hypothesis_limit)
+        return enumerated(sight, how, self.prior.simplicity)
 
     def _prior_belief(
         self, subject: int, sight: RoomSight, slots: IntArray, events: Mapping[Event, int]
@@ -203,10 +201,9 @@ class Beliefs:
             of_gates: Counter[Event] = Counter()
             for event, times in events.items():  # solutions say nothing about single gates
                 of_gates[event._replace(new=False, found=())] += times
-            prior, strength = self.prior, space.strengths.typical
-            sampler = Sampler(sight.grey, prior.simplicity, strength, of_gates.items())
-            generator = self._generators[subject]
-            sample = sampled(sampler, sight, prior.particles, generator, prior.effort)
+            strength = space.strengths.typical
+            sampler = Sampler(sight.grey, self.prior.simplicity, strength, of_gates.items())
+            sample = sampled(sampler, sight, PARTICLES, self._generators[subject])
             space, drawn = with_sampled(space, sample), len(sample)
         weight = self._weights(subject, space, slots)
         which = np.flatnonzero(weight > 0)

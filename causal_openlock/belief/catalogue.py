@@ -28,6 +28,9 @@ from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 FREE_FORM_LEVERS = 4
 """Most levers of which every gate-DAG is enumerated; five have seventeen million."""
 
+HYPOTHESES = 20_000
+"""About how many hypotheses are listed for a room."""
+
 TABLE_BYTES = 1 << 27
 """Most bytes of the table in which structures are compared; it limits how many are listed."""
 
@@ -135,12 +138,11 @@ def catalogue(
     action_limit: int,
     uncertain: bool,
     simplicity: float,
-    limit: int,
 ) -> Catalogue:
     """The catalogue for what a subject perceives of a room.
 
     If levers may fail to move (``uncertain``), more behaviours differ. With more than four levers,
-    only ``limit`` structures of the shortest classes are listed, within :data:`TABLE_BYTES`; the
+    only :data:`HYPOTHESES` of the shortest classes are listed, within :data:`TABLE_BYTES`; the
     others are sampled from the free form. For ``simplicity`` see :func:`free_form_weight`.
     """
     structures, outlined = outlines(levers)
@@ -148,7 +150,7 @@ def catalogue(
     if levers > FREE_FORM_LEVERS:  # classes come in the order of their length
         orders = math.factorial(levers)
         ways = [orders // math.prod(map(math.factorial, outlined[at].sizes)) for at in fitting]
-        most = min(limit, TABLE_BYTES // behaviour_bytes(levers, action_limit))
+        most = min(HYPOTHESES, TABLE_BYTES // behaviour_bytes(levers, action_limit))
         fitting = fitting[np.cumsum(ways) <= most]
     structures, kind, chance = assigned(structures[fitting], [outlined[at] for at in fitting])
     if levers <= FREE_FORM_LEVERS:

@@ -32,11 +32,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from causal_openlock.belief.catalogue import FREE_FORM_LEVERS, Catalogue, catalogue, feasible
+from causal_openlock.belief.catalogue import (
+    FREE_FORM_LEVERS,
+    HYPOTHESES,
+    Catalogue,
+    catalogue,
+    feasible,
+)
 from causal_openlock.belief.structures import NEVER, Hypotheses, Masks
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.schemas.schema import MAX_LEVERS
 
+STRENGTH_ALPHA, STRENGTH_BETA = 4.0, 1.0
+"""The Beta prior of the strength."""
+STRENGTH_NODES = 10
 RULES = ("grey", "white", "position")
 """Rules by which active levers may be marked."""
 
@@ -84,20 +93,20 @@ class Strengths:
 
 
 @cache
-def strengths(noise: float, alpha: float, beta: float, nodes: int) -> Strengths:
-    """Certainty, and the nodes of a Beta prior.
+def strengths(noise: float, nodes: int = STRENGTH_NODES) -> Strengths:
+    """Certainty, and the nodes of the Beta prior.
 
     ``noise`` is the prior probability that levers may fail to move; at 0 there is certainty alone.
 
     Example:
-        >>> strengths(0.5, 4.0, 1.0, 2).value.round(2).tolist()
+        >>> strengths(0.5, nodes=2).value.round(2).tolist()
         [1.0, 0.53, 0.9]
     """
     value, prior = np.ones(1), np.ones(1)
     if noise > 0:
         from scipy.special import roots_sh_jacobi
 
-        at, weight = roots_sh_jacobi(nodes, alpha + beta - 1, alpha)
+        at, weight = roots_sh_jacobi(nodes, STRENGTH_ALPHA + STRENGTH_BETA - 1, STRENGTH_ALPHA)
         value = np.concatenate([value, at])
         prior = np.concatenate([[1.0 - noise], noise * weight / weight.sum()])
     return Strengths(value, prior, np.stack([at_least(s) for s in value]))
@@ -198,22 +207,21 @@ class Space:
         return np.concatenate(parts)
 
 
-def enumerate_space(sight: RoomSight, strengths: Strengths, simplicity: float, limit: int) -> Space:
+def enumerate_space(sight: RoomSight, strengths: Strengths, simplicity: float) -> Space:
     """The space of a room: grey levers, white levers, and then any few levers.
 
-    Sets of levers that no colour marks are added, the smallest first, as long as there are at most
-    about ``limit`` hypotheses, strengths aside. For ``simplicity`` see
+    Sets of levers that no colour marks are added, the smallest first, up to about
+    :data:`~causal_openlock.belief.catalogue.HYPOTHESES`, strengths aside. For ``simplicity`` see
     :func:`~causal_openlock.belief.grammar.class_prior`.
 
     Example:
-        >>> certain = strengths(0.0, 1.0, 1.0, 1)
-        >>> enumerate_space(RoomSight(7, 3, 2, 3), certain, 0.7, 20_000)
+        >>> enumerate_space(RoomSight(7, 3, 2, 3), strengths(0.0), 0.7)
         Space(RoomSight(positions=7, grey=3, solutions=2, action_limit=3), 4,278 hypotheses)
     """
     uncertain = len(strengths) > 1
 
     def catalogue_of(levers: int) -> Catalogue:
-        return catalogue(levers, sight.solutions, sight.action_limit, uncertain, simplicity, limit)
+        return catalogue(levers, sight.solutions, sight.action_limit, uncertain, simplicity)
 
     every = tuple(range(sight.positions))
     groups = [[every[: sight.grey]], [every[sight.grey :]]]
@@ -224,7 +232,7 @@ def enumerate_space(sight: RoomSight, strengths: Strengths, simplicity: float, l
     for number, group in enumerate(groups):
         listed = catalogue_of(len(group[0]) or 1)
         # Grey levers always; all sets of a size or none, so that no position is preferred.
-        if number == 0 or taken + len(listed) * len(group) <= limit:
+        if number == 0 or taken + len(listed) * len(group) <= HYPOTHESES:
             for slots in group:
                 if slots and len(listed) and all(block.slots != slots for block in blocks):
                     blocks.append(Block(slots, listed))

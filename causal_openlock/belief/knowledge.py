@@ -18,10 +18,11 @@ from pydantic import Field
 
 from causal_openlock.belief.grammar import class_prior
 from causal_openlock.belief.hypotheses import RULES, Space, Strengths
-from causal_openlock.contract.parameters import Count, OpenShare, Positive, Share
+from causal_openlock.contract.parameters import OpenShare, Positive, Share
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 
-EFFORT = 8_000
+WHITE = 0.1
+"""Probability that it is the white levers that are active, if colour marks them."""
 RULE_CHANGES = 1e-3
 """Probability that another rule holds in the next room, so that every rule stays possible."""
 
@@ -40,25 +41,11 @@ class Prior:
         OpenShare, "prior probability that a schema is of no class of the grammar"
     ] = 0.1
     by_colour: Annotated[OpenShare, "prior probability that colour marks the active levers"] = 0.5
-    by_white: Annotated[Share, "if colour does, probability that it is the white ones"] = 0.1
     noise: Annotated[
         float,
         Field(ge=0, lt=1),
         "prior probability that levers may fail to move; at 0, only if nothing else is possible",
     ] = 0.0
-    strength_alpha: Annotated[Positive, "first parameter of the strength's Beta prior"] = 4.0
-    strength_beta: Annotated[Positive, "second parameter of it"] = 1.0
-    hypothesis_limit: Annotated[Count, "about how many hypotheses are enumerated for a room"] = (
-        20_000
-    )
-    particles: Annotated[
-        Count, "hypotheses sampled where a room has too many levers to enumerate every structure"
-    ] = 500
-    effort: Annotated[
-        Count,
-        "structures looked at, at most, each time that hypotheses are sampled for a room of eight "
-        "levers and more",
-    ] = EFFORT
     directness: Annotated[
         float, "how much levers are expected to act on the door themselves, in nats for each"
     ] = 0.0
@@ -72,11 +59,11 @@ class Prior:
     def rules(self) -> FloatArray:
         """``[3]`` probability of each of :data:`~causal_openlock.belief.hypotheses.RULES`.
 
-        >>> Prior(by_colour=0.5, by_white=0.1).rules.round(2).tolist()  # grey, white, position
+        >>> Prior(by_colour=0.5).rules.round(2).tolist()  # grey, white, position
         [0.45, 0.05, 0.5]
         """
-        grey = self.by_colour * (1.0 - self.by_white)
-        return np.array([grey, self.by_colour * self.by_white, 1.0 - self.by_colour])
+        colour = self.by_colour
+        return np.array([colour * (1.0 - WHITE), colour * WHITE, 1.0 - colour])
 
 
 class Knowledge:

@@ -90,7 +90,7 @@ def likelihood(
         >>> alone = Hypotheses(np.array([[0, 1]]), np.array([[0, 1]]), one, one[None], one)
         >>> pushed = Event(slot=0, pushed=0, took_effect=True, unlocked=True, new=False)
         >>> stuck = Event(slot=0, pushed=0, took_effect=False, unlocked=False, new=False)
-        >>> certain = strengths(0.0, 1.0, 1.0, 1)
+        >>> certain = strengths(0.0)
         >>> [float(likelihood(alone, one, certain, event)[0]) for event in (pushed, stuck)]
         [1.0, 0.0]
     """

@@ -128,7 +128,7 @@ def listed_schemas(
 
 def _classes(known_rooms: Iterable[Schema]) -> FloatArray:
     """``[C + 1]`` probability of each class after rooms that are known wholly."""
-    knowledge = Knowledge(1, 0, Prior(), strengths(0.0, 1.0, 1.0, 1))
+    knowledge = Knowledge(1, 0, Prior(), strengths(0.0))
     for schema in known_rooms:
         limit = default_action_limit(schema)
         every = _catalogue(schema, limit)
@@ -139,11 +139,8 @@ def _classes(known_rooms: Iterable[Schema]) -> FloatArray:
 
 
 def _catalogue(schema: Schema, action_limit: int) -> Catalogue:
-    prior = Prior()
-    return catalogue(
-        len(schema.levers), len(schema.solutions), action_limit, False, prior.simplicity,
-        prior.hypothesis_limit,
-    )  # fmt: skip
+    levers, solutions = len(schema.levers), len(schema.solutions)
+    return catalogue(levers, solutions, action_limit, False, Prior().simplicity)
 
 
 def _up_to_renaming(structures: Structures, action_limit: int) -> IntArray:

@@ -27,7 +27,6 @@ import numpy as np
 from causal_openlock.belief.catalogue import Catalogue, distance, gate_weight
 from causal_openlock.belief.grammar import schema_classes
 from causal_openlock.belief.hypotheses import Block, RoomSight, Space, at_least
-from causal_openlock.belief.knowledge import EFFORT
 from causal_openlock.belief.likelihoods import DOOR, Event
 from causal_openlock.belief.structures import Hypotheses, Structures, merge
 from causal_openlock.schemas.fsm import FloatArray, IntArray
@@ -35,6 +34,8 @@ from causal_openlock.schemas.fsm import FloatArray, IntArray
 ROUNDS = 12
 DRAWS = 4000
 BATCH = 1000
+EFFORT = 8_000
+"""Structures looked at, at most, each time that hypotheses are sampled for many levers."""
 CHAINS = 80
 """Markov chains, where too few draws have the right number of solutions."""
 MANY_LEVERS = 8
@@ -198,20 +199,16 @@ def _pick(ladder: FloatArray, value: FloatArray) -> IntArray:
 
 
 def sampled(
-    sampler: Sampler,
-    sight: RoomSight,
-    wanted: int,
-    generator: np.random.Generator,
-    effort: int = EFFORT,
+    sampler: Sampler, sight: RoomSight, wanted: int, generator: np.random.Generator
 ) -> Catalogue:
     """A catalogue of sampled structures that have the solutions that the console shows.
 
     Structures are drawn from the posterior until ``wanted`` of them are accepted, and carry
-    estimated prior probabilities (importance weights). From eight levers on, at most ``effort``
-    structures are looked at: a quarter of them drawn, the rest by :func:`metropolis`.
+    estimated prior probabilities (importance weights). From eight levers on, at most
+    :data:`EFFORT` structures are looked at: a quarter drawn, the rest by :func:`metropolis`.
     """
     many = sampler.levers >= MANY_LEVERS
-    most = max(1, effort // 4) if many else ROUNDS * DRAWS
+    most = EFFORT // 4 if many else ROUNDS * DRAWS
     required = sight.solutions, sight.action_limit
     kept: list[Structures] = []
     near: list[tuple[Structures, IntArray, IntArray]] = []
@@ -235,7 +232,7 @@ def sampled(
         nearest = np.argsort(np.concatenate([part[2] for part in near]), kind="stable")[:CHAINS]
         begin = Structures.joined([part[0] for part in near])[nearest]
         orders = np.concatenate([part[1] for part in near])[nearest]
-        steps = max(1, 3 * effort // 4 // len(begin) - 1)
+        steps = 3 * EFFORT // 4 // len(begin) - 1
         kept.append(metropolis(sampler, begin, orders, required, steps, generator))
         worth = sum(map(len, kept)) * tried / max(accepted, 0.5)
     every = Structures.joined(kept)

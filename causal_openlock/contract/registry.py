@@ -203,7 +203,7 @@ def parameter_table(learner: str | type) -> list[ParameterInfo]:
     """The hyper-parameters of a learner, or of a class of parameters.
 
     >>> parameter_table("rl2")[-1].default
-    False
+    'condition'
     """
     declared: Any = learner_class(learner).Parameters if isinstance(learner, str) else learner
     hints = get_type_hints(declared, include_extras=True)

@@ -78,7 +78,7 @@ def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = 
             session, learner = _begun(cell, checkpoint)
             if is_ours(cell.spec.learner) and (torch := sys.modules.get("torch")):
                 stack.callback(torch.set_num_threads, torch.get_num_threads())
-                torch.set_num_threads(getattr(learner.parameters, "threads", 1))
+                torch.set_num_threads(1)
             draw = None
             if watching.tensorboard is not None:
                 logs = Path(watching.tensorboard) / cell.name

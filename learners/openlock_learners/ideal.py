@@ -131,7 +131,7 @@ class _Solver:
             ) from None
         self._optimum: Optimum | None = None
         self._best: dict[Any, tuple[int, ...]] = {}
-        how = strengths(0.0, 1.0, 1.0, 1)
+        how = strengths(0.0)
         if schema.deterministic:
             try:
                 optimum = Optimum(hypotheses, np.ones(len(hypotheses)), action_limit)

@@ -10,7 +10,7 @@ it moves its own lever or does not, and the lock is then locked or not; or it op
 not. Which of these happens is unknown in *every state by itself*: four counts for each state and
 action, with a Dirichlet prior. No structure ties the states together, and that is the comparison
 with ``bayes``: what does it buy to know that levers enable levers? The one thing carried over, from
-state to state and from room to room, is the mean of the prior (``by_look``): how often actions of
+state to state and from room to room, is the mean of the prior: how often actions of
 the same verb, on levers of the same colour that stand the same way, or on a door whose lamp shows
 the same, had which outcome.
 
@@ -45,9 +45,6 @@ class PosteriorSamplingParameters:
     """The prior over what an action does in a state."""
 
     concentration: Annotated[Positive, "what the prior is worth, in observations"] = 0.2
-    by_look: Annotated[
-        bool, "whether the prior's mean is learned from actions on what looked the same"
-    ] = True
 
 
 class PosteriorSampling(Learner):
@@ -104,9 +101,7 @@ class PosteriorSampling(Learner):
     def model(self, subject: int, grey: IntArray) -> FloatArray:
         """``[S, 2, A, 4]`` parameters of a subject's Dirichlet posteriors."""
         seen = self._looks[subject] + 1.0
-        mean = (
-            seen / seen.sum(axis=1, keepdims=True) if self.parameters.by_look else seen * 0 + 0.25
-        )
+        mean = seen / seen.sum(axis=1, keepdims=True)
         prior = self.parameters.concentration * mean[self._look(grey)]
         posterior: FloatArray = prior + self._counts[subject]
         return posterior

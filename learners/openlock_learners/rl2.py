@@ -36,9 +36,6 @@ class RL2Parameters:
         Literal["trial", "condition"],
         "what the memory lasts for: each trial by itself, or the whole condition",
     ] = "condition"
-    greedy: Annotated[
-        bool, "whether it takes the likeliest action, and does not draw from its policy"
-    ] = False
 
 
 class RL2(Learner):
@@ -89,8 +86,6 @@ class RL2(Learner):
             found = self.network.step(inputs, torch.from_numpy(self.hidden_state))
         self._logits, self._values, state = found
         self._next_hidden_state = state.numpy()
-        if self.parameters.greedy:
-            return np.eye(self.brief.actions)[self._logits.argmax(dim=1).numpy()]
         odds: FloatArray = torch.softmax(self._logits.double(), dim=1).numpy()
         return odds
 

@@ -34,7 +34,6 @@ from numpy.typing import NDArray
 
 from causal_openlock.contract.checks import GlobalRandomness
 from causal_openlock.contract.learner import Brief, Learner, Observations, Step, View
-from causal_openlock.contract.parameters import Count
 from causal_openlock.errors import LearnerError, in_short
 from causal_openlock.files.digest import digest
 from causal_openlock.schemas.fsm import IntArray
@@ -62,11 +61,6 @@ class StableBaselinesParameters:
     episode: Annotated[
         Literal["attempt", "trial"], "what an episode is: nothing that follows it is valued"
     ] = "attempt"
-    total_actions: Annotated[
-        Count | None,
-        "of a whole run, for schedules (exploration of DQN); null takes the most that the protocol "
-        "allows",
-    ] = None
     model: Annotated[
         str | None, "file of a trained model, as the library saves it; its weights are taken"
     ] = None
@@ -74,7 +68,6 @@ class StableBaselinesParameters:
         int | None, "attempts that it was trained with; null if nobody knows"
     ] = None
     learns: Annotated[bool, "whether it goes on learning; a trained model can be frozen"] = True
-    threads: Annotated[Count, "of torch; more than one gains nothing at this size"] = 1
 
     def __post_init__(self) -> None:
         for name in OURS:
@@ -261,8 +254,8 @@ class StableBaselines(Learner):
     def begin(self, brief: Brief) -> None:
         """Make a model for each subject."""
         super().begin(brief)
-        chosen, most = self.parameters, brief.trials * brief.attempt_limit * brief.action_limit
-        self._learned_from = (chosen.total_actions or most) if chosen.learns else 0
+        most = brief.trials * brief.attempt_limit * brief.action_limit
+        self._learned_from = most if self.parameters.learns else 0
         self._seeds = [int(generator.integers(2**31 - 1)) for generator in brief.generators]
         room = (np.int8, (brief.observation_size,))
         flags = [(name, bool) for name in ("terminated", "truncated", "playing")]

@@ -46,8 +46,7 @@ def test_a_posterior_is_that_of_enumeration(schema, noise):
 
 def test_a_posterior_over_active_levers_is_that_of_enumeration():
     # Colour may mark the active levers, or position: then each is active with probability 1/2.
-    prior = Prior(by_colour=0.3, by_white=0.0)
-    played = Played(rooms_of("CC3"), prior, lively=0.4)
+    played = Played(rooms_of("CC3"), replace(KNOWN, by_colour=0.3), lively=0.4)
     for _ in played.moments(7):
         pass
     grey = grey_of(played)
@@ -69,8 +68,7 @@ def test_a_posterior_over_active_levers_is_that_of_enumeration():
 @settings(max_examples=6, deadline=None)
 @given(schemas(max_levers=4, stochastic=True), st.integers(0, 99), st.sampled_from([0.0, 0.3]))
 def test_the_truth_is_never_ruled_out(schema, subject, noise):
-    prior = Prior(hypothesis_limit=300, noise=noise, by_colour=0.5)
-    played = Played(rooms_of(schema), prior, LONG, [subject])
+    played = Played(rooms_of(schema), Prior(noise=noise), LONG, [subject])
     layout = played.session.truth.rooms[0].layout
     for _ in played.moments(40):
         pass

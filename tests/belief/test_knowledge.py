@@ -7,7 +7,6 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from causal_openlock.belief.beliefs import STRENGTH_NODES
 from causal_openlock.belief.grammar import class_prior, schema_classes
 from causal_openlock.belief.hypotheses import RoomSight, enumerate_space, strengths
 from causal_openlock.belief.knowledge import RULE_CHANGES, Knowledge, Prior
@@ -26,7 +25,7 @@ from support.belief_arrays import (
 from support.belief_play import Played
 from support.session_play import SCHEMAS, named
 
-CERTAIN = strengths(0.0, 1.0, 1.0, 1)
+CERTAIN = strengths(0.0)
 KINDS = schema_classes()
 SIMPLICITY, FREE_FORM = 0.7, 0.1
 CHAIN = Schema("chain2", ["L0", "L1"], {"L0": ["L1"], "L1": ["door"]})
@@ -40,7 +39,7 @@ def new(concentration=1.0, by_colour=0.5, subjects=1):
 
 @cache
 def space_of(levers, solutions):
-    return enumerate_space(RoomSight(7, levers, solutions, 3), CERTAIN, SIMPLICITY, 3000)
+    return enumerate_space(RoomSight(7, levers, solutions, 3), CERTAIN, SIMPLICITY)
 
 
 @cache
@@ -165,7 +164,7 @@ def test_strengths_are_learned_across_rooms():
     protocol = Protocol("brief", 20, stop_when_solved=False, baseline_trials=4)
     played = Played(named("noisy_CC3"), Prior(noise=0.3), protocol, range(3))
     known = played.beliefs.knowledge
-    value = strengths(0.3, 4.0, 1.0, STRENGTH_NODES).value
+    value = strengths(0.3).value
     assert known.strengths.shape == (3, len(value))
     rooms = np.zeros(3)
     for _, step in played.moments(4 * 20 * 3):

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from causal_openlock import Session
-from causal_openlock.belief import sampling
+from causal_openlock.belief import beliefs, sampling
 from causal_openlock.belief.catalogue import distance, fits
 from causal_openlock.belief.hypotheses import RoomSight
 from causal_openlock.belief.sampling import Sampler, metropolis, sampled
 from causal_openlock.experiment.declare import PROTOCOLS, find_condition
 from causal_openlock.schemas.schema import Schema
-from openlock_learners.bayes import Bayes, BayesParameters
+from openlock_learners.bayes import Bayes
 from oracle import structure
 from support.belief_arrays import fits as fits_oracle
 from support.belief_arrays import keys_of, lever_set
@@ -61,9 +61,9 @@ def test_solutions_of_many_levers_are_the_oracles(levers):
 
 
 @pytest.mark.parametrize("effort", [500, 4000])
-def test_no_more_structures_are_looked_at_than_the_effort_says(looked_at, effort):
-    sampler = Sampler(12, SIMPLICITY, 1.0)
-    own = sampled(sampler, SIGHT, 500, np.random.default_rng(0), effort)
+def test_no_more_structures_are_looked_at_than_the_effort_says(looked_at, effort, monkeypatch):
+    monkeypatch.setattr(sampling, "EFFORT", effort)
+    own = sampled(Sampler(12, SIMPLICITY, 1.0), SIGHT, 500, np.random.default_rng(0))
     assert effort / 4 <= sum(looked_at) <= effort
     assert fits(own.members, SIGHT.solutions, SIGHT.action_limit).all()
 
@@ -87,14 +87,15 @@ def test_what_steps_reach_is_as_probable_as_what_is_drawn():
     assert np.abs(shares(reached, n) - shares(drawn[kept], n)).max() < 0.05
 
 
-def test_a_room_of_twelve_levers_is_played_to_its_end_with_counted_work(looked_at):
+def test_a_room_of_twelve_levers_is_played_to_its_end_with_counted_work(looked_at, monkeypatch):
     effort = 1000
-    small = BayesParameters(effort=effort, particles=50, hypothesis_limit=500)
+    monkeypatch.setattr(sampling, "EFFORT", effort)
+    monkeypatch.setattr(beliefs, "PARTICLES", 50)
     condition = find_condition(TWELVE)
     protocol = replace(PROTOCOLS["human"], baseline_trials=1, attempt_limit=4)
 
     def play():
-        table = Session(condition, protocol, 1, seed=3).play(Bayes(small))
+        table = Session(condition, protocol, 1, seed=3).play(Bayes())
         return [table[name].to_pylist() for name in ("actions", "new_solution")]
 
     first = play()

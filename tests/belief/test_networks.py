@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from causal_openlock.belief.beliefs import STRENGTH_NODES
 from causal_openlock.belief.grammar import class_prior
 from causal_openlock.belief.hypotheses import Strengths, at_least, strengths
 from causal_openlock.belief.marginals import believed_structure, model_of, unlocked
@@ -78,7 +77,7 @@ def test_edges_and_models_are_averages_over_all_structures(noise):
     layout = played.session.truth.rooms[0].layout
     grey, (l0, l1, l2) = sorted(layout.places), layout.places
     white = min({*range(7)} - {*grey})
-    how = strengths(noise, 4.0, 1.0, STRENGTH_NODES)
+    how = strengths(noise)
     chances = defaultdict(float)
     for _, key, chance in of_classes(
         class_prior(prior.simplicity, prior.free_form), 3, prior.simplicity

@@ -32,8 +32,8 @@ from oracle import (
 from oracle import placements as placed
 from support.belief_arrays import mask, rules_in
 
-CERTAIN = strengths(0.0, 1.0, 1.0, 1)
-UNSURE = strengths(0.5, 4.0, 1.0, 2)
+CERTAIN = strengths(0.0)
+UNSURE = strengths(0.5, nodes=2)
 BRANCHES = "A -> B; B -> door; C -> door"
 
 
@@ -85,7 +85,7 @@ def some_room(seed, unsure, many=8):
     """Some hypotheses about a few levers of which not all need be active."""
     rng, how = np.random.default_rng(seed), UNSURE if unsure else CERTAIN
     sight = [RoomSight(3, 3, 2, 3), RoomSight(3, 2, 1, 3), RoomSight(4, 4, 3, 3)][seed % 3]
-    space = enumerate_space(sight, how, 0.7, 20_000)
+    space = enumerate_space(sight, how, 0.7)
     chosen = np.sort(rng.choice(len(space), size=min(many, len(space)), replace=False))
     return Thinker(space.hypotheses[chosen], how), rng
 

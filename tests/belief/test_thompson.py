@@ -21,8 +21,7 @@ START = Situation(pushed=0, unlocked=False, left=3, found=())
 
 @cache
 def hypotheses():
-    sight, certain = RoomSight(7, 4, 3, 3), strengths(0.0, 1.0, 1.0, 1)
-    return enumerate_space(sight, certain, math.log(2.0), 20_000).hypotheses
+    return enumerate_space(RoomSight(7, 4, 3, 3), strengths(0.0), math.log(2.0)).hypotheses
 
 
 def some(count, seed):

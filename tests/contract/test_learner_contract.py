@@ -48,9 +48,7 @@ TestTabularQ = contract(
 TestPosteriorSampling = contract("posterior_sampling")
 TestTheoryBased = contract("theory_based")
 TestTheoryBasedOnMeans = contract("theory_based", parameters={"beliefs": "mean"}, schemas=TWO)
-TestBayes = contract(
-    "bayes", parameters={"particles": 20, "planned": 30}, schemas=("CC3", "CE4", "chain3")
-)
+TestBayes = contract("bayes", parameters={"planned": 30}, schemas=("CC3", "CE4", "chain3"))
 TestBayesOfBoundedRationality = contract(
     "bayes",
     parameters={
@@ -58,8 +56,6 @@ TestBayesOfBoundedRationality = contract(
         "lapse": 0.1,
         "forgetting": 0.2,
         "noise": 0.3,
-        "hypothesis_limit": 600,
-        "particles": 10,
         "planned": 20,
     },
     schemas=("CC3", "noisy_CC3"),
@@ -68,7 +64,7 @@ TestBayesOfBoundedRationality = contract(
 # Beyond four levers structures are sampled, which takes luck of its own.
 TestBayesOfManyLevers = contract(
     "bayes",
-    parameters={"policy": "thompson", "particles": 4, "lapse": 0.1},
+    parameters={"policy": "thompson", "lapse": 0.1},
     schemas=("seven",),
     subjects=2,
 )

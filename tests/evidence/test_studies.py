@@ -489,8 +489,6 @@ def test_networks_are_trained_once_and_each_is_a_unit(networks):
     change(networks, "study.yaml", "rl2\n", "rl2\n  parameters: {variant: {reset: trial}}\n")
     assert trainings() == 2  # of the first kind, for its variant
     assert len(read_units(study)) == len(units) * 3 / 2  # the stored ones are still there
-    change(networks, "study.yaml", "{reset: trial}", "{greedy: true}")
-    assert trainings() == 0  # other parameters are played anew, with the same networks
     assert set(read_units(study)["learner"]) == {"first", "second", "variant"}
     (networks / "small" / "study.yaml").write_text(declared)
     (networks / "small" / "second.yaml").write_text("actions: 2\n")

@@ -229,10 +229,10 @@ def test_a_file_and_a_program_declare_the_same_grid(tmp_path):
 
 
 def test_labels_show_values_as_they_are_written():
-    swept = sweep("bayes", label="mine", lapse=np.linspace(0, 0.3, 4), strength_alpha=[1e-9])
+    swept = sweep("bayes", label="mine", lapse=np.linspace(0, 0.3, 4), noise=[1e-9])
     assert [entry["name"] for entry in swept][1::2] == [
-        "mine-lapse-0.1-strength_alpha-1e-09",
-        "mine-lapse-0.3-strength_alpha-1e-09",
+        "mine-lapse-0.1-noise-1e-09",
+        "mine-lapse-0.3-noise-1e-09",
     ]
     assert sweep("theory_based", top_down=[True])[0]["name"] == "theory_based-top_down-True"
     (own,) = sweep(learner("bayes", noise=0.2), lapse=[0.1])

@@ -338,7 +338,7 @@ def test_directness_weighs_each_lever_that_acts_on_the_door():
     def belief(nats):
         cc4 = find_condition("CC4")
         played = Session(cc4, PROTOCOLS["human"], 1, seed=0)
-        prior = Prior(by_colour=0.999, hypothesis_limit=600, directness=nats)
+        prior = Prior(by_colour=0.999, directness=nats)
         beliefs = Beliefs(played.brief, prior, played.brief.generators)
         beliefs.enter(played.view)
         return beliefs.of[0]
@@ -360,6 +360,4 @@ class TestBayesLikePeople(LearnerContract):
         "forgetting": 0.8,
         "forgets": "failures",
         "directness": 1.0,
-        "hypothesis_limit": 600,
-        "particles": 40,
     }

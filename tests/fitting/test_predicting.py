@@ -131,7 +131,7 @@ def test_a_fit_runs_no_code_and_opens_no_file_unasked(tmp_path, changed):
     space = {**SPACE.as_dict(), "learner": "mine:Learner"}
     with pytest.raises(StoreError, match=r"code .* name it too"):
         read_fit(changed("code", space=space))
-    trained = search_space("sb3", {"threads": Range(1, 2)}).as_dict()
+    trained = search_space("llm", {"temperature": Range(1, 2)}).as_dict()
     space = {**trained, "fixed": {"model": "/etc/passwd"}}
     with pytest.raises(StoreError, match="model"):
         read_fit(changed("file", space=space))

@@ -170,7 +170,7 @@ def test_what_five_levers_and_more_do_is_found_out_and_never_taken_for_noise(sch
 @given(schemas(max_levers=7, stochastic=True), st.sampled_from(POLICIES))
 def test_no_schema_brings_it_out_of_step(schema, policy):
     protocol = Protocol("short", 2, stop_when_solved=True, baseline_trials=1, layouts="random")
-    player = learner(policy=policy, particles=30, planned=60, hypothesis_limit=2000)
+    player = learner(policy=policy, planned=60)
     record = play(player, Condition("any", (Trials(schema),)), protocol, 1)
     assert len(record)
 
@@ -179,7 +179,7 @@ def test_no_schema_brings_it_out_of_step(schema, policy):
 def test_where_nothing_is_possible_it_goes_on_trying(policy):
     """A console that promises more solutions than five levers can have."""
     session = Session(FIVE, ONE_TRIAL, 1)
-    player = learner(policy=policy, particles=10)
+    player = learner(policy=policy)
     player.begin(session.brief)
     pushed = set()
     for _ in range(8):
@@ -225,7 +225,7 @@ def test_noise_makes_better_actions_more_probable_by_their_value():
         (named("CC4"), {}),
         (named("CC3-CE4"), {"policy": "learn_action"}),
         (named("noisy_CC3"), {"noise": 0.5}),
-        (FIVE, {"particles": 15, "temperature": 0.5}),
+        (FIVE, {"temperature": 0.5}),
     ],
     ids=["CC4", "CC3-CE4", "noisy_CC3", "five"],
 )

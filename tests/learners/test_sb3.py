@@ -146,12 +146,6 @@ def test_a_program_can_end_while_its_models_wait():
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_after_all_its_actions_it_plays_on_without_learning():
-    learner, session = begun(algorithm="A2C", total_actions=20)
-    assert len(play(learner, session)) > 80
-    assert learner.updates_made() == 4  # one update after every five actions
-
-
 # -- a trained model, by its file ------------------------------------------------------------------
 
 

@@ -24,7 +24,18 @@ from support.belief_arrays import (
 
 LONG = Protocol("long", 40, stop_when_solved=False, baseline_trials=1, layouts="random")
 """A trial that goes on after all solutions were found, so that they are found again."""
-KNOWN = Prior(by_colour=1.0, by_white=0.0)
+
+
+@dataclass(frozen=True)
+class GreyIfColour(Prior):
+    """If colour marks the active levers, it is the grey ones."""
+
+    @property
+    def rules(self):
+        return np.array([self.by_colour, 0.0, 1.0 - self.by_colour])
+
+
+KNOWN = GreyIfColour(by_colour=1.0)
 """Grey levers are active: nothing else is to be found out about colours."""
 
 

@@ -41,7 +41,7 @@ reward: {preset: basic, open: 5.0}
 learners:
   - {learner: oracle, name: weights}
   - {learner: oracle, reward: "mine_pays:pay"}
-  - {learner: bayes, reward: "mine_pays:pay", subjects: 1, parameters: {particles: 40}}
+  - {learner: bayes, reward: "mine_pays:pay", subjects: 1}
 protocols: {short: {attempt_limit: 4, baseline_trials: 1}}
 """
 
