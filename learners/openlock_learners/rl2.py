@@ -12,17 +12,16 @@ with the package is not RL²: it was trained for what each trial earns, not a wh
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
 
 from causal_openlock.contract.learner import Brief, Learner, Step, View
-from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.declare import PAPER_ACTION_LIMIT
 from causal_openlock.files.digest import digest
 from causal_openlock.schemas.fsm import FloatArray
 from openlock_learners.networks.perception import Perception
+from openlock_learners.trained_file import BUNDLED, content_of
 
 
 @dataclass(frozen=True)
@@ -47,29 +46,18 @@ class RL2(Learner):
     @classmethod
     def artifact_hash(cls, parameters: RL2Parameters) -> str:
         """A hash of the trained network."""
-        from openlock_learners.networks.network_file import BUNDLED, MOST_BYTES
-
-        path = Path(parameters.checkpoint or BUNDLED)
-        try:
-            fits = not path.exists() or (path.is_file() and path.stat().st_size <= MOST_BYTES)
-            weights = path.read_bytes() if fits else b""
-        except (OSError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or error
-            raise LearnerError(f"the network of rl2 cannot be read: {path}: {reason}") from None
-        if not fits:
-            raise LearnerError(f"{path} is not a checkpoint of rl2; name a file of its weights")
-        return digest(weights)
+        return digest(content_of(parameters.checkpoint or BUNDLED))
 
     @classmethod
     def prior_attempts(cls, parameters: RL2Parameters) -> int:
         """The attempts of its meta-training, of three actions each."""
-        from openlock_learners.networks.network_file import BUNDLED, trained_actions
+        from openlock_learners.networks.network_file import trained_actions
 
         return trained_actions(parameters.checkpoint or BUNDLED) // PAPER_ACTION_LIMIT
 
     def begin(self, brief: Brief) -> None:
         """Load the network."""
-        from openlock_learners.networks.network_file import BUNDLED, read_network
+        from openlock_learners.networks.network_file import read_network
 
         super().begin(brief)
         self.network, _ = read_network(self.parameters.checkpoint or BUNDLED)

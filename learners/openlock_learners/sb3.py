@@ -23,7 +23,6 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from importlib import import_module
 from io import BytesIO
-from pathlib import Path
 from queue import SimpleQueue
 from typing import Annotated, Any, Literal
 
@@ -38,6 +37,7 @@ from causal_openlock.errors import LearnerError, in_short
 from causal_openlock.files.digest import digest
 from causal_openlock.schemas.fsm import IntArray
 from causal_openlock.wording import nearest
+from openlock_learners.trained_file import content_of
 
 OURS = ("policy", "env", "seed", "_init_setup_model")
 """Arguments of a model that the learner sets, so that ``settings`` cannot."""
@@ -230,7 +230,7 @@ class StableBaselines(Learner):
     @classmethod
     def artifact_hash(cls, parameters: StableBaselinesParameters) -> str:
         """A hash of the trained model."""
-        return digest(_content(parameters.model)) if parameters.model else ""
+        return digest(content_of(parameters.model)) if parameters.model else ""
 
     @classmethod
     def prior_attempts(cls, parameters: StableBaselinesParameters) -> int | None:
@@ -328,24 +328,11 @@ class StableBaselines(Learner):
         return sum(counts) if self.parameters.learns else None
 
 
-def _content(model: str) -> bytes:
-    """The bytes of a trained model's file."""
-    from openlock_learners.networks.network_file import MOST_BYTES
-
-    path = Path(model)
-    try:
-        if path.stat().st_size > MOST_BYTES or not path.is_file():
-            raise ValueError("it is not a file of at most 128 MiB")
-        return path.read_bytes()
-    except (OSError, ValueError) as error:
-        raise LearnerError(f"{model} cannot be read: {in_short(error)}") from None
-
-
 def _weights(model: str) -> dict[str, Any]:
     """The tensors of a trained model's file; nothing is unpickled."""
     from stable_baselines3.common.save_util import load_from_zip_file
 
-    content = BytesIO(_content(model))
+    content = BytesIO(content_of(model))
     try:
         return load_from_zip_file(content, load_data=False, device="cpu")[1]
     except Exception as error:  # whatever else the file is

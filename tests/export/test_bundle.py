@@ -18,7 +18,7 @@ from causal_openlock.export.bundle import write_bundle
 from causal_openlock.files.yaml_file import dump_yaml
 from causal_openlock.storage.store import Store
 from causal_openlock.world.rewards import PRESETS, find_reward
-from openlock_learners.networks.network_file import BUNDLED
+from openlock_learners.trained_file import BUNDLED
 from support.command import at_once
 from support.made_up_experiments import NOBODY, condition_called, edit_stored, spec, stored
 from support.play_clients import people, walk_through

@@ -16,9 +16,10 @@ from causal_openlock.experiment.declare import PROTOCOLS, find_condition
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.finding import bundled
 from openlock_learners.meta.training_file import TrainingFile, read_training
-from openlock_learners.networks.network_file import BUNDLED, read_network, write_network
+from openlock_learners.networks.network_file import read_network, write_network
 from openlock_learners.networks.recurrent_policy import Sizes, make_policy
 from openlock_learners.rl2 import RL2, RL2Parameters
+from openlock_learners.trained_file import BUNDLED
 from support.places import ROOT
 
 pytestmark = pytest.mark.slow
@@ -141,7 +142,6 @@ def forged(path, about, arrays):
         ({"sizes": SIZES.model_dump() | {"kind": "flat"}}, {}),
         ({"sizes": SIZES.model_dump() | {"more": 1}}, {}),
         ({"sizes": None}, {}),
-        ({"much": "x" * 10**6}, {}),
         (b"\xff\xfe", {}),
         ("[" * 10**5, {}),
         ("[1, 2]", {}),
@@ -149,11 +149,10 @@ def forged(path, about, arrays):
         (np.zeros(3), {}),
         ({}, {"room.input_weight": np.zeros((15, 9))}),
         ({}, {"room.input_weight": np.full((15, 9), np.nan, np.float32)}),
-        ({}, {"room.input_weight": np.zeros((15_000_000, 2), np.float32)}),
         ({}, {"room.input_weight": np.array([None])}),
-        ({}, {"more": np.zeros(20_000_000, np.float32)}),
+        ({}, {"more": np.zeros(40_000_000, np.float32)}),
     ],
-    ids=range(19),
+    ids=range(17),
 )
 def test_a_forged_network_is_refused_before_memory_is_taken(tmp_path, about, arrays):
     content = forged(tmp_path / "forged.npz", about, arrays)

@@ -2,14 +2,13 @@
 
 The file is NumPy's own ``.npz``: one array of numbers for each of the network's weights, and one
 text in JSON, ``about``, with the sizes of the network and the meta-training that it went through.
-
-A file may come from anybody. So its sizes are compared with limits, then the bytes that follow from
-them with those that each array takes, and only then is anything of it unpacked.
+A file may come from anybody.
 """
 
 from __future__ import annotations
 
 import json
+from io import BytesIO
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -22,13 +21,8 @@ from causal_openlock.errors import LearnerError, in_short
 from causal_openlock.files.atomic import replacing
 from causal_openlock.files.validation import StrictModel
 from openlock_learners.networks.recurrent_policy import LeverPolicy, Sizes, empty_policy
+from openlock_learners.trained_file import MOST_BYTES, content_of
 
-MOST_BYTES = 1 << 27
-"""Most bytes that a file of a network may have."""
-HEADER, MOST_ABOUT = 1 << 14, 1 << 20
-"""Most bytes before the numbers of an array, and of the description."""
-BUNDLED = Path(__file__).parents[1] / "checkpoints" / "rl2.npz"
-"""The checkpoint that comes with the package."""
 STORED_NAMES = {
     "weight_ih": "input_weight",
     "weight_hh": "hidden_weight",
@@ -50,7 +44,8 @@ def write_network(path: Path | str, network: LeverPolicy, about: dict[str, Any])
     """Write a network, whole or not at all, with anything else about it, as plain data."""
     about = {"format": 1, "sizes": network.sizes.model_dump(), **about}
     weights: Any = {
-        stored_name(name): _as_stored(part).numpy() for name, part in network.state_dict().items()
+        stored_name(name): np.atleast_2d(part.numpy().T)
+        for name, part in network.state_dict().items()
     }
     with replacing(path) as file:
         np.savez_compressed(file, about=np.array(json.dumps(about)), **weights)
@@ -62,19 +57,13 @@ def read_network(path: Path | str) -> tuple[LeverPolicy, dict[str, Any]]:
     Raises:
         LearnerError: If there is no such file, or it holds something else.
     """
+    content = content_of(path)
     try:
-        with _archive(path) as archive:
-            about = _about(archive)
-            network = empty_policy(About.model_validate(about).sizes)
-            expected = network.state_dict()
-            if {*archive} != {"about", *map(stored_name, expected)}:
-                raise ValueError("it does not hold the weights of a network of its sizes")
-            weights = {name: _weights(archive, name, part) for name, part in expected.items()}
-    except FileNotFoundError:
-        raise LearnerError(
-            f"there is no checkpoint {path}; make it with causal-openlock train, or "
-            "leave the parameter checkpoint out"
-        ) from None
+        archive = _archive(content)
+        about = _about(archive)
+        network = empty_policy(About.model_validate(about).sizes)
+        expected = network.state_dict()
+        weights = {name: _weights(archive, name, part) for name, part in expected.items()}
     except Exception as error:  # a file from anywhere can be wrong in any way
         raise LearnerError(
             f"{path} is not a checkpoint of rl2 ({in_short(error)}); make one with "
@@ -90,8 +79,7 @@ def trained_actions(path: Path | str) -> int:
     0 if the file does not say or is none; :func:`read_network` names what is wrong with it.
     """
     try:
-        with _archive(path) as archive:
-            return About.model_validate(_about(archive)).actions
+        return About.model_validate(_about(_archive(content_of(path)))).actions
     except Exception:
         return 0
 
@@ -106,35 +94,24 @@ def stored_name(name: str) -> str:
     return f"{layer}.{STORED_NAMES.get(weight, weight)}"
 
 
-def _as_stored(weight: Tensor) -> Tensor:
-    """``[in, out]`` of ``[out, in]`` weights, ``[1, out]`` of biases."""
-    return weight.t() if weight.dim() == 2 else weight[None]
-
-
-def _archive(path: Path | str) -> Any:
-    """NumPy's archive of arrays, none of which is unpacked yet."""
-    if Path(path).exists() and not Path(path).is_file():
-        raise ValueError("it is not a file")
-    return np.load(path, allow_pickle=False)
-
-
-def _unpacked(archive: Any, name: str, most: int) -> Any:
-    """An array; one that would have more bytes than ``most`` is not unpacked."""
-    if archive.zip.getinfo(f"{name}.npy").file_size > most:
-        raise ValueError(f"it does not fit its own sizes at {name}")
-    return archive[name]
+def _archive(content: bytes) -> Any:
+    """NumPy's archive of arrays, which are unpacked when they are asked for."""
+    archive = np.load(BytesIO(content), allow_pickle=False)
+    if sum(part.file_size for part in archive.zip.infolist()) > MOST_BYTES:
+        raise ValueError("its arrays are too large")
+    return archive
 
 
 def _about(archive: Any) -> Any:
-    return json.loads(str(_unpacked(archive, "about", MOST_ABOUT)).encode("ascii"))
+    return json.loads(str(archive["about"]))
 
 
 def _weights(archive: Any, name: str, expected: Tensor) -> Tensor:
-    """A weight of the network, if it has the shape of the expected one and is finite."""
-    name = stored_name(name)
-    weights = _unpacked(archive, name, 4 * expected.numel() + HEADER)
-    if weights.shape != _as_stored(expected).shape or weights.dtype != np.float32:
-        raise ValueError(f"it does not fit its own sizes at {name}")
+    """A weight of the network, which has the shape of the expected one and is finite."""
+    stored = archive[stored_name(name)]
+    weights = np.ascontiguousarray(stored.T if expected.dim() == 2 else stored[0])
+    if weights.shape != expected.shape or weights.dtype != np.float32:
+        raise ValueError(f"it does not fit its own sizes at {stored_name(name)}")
     if not np.isfinite(weights).all():
-        raise ValueError(f"not all numbers in {name} are finite")
-    return torch.from_numpy(weights).t().reshape(expected.shape).contiguous()
+        raise ValueError(f"not all numbers in {stored_name(name)} are finite")
+    return torch.from_numpy(weights)
