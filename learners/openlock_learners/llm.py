@@ -17,12 +17,12 @@ answer, with tokens, latency, and model and server as the reply named them.
 from __future__ import annotations
 
 import json
+import re
 from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from typing import Annotated, Any
-from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 from pydantic import Field
@@ -47,8 +47,9 @@ from openlock_learners.language.answers import (
 )
 from openlock_learners.language.replies import Replies, Reply, Request, key_of
 
-OURS = ("model", "messages", "tools", "stream", "n", "temperature", "seed")
+OURS = ("model", "messages", "tools", "stream", "n", "temperature")
 """Fields that the learner itself sends; ``settings`` may not name them."""
+ADDRESS = r"https?://[^/?#@\s]+(/[^?#]*)?(\?api-version=[^&#]*)?"
 NotNegative = Annotated[int, Field(ge=0)]
 _LONG = 6000
 """Characters of a conversation from which on a cut is looked for: about 1,500 tokens."""
@@ -68,7 +69,6 @@ class LanguageModelParameters:
         dict[str, Any], "sent with every request as they are, such as {max_tokens: 300}"
     ] = field(default_factory=dict)
     tools: Annotated[bool, "whether the tool act is offered; otherwise text alone counts"] = True
-    send_seed: Annotated[bool, "whether the subject's own seed is sent"] = True
     recent: Annotated[Count | None, "most answers that the model is reminded of; null for all"] = (
         None
     )
@@ -87,21 +87,11 @@ class LanguageModelParameters:
             json.dumps(self.settings, allow_nan=False)
         except (TypeError, ValueError):
             raise ValueError("settings can hold what JSON can, and no infinity") from None
-        if not _is_address(self.base_url):
+        if not re.fullmatch(ADDRESS, self.base_url):
             raise ValueError(
                 "base_url is the address of a server, such as http://localhost:8000/v1, with "
                 "nothing behind ? but api-version; a key belongs in OPENAI_API_KEY"
             )
-
-
-def _is_address(url: str) -> bool:
-    try:
-        parts = urlsplit(url)
-        host = parts.scheme in ("http", "https") and parts.hostname and parts.port != 0
-    except ValueError:  # of a port that there cannot be
-        return False
-    secret = parts.username or parts.password or {*parse_qs(parts.query)} - {"api-version"}
-    return bool(host and not secret)
 
 
 @dataclass
@@ -112,14 +102,25 @@ class _Subject:
     seed: int
     talk: list[Message] = field(default_factory=list)
     said: int = 0  # messages of the conversation that are in the transcript
-    lines: list[dict[str, Any]] = field(default_factory=list)
-    faults: Counter[str] = field(default_factory=Counter)  # of answers that are no action
-    unanswered: int = 0
-    unreadable: int = 0  # answers to which lever enables which
-    sizes: list[tuple[int, int]] = field(default_factory=list)  # characters asked, and tokens
+    lines: list[dict[str, Any]] = field(default_factory=list)  # of the transcript, by answer
     repeated: int = 0  # answers that had been given before
     chosen: int | None = None  # the action that it took, until it is told what that did
     spent: bool = False  # whether that is an unanswered one
+
+    def faults(self, asked: str) -> Counter[str]:
+        """How many answers to what was ``asked`` had each fault."""
+        return Counter(
+            line["fault"] for line in self.lines if line["asked"] == asked and line["fault"]
+        )
+
+    @property
+    def unanswered(self) -> int:
+        """Actions that were spent, as no answer was one."""
+        return sum("unanswered" in line for line in self.lines)
+
+    def tokens(self, part: int) -> list[int]:
+        """Tokens of each question (0), or of each answer (1)."""
+        return [line["reply"]["tokens"][part] for line in self.lines]
 
     def message(self, text: str) -> Message:
         """The next message to the model: the result of its call, or a text."""
@@ -200,7 +201,6 @@ class LanguageModel(Learner):
             line["fault"] = fault or None
             if action is not None:
                 return action
-            subject.faults[fault] += 1
         return self._spend(row, view)
 
     def _open(self, row: int, view: View) -> None:
@@ -219,12 +219,11 @@ class LanguageModel(Learner):
         action = place if view.observation[row, place] else self.brief.positions + place
         subject.chosen, subject.spent = action, True
         subject.lines[-1]["unanswered"] = self.brief.action_names[action]
-        subject.unanswered += 1
         if subject.unanswered > self.parameters.unanswered:
             raise LearnerError(
                 f"{self.parameters.model} left {counted(subject.unanswered, 'action')} unanswered "
-                f"as one subject ({_listed(subject.faults)}); change how it is asked, raise "
-                "unanswered, or give answers that are cut off more room (max_tokens in settings)"
+                f"as one subject ({_listed(subject.faults('action'))}); change how it is asked, "
+                "raise unanswered, or give answers more room (max_tokens in settings)"
             )
         return action
 
@@ -266,7 +265,6 @@ class LanguageModel(Learner):
         line = self._ask(row, step.view, "structure", [*subject.talk, question], [question])
         line["enables"] = read_structure(line["reply"]["message"], words, nodes)
         line["fault"] = "malformed" if line["enables"] is None else None
-        subject.unreadable += line["enables"] is None
 
     def _ask(
         self, row: int, view: View, asked: str, talk: list[Message], told: list[Message]
@@ -277,7 +275,7 @@ class LanguageModel(Learner):
             "model": chosen.model,
             "messages": _last(talk, chosen.recent),
             "temperature": chosen.temperature,
-            "seed": subject.seed if chosen.send_seed else None,
+            "seed": subject.seed,
         }
         if chosen.tools:
             request |= {"tools": [act_tool(subject.words)], "parallel_tool_calls": False}
@@ -288,80 +286,80 @@ class LanguageModel(Learner):
         key = key_of(request, subject.seed, len(subject.lines))
         reply, repeated = self._replies.reply(key, request)
         subject.repeated += repeated
-        characters = sum(len(str(message["content"])) for message in request["messages"])
-        subject.sizes.append((characters, reply["tokens"][0]))
-        where = {"trial": int(view.trial[row]), "attempt": int(view.attempt[row])}
-        line = {**where, "asked": asked, "told": told, "key": key, "reply": reply}
+        line = {
+            "trial": int(view.trial[row]),
+            "attempt": int(view.attempt[row]),
+            "asked": asked,
+            "told": told,
+            "characters": sum(len(str(message["content"])) for message in request["messages"]),
+            "key": key,
+            "reply": reply,
+        }
         subject.lines.append(line)
         return line
 
     def account(self) -> Account:
         """The transcripts, and what the user has to know of answers and of the server."""
-        transcripts = []
-        for subject in self._subjects:
-            replies = [line["reply"] for line in subject.lines]
-            head: dict[str, Any] = {
-                "model": self.parameters.model,
-                "base_url": self.parameters.base_url,
-                "temperature": self.parameters.temperature,
-                "seed": subject.seed,
-                **asdict(subject.words),
-                "tokens": [sum(reply["tokens"][i] for reply in replies) for i in (0, 1)],
-                "latency": round(sum(reply["latency"] for reply in replies), 3),
-                "answers": len(replies),
-                "faults": dict(subject.faults),
-                "unanswered": subject.unanswered,
-                "unreadable": subject.unreadable,
-            }
-            rest = {"told": subject.talk[subject.said :]}  # what came of the last answer
-            transcripts.append([head, *subject.lines, rest])
-        return Account(tuple(transcripts), tuple(text for many, text in self._remarks() if many))
+        transcripts = [
+            [self._head(subject), *subject.lines, {"told": subject.talk[subject.said :]}]
+            for subject in self._subjects
+        ]
+        return Account(tuple(transcripts), tuple(self._remarks()))
 
-    def _remarks(self) -> Iterator[tuple[int, str]]:
-        """How often something happened, and what to say of it."""
+    def _head(self, subject: _Subject) -> dict[str, Any]:
+        """The first line of a subject's transcript."""
+        latency = sum(line["reply"]["latency"] for line in subject.lines)
+        return {
+            "model": self.parameters.model,
+            "base_url": self.parameters.base_url,
+            "temperature": self.parameters.temperature,
+            "seed": subject.seed,
+            **asdict(subject.words),
+            "tokens": [sum(subject.tokens(0)), sum(subject.tokens(1))],
+            "latency": round(latency, 3),
+            "answers": len(subject.lines),
+            "faults": subject.faults("action"),
+            "unanswered": subject.unanswered,
+            "unreadable": subject.faults("structure").total(),
+        }
+
+    def _remarks(self) -> Iterator[str]:
+        """Sentences on what went wrong, and how often."""
         subjects = self._subjects
-        faults = sum((subject.faults for subject in subjects), Counter[str]())
-        spent, no_action = sum(subject.unanswered for subject in subjects), faults.total()
-        yield (
-            no_action,
-            f"{counted(no_action, 'answer was', 'answers were')} no action ({_listed(faults)}); "
-            f"{counted(spent, 'action')} stayed unanswered, and each was spent on what changes "
-            "nothing",
-        )
-        more_room = "answers that are cut off have more room with a larger max_tokens in settings"
-        yield faults["cut off"], more_room
-        many = sum(subject.unreadable for subject in subjects)
-        yield many, f"{counted(many, 'answer')} to which lever enables which could not be read"
-        many = sum(not tokens for subject in subjects for _, tokens in subject.sizes)
-        yield many, f"the server did not count the tokens of {counted(many, 'question')}"
-        many = sum(was_cut(subject.sizes) for subject in subjects)
-        yield (
-            many,
-            "the server seems to have read only a part of the conversations of "
-            f"{counted(many, 'subject')}: they grew, and the tokens that it counts did not, so the "
-            "model may never have seen the rules; give the server a larger context, or set recent "
-            "(docs/howto/llm.md)",
-        )
-        many = sum(subject.repeated for subject in subjects)
-        yield (
-            many,
-            f"{counted(many, 'answer')} had been given before and came from "
-            f"{self._replies.folder}; no server was asked for them",
-        )
+        faults = sum((subject.faults("action") for subject in subjects), Counter[str]())
+        if many := faults.total():
+            spent = counted(sum(subject.unanswered for subject in subjects), "action")
+            yield (
+                f"{counted(many, 'answer was', 'answers were')} no action ({_listed(faults)}); "
+                f"{spent} stayed unanswered, and each was spent on what changes nothing"
+            )
+        if faults["cut off"]:
+            yield "answers that are cut off have more room with a larger max_tokens in settings"
+        if many := sum(subject.faults("structure").total() for subject in subjects):
+            yield f"{counted(many, 'answer')} to which lever enables which could not be read"
+        if many := sum(subject.tokens(0).count(0) for subject in subjects):
+            yield f"the server did not count the tokens of {counted(many, 'question')}"
+        if many := sum(map(_was_cut, subjects)):
+            yield (
+                "the server seems to have read only a part of the conversations of "
+                f"{counted(many, 'subject')}: they grew, and the tokens that it counts did not, so "
+                "the model may never have seen the rules; give the server a larger context, or set "
+                "recent (docs/howto/llm.md)"
+            )
+        if many := sum(subject.repeated for subject in subjects):
+            yield (
+                f"{counted(many, 'answer')} had been given before and came from "
+                f"{self._replies.folder}; no server was asked for them"
+            )
 
 
-def was_cut(sizes: list[tuple[int, int]]) -> bool:
+def _was_cut(subject: _Subject) -> bool:
     """Whether a server seems to cut off its prompts: much longer ones have hardly more tokens.
 
     Servers that count only what is new, and not what they remember, count few tokens of each
     character; that does not count as a cut.
-
-    >>> was_cut([(2000, 500), (9000, 1000), (18000, 1000)]), was_cut([(2000, 500), (18000, 4400)])
-    (True, False)
-
-    Args:
-        sizes: Of each request in succession, its characters and the tokens of its prompt.
     """
+    sizes = [*zip((line["characters"] for line in subject.lines), subject.tokens(0), strict=True)]
     characters, tokens = max(sizes, default=(0, 0))
     if characters < _LONG or tokens < 0.7 * max(of_each for _, of_each in sizes) or not tokens:
         return False

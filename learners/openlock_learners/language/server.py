@@ -77,13 +77,13 @@ class Server:
                 "latency": round(time.perf_counter() - began, 3),
                 "retries": int(response.request.headers.get("x-stainless-retry-count", 0)),
             }
-            return checked(reply, self._key)
+            return checked(reply)
         except openai.APIStatusError as error:
             if error.code not in FILTERED:
                 raise self._failure(f"refuses ({in_short(error)})") from None
             refusal = {"message": {"refusal": in_short(error)}, "finish": "content_filter"}
             latency = round(time.perf_counter() - began, 3)
-            return checked({**refusal, "tokens": [0, 0], "latency": latency}, self._key)
+            return checked({**refusal, "tokens": [0, 0], "latency": latency})
         except openai.APITimeoutError:
             raise self._failure("did not answer in time") from None
         except openai.OpenAIError as error:
