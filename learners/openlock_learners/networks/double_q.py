@@ -102,10 +102,14 @@ class DoubleQ:
     def greedy(self, observations: NDArray[Any], wanted: BoolArray) -> IntArray:
         """``[N]`` the best action for each agent's observation, ``[N, in]``.
 
-        Of agents that are not ``wanted``, ``[N]``, it can be any.
+        Of agents that are not ``wanted``, ``[N]``, it is 0.
         """
         inputs = observations.astype(self.online.dtype)
-        return loops.greedy(self.online, self.sizes, inputs, wanted)
+        actions = np.zeros(len(inputs), dtype=np.int64)
+        for agent in np.flatnonzero(wanted):
+            trace = loops.evaluate(self.online[agent], self.sizes, inputs[agent : agent + 1])
+            actions[agent] = trace[-self.sizes[-1] :].argmax()
+        return actions
 
     def update(self, batch: Batch, trains: BoolArray) -> Floats:
         """One gradient step for each agent that ``trains``, ``[N]``, on the mean Huber loss.

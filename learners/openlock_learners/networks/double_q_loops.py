@@ -144,19 +144,6 @@ def evaluate(parameters: Floats, sizes: Integers, inputs: Floats) -> Floats:
     return trace
 
 
-@loops
-def greedy(
-    parameters: Floats, sizes: Integers, observations: Floats, wanted: NDArray[np.bool_]
-) -> Integers:
-    """``[N]`` the best action for each agent's observation, ``[N, in]``; 0 where none is wanted."""
-    actions = np.zeros(len(parameters), dtype=np.int64)
-    for agent in range(len(parameters)):
-        if wanted[agent]:
-            trace = evaluate(parameters[agent], sizes, observations[agent : agent + 1])
-            actions[agent] = trace[-sizes[-1] :].argmax()
-    return actions
-
-
 # -- training -------------------------------------------------------------------------------------
 
 
