@@ -92,6 +92,26 @@ def shown_steps(name: str) -> Iterator[Say]:
         thread.join()
 
 
+def counting(begin: Say, what: str) -> Callable[[int, int], None]:
+    """Show how many parts of a task are done, and the time left at the pace since the first call.
+
+    Args:
+        begin: Shows a step, from :func:`shown_steps`.
+        what: Follows the numbers, such as ``parts are scored``.
+    """
+    first: list[tuple[float, int]] = []
+
+    def report(done: int, total: int) -> None:
+        now = time.monotonic()
+        first[:] = first or [(now, done)]
+        begun, before = first[0]
+        left = (now - begun) * (total - done) / max(done - before, 1)
+        more = f", about {duration(left)} left" if done > before else ""
+        begin(f"{done} of {total} {what}{more}")
+
+    return report
+
+
 @contextmanager
 def terminal_bar(name: str, console: Terminal) -> Iterator[Show]:
     """A bar on a terminal, below whatever else is printed."""

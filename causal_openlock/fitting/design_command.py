@@ -67,7 +67,7 @@ def design(
     import pandas as pd
 
     from causal_openlock.comparison.console import Terminal
-    from causal_openlock.comparison.progress_bar import shown_steps
+    from causal_openlock.comparison.progress_bar import counting, shown_steps
     from causal_openlock.experiment.declare import Experiment
     from causal_openlock.experiment.file import find_experiment, read_experiment
     from causal_openlock.experiment.making import Changes
@@ -105,7 +105,7 @@ def design(
                     outside=outside or (),
                     folder=folder / "subjects",
                     workers=workers or available_cores(),
-                    report=lambda done, total: begin(f"{done} of {total} subjects"),
+                    report=counting(begin, "subjects"),
                 )
             ]
             return last[0]

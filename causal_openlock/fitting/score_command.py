@@ -65,7 +65,7 @@ def score(
     """
     from causal_openlock.analysis.statistics import too_few
     from causal_openlock.comparison.console import Terminal
-    from causal_openlock.comparison.progress_bar import shown_steps
+    from causal_openlock.comparison.progress_bar import counting, shown_steps
     from causal_openlock.experiment.file import find_experiment, read_experiment
     from causal_openlock.experiment.making import make_experiment
     from causal_openlock.fitting.predicting import read_fit, score_fits
@@ -101,7 +101,7 @@ def score(
             lapse=lapse,
             draws=Draws(hits, draws),
             workers=workers or available_cores(),
-            report=lambda done, total: begin(f"{done} of {total} parts are scored"),
+            report=counting(begin, "parts are scored"),
         )
     subjects, ranked = scores.subjects, scores.ranking
     before = _names_in(out := out or folder / FOLDER)

@@ -3,7 +3,7 @@
 import itertools
 from types import SimpleNamespace
 
-from causal_openlock.comparison.progress_bar import LINE_EVERY, lines, naming_still_cells
+from causal_openlock.comparison.progress_bar import LINE_EVERY, counting, lines, naming_still_cells
 from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.making import Changes
 from causal_openlock.running.progress import Playing, RunProgress, progress_of, work
@@ -47,3 +47,15 @@ def test_the_time_left_goes_by_the_pace_of_each_learner():
     assert (
         progress_of(cells, cells, 0, [], {"oracle": 0.0}).left is None
     )  # of the other nothing is known
+
+
+def test_a_task_in_parts_says_how_long_the_rest_takes(monkeypatch):
+    now, said = [0.0], []
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    report = counting(said.append, "parts are scored")
+    for now[0], done in ((5.0, 2), (65.0, 4), (95.0, 5)):  # two are from an earlier run
+        report(done, 8)
+    rest = ("", ", about 2 min left", ", about 2 min left")
+    assert said == [
+        f"{done} of 8 parts are scored{more}" for done, more in zip((2, 4, 5), rest, strict=True)
+    ]
