@@ -17,24 +17,15 @@ from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from causal_openlock.analysis.measures import CELL, SUBJECT, judged, ordered
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import (
-    Names,
-    in_rows,
-    panels,
-    trials_under,
-)
-from causal_openlock.analysis.prose import Prose
+from causal_openlock.analysis.plots.panels import Names, in_rows, panels, trials_under
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.section import Section
+from causal_openlock.analysis.section import Section, drawn, sentences
 from causal_openlock.analysis.statistics import share_interval
 from causal_openlock.analysis.topic import Topic
-from causal_openlock.schemas.fsm import FloatArray, IntArray
-from causal_openlock.wording import file_names
+from causal_openlock.wording import file_names, joined
 
 MOST_LINES = 6
 """Learners in one figure: with more, nobody can tell lines apart."""
-
-_PROSE = Prose(__name__)
 
 
 def unsolved_after(trials: pd.DataFrame) -> pd.DataFrame:
@@ -46,42 +37,22 @@ def unsolved_after(trials: pd.DataFrame) -> pd.DataFrame:
     Returns:
         A row for each ``learner``, ``condition``, ``protocol`` and number of ``attempts``, from 0
         to the most that one of its trials had: ``unsolved`` (a share), ``ci_low`` and ``ci_high``
-        (Wilson's interval of a share of subjects), ``subjects`` and ``at_risk``, how many
-        trials were neither solved nor censored before that attempt.
+        (Wilson's interval of a share of subjects), ``subjects`` and ``at_risk``, how many trials
+        were neither solved nor censored before that attempt.
     """
     parts = []
     for key, own in judged(trials).groupby(CELL, observed=True, sort=True):
-        subject = own.groupby(SUBJECT, observed=True).ngroup().to_numpy()
-        ended, solved = own["attempts"].to_numpy(), own["solved"].to_numpy()
-        size, length = subject.max() + 1, ended.max() + 1
-        events = np.zeros((size, length))  # whole numbers, whose products BLAS adds exactly
-        np.add.at(events, (subject[solved], ended[solved]), 1)
-        left = np.zeros((size, length))
-        np.add.at(left, (subject, ended), 1)
-        risk = left[:, ::-1].cumsum(axis=1)[:, ::-1]  # those that end at an attempt, or later
-        share = kaplan_meier(events.sum(axis=0), risk.sum(axis=0))
-        rows = pd.DataFrame({"attempts": np.arange(length), "unsolved": share})
-        low, high = share_interval(share, size)
-        rows = rows.assign(
-            ci_low=low, ci_high=high, subjects=size, at_risk=risk.sum(axis=0).astype(int)
-        )
-        parts.append(rows.assign(**dict(zip(CELL, map(str, key), strict=True))))
+        ended, solved = own["attempts"].to_numpy(), own["solved"].to_numpy(bool)
+        attempts = np.arange(ended.max() + 1)
+        at_risk = len(ended) - np.searchsorted(np.sort(ended), attempts)
+        share = np.cumprod(1 - np.bincount(ended[solved], minlength=len(attempts)) / at_risk)
+        subjects = own.groupby(SUBJECT, observed=True).ngroups
+        low, high = share_interval(share, subjects)
+        values = {"attempts": attempts, "unsolved": share, "ci_low": low, "ci_high": high}
+        cell = dict(zip(CELL, map(str, key), strict=True))
+        parts.append(pd.DataFrame({**cell, **values, "subjects": subjects, "at_risk": at_risk}))
     columns = [*CELL, "attempts", "unsolved", "ci_low", "ci_high", "subjects", "at_risk"]
-    return pd.concat(parts, ignore_index=True)[columns] if parts else pd.DataFrame(columns=columns)
-
-
-def kaplan_meier(events: IntArray | FloatArray, at_risk: IntArray | FloatArray) -> FloatArray:
-    """The share that survives.
-
-    >>> kaplan_meier(np.array([0, 1, 0, 1]), np.array([4, 4, 3, 2])).tolist()
-    [1.0, 0.75, 0.75, 0.375]
-
-    Args:
-        events: ``[..., T]`` how many ended at each time.
-        at_risk: ``[..., T]`` how many had neither ended nor been lost before.
-    """
-    kept = 1 - events / np.maximum(at_risk, 1)
-    return np.cumprod(kept, axis=-1, dtype=np.float64)
+    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=columns)
 
 
 def plot_survival(
@@ -153,19 +124,23 @@ def fastest(trials: pd.DataFrame) -> list[str]:
 def section(material: Material) -> Section | None:
     """A figure for each protocol; None of an empty record."""
     trials = material.trials
-    names = ordered(trials["protocol"].unique(), ("human",))
     plots = []
-    for protocol, part in file_names(names).items():
+    for protocol, part in file_names(ordered(trials["protocol"].unique(), ("human",))).items():
         own = trials[trials["protocol"] == protocol]
-        learners, drawn = ordered(own["learner"].unique(), material.learners), fastest(own)
-        plots.append(
-            _PROSE.plot(
-                "survival", plot_survival, material, {"protocol": protocol}, f"survival_{part}",
-                protocol=protocol, bands=len(drawn) <= style.MOST_BANDS,
-                left_out=[name for name in learners if name not in drawn],
-            )
-        )  # fmt: skip
-    return _PROSE.section("survival", plots=plots) if plots else None
+        shown = fastest(own)
+        slower = [name for name in ordered(own["learner"], material.learners) if name not in shown]
+        caption = sentences(
+            "Kaplan-Meier curve: share of the trials that each condition is judged by that is "
+            "still unsolved after k attempts. A line that ends above 0 is the share that was not "
+            "solved within the limit.",
+            f"Not drawn, as slower: {joined(slower)}." if slower else "",
+            "Bands: 95% intervals." if len(shown) <= style.MOST_BANDS else "",
+        )
+        title = f"Trials not solved yet, protocol {protocol}"
+        name = f"survival_{part}"
+        plots.append(drawn(name, plot_survival, material, title, caption, protocol=protocol))
+    title = "How long rooms go unsolved"
+    return Section("survival", title, plots=tuple(plots)) if plots else None
 
 
 TOPIC = Topic("survival", 40, section)
