@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from causal_openlock.belief.hypotheses import Strengths
-from causal_openlock.belief.likelihoods import completes, takes_effect
+from causal_openlock.belief.likelihoods import completes
 from causal_openlock.belief.structures import NEVER, Hypotheses
 from causal_openlock.contract.learner import View
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
@@ -128,41 +128,41 @@ class Planner:
         self, alive: IntArray, weight: FloatArray, pushed: int, unlocked: bool, left: int
     ) -> FloatArray:
         """``[P + 1]`` value of each push, in units of the weights' sum."""
-        values = np.full(self._door + 1, -np.inf)
-        if unlocked:
-            values[self._door] = self._open(alive, weight, pushed, left)
-        slots = np.array([slot for slot in range(self._door) if not pushed >> slot & 1])
-        if not len(slots):
-            return values
+        values, door = np.full(self._door + 1, -np.inf), self._door
+        levers = [slot for slot in range(door) if not pushed >> slot & 1]
+        nodes = np.array(levers + [door] * unlocked, dtype=int)
         own, mask = self.hypotheses, np.uint16(pushed)
-        live = np.bitwise_count(own.causes[alive[:, None], slots] & mask)
-        threshold = own.threshold[alive[:, None], slots]
+        live = np.bitwise_count(own.causes[alive[:, None], nodes] & mask)
+        threshold = own.threshold[alive[:, None], nodes]
         if self._uncertain:
             chance = self.strengths.chance[own.strength[alive, None], live, threshold]
         else:
             chance = (live >= threshold).astype(float)
-        after = (mask | np.left_shift(np.uint16(1), slots.astype(np.uint16))).astype(np.uint16)
-        opens = (
-            np.bitwise_count(own.causes[alive, self._door, None] & after)
-            >= own.threshold[alive, self._door, None]
-        )
+        # What follows: a lever that moves unlocks the door, and the door opens for a new solution.
+        after = (mask | np.left_shift(1, nodes)).astype(np.uint16)
+        live = np.bitwise_count(own.causes[alive, door, None] & after)
+        follows = live >= own.threshold[alive, door, None]
+        if unlocked:
+            follows[:, -1] = completes(own, alive, pushed, self._found)
         moves = weight[:, None] * chance
-        unlocks = moves * opens
+        both = moves * follows
         total = weight.sum()
-        moving, unlocking = moves.sum(axis=0), unlocks.sum(axis=0)
-        outcomes = np.stack([total - moving, moving - unlocking, unlocking])
+        moving, following = moves.sum(axis=0), both.sum(axis=0)
+        outcomes = np.stack([total - moving, moving - following, following])
         worth = self.objective.information * self._gain(outcomes, weight, chance)
         worth[moving <= TIE * total] = 0.0
+        worth[nodes == door] += self.objective.beta * following[nodes == door]
         for index in np.flatnonzero(moving > TIE * total) if left > 1 else ():
-            move, unlock, then = moves[:, index], unlocks[:, index], int(after[index])
-            for likely, parts, at, door in (
+            move, unlock, then = moves[:, index], both[:, index], int(after[index])
+            branches = (
                 (outcomes[0, index], weight - move, pushed, unlocked),
                 (outcomes[1, index], move - unlock, then, False),
                 (outcomes[2, index], unlock, then, True),
-            ):
+            )
+            for likely, parts, at, opens in branches[: 1 if nodes[index] == door else 3]:
                 if likely > TIE * total:
-                    worth[index] += self._best(alive, parts, at, door, left - 1)
-        values[slots] = worth
+                    worth[index] += self._best(alive, parts, at, opens, left - 1)
+        values[nodes] = worth
         return values
 
     def _best(
@@ -189,20 +189,6 @@ class Planner:
             able = achievable(self.hypotheses, pushed, left, self._found)
             self._solvable[pushed, left] = np.asarray(able.any(axis=1))
         return self.objective.beta * float(weight[self._solvable[pushed, left][alive]].sum())
-
-    def _open(self, alive: IntArray, weight: FloatArray, pushed: int, left: int) -> float:
-        """The value of pushing the unlocked door."""
-        own = self.hypotheses
-        chance = takes_effect(own, alive, self.strengths, self._door, pushed)
-        opens = weight * chance
-        new = float((opens * completes(own, alive, pushed, self._found)).sum())
-        total, opening = weight.sum(), float(opens.sum())
-        outcomes = np.array([total - opening, opening - new, new])
-        gain = self._gain(outcomes[:, None], weight, chance[:, None])[0]
-        value = self.objective.information * gain + self.objective.beta * new
-        if left > 1 and outcomes[0] > TIE * total:
-            value += self._best(alive, weight - opens, pushed, True, left - 1)
-        return float(value)
 
     def _gain(self, outcomes: FloatArray, weight: FloatArray, chance: FloatArray) -> FloatArray:
         """``[A]`` bits of information that ``[3, A]`` outcomes give about the hypothesis."""
