@@ -87,11 +87,6 @@ class Catalogue:
         return np.bincount(self.kind, pairs, minlength=len(before)).astype(float)
 
 
-def fits(structures: Structures, solutions: int, action_limit: int) -> BoolArray:
-    """``[M]`` whether the number of solutions is exact, and each fits into an attempt."""
-    return distance(structures, solutions, action_limit) == 0
-
-
 def distance(structures: Structures, solutions: int, action_limit: int) -> IntArray:
     """``[M]`` number of solutions too many or too few, plus those too long for an attempt."""
     found = structures.solutions()
@@ -146,7 +141,7 @@ def catalogue(
     others are sampled from the free form. For ``simplicity`` see :func:`free_form_weight`.
     """
     structures, outlined = outlines(levers)
-    fitting = np.flatnonzero(fits(structures, solutions, action_limit))
+    fitting = np.flatnonzero(distance(structures, solutions, action_limit) == 0)
     if levers > FREE_FORM_LEVERS:  # classes come in the order of their length
         orders = math.factorial(levers)
         ways = [orders // math.prod(map(math.factorial, outlined[at].sizes)) for at in fitting]
@@ -155,7 +150,7 @@ def catalogue(
     structures, kind, chance = assigned(structures[fitting], [outlined[at] for at in fitting])
     if levers <= FREE_FORM_LEVERS:
         every = gate_dags(levers)
-        chosen = np.flatnonzero(fits(every, solutions, action_limit))
+        chosen = np.flatnonzero(distance(every, solutions, action_limit) == 0)
         structures = Structures.joined([structures, every[chosen]])
         kind = np.append(kind, np.full(len(chosen), len(schema_classes())))
         chance = np.append(chance, free_form_weight(levers, simplicity)[chosen])

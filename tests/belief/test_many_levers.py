@@ -7,7 +7,7 @@ import pytest
 
 from causal_openlock import Session
 from causal_openlock.belief import beliefs, sampling
-from causal_openlock.belief.catalogue import distance, fits
+from causal_openlock.belief.catalogue import distance
 from causal_openlock.belief.hypotheses import RoomSight
 from causal_openlock.belief.sampling import Sampler, metropolis, sampled
 from causal_openlock.experiment.declare import PROTOCOLS, find_condition
@@ -57,7 +57,7 @@ def test_solutions_of_many_levers_are_the_oracles(levers):
         assert {lever_set(each) for each in np.flatnonzero(row)} == structure(*key).solutions
     for solutions, limit in ((1, 3), (2, 4), (3, 20)):
         expected = [fits_oracle(key, solutions, limit) for key in keys]
-        assert fits(structures, solutions, limit).tolist() == expected
+        assert (distance(structures, solutions, limit) == 0).tolist() == expected
 
 
 @pytest.mark.parametrize("effort", [500, 4000])
@@ -65,7 +65,7 @@ def test_no_more_structures_are_looked_at_than_the_effort_says(looked_at, effort
     monkeypatch.setattr(sampling, "EFFORT", effort)
     own = sampled(Sampler(12, SIMPLICITY, 1.0), SIGHT, 500, np.random.default_rng(0))
     assert effort / 4 <= sum(looked_at) <= effort
-    assert fits(own.members, SIGHT.solutions, SIGHT.action_limit).all()
+    assert not distance(own.members, SIGHT.solutions, SIGHT.action_limit).any()
 
 
 def shares(structures, n):

@@ -11,7 +11,7 @@ from scipy.stats import chisquare
 from causal_openlock.belief import beliefs as beliefs_module
 from causal_openlock.belief import catalogue as catalogue_module
 from causal_openlock.belief import hypotheses as space_module
-from causal_openlock.belief.catalogue import fits, free_form_weight
+from causal_openlock.belief.catalogue import distance, free_form_weight
 from causal_openlock.belief.hypotheses import RoomSight, at_least, enumerate_space, strengths
 from causal_openlock.belief.likelihoods import DOOR, Event
 from causal_openlock.belief.marginals import believed_structure
@@ -159,7 +159,7 @@ def test_how_many_draws_fit_the_console_is_how_probable_that_is(key, strength, m
     n = len(key[0]) - 1
     events = happened_in(key, strength, moments, 6)
     everything = gate_dags(n)
-    promised = fits(everything, solutions, 3)
+    promised = distance(everything, solutions, 3) == 0
     if n == 3:
         exact = [fits_oracle(one, solutions, 3) for one in keys_of(everything)]
         assert promised.tolist() == exact
@@ -168,7 +168,7 @@ def test_how_many_draws_fit_the_console_is_how_probable_that_is(key, strength, m
     estimates = []
     for seed in range(20):
         own = sampled(sampler, RoomSight(7, n, solutions, 3), 400, np.random.default_rng(seed))
-        assert fits(own.members, solutions, 3).all()
+        assert not distance(own.members, solutions, 3).any()
         assert len(set(labels(own.members))) == len(own)
         estimates.append(own.chance @ likelihoods(own.members, strength, events))
     share = weight[promised].sum()
