@@ -8,7 +8,7 @@ Pictures are inline SVG, nothing is loaded from elsewhere.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from html import escape
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Any
 from causal_openlock.wording import counted, first_line
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from causal_openlock.analysis.report.writing import Report
     from causal_openlock.comparison.results import Results
     from causal_openlock.contract.learner import Learner
@@ -105,25 +107,28 @@ def _moment(watched: WatchedTrial, shot: Shot) -> str:
 
 def experiment_html(experiment: Experiment) -> str:
     """An experiment: who plays what, and how much work that is."""
+    from causal_openlock.analysis.report.described import described, pairs
     from causal_openlock.contract.registry import changed_parameters
 
-    heads = ["name", "learner", "protocol", "reward", "subjects", "changed parameters"]
-    rows = []
-    for spec in experiment.learners:
-        changed = spec.parameters
-        if spec.recorded is None:  # showing results runs no code that they name
-            changed = changed_parameters(spec.learner, spec.parameters)
-        words = ", ".join(f"{name} {value}" for name, value in changed.items())
-        played = (spec.name, spec.learner, spec.protocol.name, spec.reward.name, spec.subjects)
-        rows.append([escape(str(value)) for value in (*played, words)])
+    learners = described(experiment)["Learners"]
+    learners["Parameters"] = [
+        # Showing results runs no code that they name.
+        pairs(
+            spec.parameters if spec.recorded else changed_parameters(spec.learner, spec.parameters)
+        )
+        or "defaults"
+        for spec in experiment.learners
+    ]
     names = ", ".join(condition.name for condition in experiment.conditions)
     cells = counted(len(experiment.cells()), "cell")
     summary = _text(f"conditions {names}; seed {experiment.seed}; {cells}")
-    return _card(experiment.title or experiment.name, _table(heads, rows), summary)
+    return _card(experiment.title or experiment.name, _table(learners), summary)
 
 
 def learner_html(learner: Learner) -> str:
-    """A learner: what it is, and its hyper-parameters; those that differ from defaults are bold."""
+    """A learner: what it is, and its hyper-parameters, with defaults where they differ."""
+    import pandas as pd
+
     from causal_openlock.contract.one_subject import PerSubjectAdapter
     from causal_openlock.contract.registry import parameter_table
 
@@ -131,38 +136,20 @@ def learner_html(learner: Learner) -> str:
     rows = []
     for parameter in parameter_table(type(learner.parameters)):
         value = getattr(learner.parameters, parameter.name)
-        shown = escape(str(value))
-        if value != parameter.default:
-            shown = f"<b>{shown}</b>"
-        rows.append([escape(parameter.name), shown, escape(parameter.meaning)])
-    table = [_table(["parameter", "value", "meaning"], rows)] if rows else []
-    return _card(kind.__name__, _text(first_line(kind.__doc__)), *table)
+        default = "" if value == parameter.default else f" (default {parameter.default})"
+        rows.append((parameter.name, f"{value}{default}", parameter.meaning))
+    table = _table(pd.DataFrame(rows, columns=["parameter", "value", "meaning"])) if rows else ""
+    return _card(kind.__name__, _text(first_line(kind.__doc__)), table)
 
 
 def results_html(results: Results) -> str:
-    """Results: the table of each protocol, and below it what a reader should know."""
-    from causal_openlock.analysis.results.by_condition import in_cell
-    from causal_openlock.analysis.table import number
-
-    def small(texts: Sequence[str]) -> str:
-        first, *rest = map(escape, texts or [""])
-        return "".join([first, *(f"<br><small>{text}</small>" for text in rest)])
+    """Results: the leaderboard of each protocol, and below it what a reader should know."""
+    from causal_openlock.analysis.topics.leaderboard import leaderboard_tables
 
     parts = []
-    for table in results.by_condition:
-        heads = ["attempts", *(f"{name}, {measured}" for name, measured in table.columns)]
-        rows = []
-        for name, means in table.beside.items():
-            shown = ["" if mean is None else number(mean) for mean in means]
-            rows.append([f"<i>{escape(name)}</i>", *shown])
-        for learner, cells in table.rows.items():
-            rows.append([f"<b>{escape(learner)}</b>", *(small(in_cell(cell)) for cell in cells)])
-        parts += [_text(f"protocol {table.protocol}"), _table(heads, rows)]
-    about = (
-        "Mean attempts to find every solution, in small type their 95% interval if subjects differ."
-    )
-    known = escape(" ".join([about, *results.warnings]))
-    return _card(results.experiment.title, *parts, f"<div><small>{known}</small></div>")
+    for table in leaderboard_tables(results.leaderboard).values():
+        parts += [_text(table.title), _left(table.html()), _small(table.caption)]
+    return _card(results.experiment.title, *parts, *map(_small, results.warnings))
 
 
 def report_html(report: Report) -> str:
@@ -210,15 +197,20 @@ def _text(*lines: str) -> str:
     return f"<div>{'<br>'.join(map(escape, lines))}</div>"
 
 
-def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table of cells that are HTML already."""
+def _small(text: str) -> str:
+    return f"<div><small>{escape(text)}</small></div>"
 
-    def line(tag: str, cells: Iterable[str]) -> str:
-        style = "text-align:left;vertical-align:top"
-        return "<tr>" + "".join(f'<{tag} style="{style}">{c}</{tag}>' for c in cells) + "</tr>"
 
-    body = "".join(line("td", row) for row in rows)
-    return f"<table>{line('th', map(escape, heads))}{body}</table>"
+def _table(frame: pd.DataFrame) -> str:
+    from causal_openlock.analysis.table import Table
+
+    return _left(Table("", "", frame, verbatim=True).html())
+
+
+def _left(table: str) -> str:
+    """A table without the page's style: texts stand on the left, small type below."""
+    left = re.sub(r' class="(?:name|text long)"', ' style="text-align:left"', table)
+    return left.replace("<small>", "<br><small>")
 
 
 def _room(title: str, observation: Any, panel: Any, *below: str) -> str:

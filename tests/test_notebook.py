@@ -102,5 +102,5 @@ def test_learner_of_ones_own_shows_its_parameters_as_text(tmp_path, monkeypatch)
     )
     monkeypatch.syspath_prepend(tmp_path)
     page = read(learner_html(ol.create("shown_here:Shown", {"zeal": 0.7})))
-    assert page.tables[0][1] == ["zeal", "0.7", "a < b"]
+    assert page.tables[0][1] == ["zeal", "0.7 (default 0.5)", "a < b"]
     assert "ShownLike Other." in page.text

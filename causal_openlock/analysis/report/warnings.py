@@ -22,9 +22,6 @@ def warnings_of(results: Material) -> Iterator[str]:
     summary, trials = results.summary, results.counts.trials
     yield from results.experiment.warned
     yield from exclusions(results)
-    for name, attempts in results.trained_before.items():
-        if attempts > 0:
-            yield f"{name} was trained once: its intervals are over rooms, not over trainings."
     if others := _called_alike(results):
         yield (
             "Some conditions are called like the paper's and have other rooms, trials or budgets, "
