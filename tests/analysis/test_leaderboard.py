@@ -253,7 +253,7 @@ def test_p_of_pairs_is_corrected_for_all_pairs_of_the_protocol():
     results = held(a=(same(4),), b=(same(5),), c=(same(5),))
     (section,) = sections_of(results, topics_called("pairwise"))
     p = [3 * 2 / 2**72, 3 * 2 / 2**72, 1.0]
-    assert section.tables[0].frame["p corrected"].tolist() == pytest.approx(p)
+    assert section.tables[0].frame["p_corrected"].tolist() == pytest.approx(p)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         (section,) = sections_of(held(a=(same(4), 1), b=(same(5), 1)), topics_called("pairwise"))

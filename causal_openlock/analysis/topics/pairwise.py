@@ -22,19 +22,13 @@ from matplotlib.figure import Figure
 from causal_openlock.analysis.effects import ALPHA, Difference, contrast, holm, weighted_difference
 from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT, judged, ordered
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import (
-    Names,
-    panels,
-    set_size,
-    trials_under,
-)
-from causal_openlock.analysis.prose import Prose
+from causal_openlock.analysis.plots.panels import Names, panels, set_size, trials_under
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.section import Section, SectionPlot
-from causal_openlock.analysis.table import Table
+from causal_openlock.analysis.section import Section, drawn, sentences
+from causal_openlock.analysis.table import Table, printed
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.errors import NothingToDrawError
-from causal_openlock.wording import file_names
+from causal_openlock.wording import counted, file_names, some
 
 Outcomes = Mapping[str, Mapping[str, pd.DataFrame]]
 """Tables of :func:`outcomes` by learner, by condition."""
@@ -45,14 +39,10 @@ PAIR_COLUMNS = [
 """Columns of :func:`pairwise_table`."""
 _PAIRS = "P(row needs fewer attempts than column)"
 _COLOURS = LinearSegmentedColormap.from_list("worse_better", ["#8C510A", "#F7F7F7", "#01665E"])
-_PROSE = Prose(__name__)
-_NAMES = {
-    **{"ci_low": "low", "ci_high": "high"},
-    **{"p_corrected": "p corrected", "probability": "P(fewer)"},
-}
+_NAMES = {"ci_low": "low", "ci_high": "high", "probability": "P(fewer)"}
 _FORMATS = {
     **dict.fromkeys(("difference", "low", "high"), "+.2f"),
-    **dict.fromkeys(("p", "p corrected"), ".2g"),
+    **dict.fromkeys(("p", "p_corrected"), ".2g"),
     **{"P(fewer)": ".3f", "pairs": ","},
 }
 
@@ -100,16 +90,12 @@ def compared(
     groups, wins, pairs = [], [], 0
     for name in common:
         first, second = one[name]["attempts"], other[name]["attempts"]
-        values = first.to_numpy(float), second.to_numpy(float)
-        place = second.index.get_indexer(first.index)
-        shared = place >= 0
-        weight = 1 / len(common)
-        groups += contrast(first, second, weight)
-        if shared.any():
-            gap = values[0][shared] - values[1][place[shared]]
-            pairs += len(gap)
-        else:
-            gap = np.subtract.outer(*values)
+        groups += contrast(first, second, 1 / len(common))
+        shared = first.index.intersection(second.index)
+        pairs += len(shared)
+        gap = (first[shared] - second[shared]).to_numpy()
+        if shared.empty:
+            gap = np.subtract.outer(first.to_numpy(), second.to_numpy())
         wins.append(float(np.mean((gap < 0) + (gap == 0) / 2)))
     return weighted_difference(groups), pairs, float(np.mean(wins)) if wins else np.nan
 
@@ -195,12 +181,17 @@ def plot_pairs(
         figure.supxlabel(note, x=0.01, ha="left", size="medium")
         return [figure.subplots()]
 
-    with panels(ax, 1, lay_out) as drawn:
-        (axes,) = drawn.axes
-        if drawn.figure is None:
+    with panels(ax, 1, lay_out) as at:
+        (axes,) = at.axes
+        if at.figure is None:
             axes.set_title(_PAIRS, fontsize="medium")
             axes.set_xlabel(note, fontsize="small")
-        axes.imshow(values, cmap=_COLOURS, vmin=0, vmax=1)
+        axes.pcolormesh(
+            range(size), range(size), values, shading="nearest", cmap=_COLOURS, vmin=0, vmax=1,
+            edgecolors="white", linewidth=1.2,
+        )  # fmt: skip
+        axes.set_aspect("equal")
+        axes.invert_yaxis()
         for (row, column), value in np.ndenumerate(values):
             if row < column:
                 known = not np.isnan(value)
@@ -209,18 +200,12 @@ def plot_pairs(
                     fontsize="medium" if cell > 0.45 else "small",
                     color="white" if known and abs(value - 0.5) > 0.34 else "black",
                 )  # fmt: skip
-        axes.set_xticks(range(size), shown, rotation=40, ha="left", va="bottom")
+        axes.set_xticks(
+            range(size), shown, rotation=40, rotation_mode="anchor", ha="left", va="center"
+        )
         axes.set_yticks(range(size), shown)
         axes.tick_params(length=0, top=False, labeltop=True, bottom=False, labelbottom=False)
-        for label in axes.get_xticklabels():
-            label.set_rotation_mode("anchor")
-            label.set_verticalalignment("center")
-        for axis in (axes.xaxis, axes.yaxis):
-            axis.set_ticks(np.arange(size - 1) + 0.5, minor=True)
         axes.grid(visible=False)
-        axes.grid(visible=True, which="minor", axis="both", color="white", linewidth=1.2)
-        axes.tick_params(which="minor", length=0)
-        axes.set_axisbelow(False)
         axes.spines[:].set_visible(False)
     return axes
 
@@ -239,23 +224,56 @@ def all_pairs(material: Material) -> dict[str, pd.DataFrame]:
 def section(material: Material) -> Section | None:
     """Comparisons of all learners under each protocol; None if nowhere two of them can compare."""
     found = {name: table for name, table in material.once(all_pairs).items() if len(table)}
-    protocols: list[dict[str, Any]] = []
-    tables: list[Table] = []
-    plots: list[SectionPlot] = []
-    for protocol, part in file_names(found).items():
-        table = found[protocol]
-        differ = table["p_corrected"] < ALPHA
-        alike = table[~differ].to_dict("records")
-        about = {"total": len(table), "differ": int(differ.sum()), "alike": alike}
-        protocols.append({"protocol": protocol, **about})
-        name, options = f"pairwise_{part}", {"protocol": protocol}
-        shown = table.rename(columns=_NAMES)
-        tables.append(_PROSE.table("pairwise", shown, _FORMATS, name, protocol=protocol))
-        if len(table) > 1:
-            plots.append(_PROSE.plot("pairwise", plot_pairs, material, options, name, **options))
-    if not protocols:
+    if not found:
         return None
-    return _PROSE.section("pairwise", tables, plots, protocols=protocols)
+    text, tables, plots = [], [], []
+    for protocol, part in file_names(found).items():
+        table, name = found[protocol], f"pairwise_{part}"
+        text.append(_compared(protocol, table))
+        caption = (
+            "Difference: by how many attempts the learner needs more than the other, the mean over "
+            "the conditions that both played, with its 95% interval; pairs: of subjects, 0 where "
+            "learners share no rooms and Welch's test takes their subjects for independent. p: as "
+            "if it were the only comparison; corrected: for all pairs of the protocol. P(fewer): "
+            "probability that a subject of the learner needs fewer attempts than one of the other; "
+            "ties count half."
+        )
+        shown = table.rename(columns=_NAMES)
+        tables.append(Table(name, f"Every pair, protocol {protocol}", shown, _FORMATS, caption))
+        if len(table) > 1:
+            title = f"How often one learner is quicker than another, protocol {protocol}"
+            caption = (
+                "Probability that a subject of the learner in the row needs fewer attempts than "
+                "its pair, in the same rooms, of the learner in the column; ties count half; the "
+                "mean over the conditions that both played."
+            )
+            plots.append(drawn(name, plot_pairs, material, title, caption, protocol=protocol))
+    text.append(
+        "Differences are of subjects in pairs: those of the same number meet the same rooms. An "
+        "interval is for its comparison alone; what is significant is decided after correction for "
+        "all pairs of the protocol, so a difference may not be significant though its interval "
+        "leaves out 0."
+    )
+    title = "Learners against learners"
+    return Section("pairwise", title, tuple(text), tuple(tables), tuple(plots))
+
+
+def _compared(protocol: str, table: pd.DataFrame) -> str:
+    """How many pairs differ, and which do not."""
+    alike = table[~(table["p_corrected"] < ALPHA)]
+    differ = len(table) - len(alike)
+    gaps = []
+    for row in alike.itertuples():
+        low, high = printed(row.ci_low, "+.2f"), printed(row.ci_high, "+.2f")
+        interval = f", {low} to {high}" if np.isfinite(row.ci_low) else ""
+        gaps.append(f"{row.learner} and {row.other} ({printed(row.difference, '+.2f')}{interval})")
+    return sentences(
+        f"Protocol {protocol}: of {counted(len(table), 'pair')} of learners {differ} "
+        f"{'differs' if differ == 1 else 'differ'} in the attempts that they need.",
+        f"Not significantly different, which is not to say that they are equal: {some(gaps)}."
+        if gaps
+        else "",
+    )
 
 
 TOPIC = Topic("pairwise", 90, section)
