@@ -120,7 +120,7 @@ def draw_together(learners: Mapping[str, pd.DataFrame], ax: Any = None) -> Any:
 
     Args:
         learners: By name, its points from :func:`~causal_openlock.paper.likeness.points_of`.
-        ax: Two axes, an empty figure, or None.
+        ax: An empty figure, or None.
     """
     people, model = points_of_people(), points_of_model()
     shown = [people, model, *learners.values()]

@@ -45,6 +45,13 @@ PLOTS = {
     "sweep": "swept",
 }
 """By plot, the results of `support.played_results` that it is drawn of here."""
+ONE_PANEL = {
+    **{name: {"learners": "random", "published": False} for name in ("attempts", "transfer")},
+    "course": {"learners": "random", "conditions": "CC4"}, "survival": {"conditions": "CC4"},
+    "categories": {"published": False}, "subjects": {"learners": "random"},
+    "sweep": {"conditions": "CC3"}, "cost": {}, "pairs": {}, "structure_recovery": {},
+}  # fmt: skip
+"""What makes a plot one of a single panel."""
 EVERY = pytest.mark.parametrize("name", PLOTS)
 ORDER = ["random", "oracle"]  # of the experiment, not of the alphabet
 STYLE = PlotStyle()
@@ -112,19 +119,13 @@ def test_it_draws_in_pyplot_or_in_an_empty_figure(name):
 
 @EVERY
 def test_it_draws_in_axes_if_it_has_a_single_panel_and_nowhere_else(name):
-    options = {"learners": "random"} if name in ("attempts", "transfer") else {}
-    options |= {"published": False} if options else {}
-    options |= {"conditions": "CC3"} if name in ("course", "survival", "sweep") else {}
-    options |= {"published": False} if name == "categories" else {}
-    options |= {"learners": "random"} if name == "subjects" else {}
-    results = played_results.swept() if name in ("course", "survival") else None
     figure = Figure(layout="constrained", figsize=(8, 8))
     aside, own = figure.subplots(2, 1)
-    if len(draw(name, results, **options, ax=Figure())) > 1:
+    if name not in ONE_PANEL:
         with pytest.raises(OpenLockError, match=r"pass ax=plt.figure\(\), as this plot has"):
-            draw(name, results, **options, ax=own)
+            draw(name, ax=own)
         return
-    assert draw(name, results, **options, ax=own) == [own]
+    assert draw(name, **ONE_PANEL[name], ax=own) == [own]
     assert own.has_data() or own.patches
     assert (figure.axes, figure.texts, figure.legends) == ([aside, own], [], [])
     assert figure.get_size_inches().tolist() == [8, 8]
