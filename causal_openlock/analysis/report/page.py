@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from functools import lru_cache
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,9 +37,9 @@ def write_page(
         path: The page.
         template: Its name.
         sections: What the page shows.
-        figures: Whether figures are also written as PDF, to ``figures/``, and tables as CSV and
-            LaTeX, to ``tables/``. On the page and in LaTeX numbers are printed as a table asks for;
-            CSV has them as they were computed, to six significant digits.
+        figures: Whether figures are also written as PDF, to ``figures/``, and tables that have a
+            name as CSV and LaTeX, to ``tables/``. On the page and in LaTeX numbers are printed as
+            a table asks for; CSV has them as they were computed, to six significant digits.
         record: The digest of what the page is about.
         **values: Whatever else the template shows.
 
@@ -48,7 +49,7 @@ def write_page(
     text = _environment().get_template(template).render(sections=sections, record=record, **values)
     write_text(path, text)
     for section in sections if figures else ():
-        for table in section.tables:
+        for table in filter(attrgetter("name"), section.tables):
             write_table(table.frame, path.parent / "tables" / f"{table.name}.csv")
             write_text(path.parent / "tables" / f"{table.name}.tex", table.latex())
         for plot in section.plots:

@@ -13,7 +13,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.effects import ALPHA
@@ -22,15 +21,14 @@ from causal_openlock.analysis.report.about_people import about_people
 from causal_openlock.analysis.report.all_figures import figures_of
 from causal_openlock.analysis.report.described import described, in_words
 from causal_openlock.analysis.report.learner_pages import learner_pages
+from causal_openlock.analysis.report.means import means
 from causal_openlock.analysis.report.page import write_page
 from causal_openlock.analysis.report.warnings import not_applicable, warnings_of
 from causal_openlock.analysis.results.by_condition import condition_tables
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.missing import missing_cells, unfinished, with_missing
-from causal_openlock.analysis.results.references import difference_from
 from causal_openlock.analysis.section import Section
-from causal_openlock.analysis.statistics import beside_mean
-from causal_openlock.analysis.table import Table, percent, write_table
+from causal_openlock.analysis.table import Table, write_table
 from causal_openlock.analysis.topic import Topic, all_topics, sections_of
 from causal_openlock.analysis.topics.leaderboard import (
     answers,
@@ -160,62 +158,22 @@ def _conditions(material: Material) -> Section:
     return Section("conditions", "Attempts in each condition", text, tables, is_open=True)
 
 
-INTERVAL = ["ci_low", "ci_high", "subjects", "mode", "at_mode"]
-"""Columns that say what stands next to a mean."""
-
-
 def _every_trial(material: Material) -> Section:
     """The summary of each learner under each protocol."""
     text = (
         "A row is one trial number of one condition; where a protocol goes through its trials in "
         "loops, each subject’s visits are averaged first. SE is the standard error (population SD "
         "/ √n), “solved” the share of visits in which every solution was found, “ideal” what the "
-        "ideal observer needs, which knows the schema. The same numbers, with more digits, are in "
-        "summary.csv.",
+        "ideal observer needs, which knows the schema, and “−” the difference from a reference. "
+        "The same numbers, with more digits, are in summary.csv.",
     )
-    tables = []
     summary = material.summary
-    order = summary["learner"].map(material.learners.index)
-    by = ["learner", "protocol"]
-    for (learner, protocol), part in summary.iloc[order.argsort(kind="stable")].groupby(
-        by, sort=False
-    ):
-        columns = {
-            "Condition": part["condition"].astype(str),
-            "Phase": part["phase"].astype(str),
-            "Trial": part["trial"],
-            "Loops": part["loops"],
-            "n": part["subjects"],
-            "Attempts": part["attempts"],
-            "SE": part["se"].where(part["subjects"] > 1),
-            "95% interval": [
-                beside_mean(*row) or "–"
-                for row in part[INTERVAL].itertuples(index=False, name=None)
-            ],
-            "Solved": part["share_solved"].map(percent),
-        }
-        formats = dict.fromkeys(("Trial", "Loops", "n"), "d")
-        formats |= {"Attempts": ".2f", "SE": ".2f", "95% interval": "s", "Solved": "s"}
-        for reference in (one.reference for one in material.references):
-            if reference.points.empty:
-                continue
-            known = {
-                reference.title: (f"{reference.prefix}_attempts", ".2f"),
-                f"{reference.title} (SE)": (f"{reference.prefix}_se", ".2f"),
-                f"− {reference.title}": (
-                    difference_from(reference, material.references) or "",
-                    "+.2f",
-                ),
-            }
-            for head, (name, form) in known.items():
-                if name in part:
-                    columns[head], formats[head] = part[name], form
-        columns["Ideal"], formats["Ideal"] = part["ideal_attempts"], ".2f"
-        frame = pd.DataFrame(columns).dropna(axis="columns", how="all")
-        starts = (part["condition"] != part["condition"].shift()).to_numpy()
-        title = f"{learner}, protocol {protocol}, {style.sizes(part)}"
-        looks = {int(row): "first" for row in np.flatnonzero(starts)}
-        tables.append(Table("", title, frame, formats, looks=looks, verbatim=True))
+    tables = []
+    for learner in material.learners:
+        own = summary[summary["learner"] == learner]
+        for protocol, rows in own.groupby("protocol", sort=False):
+            title = f"{learner}, protocol {protocol}, {style.sizes(rows)}"
+            tables.append(means(rows, material.references, title))
     return Section("every-trial", "Every trial", text, tuple(tables))
 
 
@@ -239,7 +197,7 @@ def _what_was_run(material: Material) -> Section:
         "probability that an enabled push takes effect, if it is not 1.",
     )
     tables = tuple(
-        Table(f"run_{title.lower()}", title, frame, verbatim=True)
+        Table("", title, frame, verbatim=True)
         for title, frame in described(experiment, trials).items()
         if len(frame)
     )
