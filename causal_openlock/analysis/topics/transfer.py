@@ -289,13 +289,16 @@ def section(material: Material) -> Section | None:
         plot = drawn(name, plot_savings, material, title, caption, protocol=protocol)
         plots.append(replace(plot, folded=protocol != protocols[0]))
         tables.append(_table(f"transfer_{part}", title, rows, material))
-    answer = _answer(found[found["protocol"] == protocols[0]])
+    answer = _answer(found[found["protocol"] == protocols[0]], material.trained_before)
     title = "Does training transfer?"
     return Section("transfer", title, (), tuple(tables), tuple(plots), answer, is_open=True)
 
 
-def _answer(rows: pd.DataFrame) -> str:
-    """Sentences of the first screen: whom congruent training helps, and by how much."""
+def _answer(rows: pd.DataFrame, trained: Mapping[str, float]) -> str:
+    """Sentences of the first screen: whom congruent training helps, and by how much.
+
+    ``trained`` are attempts before the experiment: subjects share the network that was trained.
+    """
     rows = rows[rows["condition"].isin(CONGRUENT.values()) & rows["saved"].notna()]
     own = rows[~rows["reference"]]
     if own.empty:
@@ -303,7 +306,11 @@ def _answer(rows: pd.DataFrame) -> str:
     cut = own["solved"] < NEARLY_ALL  # the limit hides how large such an effect is
     found = own[(own["p"] < ALPHA) & ~cut]
     largest = found.groupby("learner")["saved"].max().sort_values(ascending=False).index
-    named = [f"{name} {_effects(found[found['learner'] == name])}" for name in largest[:NAMED]]
+    named = [
+        f"{name} {_effects(found[found['learner'] == name])}"
+        + (" (one network: intervals are over rooms)" if trained.get(name, 0) > 0 else "")
+        for name in largest[:NAMED]
+    ]
     more = len(largest) - NAMED
     named += [counted(more, "other learner")] if more > 0 else []
     people = rows[rows["reference"] & rows["condition"].isin(own["condition"])]
@@ -358,6 +365,9 @@ def _table(name: str, title: str, rows: pd.DataFrame, material: Material) -> Tab
         "Untrained: mean attempts in trial 1 of the baseline; saved by CC3 or CE3: the share of "
         "these that training saves in the first test trial, negative where it costs attempts.",
         "n: subjects in the smaller group.",
+        "*: trials that were not solved count as the limit, so that the effect may be more or less."
+        if (rows["solved"] < 1).any()
+        else "",
     )
     frame = pd.DataFrame(lines)
     return Table(name, title, frame, dict.fromkeys(frame.columns[2:], "s"), caption)
