@@ -25,7 +25,7 @@ from causal_openlock.belief.catalogue import FREE_FORM_LEVERS
 from causal_openlock.belief.hypotheses import RoomSight, Space, enumerate_space, strengths
 from causal_openlock.belief.knowledge import Knowledge, Prior
 from causal_openlock.belief.likelihoods import Event, likelihood, observed
-from causal_openlock.belief.sampling import MANY_LEVERS, Sampler, sampled, with_sampled
+from causal_openlock.belief.sampling import MANY_LEVERS, Sampler, sampled
 from causal_openlock.contract.learner import Brief, Step, View
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 
@@ -204,7 +204,9 @@ class Beliefs:
             strength = space.strengths.typical
             sampler = Sampler(sight.grey, self.prior.simplicity, strength, of_gates.items())
             sample = sampled(sampler, sight, PARTICLES, self._generators[subject])
-            space, drawn = with_sampled(space, sample), len(sample)
+            grey = tuple(range(sight.grey))
+            space = Space(sight, space.strengths, (*space.blocks, (grey, sample)))
+            drawn = len(sample)
         weight = self._weights(subject, space, slots)
         which = np.flatnonzero(weight > 0)
         share = weight[which] / weight[which].sum()

@@ -39,7 +39,7 @@ from causal_openlock.belief.catalogue import (
     catalogue,
     feasible,
 )
-from causal_openlock.belief.structures import NEVER, Hypotheses, Masks
+from causal_openlock.belief.structures import NEVER, Hypotheses, Masks, gate_dags
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.schemas.schema import MAX_LEVERS
 
@@ -127,17 +127,6 @@ def at_least(strength: float) -> FloatArray:
     return np.clip(more, 0.0, 1.0)
 
 
-class Block(NamedTuple):
-    """The hypotheses that make the same levers active: their slots, and what these may do."""
-
-    slots: tuple[int, ...]
-    catalogue: Catalogue
-
-    def placed(self, positions: int) -> Hypotheses:
-        """The behaviours, each as its first structure, on a room's slots."""
-        return self.catalogue.behaviours.on_slots(self.slots, positions)
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Space:
     """Every hypothesis about rooms of one appearance, block by block.
@@ -145,14 +134,12 @@ class Space:
     Attributes:
         sight: What these rooms look like.
         strengths: The possible strengths.
-        blocks: Sets of active levers and their possible behaviours.
-        hypotheses: All of them, in the order of the blocks; each behaviour with each strength.
+        blocks: Sets of active slots, each with what the levers there may do.
     """
 
     sight: RoomSight
     strengths: Strengths
-    blocks: tuple[Block, ...]
-    hypotheses: Hypotheses
+    blocks: tuple[tuple[tuple[int, ...], Catalogue], ...]
 
     def __len__(self) -> int:
         return len(self.hypotheses)
@@ -162,16 +149,23 @@ class Space:
         return f"Space({self.sight}, {len(self):,} hypotheses)"
 
     @cached_property
+    def hypotheses(self) -> Hypotheses:
+        """All of them, in the order of the blocks; each behaviour with each strength."""
+        positions = self.sight.positions
+        nothing = Hypotheses.of(gate_dags(1)[:0]).on_slots((0,), positions)
+        placed = [listed.behaviours.on_slots(slots, positions) for slots, listed in self.blocks]
+        return Hypotheses.joined([nothing, *placed]).repeated(len(self.strengths))
+
+    @cached_property
     def active(self) -> Masks:
         """``[V]`` the active slots of each block."""
-        masks = [sum(1 << slot for slot in block.slots) for block in self.blocks]
+        masks = [sum(1 << slot for slot in slots) for slots, _ in self.blocks]
         return np.array(masks, dtype=np.uint16)
 
     @cached_property
     def ends(self) -> IntArray:
         """``[V]`` where the hypotheses of each block end."""
-        sizes = [len(block.catalogue) * len(self.strengths) for block in self.blocks]
-        return np.cumsum(sizes)
+        return np.cumsum([len(listed) * len(self.strengths) for _, listed in self.blocks])
 
     def marked(self, places: FloatArray) -> FloatArray:
         """``[V, 3]`` probability of each set of active levers under each rule.
@@ -198,12 +192,11 @@ class Space:
         """
         behaviours: dict[int, FloatArray] = {}
         parts = []
-        for block, marked in zip(self.blocks, self.marked(places) @ rules, strict=True):
-            levers = len(block.slots)
-            if id(block.catalogue) not in behaviours:
-                possible = classes * feasible(levers)
-                behaviours[id(block.catalogue)] = block.catalogue.prior(possible / possible.sum())
-            parts.append(np.outer(behaviours[id(block.catalogue)] * marked, strengths).ravel())
+        for (slots, listed), marked in zip(self.blocks, self.marked(places) @ rules, strict=True):
+            if id(listed) not in behaviours:
+                possible = classes * feasible(len(slots))
+                behaviours[id(listed)] = listed.prior(possible / possible.sum())
+            parts.append(np.outer(behaviours[id(listed)] * marked, strengths).ravel())
         return np.concatenate(parts)
 
 
@@ -218,25 +211,19 @@ def enumerate_space(sight: RoomSight, strengths: Strengths, simplicity: float) -
         >>> enumerate_space(RoomSight(7, 3, 2, 3), strengths(0.0), 0.7)
         Space(RoomSight(positions=7, grey=3, solutions=2, action_limit=3), 4,278 hypotheses)
     """
-    uncertain = len(strengths) > 1
-
-    def catalogue_of(levers: int) -> Catalogue:
-        return catalogue(levers, sight.solutions, sight.action_limit, uncertain, simplicity)
-
     every = tuple(range(sight.positions))
     groups = [[every[: sight.grey]], [every[sight.grey :]]]
     for levers in range(1, min(FREE_FORM_LEVERS, sight.positions) + 1):
         groups.append([*combinations(every, levers)])
-    blocks: list[Block] = []
+    blocks: dict[tuple[int, ...], Catalogue] = {}
     taken = 0
-    for number, group in enumerate(groups):
-        listed = catalogue_of(len(group[0]) or 1)
+    for group in groups:
+        levers = len(group[0]) or 1
+        uncertain = len(strengths) > 1
+        listed = catalogue(levers, sight.solutions, sight.action_limit, uncertain, simplicity)
         # Grey levers always; all sets of a size or none, so that no position is preferred.
-        if number == 0 or taken + len(listed) * len(group) <= HYPOTHESES:
-            for slots in group:
-                if slots and len(listed) and all(block.slots != slots for block in blocks):
-                    blocks.append(Block(slots, listed))
-                    taken += len(listed)
-    nothing = catalogue_of(1).behaviours[:0].on_slots((0,), sight.positions)
-    joined = Hypotheses.joined([nothing, *(block.placed(sight.positions) for block in blocks)])
-    return Space(sight, strengths, tuple(blocks), joined.repeated(len(strengths)))
+        if group is groups[0] or taken + len(listed) * len(group) <= HYPOTHESES:
+            new = [slots for slots in group if slots and slots not in blocks and len(listed)]
+            blocks |= dict.fromkeys(new, listed)
+            taken += len(listed) * len(new)
+    return Space(sight, strengths, tuple(blocks.items()))

@@ -129,7 +129,7 @@ class Knowledge:
         classes = self.classes(subject)
         counts, starts = np.zeros_like(classes), np.concatenate([[0], space.ends[:-1]])
         for index in np.flatnonzero(blocks > 0):
-            listed = space.blocks[index].catalogue
+            _, listed = space.blocks[index]
             of_block = in_block == index
             behaviour = (which[of_block] - starts[index]) // many
             held = np.bincount(behaviour, weight[of_block], minlength=len(listed)).astype(float)

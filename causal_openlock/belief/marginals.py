@@ -58,14 +58,14 @@ def over_structures(belief: Belief, classes: FloatArray) -> tuple[Structures, In
     weight = np.zeros(len(space))
     weight[belief.which] = belief.weight
     structures, behaviours, chances, listed = [], [], [], 0
-    for block, part in zip(space.blocks, np.split(weight, space.ends[:-1]), strict=True):
-        own = block.catalogue
+    parts = np.split(weight, space.ends[:-1])
+    for (slots, own), part in zip(space.blocks, parts, strict=True):
         if part.any():
             pairs = own.pairs_given_behaviour(classes * feasible(own.members.levers))
             share = np.bincount(own.member, pairs, minlength=len(own.members))
             chance = share[:, None] * part.reshape(-1, len(space.strengths))[own.behaviour]
             possible = np.flatnonzero(chance.any(axis=1))
-            at = belief.positions[list(block.slots)]
+            at = belief.positions[list(slots)]
             structures.append(own.members[possible].on_slots(at, space.sight.positions))
             behaviours.append(own.behaviour[possible] + listed)
             chances.append(chance[possible])

@@ -26,9 +26,9 @@ import numpy as np
 
 from causal_openlock.belief.catalogue import Catalogue, distance, gate_weight
 from causal_openlock.belief.grammar import schema_classes
-from causal_openlock.belief.hypotheses import Block, RoomSight, Space, at_least
+from causal_openlock.belief.hypotheses import RoomSight, at_least
 from causal_openlock.belief.likelihoods import DOOR, Event
-from causal_openlock.belief.structures import Hypotheses, Structures, merge
+from causal_openlock.belief.structures import Structures, merge
 from causal_openlock.schemas.fsm import FloatArray, IntArray
 
 ROUNDS = 12
@@ -298,11 +298,3 @@ def metropolis(
         if step in looks:
             taken.append(current[away == 0])
     return Structures.joined(taken)
-
-
-def with_sampled(space: Space, own: Catalogue) -> Space:
-    """The space with sampled structures of the grey levers as one more block, the last."""
-    block = Block(tuple(range(space.sight.grey)), own)
-    more = block.placed(space.sight.positions).repeated(len(space.strengths))
-    joined = Hypotheses.joined([space.hypotheses, more])
-    return Space(space.sight, space.strengths, (*space.blocks, block), joined)

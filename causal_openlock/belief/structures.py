@@ -4,6 +4,12 @@ A *structure* on n levers gives, for each lever and for the door, its causes as 
 threshold of how many of them must be pushed (1 is ``any``, all of them is ``all``, 0 is a free
 lever). Structures that do the same in every attempt have the same *behaviour*, and no learner can
 distinguish them.
+
+Four containers hold gate-DAGs: :class:`Structures`, any of them on *levers* 0, 1, ...; a
+:class:`~causal_openlock.belief.catalogue.Catalogue`, those of a size by behaviour, with the schema
+classes that generate them; :class:`Hypotheses`, behaviours in the *slots* of a room; and a
+:class:`~causal_openlock.belief.hypotheses.Space`, all hypotheses about rooms of one appearance. A
+*node* is a lever or the door, a *position* is where a lever is in the room.
 """
 
 from __future__ import annotations

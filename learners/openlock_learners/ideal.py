@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from causal_openlock.belief.beliefs import Belief
+from causal_openlock.belief.catalogue import Catalogue
 from causal_openlock.belief.hypotheses import RoomSight, Space, Strengths, at_least, strengths
 from causal_openlock.belief.likelihoods import observed
 from causal_openlock.belief.marginals import expected_structure
@@ -83,7 +84,7 @@ class Ideal(InformedLearner):
         slots = np.argsort(np.argsort(white, kind="stable"))
         limit = int(view.console.actions_left[subject])
         space = _solver(self._schemas[subject], limit).space
-        every = np.arange(len(space))
+        every = np.flatnonzero(space.hypotheses.strength == len(space.strengths) - 1)
         return Belief(space, slots, every, np.full(len(every), 1.0 / len(every)))
 
     def learn(self, step: Step) -> None:
@@ -144,10 +145,10 @@ class _Solver:
             mean = float(np.mean([each for *_, each in schema.graph.edges(data="strength")]))
             chance = np.stack([at_least(1.0), at_least(mean)])
             how = Strengths(np.array([1.0, mean]), np.array([0.0, 1.0]), chance)
-            hypotheses.strength[:] = 1
-        levers = len(schema.levers)
+        levers, every = len(schema.levers), np.arange(len(hypotheses))
         sight = RoomSight(levers, levers, len(schema.solutions), action_limit)
-        self.space = Space(sight, how, (), hypotheses)
+        listed = Catalogue(hypotheses.structures, every, every, 0 * every, np.ones(len(every)))
+        self.space = Space(sight, how, ((tuple(range(levers)), listed),))
 
     def best(self, belief: Belief, situation: Situation, seeking: bool) -> tuple[int, ...]:
         """The actions that are best: pushes by slot, then pulls, then the door.

@@ -12,10 +12,10 @@ from causal_openlock.belief import beliefs as beliefs_module
 from causal_openlock.belief import catalogue as catalogue_module
 from causal_openlock.belief import hypotheses as space_module
 from causal_openlock.belief.catalogue import distance, free_form_weight
-from causal_openlock.belief.hypotheses import RoomSight, at_least, enumerate_space, strengths
+from causal_openlock.belief.hypotheses import RoomSight, Space, at_least, strengths
 from causal_openlock.belief.likelihoods import DOOR, Event
 from causal_openlock.belief.marginals import believed_structure
-from causal_openlock.belief.sampling import Sampler, sampled, with_sampled
+from causal_openlock.belief.sampling import Sampler, sampled
 from causal_openlock.belief.structures import gate_dags
 from causal_openlock.experiment.declare import Condition, Trials
 from causal_openlock.schemas.schema import Gate, Schema
@@ -141,8 +141,7 @@ def test_of_what_cannot_be_nothing_is_drawn():
     sight = RoomSight(7, 5, 4, 3)
     own = sampled(sampler, sight, 100, np.random.default_rng(0))
     assert len(own) == 0
-    known = enumerate_space(sight, strengths(0.0), SIMPLICITY)
-    assert len(with_sampled(known, own)) == len(known)
+    assert len(Space(sight, strengths(0.0), ((tuple(range(5)), own),))) == 0
     # With noise, an enabled lever can both move and fail to.
     both = [(Event(1, 1, True, False, False), 1), (Event(1, 1, False, False, False), 1)]
     assert Sampler(5, SIMPLICITY, 0.8, both).evidence > 0
@@ -269,7 +268,7 @@ def test_what_is_still_possible_of_five_levers_explains_all_that_happened(seed):
     again = 0
     for view, _ in played.moments(60):
         belief, limit = played.belief(), 4
-        again += belief.drawn != len(belief.space.blocks[-1].catalogue)
+        again += belief.drawn != len(belief.space.blocks[-1][1])
         places = [p for p in range(7) if view.observation[0, 7 + p]]
         possible = belief.which[belief.weight > 0]
         assert belief.possible
