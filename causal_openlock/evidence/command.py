@@ -82,8 +82,7 @@ def evidence(
         write, trust = True, [*(trust or ()), stamp]
     if not (check or write or names or every):
         for study in read_studies(folder):
-            for line in _in_words(study):
-                console.print_line(line)
+            console.print_line(_in_words(study))
         return
     if check:
         faults = checking.check(folder, trust or ())
@@ -118,25 +117,20 @@ def _run(
 ) -> None:
     from causal_openlock.comparison.progress_bar import shown
     from causal_openlock.evidence.keeping import Watched
-    from causal_openlock.evidence.measured import Evidence
     from causal_openlock.evidence.running import run_study
 
     with resumable():
         for study in studies:
-            for line in Evidence(study).too_few():
-                console.print_line(line)
             with shown(study.name, console) as show:
                 watched = Watched(console.print_line, console.warn, show, workers)
                 run_study(study, results / study.name, watched, anew)
 
 
-def _in_words(study: Study) -> list[str]:
+def _in_words(study: Study) -> str:
     from causal_openlock.evidence.measured import Evidence
 
     found = Evidence(study)
-    short: list[str] = []
     try:
-        short = found.too_few()
         _ = found.units
         parts = "networks" if study.file.networks else "cells"
         state = "complete" if found.complete else f"{found.run['cells']} {parts}"
@@ -146,5 +140,4 @@ def _in_words(study: Study) -> list[str]:
             state = "changed since it was run"
     except OpenLockError as error:
         state = "not run" if not found.was_run else str(error)
-    about = f"{study.name}: {study.file.title} ({study.file.hours:g} core hours; {state})"
-    return [about, *(f"  {line}" for line in short)]
+    return f"{study.name}: {study.file.title} ({study.file.hours:g} core hours; {state})"

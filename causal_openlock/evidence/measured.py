@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal, get_args
@@ -14,10 +14,8 @@ import pandas as pd
 from causal_openlock.analysis.table import markdown
 from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.derived import DERIVED
-from causal_openlock.evidence.power import as_stated, decides_at, planned
 from causal_openlock.evidence.published_units import published_units
 from causal_openlock.evidence.study import (
-    ATTRIBUTED,
     CORRELATION,
     NO_SHARES,
     OF_ALL,
@@ -44,8 +42,6 @@ from causal_openlock.evidence.verdicts import (
 from causal_openlock.wording import joined, nearest
 
 ENDINGS = ("interval", "units", "sd", "verdict", "without_sign")
-OPEN = ("undecided", "in part")
-"""Verdicts that more units may change."""
 OF_THE_RUN = ("core_hours", "machine", "date")
 
 
@@ -134,58 +130,18 @@ class Evidence:
         found: dict[tuple[str, str], tuple[Estimate, Verdict] | str] = {}
         for name, claim in self.study.file.claims.items():
             for part, contrast in claim.contrasts.items():
-                difference = self._differences[name, part]
-                if isinstance(difference, EvidenceError):
-                    found[name, part] = str(difference) if self.was_run else "not run yet"
-                else:
-                    one = difference(1.0)
-                    found[name, part] = one, verdict(one, contrast.expected, contrast.smallest)
-        return found
-
-    @cached_property
-    def _differences(self) -> Mapping[tuple[str, str], Callable[[float], Estimate] | EvidenceError]:
-        """The difference of each contrast, or why there is none."""
-        found: dict[tuple[str, str], Callable[[float], Estimate] | EvidenceError] = {}
-        for name, claim in self.study.file.claims.items():
-            for part, contrast in claim.contrasts.items():
                 try:
-                    found[name, part] = compared(
-                        self.units, contrast, self.study.unit, self._same_networks
-                    )
+                    one = compared(self.units, contrast, self.study.unit, self._same_networks)
+                    said = verdict(one, contrast.expected, contrast.smallest)
+                    found[name, part] = one, said
                 except EvidenceError as error:
-                    found[name, part] = error
+                    found[name, part] = str(error) if self.was_run else "not run yet"
         return found
-
-    @cached_property
-    def decides_at(self) -> Mapping[tuple[str, str], int | None]:
-        """The least number of units that can decide each contrast, where it is known."""
-        numbers = {}
-        for name, claim in self.study.file.claims.items():
-            for part, contrast in claim.contrasts.items():
-                found = self._differences[name, part]
-                known = as_stated(contrast, self.study) if isinstance(found, Exception) else found
-                numbers[name, part] = decides_at(known, contrast) if known else None
-        return numbers
-
-    def too_few(self) -> list[str]:
-        """The open claims for which the study asks for fewer units than can decide them."""
-        if self.study.file.published or self.study.file.measured in ATTRIBUTED:
-            return []  # nothing is asked for; groups and sets are not asked for as such
-        lines = []
-        for name, claim in self.study.file.claims.items():
-            sizes = [
-                (self.decides_at[name, part] or 0, planned(self.study, contrast))
-                for part, contrast in claim.contrasts.items()
-            ]
-            needed, number = max(sizes, key=lambda size: size[0] - size[1])
-            if number < needed and self.verdict(name) in OPEN:
-                units = f"{self.study.unit}s"
-                lines.append(f"{name} is open with {number:,} {units}; {needed:,} can decide it")
-        return lines
 
     def verdict(self, name: str) -> Verdict:
         """The verdict on a claim."""
-        return together(self.verdicts_of(name), self._claim(name).about)
+        self._claim(name)
+        return together(self.verdicts_of(name))
 
     def verdicts_of(self, name: str) -> list[Verdict]:
         """The verdict on each contrast of a claim."""
@@ -213,11 +169,11 @@ class Evidence:
                 one, said = found
                 low, high = one.interval
                 row |= {"effect": one.value, "ci_low": low, "ci_high": high}
-                row |= {"n": one.n, "decides_at": self.decides_at[name, part], "verdict": said}
+                row |= {"n": one.n, "verdict": said}
             rows.append({"verdict": "undecided", "n": "0", **row, "of_claim": self.verdict(name)})
         columns = ["claim", "contrast", "measure", "expected", "smallest", "effect", "ci_low"]
-        columns += ["ci_high", "n", "decides_at", "verdict", "of_claim"]
-        return pd.DataFrame(rows, columns=columns).astype({"decides_at": "Int64"})
+        columns += ["ci_high", "n", "verdict", "of_claim"]
+        return pd.DataFrame(rows, columns=columns)
 
     # -- single numbers -----------------------------------------------------------------------
 
@@ -374,9 +330,7 @@ class Evidence:
             rows.append([f"{claim.text}{source}", self._verdict_in_words(name), ""])
             for part, contrast in claim.contrasts.items():
                 found = self.estimates[name, part]
-                rows.append(
-                    [*_contrast_in_words(part, contrast, found, self.decides_at[name, part])]
-                )
+                rows.append([*_contrast_in_words(part, contrast, found)])
         return f"{markdown(['claim', 'verdict', 'by'], rows)}\n"
 
     def _verdict_in_words(self, name: str) -> str:
@@ -392,8 +346,7 @@ class Evidence:
         for name in names:
             claim = self._claim(name)
             differences = [
-                f"{part}: "
-                + _difference_in_words(claim.contrasts[part], *found, self.decides_at[of, part])
+                f"{part}: {_difference_in_words(claim.contrasts[part], found[0])}"
                 for (of, part), found in self.estimates.items()
                 if of == name and not isinstance(found, str)
             ]
@@ -403,19 +356,14 @@ class Evidence:
         return f"{markdown(head, rows)}\n"
 
 
-def _difference_in_words(
-    contrast: Contrast, found: Estimate, said: Verdict, needed: int | None
-) -> str:
+def _difference_in_words(contrast: Contrast, found: Estimate) -> str:
     written = _written(found, contrast.measure, "sign")
     interval = _ends(found.interval, contrast.measure)
     if not isinstance(contrast.minus, Selection):
         written += f" from {_number(contrast.minus, contrast.measure)}"
     if contrast.expected == "same":
         interval += f"; {EQUIVALENCE:.0%}: {_ends(found.intervals[EQUIVALENCE], contrast.measure)}"
-    short = ""
-    if said in OPEN and needed and needed > min(found.units):
-        short = f"; {needed:,} can decide"
-    return f"{written} ({interval}), n = {found.n}{short}"
+    return f"{written} ({interval}), n = {found.n}"
 
 
 def _ends(ends: Ends, measure: str, least: float = -1.0) -> str:
@@ -429,7 +377,7 @@ def _ends(ends: Ends, measure: str, least: float = -1.0) -> str:
 
 
 def _contrast_in_words(
-    part: str, contrast: Contrast, found: tuple[Estimate, Verdict] | str, needed: int | None
+    part: str, contrast: Contrast, found: tuple[Estimate, Verdict] | str
 ) -> tuple[str, str, str]:
     wanted = _number(contrast.smallest, contrast.measure)
     by = f" by at least {wanted}" if contrast.smallest > 0 else ""
@@ -440,7 +388,7 @@ def _contrast_in_words(
     if isinstance(found, str):
         return where, "undecided", found
     one, said = found
-    return where, said, _difference_in_words(contrast, one, said, needed)
+    return where, said, _difference_in_words(contrast, one)
 
 
 def _side(selection: Selection | float) -> str:

@@ -10,8 +10,7 @@ it is; a table stands between two comments that say the same::
     <!-- end of evidence -->
 
 Besides the tables that a study declares, ``claims`` has a row for each contrast, and ``verdicts``
-one for each claim, or for each of those named after it. ``all multiplicity`` counts the claims of
-all studies (:mod:`~causal_openlock.evidence.multiplicity`).
+one for each claim, or for each of those named after it.
 
 :func:`renewed` writes both again from what is stored. :func:`unbound_numbers` finds numbers in the
 prose of a page that no link, table or code (for settings, such as ```.005```) accounts for.
@@ -35,7 +34,6 @@ from typing import Any
 
 from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.measured import Evidence
-from causal_openlock.evidence.multiplicity import multiplicity
 from causal_openlock.evidence.study import Study
 from causal_openlock.wording import counted, nearest
 
@@ -45,8 +43,6 @@ LINK = re.compile(
 )
 START = re.compile(r"<!-- evidence: (?P<study>[\w-]+) (?P<what>[\w ]+) -->\n")
 END = "<!-- end of evidence -->"
-OF_ALL_STUDIES = ("all", "multiplicity")
-"""Words of the block that counts the claims of all studies."""
 BLOCK = re.compile(
     rf"(?P<start>{START.pattern})(?P<body>(?:(?!<!-- evidence:).)*?)(?P<end>{END})", re.DOTALL
 )
@@ -117,9 +113,6 @@ class Pages:
 
         def block(found: re.Match[str]) -> str:
             try:
-                if (found["study"], found["what"]) == OF_ALL_STUDIES:
-                    counts = multiplicity([self.evidence(one.name) for one in self.studies])
-                    return f"{found['start']}{counts}{found['end']}"
                 shown = self.evidence(found["study"])
                 body = shown.block(found["what"])
             except EvidenceError as error:

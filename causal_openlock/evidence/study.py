@@ -113,8 +113,6 @@ Measure = Literal[
 
 Expected = Literal["less", "more", "same"]
 
-About = Literal["every", "whole"]
-
 
 class Selection(StrictModel):
     """Selection of units, and of trials or parts; what is left out is averaged over.
@@ -174,14 +172,6 @@ class Contrast(StrictModel):
     smallest: Annotated[
         float, Field(ge=0, description="The smallest difference that matters; 0 from a bound.")
     ] = 0.0
-    spread: Annotated[
-        float | None,
-        Field(
-            gt=0,
-            description="Standard deviation of the differences between units, from a pilot; once "
-            "there are units of the study, theirs counts.",
-        ),
-    ] = None
 
     @model_validator(mode="after")
     def _says_what_matters(self) -> Contrast:
@@ -198,13 +188,6 @@ class Claim(StrictModel):
 
     text: str
     source: str = ""
-    about: Annotated[
-        About,
-        Field(
-            description="Whether one contrast that does not hold refutes it (every), or only more "
-            "than half of them (whole); the text of one about the whole says so."
-        ),
-    ] = "every"
     contrasts: Annotated[dict[str, Contrast], Field(min_length=1)]
 
 
@@ -533,15 +516,14 @@ class Study:
         return _digest({"command": self.file.networks.command, "file": content})
 
     def margin(self, name: str) -> str:
-        """A hash of the contrasts of a claim, and of what it is about."""
+        """A hash of the contrasts of a claim."""
         claim = self.file.claims[name]
-        # What a pilot says changes no margin.
-        dumps = {part: one.model_dump(exclude={"spread"}) for part, one in claim.contrasts.items()}
+        dumps = {part: one.model_dump() for part, one in claim.contrasts.items()}
         for sides in dumps.values():
             for side in (sides["of"], sides["minus"]):
                 if isinstance(side, dict) and side["parameter"] is None:
                     del side["parameter"]  # the hashes of what has none are older than it
-        return _digest(dumps if claim.about == "every" else [claim.about, dumps])
+        return _digest(dumps)
 
 
 def _digest(content: Any) -> str:

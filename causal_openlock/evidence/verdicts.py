@@ -17,19 +17,8 @@ undecided      everything else                        everything else
 That the 90% interval lies within both margins is the two one-sided tests of equivalence at the 5%
 level (Schuirmann, 1987).
 
-A claim is about *every* one of its contrasts, which leaves room for no exception, or about the
-*whole*, which leaves room for half of them. The first of these that applies is its verdict:
-
-============== ==================================================================================
-verdict        of a claim
-============== ==================================================================================
-does not hold  more contrasts than there is room for do not hold
-undecided      together with the undecided ones they are more than there is room for
-holds          all contrasts hold
-in part        everything else
-============== ==================================================================================
-
-What this costs in chance findings is counted in :mod:`~causal_openlock.evidence.multiplicity`.
+A claim holds if all its contrasts do. One that does not hold refutes it; else one that is undecided
+leaves it so; else it holds in part. No verdict is corrected for the number of others.
 
 An interval has two parts. The first is Student's t, of two independent groups Welch's: how much the
 units that were drawn differ. The second is what they cannot show. A value that a trial takes with a
@@ -48,7 +37,7 @@ Intervals of correlations are Fisher's. Fewer than three units decide nothing.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -62,7 +51,6 @@ from causal_openlock.evidence.published_units import published_units
 from causal_openlock.evidence.study import (
     CORRELATION,
     PUBLISHED,
-    About,
     Contrast,
     Expected,
     Selection,
@@ -107,12 +95,8 @@ class Estimate:
         return " and ".join(map(str, self.units))
 
 
-def mean_of(found: Selected, times: float = 1.0) -> Estimate:
+def mean_of(found: Selected) -> Estimate:
     """The mean of some units.
-
-    Args:
-        found: The units.
-        times: How many times more units the intervals are of, which differ as much as these.
 
     >>> low, high = mean_of(Selected(np.array([3.0, 4, 5, 4]), least=3, most=5)).interval
     >>> float(low), float(high)
@@ -121,26 +105,26 @@ def mean_of(found: Selected, times: float = 1.0) -> Estimate:
     n, mean = len(found.values), float(np.mean(found.values))
     ends = {}
     for level in LEVELS:
-        half = math.sqrt(_squared_error(found, times)) * _students(level, n * times - 1)
-        below, above = _missed(found, level, times)
+        half = math.sqrt(_squared_error(found)) * _students(level, n - 1)
+        below, above = _missed(found, level)
         low, high = max(found.least, mean - half - below), min(found.most, mean + half + above)
         ends[level] = (low, high) if n >= LEAST else (np.nan, np.nan)
     return Estimate(mean, ends, (n,))
 
 
-def difference(of: Selected, minus: Selected, times: float = 1.0) -> Estimate:
-    """The difference of the means of two independent groups of units; arguments as before."""
+def difference(of: Selected, minus: Selected) -> Estimate:
+    """The difference of the means of two independent groups of units."""
     sides = (of, minus)
     units = (len(of.values), len(minus.values))
     value = float(np.mean(of.values) - np.mean(minus.values))
-    errors = [_squared_error(side, times) for side in sides]
+    errors = [_squared_error(side) for side in sides]
     # Welch's degrees of freedom; where no unit differs from another, there is nothing to scale.
-    each = [e**2 / (n * times - 1) for e, n in zip(errors, units, strict=True) if n >= LEAST]
+    each = [e**2 / (n - 1) for e, n in zip(errors, units, strict=True) if n >= LEAST]
     freedom = sum(errors) ** 2 / sum(each) if sum(each) else math.inf
     ends = {}
     for level in LEVELS:
         half = math.sqrt(sum(errors)) * _students(level, freedom)
-        (below, above), (under, over) = (_missed(side, level, times) for side in sides)
+        (below, above), (under, over) = (_missed(side, level) for side in sides)
         low, high = value - half - math.hypot(below, over), value + half + math.hypot(above, under)
         reach = (max(low, of.least - minus.most), min(high, of.most - minus.least))
         ends[level] = reach if min(units) >= LEAST else (np.nan, np.nan)
@@ -157,19 +141,19 @@ def gaps(of: Selected, minus: Selected) -> Selected:
     )
 
 
-def _squared_error(found: Selected, times: float) -> float:
+def _squared_error(found: Selected) -> float:
     """The squared standard error of a mean."""
     n = len(found.values)
-    return float(np.var(found.values, ddof=1)) / (n * times) if n >= LEAST else math.nan
+    return float(np.var(found.values, ddof=1)) / n if n >= LEAST else math.nan
 
 
 def _students(level: float, freedom: float) -> float:
     return float(stdtrit(max(freedom, 1.0), (1 + level) / 2))  # as stats.t.ppf, which takes longer
 
 
-def _missed(found: Selected, level: float, times: float) -> Ends:
+def _missed(found: Selected, level: float) -> Ends:
     """How far below and above the mean what was missed can bring it."""
-    trials = max(found.trials, len(found.values)) * times
+    trials = max(found.trials, len(found.values))
     share, mean = 1 - ((1 - level) / 2) ** (1 / trials), float(np.mean(found.values))
     return share * (mean - found.least), share * (found.most - mean)
 
@@ -214,8 +198,8 @@ def of_side(
 
 def compared(
     units: pd.DataFrame, contrast: Contrast, unit: str, same: Mapping[str, str] | None = None
-) -> Callable[[float], Estimate]:
-    """The difference that a contrast asks for, by how many times as many units there are.
+) -> Estimate:
+    """The difference that a contrast asks for.
 
     Args:
         units: From :mod:`~causal_openlock.evidence.units`.
@@ -230,24 +214,23 @@ def compared(
     found, of = of_side(units, contrast.of, contrast.measure)
     if of is None:  # a correlation
         assert not isinstance(known, Selection)
-        return lambda _: from_known(found, known)
+        return from_known(found, known)
     if not isinstance(known, Selection):
-        return lambda times: from_known(mean_of(of, times), known)
+        return from_known(mean_of(of), known)
     if known.learner in PUBLISHED:
         there = selected(published_units(), known, contrast.measure)
         error = 0.0  # that of shares is not known
         if contrast.measure == "attempts":
             error = float(selected(published_units(), known, "error").values.mean())
         mean = float(there.values.mean())
-        return lambda times: from_known(mean_of(of, times), mean, error, there.trials)
+        return from_known(mean_of(of), mean, error, there.trials)
     minus = selected(units, known, contrast.measure)
     if not paired(contrast.of, known, unit, same or {}):
-        return lambda times: difference(of, minus, times)
+        return difference(of, minus)
     both = np.intersect1d(of.units, minus.units)
     if not len(both):
         raise EvidenceError("no unit has been run on both sides")
-    pairs = gaps(of.only(both), minus.only(both))
-    return lambda times: mean_of(pairs, times)
+    return mean_of(gaps(of.only(both), minus.only(both)))
 
 
 def from_known(found: Estimate, known: float, error: float = 0.0, draws: int = 2) -> Estimate:
@@ -301,18 +284,16 @@ def verdict(found: Estimate, expected: Expected, smallest: float) -> Verdict:
     return "in part" if low > 0 else "undecided"
 
 
-def together(verdicts: Iterable[Verdict], about: About = "every") -> Verdict:
-    """The verdict on a claim from those on its contrasts.
+def together(verdicts: Iterable[Verdict]) -> Verdict:
+    """The verdict on a claim from those on its contrasts, each of which can refute it.
 
     >>> mixed: list[Verdict] = ["holds", "does not hold"]
-    >>> together(mixed), together(mixed, about="whole")
-    ('does not hold', 'in part')
+    >>> together(mixed)
+    'does not hold'
     """
     found = list(verdicts)
-    exceptions = len(found) / 2 if about == "whole" else 0
-    against, unclear = found.count("does not hold"), found.count("undecided")
-    if against > exceptions:
+    if "does not hold" in found:
         return "does not hold"
-    if not found or against + unclear > exceptions:
+    if not found or "undecided" in found:
         return "undecided"
     return "holds" if found.count("holds") == len(found) else "in part"

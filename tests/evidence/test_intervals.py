@@ -7,8 +7,7 @@ import pytest
 from scipy import stats
 
 from causal_openlock.evidence.measured import Evidence
-from causal_openlock.evidence.power import as_stated, decides_at, planned
-from causal_openlock.evidence.study import CORRELATION, PUBLISHED, Contrast, Selection
+from causal_openlock.evidence.study import CORRELATION, PUBLISHED, Selection
 from causal_openlock.evidence.units import Selected, selected
 from causal_openlock.evidence.verdicts import (
     EQUIVALENCE,
@@ -127,22 +126,3 @@ def test_no_verdict_jumps_where_one_unit_changes_by_one_attempt_or_trial(name):
         for estimate in moved_estimates(found, contrast):
             after = verdict(estimate, contrast.expected, contrast.smallest)
             assert {before[1], after} not in apart
-
-
-def test_the_number_that_decides_is_the_least_whose_interval_is_within_the_margin():
-    of = {"learner": "bayes", "condition": "CC4"}
-    given = {"measure": "solved", "of": of, "minus": 0.9, "expected": "more", "smallest": 0.1}
-    asked = Contrast(**given)
-    pilot = Selected((np.arange(20) < 10).astype(float))
-    needed = decides_at(lambda times: mean_of(pilot, times), asked)
-
-    def reach(n):
-        found = mean_of(pilot, n / 20)
-        return max(found.value - found.interval[0], found.interval[1] - found.value)
-
-    assert reach(needed) <= 0.1 < reach(needed - 1)
-    study, spread = shipped("bayes"), Contrast(**given, spread=0.4)
-    assert as_stated(asked, study) is None
-    # (1.96 x 0.4 / 0.1)², and what that number can miss
-    assert 62 < decides_at(as_stated(spread, study), spread) < 130
-    assert planned(study, asked) == 1500

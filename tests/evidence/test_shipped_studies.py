@@ -46,8 +46,6 @@ def test_a_changed_file_of_a_shipped_study_is_found(copied, name, old, new):
 @pytest.mark.parametrize("name", DECLARED)
 def test_claims_are_about_what_a_study_plays(name):
     assert not shipped(name).faults()
-    for claim in shipped(name).file.claims.values():
-        assert (claim.about == "whole") == ("on the whole" in claim.text.lower())
 
 
 def fits():

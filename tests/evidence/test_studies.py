@@ -120,9 +120,6 @@ def test_a_study_that_was_not_run_is_undecided(root):
     assert "**undecided** | not run yet |" in found.block("verdicts")
     with pytest.raises(EvidenceError, match="causal-openlock ev"):
         found.text("attempts oracle CC3")
-    change(root, "study.yaml", "smallest: 1}", "smallest: 1, spread: 2.5}")
-    said = at_once("evidence", "--folder", root).stdout
-    assert "like_people is open with 3 subjects; 134 can decide it" in said
 
 
 def test_pages_and_verdicts_follow_from_the_units(ran):

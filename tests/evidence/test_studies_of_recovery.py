@@ -192,6 +192,6 @@ def test_correlations_are_on_the_scale_that_was_searched():
     assert found.interval == pytest.approx(np.tanh(z), abs=1e-6)
     assert found.n == "5"
     contrast = Contrast(measure="r", of=one, minus=0.2, expected="more")
-    assert compared(units, contrast, "subject")(1.0).value == pytest.approx(r - 0.2)
+    assert compared(units, contrast, "subject").value == pytest.approx(r - 0.2)
     with pytest.raises(EvidenceError, match="too few"):
         correlation(units[:3], one)
