@@ -25,13 +25,12 @@ from causal_openlock.analysis.measures import BASELINES, SUBJECT, TRANSFERS
 from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.section import Section
-from causal_openlock.analysis.statistics import share_interval
+from causal_openlock.analysis.statistics import LEAST_UNITS, share_interval
 from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.analysis.topics.learning import (
     ELSE,
     FINDS_ALL,
-    LEAST_SUBJECTS,
     OPENS,
     PARTS,
     Group,
@@ -118,7 +117,7 @@ def same(
         least, most = share_interval(values.mean(), visits)
         low, high = float(np.fmin(low, least)), float(np.fmax(high, most))
     verdict = UNDECIDED
-    if len(values) >= LEAST_SUBJECTS:
+    if len(values) >= LEAST_UNITS:
         if paper - margin <= low and high <= paper + margin:
             verdict = AGREES
         elif high < paper - margin or low > paper + margin:
@@ -132,7 +131,7 @@ def grows(gain: FloatArray) -> str:
     They agree if they are surely above 0 and :data:`MARGIN` at least on average.
     """
     low, high = interval(gain)
-    if len(gain) < LEAST_SUBJECTS:
+    if len(gain) < LEAST_UNITS:
         return UNDECIDED
     if low > 0 and gain.mean() >= MARGIN:
         return AGREES

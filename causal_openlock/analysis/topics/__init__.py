@@ -1,7 +1,6 @@
 """The topics of the report, a file for each; see :mod:`causal_openlock.analysis.topic`.
 
-To add one, write ``NAME.py`` and its sentences ``NAME.txt.j2`` here, and name it in
-:data:`MODULES`.
+To add one, write ``NAME.py`` here, and name it in :data:`MODULES`.
 """
 
 MODULES = (

@@ -46,9 +46,6 @@ UNLOCKS, FOUND = "unlocks", "found"
 """Also measured: the share of attempts that unlock the door and do not open it, and how many of a
 room's solutions are found in a visit, as a share."""
 
-LEAST_SUBJECTS = LEAST_UNITS
-"""Fewer subjects are not judged."""
-
 LEARNS = "learns"
 FALLS = "rises, then falls"
 FLAT = "above chance, no rise"
@@ -146,15 +143,10 @@ def interval(values: FloatArray, level: float = LEVEL) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def many_attempts(experiment: Experiment) -> set[str]:
-    """Names of the protocols whose trials continue after they are solved."""
-    stops = {one.name for one in experiment.protocols if one.stop_when_solved}
-    return {one.name for one in experiment.protocols} - stops
-
-
 def going_on(trials: pd.DataFrame, experiment: Experiment) -> pd.DataFrame:
     """The trials under protocols that continue after a trial is solved."""
-    return trials[trials["protocol"].isin(many_attempts(experiment))]
+    stops = {one.name for one in experiment.protocols if one.stop_when_solved}
+    return trials[trials["protocol"].isin({one.name for one in experiment.protocols} - stops)]
 
 
 def judge(
@@ -173,7 +165,7 @@ def judge(
         One of :data:`VERDICTS`.
     """
     subjects, number = parts.shape
-    if subjects < LEAST_SUBJECTS or not number:
+    if subjects < LEAST_UNITS or not number:
         return UNDECIDED
     strict = 1 - (1 - LEVEL) / number
     means = parts.mean(axis=0)
@@ -309,7 +301,7 @@ def section(material: Material) -> Section | None:
         f"of each (p < {SURE_OF_SUBJECT} for all subjects together). “does not learn”: neither the "
         "group nor any subject is surely above chance, and the whole interval of the last part "
         f"lies less than {MARGIN} above it. “undecided”: everything else, such as risen, and in "
-        f"the end neither surely above chance nor surely fallen; or fewer than {LEAST_SUBJECTS} "
+        f"the end neither surely above chance nor surely fallen; or fewer than {LEAST_UNITS} "
         "subjects. These verdicts follow from intervals, each by itself: they are not corrected "
         "for their number.",
     )
