@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from causal_openlock.cli.options import ProtocolName, ReferenceFolders, Seed, Workers
+from causal_openlock.cli.options import BesideFolders, ProtocolName, Seed, Workers
 from causal_openlock.cli.report import report_results
 from causal_openlock.cli.stopping import resumable
 from causal_openlock.cli.terminal import complain
@@ -69,7 +69,7 @@ def compare(
             help="Seconds after which a cell is ended and counted as failed; by default never.",
         ),
     ] = None,
-    reference: ReferenceFolders = None,
+    beside: BesideFolders = None,
     tensorboard: Annotated[
         Path | None, typer.Option(help="Folder for TensorBoard's logs, a run for each cell.")
     ] = None,
@@ -81,7 +81,6 @@ def compare(
     Exit status: 0 if everything was played, 1 if cells failed and all others were played, 2 if what
     was asked for cannot be done, 130 or 143 if it was stopped.
     """
-    from causal_openlock.analysis.results.references import find_references
     from causal_openlock.comparison.comparing import play
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.comparison.results import open_results
@@ -96,7 +95,8 @@ def compare(
     if cluster and workers:
         raise OpenLockError("a --cluster has workers of its own; leave out --workers")
     changes = Changes(condition or None, learner or None, protocol, subjects, seed)
-    references = find_references(reference)  # before anything is played: one may be misspelt
+    for place in beside or ():  # before anything is played: one may be misspelt
+        Store(folder_at(place)).experiment()
     console = Terminal()
     chosen = read_experiment(find_experiment(experiment), changes, console.print_line)
     # A changed experiment is another one, and has results of its own.
@@ -133,7 +133,7 @@ def compare(
                 f"shard {shard} is done; when all shards are: causal-openlock report {folder}"
             )
         elif not (failed and failed.every):
-            report_results(open_results(folder, reference=references), folder, reasons=False)
+            report_results(open_results(folder, beside=beside or ()), folder, reasons=False)
     if failed:  # the reasons were printed when they did
         complain(failed.summary)
         raise typer.Exit(failed.status)

@@ -22,12 +22,12 @@ def _results_folder(place: str) -> Path:
     return folder_at(place)
 
 
-ReferenceFolders = Annotated[
-    list[str] | None,
+BesideFolders = Annotated[
+    list[Path] | None,
     typer.Option(
-        "--reference",
-        help="Results folder of people of one's own, or of a model, that every learner is compared "
-        "with; with a name: mine=results/people.",
+        "--beside",
+        help="Another results folder: its people stand where the paper's do, and its learners "
+        "beside the others.",
     ),
 ]
 Exclude = Annotated[

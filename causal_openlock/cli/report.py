@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from causal_openlock.cli.options import Exclude, ReferenceFolders, ResultsFolder
+from causal_openlock.cli.options import BesideFolders, Exclude, ResultsFolder
 from causal_openlock.cli.terminal import say
 from causal_openlock.errors import OpenLockError
 
@@ -24,11 +24,7 @@ def report(
         Path | None,
         typer.Argument(help="Another one: say what changed, and whether the results differ."),
     ] = None,
-    beside: Annotated[
-        list[Path] | None,
-        typer.Option(help="Another folder whose learners or people the report shows as well."),
-    ] = None,
-    reference: ReferenceFolders = None,
+    beside: BesideFolders = None,
     exclude: Exclude = None,
     out: Annotated[
         Path | None,
@@ -50,10 +46,10 @@ def report(
     That of the default comparison takes ten to twenty seconds.
     """
     if against is not None:
-        if beside or reference or exclude or methods:
+        if beside or exclude or methods:
             raise OpenLockError(
-                "two folders are compared with one another, whole, and not with a --reference or "
-                "--beside others; leave one out, or --exclude and --methods"
+                "two folders are compared with one another, whole, and not --beside others; leave "
+                "one out, or --exclude and --methods"
             )
         report_difference(folder, against, out or folder, figures)
         return
@@ -65,7 +61,7 @@ def report(
         raise OpenLockError("--methods writes no --figures; leave one out")
     from causal_openlock.comparison.results import open_results
 
-    results = open_results(folder, *beside or (), reference=reference, exclude=exclude)
+    results = open_results(folder, beside=beside or (), exclude=exclude)
     if methods:
         say(results.methods())
     else:

@@ -40,7 +40,6 @@ from causal_openlock.storage.stored import StoredExperiment
 from causal_openlock.world.rewards import RewardForm
 
 if TYPE_CHECKING:
-    from causal_openlock.analysis.results.references import ReferenceForm
     from causal_openlock.comparison.results import Results
 
 
@@ -65,7 +64,7 @@ def compare(
     checkpoint_every: float = 60.0,
     time_limit: float | None = None,
     tensorboard: Path | str | None = None,
-    reference: ReferenceForm | Sequence[ReferenceForm] | None = None,
+    beside: Path | str | Sequence[Path | str] = (),
 ) -> Results:
     """Compare learners, with a progress bar in a notebook or on a terminal.
 
@@ -98,7 +97,7 @@ def compare(
         checkpoint_every: Seconds between checkpoints inside a cell.
         time_limit: Seconds after which a cell is ended and counted as failed; by default never.
         tensorboard: Folder for TensorBoard's logs.
-        reference: What the learners are compared with, besides what is published: see
+        beside: Results folders whose people or learners these are compared with: see
             :func:`open_results`.
 
     Raises:
@@ -112,7 +111,6 @@ def compare(
         [['oracle', 'CC3-CC4', 3.0]]
     """
     # Results load pandas, half a second, which declaring an experiment does not need.
-    from causal_openlock.analysis.results.references import find_references
     from causal_openlock.comparison.results import open_results
 
     changes = {"subjects": subjects, "protocol": protocol, "seed": seed}
@@ -120,7 +118,8 @@ def compare(
     declared["attempt_limit"] = attempt_limit
     given = {key: one for key, one in {**changes, **declared}.items() if one is not None}
     experiment = _experiment(what, learners, given, out)
-    references = find_references(reference)  # before anything is played: one may be misspelt
+    for place in listed(beside):  # before anything is played: one may be misspelt
+        Store(folder_at(place)).experiment()
     folder = _temporary_folder(experiment) if out is None else folder_at(out)
     try:
         with shown_here(experiment.name) as show:
@@ -145,7 +144,7 @@ def compare(
         ) from None
     if failed and failed.every:
         raise failed
-    return open_results(folder, reference=references)
+    return open_results(folder, beside=beside)
 
 
 def play(

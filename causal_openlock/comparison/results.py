@@ -16,7 +16,6 @@ import pandas as pd
 
 from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT
 from causal_openlock.analysis.report.warnings import not_applicable, warnings_of
-from causal_openlock.analysis.results.by_condition import ConditionTable, condition_tables
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.missing import missing_cells
 from causal_openlock.analysis.results.reading import (
@@ -25,12 +24,8 @@ from causal_openlock.analysis.results.reading import (
     read_results,
     without_excluded,
 )
-from causal_openlock.analysis.results.references import (
-    Reference,
-    ReferenceForm,
-    find_references,
-)
 from causal_openlock.errors import StoreError, renamed
+from causal_openlock.experiment.making import listed
 from causal_openlock.files.atomic import folder_at, is_empty, move_into, unwritable
 from causal_openlock.storage.folder_lock import LOCK
 from causal_openlock.storage.store import Store
@@ -76,24 +71,18 @@ class Results(Material):
     """
 
     @classmethod
-    def read(
-        cls,
-        *folders: Path | str,
-        references: Sequence[Reference] = (),
-        exclude: Exclusion | None = None,
-    ) -> Results:
+    def read(cls, *folders: Path | str, exclude: Exclusion | None = None) -> Results:
         """The results in these folders together; see :func:`open_results`."""
         found = [read_results(Store(folder), ["actions"], exclude) for folder in folders]
-        return cls._together(found, tuple(Path(one).resolve() for one in folders), references)
+        return cls._together(found, tuple(Path(one).resolve() for one in folders))
 
     @classmethod
     def _together(
         cls,
         parts: Sequence[tuple[pa.Table, StoredExperiment]],
         folders: tuple[Path, ...],
-        references: Sequence[Reference],
     ) -> Results:
-        made = cls.of(*beside(parts), references)
+        made = cls.of(*beside(parts))
         object.__setattr__(made, "folders", folders)
         return made
 
@@ -110,17 +99,6 @@ class Results(Material):
         from causal_openlock.analysis.topics.leaderboard import leaderboard
 
         return leaderboard(self)
-
-    @cached_property
-    def by_condition(self) -> list[ConditionTable]:
-        """Attempts in each condition, a table for each protocol."""
-        return condition_tables(
-            self.headline,
-            self.learners,
-            self.conditions,
-            self.references,
-            self.experiment.without_any,
-        )
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
@@ -356,12 +334,7 @@ class Results(Material):
             (one.record, replace(one.experiment, title=", and ".join(titles)))
             for one in (self, other)
         ]
-        given = [*self.given]
-        for one in other.given:  # the same folder, read twice, is one reference
-            twins = [held for held in given if held.prefix == one.prefix]
-            if not any(held.points.equals(one.points) for held in twins):
-                given.append(one)
-        return self._together(parts, self.folders + other.folders, given)
+        return self._together(parts, self.folders + other.folders)
 
     def __repr__(self) -> str:
         """The leaderboard as text, and the warnings."""
@@ -377,7 +350,7 @@ class Results(Material):
 def open_results(
     folder: Path | str,
     *others: Path | str,
-    reference: ReferenceForm | Sequence[ReferenceForm] | None = None,
+    beside: Path | str | Sequence[Path | str] = (),
     exclude: Exclusion | None = None,
 ) -> Results:
     """The results in a folder that :func:`compare` or the command line wrote.
@@ -385,16 +358,15 @@ def open_results(
     Args:
         folder: The folder.
         *others: Further ones, whose results are in the same table.
-        reference: What learners are compared with in every table and figure, besides what is
-            published: a results folder of one's own people, perhaps with a name
-            (``"mine=results/my_people"``), a :class:`Reference`, or several of these.
-        exclude: ``"completed no trial"`` leaves out the people who did, as the paper does, here
-            and in references from folders; warnings and methods say how many.
+        beside: The same: a folder, or several, such as that of one's own people. Where learners
+            are in the results, people stand where the paper's do, and learners are compared with
+            them.
+        exclude: ``"completed no trial"`` leaves out the people who did, as the paper does;
+            warnings and methods say how many.
 
     Raises:
         StoreError: If a folder holds no results, one is damaged, nobody is left, or they cannot be
             compared.
     """
-    places = map(folder_at, (folder, *others))
-    references = find_references(reference, exclude)
-    return Results.read(*places, references=references, exclude=exclude)
+    places = map(folder_at, (folder, *others, *listed(beside)))
+    return Results.read(*places, exclude=exclude)

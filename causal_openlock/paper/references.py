@@ -56,7 +56,6 @@ def ddqn_2018() -> Reference:
         source="Edmonds et al., 2018",
         in_leaderboard=False,
         categories=published.paper_ddqn(),
-        protocol="",
     )
 
 

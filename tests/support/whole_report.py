@@ -1,5 +1,7 @@
 """One made-up experiment that has every case of the report, and a page as plain text."""
 
+from dataclasses import replace
+
 import pandas as pd
 import pyarrow as pa
 
@@ -107,7 +109,8 @@ def whole_material():
         columns=POINT_COLUMNS,
     )
     guests = Reference("guests", points, lambda spec, condition: spec.protocol.name == "human")
-    return Material.of(record, experiment, [guests])
+    made = Material.of(record, experiment)
+    return replace(made, references=(*made.references, guests.beside(experiment)))
 
 
 BLOCKS = ("p", "h1", "h2", "h3", "h4", "li", "summary", "figcaption", "tr", "dt", "dd", "pre")

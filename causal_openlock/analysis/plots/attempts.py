@@ -177,7 +177,7 @@ def _draw(
     shown = []
     for one in results.references if published else ():
         reference = one.reference
-        rows = reference.means(judged=phase != "train")
+        rows = reference.points
         rows = rows[(rows["phase"] == phase) & rows["condition"].isin(_PAPER[phase])]
         if len(rows) and one.stands(means).any():
             shown.append((reference.title, f"{reference.detail}, ", rows))

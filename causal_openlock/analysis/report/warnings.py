@@ -14,7 +14,7 @@ from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import Beside, beside_any
 from causal_openlock.analysis.statistics import FEW_SUBJECTS
 from causal_openlock.analysis.table import percent
-from causal_openlock.wording import joined, some
+from causal_openlock.wording import some
 
 
 def warnings_of(results: Material) -> Iterator[str]:
@@ -26,14 +26,6 @@ def warnings_of(results: Material) -> Iterator[str]:
         yield (
             "Some conditions are called like the paper's and have other rooms, trials or budgets, "
             f"so published results are not shown next to them ({some(others)})."
-        )
-    own = [one for one in results.references if one.reference in results.given]
-    alone = [one.reference.name for one in own if not one.stands(summary).any()]
-    if alone:
-        which = "this reference is" if len(alone) == 1 else "these references are"
-        yield (
-            f"No learner played the same rooms under the same budgets as {joined(alone)}, so "
-            f"{which} not shown."
         )
     of_learner = ["learner", "protocol"]
     fewest = summary.groupby(of_learner, observed=True)["subjects"].min()
@@ -71,12 +63,11 @@ def not_applicable(reasons: Iterable[str]) -> tuple[str, ...]:
 def _called_alike(results: Material) -> list[str]:
     """Cells of conditions that are called like published ones, and are others."""
     summary = results.summary
-    published = [one for one in results.references if one.reference not in results.given]
     named = np.zeros(len(summary), bool)
-    for one in published:
+    for one in results.references:
         called = summary["condition"].isin(one.reference.points["condition"]).to_numpy()
         named |= called & Beside(one.reference, None).stands(summary)
-    others = summary.loc[named & ~beside_any(summary, published), CELL].drop_duplicates()
+    others = summary.loc[named & ~beside_any(summary, results.references), CELL].drop_duplicates()
     return [_label(key) for key in others.itertuples(index=False)]
 
 

@@ -24,7 +24,6 @@ from causal_openlock.analysis.report.learner_pages import learner_pages
 from causal_openlock.analysis.report.means import means
 from causal_openlock.analysis.report.page import write_page
 from causal_openlock.analysis.report.warnings import not_applicable, warnings_of
-from causal_openlock.analysis.results.by_condition import condition_tables
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.missing import missing_cells, unfinished, with_missing
 from causal_openlock.analysis.section import Section
@@ -134,13 +133,7 @@ def _conditions(material: Material) -> Section:
         key: style.sizes(rows)
         for key, rows in material.headline.groupby(["protocol", "learner"], observed=True)
     }
-    found = condition_tables(
-        material.headline,
-        material.learners,
-        material.conditions,
-        material.references,
-        material.experiment.without_any,
-    )
+    found = material.by_condition
     parts = file_names(table.protocol for table in found)
     tables = tuple(
         replace(

@@ -38,7 +38,8 @@ class ConditionTable:
             attempts, their standard error or None, and the share of trials that are solved; None
             where it does not.
         ideal: By column, attempts of the ideal observer, or None; empty if none are known.
-        rows: By learner, by column, its row or None.
+        rows: By learner, by column, its row or None; people come first.
+        people: Who of them are people that the others are compared with.
     """
 
     protocol: str
@@ -46,6 +47,7 @@ class ConditionTable:
     references: Mapping[Reference, tuple[Known | None, ...]]
     ideal: tuple[float | None, ...]
     rows: Mapping[str, tuple[Row | None, ...]]
+    people: tuple[str, ...] = ()
 
     @property
     def beside(self) -> dict[str, tuple[float | None, ...]]:
@@ -75,6 +77,8 @@ class ConditionTable:
             least = ["–" if attempts is None else f"{attempts:.2f}" for attempts in self.ideal]
             rows.append(["Ideal observer\nschema known", *least])
         for learner, own in self.rows.items():
+            if learner in self.people:
+                looks[len(rows)] = "published"
             texts = ["\n".join(in_cell(row)[:2]) for row in own]
             size = sizes.get((self.protocol, learner), "not applicable")
             rows.append([f"{learner}\n{size}", *texts])
@@ -101,6 +105,7 @@ def condition_tables(
     conditions: Sequence[str] = (),
     references: Sequence[Beside] = (),
     without_any: Callable[[str], Sequence[str]] = lambda _: (),
+    people: tuple[str, ...] = (),
 ) -> list[ConditionTable]:
     """The headline as tables, one for each protocol.
 
@@ -110,6 +115,7 @@ def condition_tables(
         conditions: The order of the columns; others follow.
         references: Whose columns the headline has.
         without_any: Learners under a protocol that can play none of the conditions.
+        people: Labels of people.
     """
     tables = []
     for protocol, rows in headline.groupby("protocol", observed=True):
@@ -142,6 +148,7 @@ def condition_tables(
                     name: tuple(cells.get((name, condition)) for condition in names)
                     for name in ordered([*rows["learner"], *without_any(str(protocol))], learners)
                 },
+                people=people,
             )
         )
     return tables

@@ -7,7 +7,7 @@ the ideal observer wherever they are known.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -17,13 +17,10 @@ import pandas as pd
 
 from causal_openlock.analysis.measures import Counts, count, ordered
 from causal_openlock.analysis.results.bounds import Bounds, ideal_bounds
-from causal_openlock.analysis.results.references import (
-    Beside,
-    Reference,
-    beside_any,
-    references_beside,
-)
+from causal_openlock.analysis.results.by_condition import ConditionTable, condition_tables
+from causal_openlock.analysis.results.references import Beside, beside_any, references_beside
 from causal_openlock.analysis.results.summary import headline, summarise
+from causal_openlock.experiment.declare import PERSON
 from causal_openlock.storage.stored import StoredExperiment
 
 if TYPE_CHECKING:
@@ -45,7 +42,6 @@ class Material:
         references: What learners are compared with, and which of them.
         bounds: What the ideal observer needs.
         folders: The results folders that it was read from.
-        given: References besides those that packages register.
         counted: What is counted in the record, if it is there already.
     """
 
@@ -56,7 +52,6 @@ class Material:
     references: tuple[Beside, ...]
     bounds: Bounds
     folders: tuple[Path, ...] = ()
-    given: tuple[Reference, ...] = ()
     counted: Counts | None = None
 
     def __post_init__(self) -> None:
@@ -65,37 +60,29 @@ class Material:
         object.__setattr__(self, "trials", self.trials.assign(learner=learner))
 
     @classmethod
-    def of(
-        cls, record: pa.Table, experiment: StoredExperiment, references: Sequence[Reference] = ()
-    ) -> Self:
-        """The results of an experiment, its learners in its order.
-
-        Args:
-            record: As above.
-            experiment: What was run.
-            references: What learners are compared with, besides what is published.
+    def of(cls, record: pa.Table, experiment: StoredExperiment) -> Self:
+        """The results of an experiment: its learners in its order, people before them.
 
         Raises:
             StoreError: If the record has attempts missing or twice.
         """
         counts = count(record)
-        learners = ordered(counts.trials["learner"], [spec.name for spec in experiment.learners])
-        beside, bounds = references_beside(experiment, references), ideal_bounds(experiment)
-        return cls(
-            record,
-            experiment,
-            counts.trials,
-            learners,
-            beside,
-            bounds,
-            given=(*references,),
-            counted=counts,
-        )
+        specs = sorted(experiment.learners, key=lambda spec: spec.learner != PERSON)
+        learners = ordered(counts.trials["learner"], [spec.name for spec in specs])
+        beside, bounds = references_beside(experiment), ideal_bounds(experiment)
+        return cls(record, experiment, counts.trials, learners, beside, bounds, counted=counts)
 
     @property
     def conditions(self) -> tuple[str, ...]:
         """Names of the conditions in the order in which they are shown."""
         return tuple(condition.name for condition in self.experiment.conditions)
+
+    @cached_property
+    def people(self) -> tuple[str, ...]:
+        """Labels of people that learners are compared with; none where nobody else played."""
+        kinds = {spec.name: spec.learner for spec in self.experiment.learners}
+        people = tuple(name for name in self.learners if kinds.get(name) == PERSON)
+        return () if people == self.learners else people
 
     @property
     def leading(self) -> list[Beside]:
@@ -119,6 +106,18 @@ class Material:
             for name, number in attempts.items()
             if number != 0
         }
+
+    @property
+    def by_condition(self) -> list[ConditionTable]:
+        """Attempts in each condition, a table for each protocol."""
+        return condition_tables(
+            self.headline,
+            self.learners,
+            self.conditions,
+            self.references,
+            self.experiment.without_any,
+            self.people,
+        )
 
     def compared(self, trials: pd.DataFrame) -> pd.DataFrame:
         """The rows of a table with which any reference is comparable."""

@@ -122,7 +122,7 @@ def headline(
         ``at_mode``, ``share_solved``, the columns of references and ``ideal_attempts`` as in
         :func:`summarise`.
     """
-    table, added = _means(judged(trials), references, bounds, of_judged=True)
+    table, added = _means(judged(trials), references, bounds)
     table = table.assign(measured=measured(table)).sort_values(
         ["learner", "protocol", "condition"], kind="stable", ignore_index=True
     )
@@ -134,7 +134,6 @@ def _means(
     trials: pd.DataFrame,
     references: Sequence[Beside],
     bounds: Bounds | None,
-    of_judged: bool = False,
 ) -> tuple[pd.DataFrame, list[str]]:
     """The means of each trial with intervals, with references and the ideal attempts.
 
@@ -150,5 +149,5 @@ def _means(
     )
     known = [(bounds or {}).get(key) for key in keys]
     ideal = [np.nan if one is None else one.attempts for one in known]
-    table, added = with_references(table, references, of_judged)
+    table, added = with_references(table, references)
     return table.assign(ideal_attempts=np.array(ideal, float)), [*added, "ideal_attempts"]

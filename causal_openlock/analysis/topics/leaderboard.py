@@ -69,8 +69,8 @@ def leaderboard(results: Material) -> pd.DataFrame:
         *("solved", "found", "solutions", "median", "attempts", "score", "best"),
         *(f"to_best{end}" for end in ("", "_low", "_high")),
         *(
-            gap_column(one.reference.name) + end
-            for one in results.leading
+            gap_column(name) + end
+            for name in (*(one.reference.name for one in results.leading), *results.people)
             for end in ("", "_low", "_high", "_p")
         ),
     ]
@@ -87,7 +87,8 @@ def _rows(results: Material, protocol: str) -> list[dict[str, Any]]:
     limit = limits.get(protocol, int(trials["last_attempt"].max()))
     ends = _ends(results, protocol, limit)
     informed = {one.name for one in results.experiment.learners if one.origin.informed}
-    best = best_learner(held, informed)
+    competing = {name: own for name, own in held.items() if name not in results.people}
+    best = best_learner(competing, informed)
     of_best = {} if best is None else held[best]
     headline = results.headline[results.headline["protocol"] == protocol]
     before = results.trained_before
@@ -95,7 +96,7 @@ def _rows(results: Material, protocol: str) -> list[dict[str, Any]]:
 
     def about(name: str) -> dict[str, Any]:
         known = {"informed": name in informed, "before": before.get(name, 0)}
-        return {**common, "learner": name, "reference": False, **known}
+        return {**common, "learner": name, "reference": name in results.people, **known}
 
     rows: list[dict[str, Any]] = []
     for one in results.leading:
@@ -114,6 +115,9 @@ def _rows(results: Material, protocol: str) -> list[dict[str, Any]]:
         for one in results.leading:
             gap = _against(_groups(own), _published(one, headline, name))
             row |= _gap(gap_column(one.reference.name), gap)
+        for person in () if name in results.people else results.people:
+            gap = _against(_groups(own), _groups(held.get(person, {})))
+            row |= _gap(gap_column(person), gap)
         rows.append(row)
     return rows + [
         {**about(spec.name), "conditions": 0, "subjects": 0}

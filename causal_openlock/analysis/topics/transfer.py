@@ -88,7 +88,8 @@ def transfer(results: Material) -> pd.DataFrame:
     both = [judged(trials[is_test]).assign(of="test"), first.assign(of="first")]
     each = by_subject(pd.concat(both), ["of"])
     known = {one: _published(one.reference) for one in results.references}
-    columns = [gap_column(one.reference.name) for one in results.leading]
+    published = {gap_column(one.reference.name): one for one in results.leading}
+    own = {gap_column(name): name for name in results.people}
     rows: list[dict[str, Any]] = []
     for protocol in ordered(each["protocol"].unique(), (HUMAN_PROTOCOL,)):
         here = each[each["protocol"] == protocol]
@@ -100,13 +101,18 @@ def transfer(results: Material) -> pd.DataFrame:
         for name in ordered(tests["learner"].unique(), results.learners):
             beside = {
                 column: known[one]
-                for column, one in zip(columns, results.leading, strict=True)
+                for column, one in published.items()
                 if one.stands(tests[tests["learner"] == name]).all()
             }
-            about = {"learner": name, "reference": False, "protocol": protocol}
+            is_person = name in results.people
+            if not is_person:
+                others = {column: here[here["learner"] == one] for column, one in own.items()}
+                beside |= {column: _played(one) for column, one in others.items()}
+            about = {"learner": name, "reference": is_person, "protocol": protocol}
             played = _played(here[here["learner"] == name])
             rows += [about | row for row in _rows(played, beside)]
-    columns = [f"{column}{end}" for column in columns for end in ("", "_low", "_high")]
+    gaps = (*published, *own)
+    columns = [f"{column}{end}" for column in gaps for end in ("", "_low", "_high")]
     return pd.DataFrame(rows, columns=[*COLUMNS, *columns]).astype({"reference": bool})
 
 
@@ -118,11 +124,14 @@ def _played(each: pd.DataFrame) -> Means:
 
 
 def _published(reference: Reference) -> Means:
-    tests, points = reference.means(judged=True), reference.points
+    points = reference.points
     is_first = (points["trial"] == 1) & (
         (points["phase"] == "test") | ~points["condition"].isin(TRANSFERS)
     )
-    both = [tests[tests["phase"] == "test"].assign(of="test"), points[is_first].assign(of="first")]
+    both = [
+        points[points["phase"] == "test"].assign(of="test"),
+        points[is_first].assign(of="first"),
+    ]
     return {
         (row["condition"], row["of"]): (
             Group.published(row["mean"], row["se"], int(row["subjects"])),
@@ -343,7 +352,8 @@ def _effect(row: Mapping[str, Any], value: str, ends: str = "") -> str:
 
 def _table(name: str, title: str, rows: pd.DataFrame, material: Material) -> Table:
     """A row for each learner in each test."""
-    gaps = {gap_column(one.reference.name): one.reference.name for one in material.leading}
+    names = (*(one.reference.name for one in material.leading), *material.people)
+    gaps = {gap_column(name): name for name in names}
     gaps = {column: of for column, of in gaps.items() if rows[column].notna().any()}
     lines = []
     for (learner, test), part in rows.groupby(["learner", rows["condition"].str[-3:]], sort=False):

@@ -1,40 +1,18 @@
 """People in a report: who is left out, and how long they took."""
 
-import itertools
-
 import pyarrow as pa
 import pytest
 
 import causal_openlock as ol
 from causal_openlock.analysis.results.reading import read_results, without_excluded
-from causal_openlock.analysis.results.references import find_references
 from causal_openlock.errors import StoreError
-from causal_openlock.importing.folder import import_files
 from causal_openlock.paper.published import minutes
 from causal_openlock.storage.store import Store
 from support.command import at_once
+from support.imported import imported, rows
 
 RULE = "completed no trial"
 LEFT_OUT = f"Of 3 people (person), 1 {RULE} and was left out."
-SOLVED = [("LOWERLEFT", "UPPERRIGHT"), ("UPPERLEFT", "UPPERRIGHT")]
-"""Levers of the two solutions of CE3 in its first published room."""
-
-
-def rows(subject, solves, step, start=100.0):
-    """A trial of CE3, solved in two attempts or failed in thirty; a row for each action."""
-    attempts = SOLVED if solves else [("LOWERLEFT", "LOWERLEFT")] * 30
-    acts = [(number, name) for number, two in enumerate(attempts, 1) for name in (*two, "door")]
-    return [
-        f"{subject},CE3,1,{attempt},push_{name},trial1,{start + step * n}"
-        for n, (attempt, name) in enumerate(acts)
-    ]
-
-
-def imported(folder, *people):
-    head = "subject,condition,trial,attempt,action,layout,time"
-    (folder / "data.csv").write_text("\n".join([head, *itertools.chain(*people)]) + "\n")
-    import_files([folder / "data.csv"], folder / "people")
-    return folder / "people"
 
 
 def test_minutes_are_a_median_of_people_and_learners_have_none(tmp_path):
@@ -80,14 +58,6 @@ def test_learners_are_never_left_out(two_of_three, tmp_path):
     assert results.experiment.excluded == {"person": 1}
     joined = ol.open_results(tmp_path / "x") + ol.open_results(two_of_three, exclude=RULE)
     assert len(joined.attempts) == len(results.attempts)
-
-
-def test_people_as_a_reference_are_left_out_by_the_same_rule(two_of_three):
-    sizes = {}
-    for rule in (None, RULE):
-        (one,) = find_references(f"mine={two_of_three}", rule)
-        sizes[rule] = one.points["subjects"].iloc[0]
-    assert sizes == {None: 3, RULE: 2}
 
 
 def test_a_rule_that_leaves_nobody_is_refused(tmp_path, two_of_three):
