@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -41,6 +42,7 @@ def fit_to(
     from causal_openlock.files.yaml_file import dump_yaml
     from causal_openlock.fitting.actions import WHOLE, fit_all, fit_table, jobs_of
     from causal_openlock.fitting.hierarchical import GROUP, ROUNDS, GroupFit
+    from causal_openlock.scoring.scores import choices_in
     from causal_openlock.scoring.teacher_forcing import known_learners, recorded_subjects
     from causal_openlock.storage.store import Store
 
@@ -64,7 +66,8 @@ def fit_to(
         _print_mixture(shown, plans, console)
     else:
         shown = table.head(MOST_ROWS)
-        _print_fits(shown, list(plan.space.ranges), console)
+        chance = math.log2(max(choices_in(played).values(), default=1))
+        _print_fits(shown, list(plan.space.ranges), chance, console)
         if len(table) > MOST_ROWS:
             console.print_line(f"and {len(table) - MOST_ROWS} others")
     doubts = (_names(shown[name]) for name in ("at_bound", "without_effect"))
@@ -118,14 +121,17 @@ class _Steps:
         )
 
 
-def _print_fits(table: pd.DataFrame, names: Sequence[str], console: Terminal) -> None:
-    """The parameters of each, and how well they predict."""
+def _print_fits(
+    table: pd.DataFrame, names: Sequence[str], chance: float, console: Terminal
+) -> None:
+    """The parameters of each, and how well they predict, next to the bits of random actions."""
     from causal_openlock.comparison.console import plain_table
 
     shown = plain_table("", *names, "bits/action", "held out", "actions")
     for row in table.to_dict("records"):
         numbers = [*(_marked(row, name) for name in names), *_bits(row)]
-        shown.add_row(row["who"], *numbers, str(row["actions"]))
+        worse = f" (worse than at random: {chance:.2f} bits)" if row["bits"] > chance else ""
+        shown.add_row(f"{row['who']}{worse}", *numbers, str(row["actions"]))
     console.print_whole(shown)
 
 

@@ -239,3 +239,13 @@ def test_a_group_at_its_bound_is_marked(doubtful, tmp_path):
     fits = GroupFit(parts(doubtful, "own"), {"a": plan}, tmp_path).run()
     assert fits[0].who == GROUP
     assert fits[0].at_bound == ("temperature",)
+
+
+def test_a_fit_that_predicts_worse_than_chance_says_so(folder, tmp_path):
+    (tmp_path / "plan.yaml").write_text(
+        "learner: associative\nsearch: {temperature: {low: 0.001, high: 0.002}}\n"
+        "fit: {candidates: 1, hold_out: none}\n"
+    )
+    words = ("fit", "associative", "--plan", tmp_path / "plan.yaml", "--to", folder)
+    done = at_once(*words, "-o", tmp_path / "fitted", "--workers", 1)
+    assert "all (worse than at random: 3.91 bits)" in done.stdout

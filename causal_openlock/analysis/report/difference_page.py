@@ -52,11 +52,7 @@ FORMATS = {
     **dict.fromkeys(("difference", "ci_low", "ci_high"), "+.2f"),
     **dict.fromkeys(("p", "p_holm"), ".2g"),
 }
-COLUMNS = (
-    *("learner", "condition", "protocol", "measured", "subjects_first", "subjects_second"),
-    *("attempts_first", "attempts_second", "difference", "ci_low", "ci_high", "p", "p_holm"),
-    "verdict",
-)
+COLUMNS = ["learner", "condition", "protocol", "measured", *FORMATS, "verdict"]
 SAME, UNDECIDED, DIFFERENT, UNKNOWN = "the same", "undecided", "different", "too few subjects"
 _IN_WORDS = {
     UNDECIDED: "may differ or not: undecided",
@@ -133,7 +129,7 @@ def compared(first: pd.DataFrame, second: pd.DataFrame, learners: Sequence[str])
         verdict = SAME if same else UNKNOWN if np.isnan(found.p) else ""
         sizes, means = (len(before), len(after)), (before.mean(), after.mean())
         rows.append((*key, *sizes, *means, *found, np.nan, verdict))
-    table = pd.DataFrame(rows, columns=list(COLUMNS))
+    table = pd.DataFrame(rows, columns=COLUMNS)
     asked = table["p"].where(table["verdict"] != SAME)
     table["p_holm"] = holm(asked.to_numpy(float))
     decided = np.where(table["p_holm"] < ALPHA, DIFFERENT, UNDECIDED)
