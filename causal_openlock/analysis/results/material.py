@@ -59,6 +59,17 @@ class Material:
         learner = pd.Categorical(self.trials["learner"], list(names))
         object.__setattr__(self, "trials", self.trials.assign(learner=learner))
 
+    def __getattribute__(self, name: str) -> Any:
+        """Hand out copies of tables and mappings: who changes one does not change the results."""
+        found = super().__getattribute__(name)
+        if name.startswith("_"):
+            return found
+        if isinstance(found, pd.DataFrame):
+            return found.copy(deep=False)  # its values are copied where they are changed
+        if isinstance(found, Counts):
+            return Counts(*(table.copy(deep=False) for table in found))
+        return dict(found) if isinstance(found, dict) else found
+
     @classmethod
     def of(cls, record: pa.Table, experiment: StoredExperiment) -> Self:
         """The results of an experiment: its learners in its order, people before them.
