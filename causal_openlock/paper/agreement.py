@@ -22,11 +22,10 @@ import pandas as pd
 from causal_openlock.analysis.effects import Group as Sample
 from causal_openlock.analysis.effects import weighted_difference
 from causal_openlock.analysis.measures import BASELINES, SUBJECT, TRANSFERS
-from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.section import Section
 from causal_openlock.analysis.statistics import LEAST_UNITS, share_interval
-from causal_openlock.analysis.table import Table
+from causal_openlock.analysis.table import Table, printed
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.analysis.topics.learning import (
     ELSE,
@@ -53,7 +52,14 @@ The study ``evidence/figure7`` takes its margin for the same shares from here; a
 ATTEMPTS_OF_VISIT = 300
 POINT_COLUMNS = [*Group._fields, "point", "ours", "ci_low", "ci_high", "paper", "margin", "verdict"]
 ORDER_COLUMNS = ["learner", "protocol", "pair", "ours", "ci_low", "ci_high", "paper", "verdict"]
-_PROSE = Prose(__name__)
+_RULE = (
+    "“agrees”: the whole 95% interval over subjects lies within the margin of the paper's number; "
+    "“disagrees”: all of it lies outside; “undecided”: else, or too few subjects. The margin is "
+    f"{MARGIN}, since the cases that the paper calls nearly the same differ by .017 and those it "
+    "calls different by .118 at least; for shares of visits it is at least the 95% interval of as "
+    "few visits as the paper's number is of. Intervals of shares of visits are at least Wilson's "
+    "for that number of visits."
+)
 _SIZES = [
     field.name
     for field in fields(Protocol)
@@ -303,18 +309,61 @@ def section(material: Material) -> Section | None:
     short = _short(material.experiment, going & set(visited["protocol"]))
     tables: list[Table] = []
     if len(growth):
-        tables.append(_PROSE.table("figure6_course", course, _COURSE, parts=PARTS))
-        tables.append(_PROSE.table("figure6_agreement", growth, _POINTS, margin=MARGIN))
+        caption = (
+            f"Means over subjects in {PARTS} blocks of each subject's visits; attempts are those "
+            "of a subject, and the paper's are those of all its agents together. opens: share of "
+            "attempts that open the door; finds_all: share of visits in which all three solutions "
+            "are found; else: share of attempts that neither unlock nor open the door."
+        )
+        tables.append(Table("figure6_course", "Figure 6 as shares", course, _COURSE, caption))
+        caption = (
+            "“else grows” is the gain from the first block to the last: it agrees if it is surely "
+            f"above 0 and at least {MARGIN}, and disagrees if surely less. Elsewhere {_RULE}"
+        )
+        title = "Figure 6, point by point"
+        tables.append(Table("figure6_agreement", title, growth, _POINTS, caption))
     if len(points):
-        tables.append(_PROSE.table("figure7_agreement", points, _POINTS, margin=MARGIN))
+        caption = (
+            "opens: share of attempts in the test that open the door; finds_all: share of test "
+            f"visits in which all three solutions are found. {_RULE}"
+        )
+        title = "Figure 7, point by point"
+        tables.append(Table("figure7_agreement", title, points, _POINTS, caption))
     if len(points) and len(order):
-        tables.append(_PROSE.table("figure7_order", order, _ORDER, margin=MARGIN))
-    return _PROSE.section(
-        "agreement",
-        tables,
-        learners=findings(points, order, growth),
-        short=[name for name, less in short.items() if less],
+        caption = (
+            "Differences in the share of attempts with a solution, and Kendall's tau of the four "
+            "shares with the paper's (one order in 24 gives 1 by luck). A pair agrees if its "
+            "difference surely has the sign of the paper's, or, where the paper's differ by less "
+            f"than {MARGIN}, if ours surely also do so; the order agrees if every pair does, and "
+            "disagrees if any does."
+        )
+        title = "The order of the transfer cases"
+        tables.append(Table("figure7_order", title, order, _ORDER, caption))
+    text = [_told(one) for one in findings(points, order, growth)]
+    if less := [name for name, is_short in short.items() if is_short]:
+        text.append(
+            f"Protocol {' and '.join(less)}: shorter than the paper's, which alone may explain "
+            "where numbers disagree."
+        )
+    return Section("agreement", "Agreement with the paper's DDQN", tuple(text), tuple(tables))
+
+
+def _told(found: Mapping[str, Any]) -> str:
+    """What came of the comparisons of one learner under a protocol."""
+    agree, disagree, undecided = (
+        found["verdicts"].get(name, 0) for name in (AGREES, DISAGREES, UNDECIDED)
     )
+    said = (
+        f"{found['learner']} ({found['protocol']}): of {found['total']} comparisons with the "
+        f"paper's numbers {agree} agree, {disagree} disagree and {undecided} are undecided."
+    )
+    if tau := found["tau"]:
+        verb = "is " if tau["verdict"] == UNDECIDED else ""
+        said += (
+            f" The order of the four transfer cases {verb}{tau['verdict']}: Kendall's tau "
+            f"{printed(tau['ours'], '.2f')}."
+        )
+    return said
 
 
 def findings(

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import pandas as pd
 
-from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.section import Section
+from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.paper.likeness import distance, points_beside
 from causal_openlock.paper.noise_ceiling import misfit, noise_ceiling
 from causal_openlock.paper.references import PEOPLE
 from causal_openlock.wording import file_names
 
-_PROSE = Prose(__name__)
 _HEADS = ["learner", "points", "RMSE", "in standard errors", "misfit", "perfect"]
 
 
@@ -31,9 +30,18 @@ def section(material: Material) -> Section | None:
         ]
         frame = pd.DataFrame(rows, columns=_HEADS).sort_values("RMSE", ignore_index=True)
         formats = dict.fromkeys(("RMSE", "in standard errors", "perfect"), ".2f")
-        name, file = one.reference.name, f"distance_from_{files[one.reference.prefix]}"
-        tables.append(_PROSE.table("distance", frame, formats, file, of=name))
-    return _PROSE.section("distance", tables) if tables else None
+        name = one.reference.name
+        caption = (
+            f"Root mean square distance of mean attempts from {name} over the trials that both "
+            "played, in attempts and in the reference's standard errors; misfit: the sum of "
+            "squared deviations in standard errors of both, and the probability of as much for a "
+            "perfect model; perfect: the distance of a perfect model, since all means have "
+            "sampling error."
+        )
+        file = f"distance_from_{files[one.reference.prefix]}"
+        tables.append(Table(file, f"Distance from {name}", frame, formats, caption))
+    title = "Distance from other references"
+    return Section("distance", title, tables=tuple(tables)) if tables else None
 
 
 TOPIC = Topic("distance", 21, section)

@@ -19,7 +19,6 @@ import pandas as pd
 
 from causal_openlock.analysis.effects import ALPHA
 from causal_openlock.analysis.measures import at_places, by_subject
-from causal_openlock.analysis.prose import Prose
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.section import Section
 from causal_openlock.analysis.table import Table, p_value
@@ -57,7 +56,21 @@ FAMILIES = {
     "training": "Training trials",
     "transfer": "Transfer test",
 }
-_PROSE = Prose(__name__)
+_OF_TRIALS = "Of trials: multivariate test of repeated measures,"
+_OF_INTERACTION = "Of the interaction: 2 × 2 analysis of variance,"
+_CAPTIONS = {
+    "baseline": (_OF_TRIALS, "CE4 − CC4: means of all trials; last: of the last trial."),
+    "training": (
+        _OF_TRIALS,
+        "CE3 − CC3: means of all trials; CC3, last: last trial of CC3 training, of those to be "
+        "tested in CC4 and in CE4.",
+    ),
+    "transfer": (
+        _OF_INTERACTION,
+        "CC4: CE3 − CC3: the test of CC4, after training with CE3 and with CC3; CE4 − CC4: the "
+        "tests, whatever the training was.",
+    ),
+}
 _NUMBERS = {
     "p": ".2g",
     **dict.fromkeys(("value", "hedges_g", "effect_size"), ".2f"),
@@ -297,14 +310,32 @@ def section(material: Material) -> Section | None:
         return None
     own = tests[tests["learner"] != PEOPLE]
     rows = [finding(test, own[own["test"] == test.name], test.family) for test in TESTS]
-    tables = [_PROSE.table("paper_tests_found", pd.DataFrame([r for r in rows if r]), {})]
+    caption = (
+        "Printed: the paper's statistic. Not defined: subjects do not differ, or no trial was "
+        "solved within the limit."
+    )
+    shown = pd.DataFrame([row for row in rows if row])
+    title = "What people do, and which learners"
+    tables = [Table("paper_tests_found", title, shown, caption=caption)]
     tables += [
         _family_table(family, tests[tests["family"] == family], material)
         for family in FAMILIES
         if (own["family"] == family).any()
     ]
-    tables.append(_PROSE.table("paper_tests_all", tests, _NUMBERS))
-    return _PROSE.section("paper_tests", tables, alpha=ALPHA)
+    caption = (
+        "Difference: of means, in attempts; of trials the first less the last, of the interaction "
+        "what training with the structure of the test saves, the mean over both. Paper: what it "
+        "prints of people."
+    )
+    tables.append(Table("paper_tests_all", "Every test, as numbers", tests, _NUMBERS, caption))
+    text = (
+        "The paper's tests, in the paper's order, on the trials of every learner that did what "
+        f"people did. Each is a question of its own, judged at p < {ALPHA} for people and learners "
+        "alike; of tests on learners that show nothing, about one in twenty would come out "
+        "significant. A test that is not significant may miss an effect that is too small for its "
+        "number of subjects."
+    )
+    return Section("paper_tests", "The paper's tests", (text,), tuple(tables))
 
 
 def _family_table(family: str, rows: pd.DataFrame, material: Material) -> Table:
@@ -325,8 +356,17 @@ def _family_table(family: str, rows: pd.DataFrame, material: Material) -> Table:
                 **outcomes,
             }
         )
-    about = {"family": family, "title": FAMILIES[family]}
-    return _PROSE.table("family", pd.DataFrame(shown), {}, f"paper_tests_{family}", **about)
+    test, differences = _CAPTIONS[family]
+    no_sign = ", t has no sign" if family == "training" else ""
+    caption = (
+        f"n: subjects in each condition. {test} F of two groups: one-way analysis of variance; t: "
+        f"two independent groups, two-sided. {differences} A difference is the first minus the "
+        "second, and t is negative where the second needed more attempts. d: Cohen's; ηp²: partial "
+        "eta squared. Of people statistics are as printed, p and the size of the effect follow "
+        f"from them{no_sign}."
+    )
+    name = f"paper_tests_{family}"
+    return Table(name, f"{FAMILIES[family]}: tests", pd.DataFrame(shown), caption=caption)
 
 
 def finding(test: PaperTest, rows: pd.DataFrame, family: str) -> dict[str, str]:
