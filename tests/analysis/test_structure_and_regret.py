@@ -137,6 +137,14 @@ def test_what_is_no_structure_is_refused_with_the_learners_name(monkeypatch, wro
         structure_recovery(results)
 
 
+def test_a_learner_whose_parameters_are_no_more_is_left_out():
+    results = played(["bayes"], ["CC4"], 1)
+    (spec,) = results.experiment.learners
+    old = replace(spec, recorded=spec.origin, parameters={**spec.parameters, "particles": 500})
+    experiment = replace(results.experiment, learners=(old,))
+    assert structure_recovery(replace(results, experiment=experiment)).empty
+
+
 def test_the_figure_and_the_section_have_the_means_of_the_table():
     material = played(["bayes"], ["CC3-CC4"], 3)
     means = structure_recovery(material).groupby("visit")["shd"].mean()

@@ -31,7 +31,7 @@ from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.contract.checks import failures_of
 from causal_openlock.contract.learner import Learner, Structure
-from causal_openlock.contract.registry import create, learner_class
+from causal_openlock.contract.registry import create, learner_class, parse_parameters
 from causal_openlock.errors import LearnerError, NothingToDrawError, OpenLockError
 from causal_openlock.experiment.beside_record import read_answers
 from causal_openlock.experiment.declare import Condition, LearnerSpec
@@ -113,11 +113,15 @@ def recovered(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _can_say(spec: LearnerSpec) -> bool:
-    """Whether a learner is installed and says what it believes; no code of results runs."""
+    """Whether a learner, as installed here, has its parameters and says what it believes.
+
+    No code of results runs.
+    """
     if ":" in spec.learner:
         return False
     try:
         kind = learner_class(spec.learner)
+        parse_parameters(spec.learner, spec.parameters)
     except OpenLockError:
         return False
     return issubclass(kind, Learner) and kind.structure is not Learner.structure
