@@ -16,8 +16,8 @@ import hashlib
 import json
 import os
 import secrets
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from threading import Lock
 from typing import Annotated, Any
@@ -79,16 +79,11 @@ class Replies:
         self._own = self.folder / f"{secrets.token_hex(8)}.jsonl"
         self._kept: dict[str, Reply] = {}
         for path in sorted(self.folder.glob("*.jsonl")):
-            with _refusal(path, "read"), path.open("rb") as file:
-                for line in file:
-                    self._take(line)
-
-    def _take(self, line: bytes) -> None:
-        try:
-            kept = json.loads(line)
-            self._kept.setdefault(str(kept["key"]), checked(kept["reply"]))
-        except (LookupError, TypeError, ValueError, RecursionError):
-            pass  # a line of another kind, or a damaged one
+            for line in path.read_bytes().splitlines():
+                # A line of another kind, or a damaged one, is passed over.
+                with suppress(LookupError, TypeError, ValueError, RecursionError):
+                    kept = json.loads(line)
+                    self._kept.setdefault(str(kept["key"]), checked(kept["reply"]))
 
     def reply(self, key: str, request: Request) -> tuple[Reply, bool]:
         """The reply to a request, and whether it is one that was given before.
@@ -104,7 +99,7 @@ class Replies:
                 self._ask = self._connect()
         reply = self._kept[key] = self._ask(request)
         line = json.dumps({"key": key, "reply": reply}) + "\n"
-        with _refusal(self._own, "written"), self._own.open("ab", buffering=0) as file:
+        with self._own.open("ab", buffering=0) as file:
             file.write(line.encode())  # at once, whichever threads do so too
         return reply, False
 
@@ -115,16 +110,10 @@ class Replies:
                 f"{self.folder} belongs to results, to which no replies are added, and one is "
                 f"missing there; name a copy of it in {FOLDER}"
             )
-        with _refusal(self._own, "written"):
+        try:
             self.folder.mkdir(parents=True, exist_ok=True)
             self._own.touch()
-
-
-@contextmanager
-def _refusal(path: Path, what: str) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise NotAvailableError(
-            f"{path} cannot be {what} ({error.strerror}); name another folder in {FOLDER}"
-        ) from None
+        except OSError as error:
+            raise NotAvailableError(
+                f"{self._own} cannot be written ({error.strerror}); name another folder in {FOLDER}"
+            ) from None

@@ -21,7 +21,6 @@ from itertools import combinations, pairwise, permutations, product
 
 import numpy as np
 
-from causal_openlock.errors import LearnerError
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 
 CHAIN_LIMIT = 100_000
@@ -64,17 +63,7 @@ class Chains:
 
 @lru_cache(maxsize=8)
 def chains_of(positions: int, length: int) -> Chains:
-    """The chains of a room.
-
-    Raises:
-        LearnerError: If they are too many to be listed.
-    """
-    if number_of_chains(positions, length) > CHAIN_LIMIT:
-        raise LearnerError(
-            f"the theory-based model lists every chain of {length} levers, more than "
-            f"{CHAIN_LIMIT:,} in a room of {positions} positions; leave this learner or this "
-            "schema out"
-        )
+    """The chains of a room."""
     paths = np.array([*permutations(range(positions), length)], dtype=np.int64)
     verbs = np.array([*product((0, positions), repeat=length)], dtype=np.int64)
     actions = (paths[:, None] + verbs).reshape(-1, length)
