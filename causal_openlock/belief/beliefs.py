@@ -13,8 +13,7 @@ of a vanishing prior probability of noise.
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import chain
@@ -182,27 +181,24 @@ class Beliefs:
                 int(view.console.actions_left[subject]),
             )
             slots = np.argsort(np.argsort(~grey, kind="stable"))
-            self.of[subject] = self._prior_belief(subject, sight, slots, {})
+            self.of[subject] = self._prior_belief(subject, sight, slots, [])
 
     def _space(self, sight: RoomSight, unsure: bool) -> Space:
         how = self._unsure if unsure else self._certain
         return enumerated(sight, how, self.prior.simplicity)
 
     def _prior_belief(
-        self, subject: int, sight: RoomSight, slots: IntArray, events: Mapping[Event, int]
+        self, subject: int, sight: RoomSight, slots: IntArray, events: Sequence[Event]
     ) -> Belief:
         """A belief before anything is observed.
 
-        Where there are too many structures to list, ``events``, what was observed so far and how
-        often, decides which are sampled.
+        Where there are too many structures to list, what was observed so far decides which are
+        sampled.
         """
         space, drawn = self._space(sight, bool(self.unsure[subject])), 0
         if sight.grey > FREE_FORM_LEVERS:
-            of_gates: Counter[Event] = Counter()
-            for event, times in events.items():  # solutions say nothing about single gates
-                of_gates[event._replace(new=False, found=())] += times
             strength = space.strengths.typical
-            sampler = Sampler(sight.grey, self.prior.simplicity, strength, of_gates.items())
+            sampler = Sampler(sight.grey, self.prior.simplicity, strength, events)
             sample = sampled(sampler, sight, PARTICLES, self._generators[subject])
             grey = tuple(range(sight.grey))
             space = Space(sight, space.strengths, (*space.blocks, (grey, sample)))
@@ -292,10 +288,10 @@ class Beliefs:
     def _rebuilt(self, subject: int) -> Belief:
         """The posterior over other hypotheses, given everything observed in this trial."""
         past = self._belief(subject)
-        events = Counter(chain(*past.attempts))
+        events = [*chain(*past.attempts)]
         fresh = self._prior_belief(subject, past.space.sight, past.slots, events)
         fresh.attempts, fresh.found = past.attempts, past.found
-        fresh.possible = all(map(fresh.observe, events.elements()))
+        fresh.possible = all(map(fresh.observe, events))
         if fresh.possible and fresh.start is not None:
             kept = chain(*filter(self._keeps, past.attempts[:-1]))
             fresh.start = fresh.given(fresh.start, kept)

@@ -19,7 +19,7 @@ fits, :func:`metropolis` takes over.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
@@ -53,33 +53,29 @@ class Sampler:
         levers: Active levers, n.
         simplicity: As for :func:`~causal_openlock.belief.catalogue.gate_weight`.
         strength: Probability that a pushed cause transmits.
-        events: What was observed in the trial, and how often; only what concerns single gates
-            counts here, which leaves out solutions.
+        events: What was observed in the trial; only what concerns single gates counts here, which
+            leaves out solutions.
 
     Attributes:
         evidence: Marginal probability of the events in the free form.
     """
 
     def __init__(
-        self,
-        levers: int,
-        simplicity: float,
-        strength: float,
-        events: Iterable[tuple[Event, int]] = (),
+        self, levers: int, simplicity: float, strength: float, events: Sequence[Event] = ()
     ) -> None:
         self.levers = levers
-        self._chance, self._events = at_least(strength), tuple(events)
+        self._chance, self._events = at_least(strength), events
         sets = np.arange(1 << levers)
         prior, prior_of_all = _prior(levers, simplicity)
         weights = prior.copy()
         # Grey levers come first; the door, -1, is the last node.
-        for (slot, pushed, took_effect, unlocked, *_), times in self._events:
+        for slot, pushed, took_effect, unlocked, *_ in events:
             after = pushed ^ (took_effect << slot) if slot != DOOR else pushed
             if slot >= levers:  # white levers have no gate, and never move
                 weights[levers] *= not took_effect
             else:
                 works = self._chance[np.bitwise_count(sets & pushed), : levers + 1]
-                weights[slot] *= (works if took_effect else 1.0 - works) ** times
+                weights[slot] *= works if took_effect else 1.0 - works
             pushed_causes = np.bitwise_count(sets & after)[:, None]
             weights[levers] *= (pushed_causes >= np.arange(levers + 1)) == unlocked
         self._gates = weights.cumsum(axis=2)
@@ -133,11 +129,11 @@ class Sampler:
     def likelihood(self, structures: Structures) -> FloatArray:
         """``[M]`` likelihood of the levers' movements; that of the lock is 1 for all draws."""
         result = np.ones(len(structures))
-        for (slot, pushed, took_effect, *_), times in self._events:
+        for slot, pushed, took_effect, *_ in self._events:
             if slot < self.levers:
                 live = np.bitwise_count(structures.causes[:, slot] & np.uint16(pushed))
                 works = self._chance[live, structures.threshold[:, slot]]
-                result *= (works if took_effect else 1.0 - works) ** times
+                result *= works if took_effect else 1.0 - works
         return result
 
 

@@ -9,6 +9,7 @@ from causal_openlock import Session
 from causal_openlock.belief import beliefs, sampling
 from causal_openlock.belief.catalogue import distance
 from causal_openlock.belief.hypotheses import RoomSight
+from causal_openlock.belief.likelihoods import Event
 from causal_openlock.belief.sampling import Sampler, metropolis, sampled
 from causal_openlock.experiment.declare import PROTOCOLS, find_condition
 from causal_openlock.schemas.schema import Schema
@@ -77,7 +78,7 @@ def shares(structures, n):
 def test_what_steps_reach_is_as_probable_as_what_is_drawn():
     """From draws far from the promise, long runs come to what rejection would have kept."""
     n, promise, generator = 5, (2, 3), np.random.default_rng(3)
-    sampler = Sampler(n, SIMPLICITY, 1.0, [((0, 0, True, False), 1)])
+    sampler = Sampler(n, SIMPLICITY, 1.0, [Event(0, 0, True, False, False)])
     drawn, order = sampler.draw(60_000, generator)
     kept = distance(drawn, *promise) == 0
     away = np.flatnonzero(~kept)[:1500]

@@ -37,29 +37,27 @@ def node_of(slot):
 def happened_in(key, strength, moments, seed):
     """Events of some actions in a room, white levers among them; the door is pushed at times."""
     rng, rules = np.random.default_rng(seed), structure(*key, strength)
-    counts, pushed = Counter(), NOTHING
+    events, pushed = [], NOTHING
     for _ in range(moments):
         unlocked = rules.holds(ORACLES_DOOR, pushed)
         slot = DOOR if unlocked and rng.random() < 0.5 else int(rng.integers(len(key[0]) + 1))
         outcomes = rules.outcomes(pushed, node_of(slot))
         seen = [*outcomes][rng.choice(len(outcomes), p=[*outcomes.values()])]
-        counts[Event(slot, mask(pushed), seen.moved, seen.unlocked, False)] += 1
+        events.append(Event(slot, mask(pushed), seen.moved, seen.unlocked, False))
         # Opened doors close again, and now and then everything is put back.
         pushed = NOTHING if rng.random() < 0.2 else seen.pushed
-    return list(counts.items())
+    return events
 
 
 def by_hand(key, strength, events):
     """Probability of events by the oracle; solutions aside."""
     rules, total = structure(*key, strength), 1.0
-    for (slot, pushed, took_effect, unlocked, *_), times in events:
+    for slot, pushed, took_effect, unlocked, *_ in events:
         if slot == DOOR and not rules.holds(ORACLES_DOOR, lever_set(pushed)):
             return 0.0  # the door had not been unlocked
         outcomes = rules.outcomes(lever_set(pushed), node_of(slot))
         told = (took_effect, unlocked)
-        total *= (
-            sum(p for seen, p in outcomes.items() if (seen.moved, seen.unlocked) == told) ** times
-        )
+        total *= sum(p for seen, p in outcomes.items() if (seen.moved, seen.unlocked) == told)
     return total
 
 
@@ -67,13 +65,13 @@ def likelihoods(structures, strength, events):
     """The same for many structures, in their terms: how many causes are pushed, and the gate."""
     n, chance = structures.levers, at_least(strength)
     total = np.ones(len(structures))
-    for (slot, pushed, took_effect, unlocked, *_), times in events:
+    for slot, pushed, took_effect, unlocked, *_ in events:
         node = n if slot == DOOR else slot
         after = pushed ^ (1 << slot) if took_effect and slot != DOOR else pushed
         if node < n or slot == DOOR:
             live = np.bitwise_count(structures.causes[:, node] & np.uint16(pushed))
             works = chance[live, structures.threshold[:, node]]
-            total *= (works if took_effect else 1.0 - works) ** times
+            total *= works if took_effect else 1.0 - works
         total *= structures.holds(after)[:, n] == unlocked
     return total
 
@@ -126,15 +124,15 @@ def test_the_likelihood_of_draws_is_that_by_hand():
 
 
 def test_a_white_lever_that_does_not_move_tells_nothing():
-    told = [(Event(0, 0b00, True, False, False), 1), (Event(1, 0b01, True, True, False), 1)]
+    told = [Event(0, 0b00, True, False, False), Event(1, 0b01, True, True, False)]
     plain = Sampler(3, SIMPLICITY, 1.0, told)
     for white in (3, 4):  # also while the door is unlocked
-        more = [*told, ((white, 0b11, False, True), 2)]
+        more = [*told, *[Event(white, 0b11, False, True, False)] * 2]
         assert Sampler(3, SIMPLICITY, 1.0, more).evidence == pytest.approx(plain.evidence)
 
 
 def test_of_what_cannot_be_nothing_is_drawn():
-    both = [(Event(0, 0, True, False, False), 1), (Event(0, 0, False, False, False), 1)]
+    both = [Event(0, 0, True, False, False), Event(0, 0, False, False, False)]
     sampler = Sampler(5, SIMPLICITY, 1.0, both)
     assert sampler.evidence == 0
     assert len(sampler.draw(100, np.random.default_rng(0))[0]) == 0
@@ -143,7 +141,7 @@ def test_of_what_cannot_be_nothing_is_drawn():
     assert len(own) == 0
     assert len(Space(sight, strengths(0.0), ((tuple(range(5)), own),))) == 0
     # With noise, an enabled lever can both move and fail to.
-    both = [(Event(1, 1, True, False, False), 1), (Event(1, 1, False, False, False), 1)]
+    both = [Event(1, 1, True, False, False), Event(1, 1, False, False, False)]
     assert Sampler(5, SIMPLICITY, 0.8, both).evidence > 0
 
 
