@@ -187,7 +187,7 @@ def write_table(table: pd.DataFrame, path: Path | str) -> None:
     experiment can be compared byte for byte. A value that does not exist is left empty.
 
     Args:
-        table: Its rows and columns in a fixed order, such as :func:`summary_table` gives.
+        table: Its rows and columns in a fixed order, such as a summary.
         path: The file to write.
 
     Raises:

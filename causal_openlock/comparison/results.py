@@ -24,7 +24,7 @@ from causal_openlock.analysis.results.reading import (
     read_results,
     without_excluded,
 )
-from causal_openlock.errors import StoreError, renamed
+from causal_openlock.errors import StoreError
 from causal_openlock.experiment.making import listed
 from causal_openlock.files.atomic import folder_at, is_empty, move_into, unwritable
 from causal_openlock.storage.folder_lock import LOCK
@@ -46,14 +46,6 @@ SUBJECTS = [*CELL, *SUBJECT]
 """Columns that identify a subject."""
 ROOM = [*VISIT, "schema", "layout"]
 """Columns that identify a trial of a subject, and its room."""
-FORMER = {
-    "standings": "leaderboard",
-    "verdict": "by_condition",
-    "cautions": "warnings",
-    "waste": "regret",
-    "understanding": "structure_recovery",
-}
-"""Former names of attributes, each with the present one; they stay for one release."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -254,14 +246,6 @@ class Results(Material):
         from causal_openlock.comparison.plotting import Plots
 
         return Plots(self)
-
-    if not TYPE_CHECKING:  # a misspelt name is still an error of types
-
-        def __getattr__(self, name: str) -> Any:
-            if name not in FORMER:
-                raise AttributeError(f"Results has no attribute {name!r}", name=name)
-            renamed(f"results.{name}", f"results.{FORMER[name]}")
-            return getattr(self, FORMER[name])
 
     # -- what is made of them -------------------------------------------------------------------
 

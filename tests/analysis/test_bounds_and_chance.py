@@ -23,14 +23,13 @@ from causal_openlock.analysis.results.bounds import (
 )
 from causal_openlock.analysis.results.chance import chance_of_finding_all, chance_of_opening
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.summary import headline_table, summary_table
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.kernel import OPENS
 from causal_openlock.world.room import Layout, Room
 from causal_openlock.world.rooms import RoomTables
 from support.fabricated_records import table, trial_rows
-from support.made_up_experiments import declared
+from support.made_up_experiments import declared, headline_table, summary_table
 
 ALL = "CC4, CE4, CC3-CC4, CE3-CC4, CC3-CE4, CE3-CE4"
 

@@ -24,7 +24,6 @@ from causal_openlock.analysis.measures import (
 )
 from causal_openlock.analysis.results import reading
 from causal_openlock.analysis.results.reading import read_results
-from causal_openlock.analysis.results.summary import headline_table, summary_table
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.making import Changes
@@ -34,6 +33,7 @@ from causal_openlock.storage.store import Store
 from support.counted_work import calls
 from support.fabricated_courses import course
 from support.fabricated_records import random_cells, table, trial_rows
+from support.made_up_experiments import headline_table, summary_table
 
 pytestmark = pytest.mark.slow
 

@@ -8,10 +8,11 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from causal_openlock.analysis.results.summary import SUMMARY_COLUMNS, headline_table, summary_table
+from causal_openlock.analysis.results.summary import SUMMARY_COLUMNS
 from causal_openlock.analysis.table import write_table
 from causal_openlock.paper.published import model, people
 from support.fabricated_records import random_cells, table, trial_rows
+from support.made_up_experiments import headline_table, summary_table
 
 PUBLISHED = [*("human_attempts", "human_se", "difference", "model_attempts", "model_se")]
 

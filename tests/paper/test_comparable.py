@@ -7,14 +7,13 @@ import pytest
 from causal_openlock.analysis.report.all_figures import figures_of
 from causal_openlock.analysis.report.writing import make_report
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.summary import headline_table, summary_table
 from causal_openlock.experiment.declare import PAPER_CONDITIONS
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.paper.references import people
 from causal_openlock.schemas.schema import schema_from_dict
 from support.fabricated_records import table, trial_rows
 from support.html_page import Page
-from support.made_up_experiments import declared
+from support.made_up_experiments import declared, headline_table, summary_table
 
 pytestmark = pytest.mark.slow
 
@@ -132,5 +131,5 @@ def test_the_report_shows_published_numbers_beside_those_that_compare_alone(tmp_
     rows = [row for name in "ab" for row in trial_rows([1, 2, 3], learner=name)]
     page = make_report(Material.of(table(rows), both), tmp_path).path
     first = Page(page.read_text("utf-8")).tables[0]
-    beside = next(at for at, head in enumerate(first[0]) if "more than people" in head)
+    beside = next(at for at, head in enumerate(first[0]) if "More than people" in head)
     assert [row[beside][:5] for row in first[2:]] == ["−16.3", "–"]

@@ -8,10 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import pyarrow as pa
 
+from causal_openlock.analysis.results.bounds import ideal_bounds
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import references_beside
+from causal_openlock.analysis.results.summary import headline, summarise
 from causal_openlock.experiment.declare import (
     PAPER_CONDITIONS,
     PROTOCOLS,
@@ -107,6 +110,23 @@ NO_ONE_BESIDE = tuple(replace(one, cells=frozenset()) for one in references_besi
 
 NOBODY = experiment_of(table([]))
 """An experiment that nobody plays."""
+
+
+def summary_table(record: pa.Table, experiment: Any = None) -> pd.DataFrame:
+    """The summary of a record, beside references by the names of conditions or by experiment."""
+    return summarise(*_beside(record, experiment))
+
+
+def headline_table(record: pa.Table, experiment: Any = None) -> pd.DataFrame:
+    """The headline, likewise."""
+    return headline(*_beside(record, experiment))
+
+
+def _beside(record: pa.Table, experiment: Any) -> tuple[Any, ...]:
+    from causal_openlock.analysis.measures import attempts_to_solve
+
+    bounds = ideal_bounds(experiment) if experiment else {}
+    return attempts_to_solve(record), references_beside(experiment), bounds
 
 
 def material_of(record: pa.Table, experiment: StoredExperiment, **values: Any) -> Material:

@@ -8,71 +8,26 @@ observer needs (see :mod:`~causal_openlock.analysis.results.bounds`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import (
     CELL,
-    attempts_to_solve,
     by_subject,
     judged,
     mean_by_trial,
     measured,
 )
-from causal_openlock.analysis.results.bounds import Bounds, ideal_bounds
-from causal_openlock.analysis.results.references import (
-    Beside,
-    references_beside,
-    with_references,
-)
+from causal_openlock.analysis.results.bounds import Bounds
+from causal_openlock.analysis.results.references import Beside, with_references
 from causal_openlock.analysis.statistics import mean_intervals
-from causal_openlock.experiment.declare import Experiment
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 SUMMARY_COLUMNS = (
     *(*CELL, "phase", "trial", "loops", "subjects"),
     *("attempts", "se", "ci_low", "ci_high", "mode", "at_mode", "share_solved"),
 )
 """The first columns of :func:`summarise`; those of references and ``ideal_attempts`` follow."""
-
-
-def summary_table(record: pa.Table, experiment: Experiment | None = None) -> pd.DataFrame:
-    """Number of attempts in every trial of every condition, compared with references.
-
-    >>> from causal_openlock import PROTOCOLS, Session, create, find_condition
-    >>> session = Session(find_condition("CC4"), PROTOCOLS["human"], 2)
-    >>> table = summary_table(session.play(create("oracle")))
-    >>> table[["condition", "trial", "attempts", "human_attempts"]].head(1).values.tolist()
-    [['CC4', 1, 3.0, 19.375]]
-
-    Args:
-        record: Columns as in :func:`causal_openlock.experiment.record.record_schema`, rows in any
-            order.
-        experiment: What was run: published results are then compared with conditions that are
-            the paper's, and not with all that have their names.
-
-    Returns:
-        See :func:`summarise`.
-    """
-    return summarise(attempts_to_solve(record), *_beside(experiment))
-
-
-def headline_table(record: pa.Table, experiment: Experiment | None = None) -> pd.DataFrame:
-    """The result of each learner in each condition, in one row; see :func:`headline`.
-
-    Args:
-        record: As in :func:`summary_table`.
-        experiment: As there.
-    """
-    return headline(attempts_to_solve(record), *_beside(experiment))
-
-
-def _beside(experiment: Experiment | None) -> tuple[Sequence[Beside], Bounds | None]:
-    return references_beside(experiment), ideal_bounds(experiment) if experiment else None
 
 
 def summarise(
