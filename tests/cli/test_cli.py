@@ -273,7 +273,7 @@ def test_reader_of_a_pipe_may_go_away():
 def test_narrow_terminal_cuts_off_no_column_of_the_leaderboard(monkeypatch):
     here(*SMALL, "--out", "out")
     monkeypatch.setenv("COLUMNS", "200")
-    wide = {line for line in here("report", "out").splitlines() if line.startswith("oracle ")}
+    wide = {line for line in here("report", "out").splitlines() if line.startswith("oracle  ")}
     assert len(wide) == 1
     monkeypatch.setenv("COLUMNS", "40")
     assert wide <= {*here("report", "out").splitlines()}
