@@ -111,9 +111,8 @@ def report_difference(first: Path, second: Path, out: Path, figures: bool) -> No
         sentence_on_differences,
         write_difference,
     )
-    from causal_openlock.analysis.results.reading import read_results
     from causal_openlock.comparison.progress_bar import shown_steps
-    from causal_openlock.storage.store import Store
+    from causal_openlock.comparison.results import open_results
 
     names = first.resolve().name, second.resolve().name
     path = out / f"difference_{names[1]}.html"
@@ -121,7 +120,7 @@ def report_difference(first: Path, second: Path, out: Path, figures: bool) -> No
         names = str(first), str(second)
     with shown_steps("report") as begin:
         begin("reading")
-        both = read_results(Store(first)), read_results(Store(second))
+        both = open_results(first), open_results(second)
         begin("comparing")
         changed, table = write_difference(*both, path, names, figures)
     say(sentence_on_changes(changed))

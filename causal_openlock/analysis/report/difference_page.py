@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -22,7 +22,6 @@ from causal_openlock.analysis.measures import (
     CELL,
     SUBJECT,
     by_subject,
-    count,
     judged,
     measured,
     ordered,
@@ -31,17 +30,11 @@ from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import in_rows, panels
 from causal_openlock.analysis.report.described import in_words
 from causal_openlock.analysis.report.page import write_page
+from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.section import Section, drawn
 from causal_openlock.analysis.table import Table
-from causal_openlock.experiment.declare import PAPER_CONDITIONS
 from causal_openlock.storage.stored import StoredExperiment
 from causal_openlock.wording import counted, some
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-Results = tuple["pa.Table", StoredExperiment]
-"""A record and what it is the record of."""
 
 MOST_DRAWN = 60
 """Differences between two results that are drawn: the first ones."""
@@ -104,23 +97,24 @@ def _flat(value: Any, *above: str) -> Iterator[tuple[str, str]]:
         yield ", ".join(above), in_words(value)
 
 
-def compared(first: pd.DataFrame, second: pd.DataFrame, learners: Sequence[str]) -> pd.DataFrame:
-    """Each learner in each condition, in the trials of the one record and of the other.
+def compared(first: Material, second: Material) -> pd.DataFrame:
+    """Each learner in each condition, in the one results and in the other.
 
     Returns:
         One row for each ``learner``, ``condition`` and ``protocol`` that is in both and judged by
-        the same trial, which is ``measured``; for each record how many ``subjects_`` and the mean
+        the same trial, which is ``measured``; for each how many ``subjects_`` and the mean
         ``attempts_``; the ``difference`` (second less first) with its interval ``ci_low`` and
         ``ci_high``; ``p`` of the test, paired where rooms are the same, and ``p_holm``, corrected
         over all rows but those that are the same (NaN there); and a ``verdict``:
         :data:`SAME` where every subject has the same value, :data:`DIFFERENT` where ``p_holm`` is
         below 5%, otherwise :data:`UNDECIDED`, or :data:`UNKNOWN` for too few subjects.
     """
-    groups = [_groups(trials) for trials in (first, second)]
+    groups = [_groups(results.trials) for results in (first, second)]
     keys = [key for key in groups[0] if key in groups[1]]
-    names = ordered({key[0] for key in keys}, learners)
-    conditions = ordered({key[1] for key in keys}, PAPER_CONDITIONS)
-    keys.sort(key=lambda key: (names.index(key[0]), key[2], conditions.index(key[1]), key[3]))
+    conditions = ordered({key[1] for key in keys}, first.conditions)
+    keys.sort(
+        key=lambda key: (first.learners.index(key[0]), key[2], conditions.index(key[1]), key[3])
+    )
     rows: list[tuple[Any, ...]] = []
     for key in keys:
         before, after = groups[0][key], groups[1][key]
@@ -148,17 +142,17 @@ def _groups(trials: pd.DataFrame) -> dict[tuple[str, str, str, str], Any]:
 
 
 def write_difference(
-    first: Results,
-    second: Results,
+    first: Material,
+    second: Material,
     path: Path | str,
     names: tuple[str, str],
     figures: bool = False,
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Write the page that compares two records.
+    """Write the page that compares two results.
 
     Args:
-        first: A record with its experiment.
-        second: The other.
+        first: The ones.
+        second: The others.
         path: The page.
         names: What to call them, such as the names of their folders.
         figures: Whether its figure and tables are also written as files, to ``figures/`` and
@@ -169,23 +163,21 @@ def write_difference(
 
     Raises:
         OpenLockError: If a file cannot be written.
-        StoreError: If a record has attempts missing or twice.
     """
     path = Path(path)
     label = re.sub(r"\W+", "_", path.stem, flags=re.ASCII)
-    changed = changes(first[1], second[1])
-    trials = [count(record).trials for record, _ in (first, second)]
-    table = compared(trials[0], trials[1], [spec.name for spec in first[1].learners])
-    cells = [set(_groups(one)) for one in trials]
-    alone = (cells[0] - cells[1], cells[1] - cells[0])
-    opening = [
-        f"{place}: {name}. {counted(record.num_rows, 'attempt')} in "
-        f"{counted(len(played), 'trial')}, seed {experiment.seed}"
-        + (f", {counted(len(experiment.missing), 'cell')} missing." if experiment.missing else ".")
-        for place, name, played, (record, experiment) in zip(
-            ("First", "Second"), names, trials, (first, second), strict=True
+    changed = changes(first.experiment, second.experiment)
+    table = compared(first, second)
+    opening, cells = [], []
+    for place, name, results in (("First", names[0], first), ("Second", names[1], second)):
+        missing = counted(len(results.experiment.missing), "cell")
+        opening.append(
+            f"{place}: {name}. {counted(results.record.num_rows, 'attempt')} in "
+            f"{counted(len(results.trials), 'trial')}, seed {results.experiment.seed}"
+            f"{f', {missing} missing' if results.experiment.missing else ''}."
         )
-    ]
+        cells.append(set(_groups(results.trials)))
+    alone = cells[0] - cells[1], cells[1] - cells[0]
     sections = [_changes(changed, names, label), _differences(table, alone, names, label)]
     if len(table):
         sections.append(_intervals(table, names, label))

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from causal_openlock.analysis.measures import count
 from causal_openlock.analysis.report.difference_page import (
     DIFFERENT,
     SAME,
@@ -16,13 +15,14 @@ from causal_openlock.analysis.report.difference_page import (
     compared,
     write_difference,
 )
+from causal_openlock.analysis.results.material import Material
 from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.making import Changes
 from causal_openlock.schemas.schema import schema_from_dict
 from support.command import at_once
 from support.fabricated_records import table, trial_rows
 from support.html_page import Page
-from support.made_up_experiments import stored
+from support.made_up_experiments import experiment_of, stored
 from support.whole_report import lines_of
 
 pytestmark = pytest.mark.slow
@@ -44,9 +44,9 @@ def lengths(**groups):
     return table(rows)
 
 
-def verdicts(first, second, learners=()):
-    trials = [count(record).trials for record in (first, second)]
-    return compared(*trials, learners).set_index("learner")
+def verdicts(first, second):
+    both = (Material.of(record, experiment_of(record)) for record in (first, second))
+    return compared(*both).set_index("learner")
 
 
 def test_what_changed_is_told_field_by_field():
@@ -87,9 +87,9 @@ def test_verdicts_tell_noise_from_more():
     other = rng.integers(5, 15, 40).tolist()
     first = lengths(equal=near, noisy=near, moved=near, alone=[4], gone=near)
     second = lengths(equal=near, noisy=other, moved=far, alone=[9], new=near)
-    told = verdicts(first, second, ["noisy", "moved", "equal"])
+    told = verdicts(first, second)
     assert list(told["verdict"].items()) == [
-        ("noisy", UNDECIDED), ("moved", DIFFERENT), ("equal", SAME), ("alone", UNKNOWN),
+        ("alone", UNKNOWN), ("equal", SAME), ("moved", DIFFERENT), ("noisy", UNDECIDED),
     ]  # fmt: skip
     moved = told.loc["moved"]
     assert moved["difference"] == pytest.approx(np.mean(far) - np.mean(near))
@@ -113,8 +113,10 @@ def test_differences_are_corrected_over_those_that_changed():
 
 def test_the_page_stands_alone_and_has_its_tables_as_files(tmp_path, golden):
     results = [
-        (lengths(bayes=[4, 5, 6, 7, 8], gone=[5, 6]), described()),
-        (lengths(bayes=[14, 15, 17, 17, 19], new=[5, 7]), described(seed=9, missing=("x",))),
+        Material.of(lengths(bayes=[4, 5, 6, 7, 8], gone=[5, 6]), described()),
+        Material.of(
+            lengths(bayes=[14, 15, 17, 17, 19], new=[5, 7]), described(seed=9, missing=("x",))
+        ),
     ]
     path = tmp_path / "difference_b.html"
     write_difference(*results, path, ("a <1>", "b"), figures=True)
@@ -130,7 +132,7 @@ def test_the_page_stands_alone_and_has_its_tables_as_files(tmp_path, golden):
 def test_long_tables_are_closed_on_the_page(tmp_path):
     for learners, closed in ((24, False), (25, True)):
         record = lengths(**{f"l{i:02}": [4, 5] for i in range(learners)})
-        one = (record, described(learners=["oracle"]))
+        one = Material.of(record, described(learners=["oracle"]))
         write_difference(one, one, tmp_path / "page.html", ("a", "b"))
         assert ("<details" in (tmp_path / "page.html").read_text("utf-8")) == closed
 
