@@ -15,5 +15,5 @@ it is of, one step after the other:
 ``report``      All of it in one page, and as files; two reports against each other.
 =============== =================================================================================
 
-``section`` and ``prose`` are what topics are written with.
+``section`` is what topics are written with.
 """

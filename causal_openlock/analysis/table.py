@@ -7,8 +7,6 @@ which a page sets in small type.
 
 from __future__ import annotations
 
-import csv
-import io
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,31 +18,15 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.files.atomic import write_text
-from causal_openlock.files.escaping import cell
+from causal_openlock.files.escaping import csv_of
 
 if TYPE_CHECKING:
     from markupsafe import Markup
-
-_LATEX = {
-    **{sign: f"\\{sign}" for sign in "&%$#_{}"},
-    **{"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"},
-    **{"<": r"\textless{}", ">": r"\textgreater{}", "…": r"\dots{}", "–": "--", "—": "---"},
-    **{"−": "$-$", "±": r"$\pm$", "×": r"$\times$", "·": r"$\cdot$", "→": r"$\to$"},
-    **{"≤": r"$\le$", "≥": r"$\ge$", "≠": r"$\ne$", "≈": r"$\approx$"},
-    **{"√": r"$\surd$", "∞": r"$\infty$", "²": r"$^2$"},
-    **{"α": r"$\alpha$", "β": r"$\beta$", "ε": r"$\varepsilon$", "η": r"$\eta$"},
-    **{"π": r"$\pi$", "σ": r"$\sigma$"},
-    **{"’": "'", "“": "``", "”": "''", "\u00a0": "~", "\n": " "},
-}
-_SPECIAL = re.compile("|".join(map(re.escape, _LATEX)))
 
 LONG_TEXT = 40
 """Cells of more characters than this are wrapped."""
 MANY_COLUMNS = 9
 """Tables of more columns than this are set smaller."""
-NARROW = 14
-"""Characters of a name that a phone's column has room for."""
-_LONG_NAME = re.compile(rf"\S{{{NARROW + 1},}}")
 
 
 @dataclass(frozen=True)
@@ -52,10 +34,9 @@ class Table:
     """A table that is shown; its files, where they are wanted, are called ``name``.
 
     >>> frame = pd.DataFrame({"learner": ["bayes"], "mean_attempts": [3.751]})
-    >>> print(Table("attempts", "Attempts", frame, {"mean_attempts": ".2f"}).markdown())
-    | learner | mean attempts |
-    |---|---|
-    | bayes | 3.75 |
+    >>> table = Table("attempts", "Attempts", frame, {"mean_attempts": ".2f"})
+    >>> table.heads, table.rows
+    (['learner', 'mean attempts'], [['bayes', '3.75']])
 
     Attributes:
         name: Name of its files, without ending.
@@ -101,68 +82,42 @@ class Table:
         return [list(row) for row in zip(*columns, strict=True)]
 
     def html(self, look: str = "data") -> Markup:
-        """Return it as HTML, of a class of the page's style; long names may break after a ``_``."""
+        """Return it as HTML, of a class of the page's style; names may break after a ``_``."""
         from markupsafe import Markup, escape
 
-        def lines(text: str) -> str:
-            first, *rest = (_LONG_NAME.sub(_breaks, str(escape(one))) for one in text.split("\n"))
-            return "".join([first, *(f"<small>{one}</small>" for one in rest)])
+        def entry(text: str, column: int, start: str = "td") -> str:
+            kind = "" if self.numeric[column] else ' class="name"'
+            if kind and start == "td" and len(text) > LONG_TEXT:
+                kind = ' class="text"'
+            first, *rest = str(escape(text)).replace("_", "_<wbr>").split("\n")
+            small = "".join(f"<small>{line}</small>" for line in rest)
+            return f"<{start}{kind}>{first}{small}</{start[:2]}>"
 
-        def entry(text: str, number: int, tag: str) -> str:
-            kind = "" if self.numeric[number] else "name"
-            if kind and tag == "td" and len(text) > LONG_TEXT:
-                kind = "text long"
-            scope = {"td": "", "th": ' scope="col"'}.get(tag, ' scope="row"')
-            marked = f' class="{kind}"' if kind else ""
-            return f"<{tag[:2]}{scope}{marked}>{lines(text)}</{tag[:2]}>"
-
-        head = "".join(entry(text, number, "th") for number, text in enumerate(self.heads))
-        body = []
-        for at, row in enumerate(self.rows):
-            cells = [
-                entry(text, at_, "th row" if at_ == 0 else "td") for at_, text in enumerate(row)
-            ]
-            mark = f' class="{self.looks[at]}"' if at in self.looks else ""
-            body.append(f"<tr{mark}>{''.join(cells)}</tr>\n")
+        heads = "".join(entry(text, at, 'th scope="col"') for at, text in enumerate(self.heads))
+        lines = []
+        for number, (name, *values) in enumerate(self.rows):
+            mark = f' class="{self.looks[number]}"' if number in self.looks else ""
+            cells = "".join(entry(text, at) for at, text in enumerate(values, start=1))
+            head = entry(name, 0, 'th scope="row"')
+            lines.append(f"<tr{mark}>{head}{cells}</tr>\n")
         wide = " wide" if len(self.heads) > MANY_COLUMNS else ""
         return Markup(
-            f'<table class="{look}{wide}">\n<thead><tr>{head}</tr></thead>\n'
-            f"<tbody>\n{''.join(body)}</tbody></table>"
+            f'<table class="{look}{wide}">\n<thead><tr>{heads}</tr></thead>\n'
+            f"<tbody>\n{''.join(lines)}</tbody></table>"
         )
-
-    def markdown(self) -> str:
-        """Return it as Markdown."""
-        return markdown(self.heads, self.rows)
 
     def latex(self) -> str:
         """Return it as LaTeX, with the rules of the package booktabs."""
-        form = "".join("r" if number else "l" for number in self.numeric)
+        rows = [[text.replace("\n", " ") for text in row] for row in self.rows]
+        heads = [text.replace("\n", " ") for text in self.heads]
         caption = " ".join(filter(None, [f"{self.title.rstrip('.')}.", self.caption]))
-        head, *body = (" & ".join(map(_escaped, row)) + r" \\" for row in (self.heads, *self.rows))
-        lines = [
-            r"\begin{table}",
-            r"\centering",
-            rf"\caption{{{_escaped(caption)}}}",
-            rf"\label{{tab:{self.name}}}",
-            rf"\begin{{tabular}}{{{form}}}",
-            r"\toprule",
-            head,
-            r"\midrule",
-            *body,
-            r"\bottomrule",
-            r"\end{tabular}",
-            r"\end{table}",
-        ]
-        return "\n".join(lines) + "\n"
-
-
-def _breaks(name: re.Match[str]) -> str:
-    return re.sub(rf"(\S{{1,{NARROW - 1}}}_)(?=\S)", r"\1<wbr>", name[0])
-
-
-def _escaped(text: str) -> str:
-    """Any text, for LaTeX."""
-    return _SPECIAL.sub(lambda found: _LATEX[found[0]], text)
+        return pd.DataFrame(rows, columns=heads).to_latex(
+            index=False,
+            escape=True,
+            column_format="".join("r" if number else "l" for number in self.numeric),
+            caption=re.sub(r"[&%$#_{}]", r"\\\g<0>", caption),
+            label=f"tab:{self.name}",
+        )
 
 
 def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -186,25 +141,16 @@ def write_table(table: pd.DataFrame, path: Path | str) -> None:
     Numbers have at most six significant digits and lines end in a line feed, so that two runs of an
     experiment can be compared byte for byte. A value that does not exist is left empty.
 
-    Args:
-        table: Its rows and columns in a fixed order, such as a summary.
-        path: The file to write.
-
     Raises:
         OpenLockError: If it cannot be written; a file that was there stays as it was.
     """
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([cell(str(name)) for name in table.columns])
-    for row in table.itertuples(index=False):
-        writer.writerow([_cell(value) for value in row])
-    write_text(path, text.getvalue())
 
+    def stored(value: Any) -> Any:
+        if isinstance(value, float):
+            return "" if np.isnan(value) else f"{value + 0.0:.6g}"  # + 0.0: no minus zero
+        return value
 
-def _cell(value: object) -> str:
-    if isinstance(value, float):
-        return "" if np.isnan(value) else f"{value + 0.0:.6g}"  # + 0.0: no minus zero
-    return cell(value) if isinstance(value, str) else str(value)
+    write_text(path, csv_of(table.map(stored)))
 
 
 def printed(value: Any, form: str | None) -> str:
@@ -253,10 +199,3 @@ def share(value: float) -> str:
     ('12%', '<1%', '>99%', '100%')
     """
     return "<1%" if 0 < value < 0.01 else ">99%" if 0.99 < value < 1 else f"{value:.0%}"
-
-
-def percent(share: float) -> str:
-    """A share, such as ``12.5%``; never 0 or 100 where it is not."""
-    if 0 < share < 0.0005 or 0.9995 < share < 1:  # some is not none, and not all
-        return "<0.1%" if share < 0.5 else ">99.9%"
-    return f"{100 * share:.1f}%"

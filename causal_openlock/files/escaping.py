@@ -39,4 +39,5 @@ def cell(text: str) -> str:
 def csv_of(table: pd.DataFrame) -> str:
     """A table as CSV, its texts escaped by :func:`cell`."""
     escaped = table.map(lambda value: cell(value) if isinstance(value, str) else value)
-    return escaped.rename(columns=lambda name: cell(str(name))).to_csv(index=False)
+    escaped = escaped.rename(columns=lambda name: cell(str(name)))
+    return escaped.to_csv(index=False, lineterminator="\n")

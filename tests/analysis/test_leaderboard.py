@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 import causal_openlock as ol
 from causal_openlock.analysis.plots.style import WIDTH
+from causal_openlock.analysis.table import markdown
 from causal_openlock.analysis.topic import sections_of
 from causal_openlock.analysis.topics.leaderboard import (
     answers,
@@ -144,7 +145,7 @@ def told(title, results, pairs=None, ranked=None):
     for protocol, sentences in answers(ranked, pairs).items():
         lines += [f"{protocol}: {sentence}" for sentence in sentences]
     for shown in leaderboard_tables(ranked).values():
-        lines += [shown.title, shown.markdown(), shown.caption]
+        lines += [shown.title, markdown(shown.heads, shown.rows), shown.caption]
         lines += [f"rows above the line: {len(shown.looks)}"]
     return lines
 

@@ -10,7 +10,7 @@ import pandas as pd
 
 from causal_openlock.analysis.results.references import Beside, difference_from
 from causal_openlock.analysis.statistics import beside_mean
-from causal_openlock.analysis.table import Table, percent
+from causal_openlock.analysis.table import Table, share
 
 HEADS = {
     **{"protocol": "Protocol", "condition": "Condition", "phase": "Phase"},
@@ -42,7 +42,7 @@ def means(
     }
     beside = rows[BESIDE_MEAN].itertuples(index=False, name=None)
     columns["95% interval"] = [beside_mean(*values) or "–" for values in beside]
-    columns["Solved"] = rows["share_solved"].map(percent)
+    columns["Solved"] = rows["share_solved"].map(share)
     formats = {**dict.fromkeys(("Trial", "Loops", "n"), "d"), "Attempts": ".2f", "SE": ".2f"}
     formats |= {"95% interval": "s", "Solved": "s", "Ideal": ".2f"}
     for one in references:

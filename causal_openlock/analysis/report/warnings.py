@@ -13,7 +13,7 @@ from causal_openlock.analysis.report.about_people import exclusions
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import Beside, beside_any
 from causal_openlock.analysis.statistics import FEW_SUBJECTS
-from causal_openlock.analysis.table import percent
+from causal_openlock.analysis.table import share
 from causal_openlock.wording import some
 
 
@@ -39,7 +39,7 @@ def warnings_of(results: Material) -> Iterator[str]:
         )
     solved = trials.groupby(of_learner, observed=True)["solved"].mean()
     if unsolved := _by_label(solved[solved < 1]):
-        shares = {name: percent(1 - share) for name, share in unsolved.items()}
+        shares = {name: share(1 - solved) for name, solved in unsolved.items()}
         yield (
             "Some trials were not solved, so means there are lower than what solving them would "
             "have taken (share of all trials that were not solved, training included: "
