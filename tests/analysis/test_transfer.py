@@ -135,7 +135,7 @@ NUMBER = r"([+−][\d.]+) \[(−?[\d.]+), (−?[\d.]+)\] in (C[CE]4)"
 
 def test_the_first_screen_says_what_scipy_finds(played, needed_by_good):
     answer = section_of(played).answer
-    of_people, _, of_learners = answer.partition("Significant for learners (p < 0.05")
+    of_people, _, of_learners = answer.partition("Significant for learners (p < .05")
     for test, (mean, se), (other, se_other) in (
         ("CC4", (5.525, 0.490), (8.175, 0.873)),
         ("CE4", (7.725, 0.769), (13.75, 1.162)),

@@ -230,9 +230,9 @@ def section(material: Material) -> Section | None:
     able = int(np.isfinite(table["attempts"]).sum())
     text = (
         "How many attempts does a learner need, all of its training counted, until it first solves "
-        f"a room that is new to it within {WITHIN} times the attempts of the ideal observer? One "
-        "such room may be luck, and says nothing about the next. More than half of the subjects "
-        f"reach it in {able} of {len(table)} learners."
+        f"a room that is new to it within {WITHIN} times the attempts of the ideal observer? That "
+        "may be luck: it does not show that the next room will be solved as well. More than half "
+        f"of the subjects reach it in {able} of {len(table)} learners."
     )
     caption = (
         "n: subjects of all conditions, pooled; reached: the share of them that solved such a "

@@ -325,10 +325,11 @@ def _answer(rows: pd.DataFrame, trained: Mapping[str, float]) -> str:
     people = rows[rows["reference"] & rows["condition"].isin(own["condition"])]
     people = people[people["learner"].isin(people["learner"].head(1))]
     known = [f": {name} {_effects(part)}. Significant" for name, part in people.groupby("learner")]
+    level = f"{ALPHA:g}".removeprefix("0")
     return sentences(
         "Attempts that training with the structure of the test saves, against training with the "
         f"other structure{(known or [', significant'])[0]} for learners "
-        f"(p < {ALPHA}, each test by itself): {'; '.join(named) or 'none'}.",
+        f"(p < {level}, each test by itself): {'; '.join(named) or 'none'}.",
         f"Learners that solved less than {NEARLY_ALL:.0%} of these tests are not named, as the "
         "limit hides their effect."
         if (cut & (own["solved"] > 0)).any()
