@@ -41,7 +41,7 @@ def holm(p: FloatArray) -> FloatArray:
 
 
 class Difference(NamedTuple):
-    """A difference of means, with its 95% interval and the p of a test that there is none."""
+    """A difference of means, with its interval (95%) and the p of a test that there is none."""
 
     value: float
     low: float
@@ -75,7 +75,9 @@ class Group(NamedTuple):
         return cls(size, mean, se**2 * size**2 / (size - 1) if size > 1 else 0.0)
 
 
-def weighted_difference(groups: Sequence[Group], pooled: bool = False) -> Difference:
+def weighted_difference(
+    groups: Sequence[Group], pooled: bool = False, level: float = LEVEL
+) -> Difference:
     """A weighted sum of the means of independent groups, with the interval and test of t.
 
     A group of weight 1 is a one-sample t-test, two of weights 1 and −1 are Welch's, and several
@@ -101,7 +103,8 @@ def weighted_difference(groups: Sequence[Group], pooled: bool = False) -> Differ
     sides = [size[side].sum() for side in (weight > 0, weight < 0) if side.any()]
     if size.min() < 2 or min(sides) < LEAST_UNITS:
         return Difference(value, math.nan, math.nan, math.nan)
-    if alike(size.sum(), sum(at_mode(one.values) for one in groups if one.values is not None)):
+    held = [group.values for group in groups if group.values is not None]
+    if len(held) == len(groups) and alike(size.sum(), sum(map(at_mode, held))):
         return Difference(value, math.nan, math.nan, _exact_p(groups))
     freedom = size.sum() - len(size)
     if pooled:
@@ -111,7 +114,7 @@ def weighted_difference(groups: Sequence[Group], pooled: bool = False) -> Differ
     if not error > 0:  # published means without an error
         return Difference(value, math.nan, math.nan, math.nan)
     df = freedom if pooled else spread.sum() ** 2 / (spread**2 / (size - 1)).sum()
-    half = error * float(stdtrit(df, (1 + LEVEL) / 2))
+    half = error * float(stdtrit(df, (1 + level) / 2))
     return Difference(value, value - half, value + half, float(2 * stdtr(df, -abs(value) / error)))
 
 

@@ -144,7 +144,9 @@ def beside_mean(low: float, high: float, subjects: int, mode: float, at_mode: in
     return f"{at_mode} of {subjects} at {mode:.4g} ({least:.0%} to {most:.0%})"
 
 
-def share_interval(share: ArrayLike, size: ArrayLike) -> tuple[FloatArray, FloatArray]:
+def share_interval(
+    share: ArrayLike, size: ArrayLike, level: float = LEVEL
+) -> tuple[FloatArray, FloatArray]:
     """Wilson's interval of a share of ``size`` subjects, ``[...]`` low and high; NaN for too few.
 
     >>> [round(float(end), 3) for end in share_interval(38 / 40, 40)]
@@ -153,7 +155,7 @@ def share_interval(share: ArrayLike, size: ArrayLike) -> tuple[FloatArray, Float
     from scipy.special import ndtri
 
     share, size = np.asarray(share), np.asarray(size)
-    z = ndtri((1 + LEVEL) / 2)
+    z = ndtri((1 + level) / 2)
     middle = share + z**2 / (2 * size)
     half = z * np.sqrt(share * (1 - share) / size + (z / (2 * size)) ** 2)
     whole = np.where(size < LEAST_UNITS, np.nan, 1 + z**2 / size)

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 
 from causal_openlock.analysis.measures import SOLUTIONS
 from causal_openlock.errors import EvidenceError
@@ -36,7 +37,7 @@ from causal_openlock.evidence.study import (
     Table,
 )
 from causal_openlock.evidence.study_files import UNITS
-from causal_openlock.evidence.units import Selected, selected
+from causal_openlock.evidence.units import selected
 from causal_openlock.evidence.verdicts import mean_of
 from causal_openlock.files.digest import digest
 from causal_openlock.paper.likeness import PUBLISHED_MODEL
@@ -96,7 +97,7 @@ def drawn(evidence: Evidence, name: str) -> str:
     return _marked(style.image(figure, "svg").decode().rstrip(), evidence, name)
 
 
-def _units(evidence: Evidence, table: Table, row: str, column: str) -> Selected | None:
+def _units(evidence: Evidence, table: Table, row: str, column: str) -> pd.Series[float] | None:
     """The units of a cell of the table, if there are any."""
     chosen = Selection.parse([*row.split(), *column.split()])
     try:
@@ -138,9 +139,9 @@ def draw_dots(evidence: Evidence, table: Table, figure: Any) -> None:
                     _dots_of_row(axes, place, found)
             for row in (row for row in rows if row in PUBLISHED):
                 if (found := _units(evidence, table, row, column)) is not None:
-                    axes.axvline(float(found.values.mean()), color=_PUBLISHED, lw=1, ls=_DASHES)
+                    axes.axvline(float(found.mean()), color=_PUBLISHED, lw=1, ls=_DASHES)
                     axes.annotate(
-                        _name(row), (float(found.values.mean()), 1), xytext=(2, 1),
+                        _name(row), (float(found.mean()), 1), xytext=(2, 1),
                         xycoords=("data", "axes fraction"), textcoords="offset points",
                         color=_PUBLISHED, fontsize="small", ha="left", va="bottom",
                     )  # fmt: skip
@@ -151,12 +152,12 @@ def draw_dots(evidence: Evidence, table: Table, figure: Any) -> None:
                 axes.set_xlabel(_measure(table))
 
 
-def _dots_of_row(axes: Axes, place: int, found: Selected) -> None:
+def _dots_of_row(axes: Axes, place: int, found: pd.Series[float]) -> None:
     # Side by side in the order of their numbers, so that equal values do not hide each other.
-    spread = np.linspace(-0.22, 0.22, len(found.values)) if len(found.values) > 1 else [0.0]
-    axes.plot(found.values, place + np.asarray(spread), ls="", marker="o", ms=2.6, mew=0,
+    spread = np.linspace(-0.22, 0.22, len(found)) if len(found) > 1 else [0.0]
+    axes.plot(found, place + np.asarray(spread), ls="", marker="o", ms=2.6, mew=0,
               color=_UNIT, alpha=0.55)  # fmt: skip
-    mean = mean_of(found)
+    mean = mean_of(found.to_numpy(float))
     low, high = mean.interval
     if np.isfinite(low):
         axes.plot([low, high], [place, place], color="black", lw=1.4, solid_capstyle="butt")
@@ -224,25 +225,23 @@ def _part(column: str) -> int:
     return int(found[1])
 
 
-def _parts(evidence: Evidence, table: Table, row: str) -> Iterator[tuple[int, Selected]]:
+def _parts(evidence: Evidence, table: Table, row: str) -> Iterator[tuple[int, pd.Series[float]]]:
     for column in table.columns:
         if (found := _units(evidence, table, row, column)) is not None:
             yield _part(column), found
 
 
 def _lines_of_row(
-    axes: Axes, x: list[float], parts: list[Selected], row: str, colours: Mapping[str, str]
+    axes: Axes, x: list[float], parts: list[pd.Series[float]], row: str, colours: Mapping[str, str]
 ) -> None:
     learner, condition = row.split()[:2]
-    means, colour = [found.values.mean() for found in parts], colours[condition]
+    means, colour = [found.mean() for found in parts], colours[condition]
     if learner in RL_2020:
         axes.plot(x, means, color=colour, lw=1.2, ls=_DASHES, marker="s", ms=2.5)
         return
     if learner not in PUBLISHED:
-        for unit in parts[0].units:
-            own = [found.only(np.array([unit])).values for found in parts]
-            if all(len(one) for one in own):
-                axes.plot(x, np.concatenate(own), color=colour, lw=0.6, alpha=0.45)
+        for _, course in pd.concat(parts, axis=1, join="inner").iterrows():
+            axes.plot(x, course, color=colour, lw=0.6, alpha=0.45)
     axes.plot(x, means, color=colour, lw=2, marker="o", ms=3)
 
 
@@ -267,7 +266,7 @@ def _limits(evidence: Evidence, table: Table) -> tuple[float, float]:
     if table.measure not in NO_SHARES:
         return -0.03, 1.03
     cells = [_units(evidence, table, row, c) for row in table.rows for c in table.columns]
-    values = np.concatenate([cell.values for cell in cells if cell is not None])
+    values = np.concatenate([cell for cell in cells if cell is not None])
     return 1.05 * min(0.0, float(values.min())), 1.05 * float(values.max())
 
 

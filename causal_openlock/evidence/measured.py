@@ -28,7 +28,7 @@ from causal_openlock.evidence.study import (
     Table,
 )
 from causal_openlock.evidence.study_files import RUN, older_results, read_run, read_units
-from causal_openlock.evidence.units import KEYS, Selected
+from causal_openlock.evidence.units import KEYS
 from causal_openlock.evidence.verdicts import (
     EQUIVALENCE,
     Ends,
@@ -39,6 +39,7 @@ from causal_openlock.evidence.verdicts import (
     together,
     verdict,
 )
+from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.wording import joined, nearest
 
 ENDINGS = ("interval", "units", "sd", "verdict", "without_sign")
@@ -358,6 +359,8 @@ class Evidence:
 
 def _difference_in_words(contrast: Contrast, found: Estimate) -> str:
     written = _written(found, contrast.measure, "sign")
+    if np.isnan(found.interval[0]):
+        return f"{written} ({found.alike}), n = {found.n}"
     interval = _ends(found.interval, contrast.measure)
     if not isinstance(contrast.minus, Selection):
         written += f" from {_number(contrast.minus, contrast.measure)}"
@@ -369,8 +372,6 @@ def _difference_in_words(contrast: Contrast, found: Estimate) -> str:
 def _ends(ends: Ends, measure: str, least: float = -1.0) -> str:
     """An interval; of shares, as far as there can be any."""
     low, high = ends
-    if np.isnan(low):
-        return "no interval: fewer than three units"
     if measure not in NO_SHARES:
         low, high = max(low, least), min(high, 1.0)
     return f"{_number(low, measure)} to {_number(high, measure)}"
@@ -407,14 +408,16 @@ def _side(selection: Selection | float) -> str:
     return " ".join(words)
 
 
-def _written(found: Estimate, measure: str, ending: str, of: Selected | None = None) -> str:
+def _written(found: Estimate, measure: str, ending: str, of: FloatArray | None = None) -> str:
     """An estimate as it stands on a page: a mean of units, or without these a difference."""
     if ending == "units":
         return found.n
     if ending == "interval":
-        return _ends(found.interval, measure, 0.0 if of else -1.0)
+        if np.isnan(found.interval[0]):
+            return found.alike
+        return _ends(found.interval, measure, -1.0 if of is None else 0.0)
     if ending == "sd" and of is not None:
-        return _number(float(np.std(of.values, ddof=1)) if len(of.values) > 1 else np.nan, measure)
+        return _number(float(np.std(of, ddof=1)) if len(of) > 1 else np.nan, measure)
     if ending == "without_sign":
         return _number(abs(found.value), measure)
     number = _number(found.value, measure)

@@ -27,7 +27,6 @@ Those of a recovery and of a design are in :mod:`~causal_openlock.evidence.confu
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -42,16 +41,13 @@ from causal_openlock.evidence.study import (
     BLOCK,
     COURSE,
     EVERYONE,
-    IN_BITS,
     RECOVERED,
     SAVED,
     TOLD,
     TRIALS,
     Selection,
 )
-from causal_openlock.experiment.declare import PROTOCOLS
-from causal_openlock.fitting.design import NATS, information_ends
-from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
+from causal_openlock.schemas.fsm import BoolArray
 from causal_openlock.wording import joined
 
 KEYS = [*CELL, "phase"]
@@ -103,35 +99,8 @@ def _judged(table: pd.DataFrame, when: str) -> BoolArray:
     return judged
 
 
-@dataclass(frozen=True)
-class Selected:
-    """A measure of some units.
-
-    Attributes:
-        values: ``[n]``, one for each unit.
-        units: ``[n]`` their numbers.
-        trials: How many trials all of these are of, together; by default one each.
-        least: The smallest value that can be.
-        most: The largest one.
-    """
-
-    values: FloatArray
-    units: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    trials: int = 0
-    least: float = 0.0
-    most: float = 1.0
-
-    def only(self, units: IntArray) -> Selected:
-        """The values of some units."""
-        kept = np.isin(self.units, units)
-        each = self.trials / max(1, len(self.values))
-        return replace(
-            self, values=self.values[kept], units=self.units[kept], trials=int(each * kept.sum())
-        )
-
-
-def selected(units: pd.DataFrame, selection: Selection, measure: str) -> Selected:
-    """A measure of what is selected, averaged over several conditions or times of a unit.
+def selected(units: pd.DataFrame, selection: Selection, measure: str) -> pd.Series[float]:
+    """A measure of each unit that is selected, averaged over several conditions or times.
 
     A unit counts if it has all that is asked for: a condition that it has not played cannot be
     averaged over.
@@ -174,45 +143,12 @@ def selected(units: pd.DataFrame, selection: Selection, measure: str) -> Selecte
     if measure in (*RECOVERED, *TOLD):  # every row is a unit
         if everyone and measure in TOLD:  # of theories alone
             rows = rows[units.loc[rows.index, "information"].notna()]
-        rows = rows.dropna(subset=measure)
-        least, most = _ends(units.loc[rows.index], measure)
-        values = rows[measure].to_numpy(float)
-        return Selected(values, np.arange(len(rows)), least=least, most=most)
+        return rows[measure].dropna().reset_index(drop=True).astype(float)
     played = rows["condition"].unique()
     if len(played) == 1 and rows["unit"].is_unique:  # most often; groups take most of the time
-        own = rows.set_index("unit").sort_index()
-        each, trials = own[[measure]].dropna(), own["trials"]
+        each = rows.set_index("unit").sort_index()[[measure]].dropna()
     else:
         each = rows.groupby(["unit", "condition"], observed=True)[measure].mean().unstack().dropna()
-        trials = rows.groupby("unit")["trials"].sum()
     if each.empty:
         raise EvidenceError(f"no unit has been run with {joined([*map(str, played)])} together")
-    most = _limit(rows, units) if measure in (*ATTEMPTS, "error") else 1.0
-    return Selected(
-        values=each.mean(axis=1).to_numpy(float),
-        units=each.index.to_numpy(np.int64),
-        trials=int(trials[each.index].sum()),
-        least=-most if measure == SAVED else float(measure in ATTEMPTS and measure != AFTER),
-        most=most,
-    )
-
-
-def _ends(rows: pd.DataFrame, measure: str) -> tuple[float, float]:
-    """The least and the most that a subject's measure can be, where parameters are unknown."""
-    if measure == "minutes":
-        return 0.0, float(rows[measure].max())
-    if measure not in IN_BITS:
-        return 0.0, 1.0
-    least, most = information_ends(sum(str(name).startswith(NATS) for name in rows))
-    told = rows[rows["information"] != 0]
-    ratio = 1.0 if told.empty else (told[measure] / told["information"]).max()
-    return least * ratio, most * ratio  # the ratio is one over the fewest minutes
-
-
-def _limit(rows: pd.DataFrame, units: pd.DataFrame) -> float:
-    """The most attempts that a trial can have; of an unknown protocol, that a unit needed."""
-    names = set(rows["protocol"].unique())
-    known = [PROTOCOLS[name].attempt_limit for name in names if name in PROTOCOLS]
-    if len(known) == len(names):
-        return float(max(known))
-    return float(units.loc[units["protocol"].isin(names), "attempts"].max())
+    return each.mean(axis=1).astype(float)

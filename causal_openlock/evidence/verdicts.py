@@ -20,32 +20,30 @@ level (Schuirmann, 1987).
 A claim holds if all its contrasts do. One that does not hold refutes it; else one that is undecided
 leaves it so; else it holds in part. No verdict is corrected for the number of others.
 
-An interval has two parts. The first is Student's t, of two independent groups Welch's: how much the
-units that were drawn differ. The second is what they cannot show. A value that a trial takes with a
-probability of up to ``1 - 0.025 ** (1 / n)`` is missed by n trials in one of forty studies; this
-share of trials may be as far off as can be. Without it, forty subjects who all need four attempts
-would exclude that one in fifty needs thirty. With it, intervals of shares of 0 or 1 have at least
-the coverage of Clopper and Pearson's, and all change continuously with the data. Of two independent
-groups the second parts are put together as in Newcombe (1998).
-
-Where a unit is a mean over many trials, n counts these. That a whole unit comes out otherwise is
-not covered by few units: five networks miss in six of ten studies that one in ten fails.
-
-Intervals of correlations are Fisher's. Fewer than three units decide nothing.
+Intervals are those of every report (:mod:`~causal_openlock.analysis.statistics`): Student's of
+pairs, Welch's of two groups, Wilson's of a share of units, Fisher's of a correlation. Where nine of
+ten units, or pairs, have one value, there is none, and an exact test decides on which side of a
+margin the difference lies: the sign test of pairs, a permutation test of groups. Fewer than five
+units decide nothing.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 import pandas as pd
 from scipy import stats
-from scipy.special import stdtrit
 
+from causal_openlock.analysis.effects import ALPHA, Group, weighted_difference
+from causal_openlock.analysis.statistics import (
+    LEAST_UNITS,
+    LEVEL,
+    beside_mean,
+    share_interval,
+)
 from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.published_units import published_units
 from causal_openlock.evidence.study import (
@@ -55,17 +53,16 @@ from causal_openlock.evidence.study import (
     Expected,
     Selection,
 )
-from causal_openlock.evidence.units import Selected, selected
+from causal_openlock.evidence.units import selected
+from causal_openlock.schemas.fsm import FloatArray
 
 Verdict = Literal["holds", "in part", "does not hold", "undecided"]
 Ends = tuple[float, float]
 
-LEVEL = 0.95
-LEAST = 3
-"""Fewer units have no interval, and decide nothing."""
 EQUIVALENCE = 0.90
 """Level of the interval that must lie within both margins: two tests at 5%."""
 LEVELS = (LEVEL, EQUIVALENCE)
+NO_ENDS = (np.nan, np.nan)
 
 
 @dataclass(frozen=True)
@@ -75,14 +72,16 @@ class Estimate:
     Attributes:
         value: The estimate.
         intervals: By level, the ends of the interval that covers the true value with that
-            probability; NaN if it is not known how much units differ.
+            probability; NaN where there is none.
         units: How many units each side has: one number where they are paired or compared with a
             known number.
+        groups: What was compared; none of a correlation.
     """
 
     value: float
     intervals: Mapping[float, Ends]
     units: tuple[int, ...]
+    groups: tuple[Group, ...] = ()
 
     @property
     def interval(self) -> Ends:
@@ -94,68 +93,61 @@ class Estimate:
         """Number of units on each side, in words."""
         return " and ".join(map(str, self.units))
 
+    @property
+    def alike(self) -> str:
+        """How many units of each side have its most common value, where there is no interval."""
+        told = []
+        for group in self.groups:
+            if group.values is not None:
+                values, counts = np.unique(group.values.round(9), return_counts=True)
+                most = counts.argmax()
+                told.append(
+                    beside_mean(*NO_ENDS, group.size, float(values[most]), int(counts[most]))
+                )
+        return " and ".join(filter(None, told)) or "no interval: fewer than five units"
 
-def mean_of(found: Selected) -> Estimate:
-    """The mean of some units.
+    def beyond(self, margin: float, alpha: float = ALPHA) -> int:
+        """Which side of a margin the difference lies on by an exact test: 1 above, −1 below, or 0.
 
-    >>> low, high = mean_of(Selected(np.array([3.0, 4, 5, 4]), least=3, most=5)).interval
-    >>> float(low), float(high)
-    (3.0, 5.0)
+        A difference of exactly the margin counts as above it.
+        """
+        first, *others = self.groups
+        assert first.values is not None
+        exactly = 1e-9 if margin > 0 else -1e-9 if margin < 0 else 0.0
+        values = first.values - margin + exactly
+        found = weighted_difference([Group.of(values, first.weight), *others])
+        side = found.value if others else np.median(values)  # of pairs the test counts signs
+        return int(np.sign(side)) if found.p < alpha else 0
+
+
+def estimate(groups: Sequence[Group], units: tuple[int, ...]) -> Estimate:
+    """The sum of the weighted means of groups, with its intervals."""
+    by_level = {level: weighted_difference(groups, level=level) for level in LEVELS}
+    ends = {level: (found.low, found.high) for level, found in by_level.items()}
+    return Estimate(by_level[LEVEL].value, ends, units, tuple(groups))
+
+
+def mean_of(values: FloatArray, known: float = 0.0) -> Estimate:
+    """The mean of ``[n]`` units, from a known number on.
+
+    >>> low, high = mean_of(np.array([3.0, 4, 5, 4, 4])).interval
+    >>> round(low, 2), round(high, 2)
+    (3.12, 4.88)
     """
-    n, mean = len(found.values), float(np.mean(found.values))
+    found = estimate([Group.of(values - known)], (len(values),))
+    if len(values) < LEAST_UNITS or not np.isin(values, (0.0, 1.0)).all():
+        return found
+    share = float(np.mean(values))  # of units that did it
     ends = {}
     for level in LEVELS:
-        half = math.sqrt(_squared_error(found)) * _students(level, n - 1)
-        below, above = _missed(found, level)
-        low, high = max(found.least, mean - half - below), min(found.most, mean + half + above)
-        ends[level] = (low, high) if n >= LEAST else (np.nan, np.nan)
-    return Estimate(mean, ends, (n,))
+        low, high = share_interval(share, len(values), level)
+        ends[level] = float(low) - known, float(high) - known
+    return Estimate(share - known, ends, found.units, found.groups)
 
 
-def difference(of: Selected, minus: Selected) -> Estimate:
+def difference(of: FloatArray, minus: FloatArray) -> Estimate:
     """The difference of the means of two independent groups of units."""
-    sides = (of, minus)
-    units = (len(of.values), len(minus.values))
-    value = float(np.mean(of.values) - np.mean(minus.values))
-    errors = [_squared_error(side) for side in sides]
-    # Welch's degrees of freedom; where no unit differs from another, there is nothing to scale.
-    each = [e**2 / (n - 1) for e, n in zip(errors, units, strict=True) if n >= LEAST]
-    freedom = sum(errors) ** 2 / sum(each) if sum(each) else math.inf
-    ends = {}
-    for level in LEVELS:
-        half = math.sqrt(sum(errors)) * _students(level, freedom)
-        (below, above), (under, over) = (_missed(side, level) for side in sides)
-        low, high = value - half - math.hypot(below, over), value + half + math.hypot(above, under)
-        reach = (max(low, of.least - minus.most), min(high, of.most - minus.least))
-        ends[level] = reach if min(units) >= LEAST else (np.nan, np.nan)
-    return Estimate(value, ends, units)
-
-
-def gaps(of: Selected, minus: Selected) -> Selected:
-    """The differences between pairs of units."""
-    return replace(
-        of,
-        values=of.values - minus.values,
-        least=of.least - minus.most,
-        most=of.most - minus.least,
-    )
-
-
-def _squared_error(found: Selected) -> float:
-    """The squared standard error of a mean."""
-    n = len(found.values)
-    return float(np.var(found.values, ddof=1)) / n if n >= LEAST else math.nan
-
-
-def _students(level: float, freedom: float) -> float:
-    return float(stdtrit(max(freedom, 1.0), (1 + level) / 2))  # as stats.t.ppf, which takes longer
-
-
-def _missed(found: Selected, level: float) -> Ends:
-    """How far below and above the mean what was missed can bring it."""
-    trials = max(found.trials, len(found.values))
-    share, mean = 1 - ((1 - level) / 2) ** (1 / trials), float(np.mean(found.values))
-    return share * (mean - found.least), share * (found.most - mean)
+    return estimate([Group.of(of), Group.of(minus, -1.0)], (len(of), len(minus)))
 
 
 def correlation(units: pd.DataFrame, selection: Selection) -> Estimate:
@@ -172,7 +164,7 @@ def correlation(units: pd.DataFrame, selection: Selection) -> Estimate:
     if rows.empty:
         raise EvidenceError(f"{selection.parameter} of {selection.learner} was not recovered")
     values = rows[["true", "fitted"]].to_numpy(float).T
-    if len(rows) <= LEAST:
+    if len(rows) < LEAST_UNITS:
         raise EvidenceError(f"{selection.parameter} was recovered of too few sets")
     if np.ptp(values, axis=1).min() == 0:
         raise EvidenceError(f"{selection.parameter} comes out the same, whatever made subjects")
@@ -184,7 +176,7 @@ def correlation(units: pd.DataFrame, selection: Selection) -> Estimate:
 
 def of_side(
     units: pd.DataFrame, selection: Selection, measure: str
-) -> tuple[Estimate, Selected | None]:
+) -> tuple[Estimate, FloatArray | None]:
     """The mean of a selection and its units; for ``r`` the correlation, which is not a mean.
 
     Raises:
@@ -192,8 +184,8 @@ def of_side(
     """
     if measure == CORRELATION:
         return correlation(units, selection), None
-    found = selected(units, selection, measure)
-    return mean_of(found), found
+    values = selected(units, selection, measure).to_numpy(float)
+    return mean_of(values), values
 
 
 def compared(
@@ -212,44 +204,29 @@ def compared(
     """
     known = contrast.minus
     found, of = of_side(units, contrast.of, contrast.measure)
-    if of is None:  # a correlation
-        assert not isinstance(known, Selection)
-        return from_known(found, known)
     if not isinstance(known, Selection):
-        return from_known(mean_of(of), known)
+        if of is not None:
+            return mean_of(of, known)
+        by_level = found.intervals.items()
+        ends = {level: (low - known, high - known) for level, (low, high) in by_level}
+        return Estimate(found.value - known, ends, found.units)
+    assert of is not None  # a correlation is compared with a number
     if known.learner in PUBLISHED:
-        there = selected(published_units(), known, contrast.measure)
-        error = 0.0  # that of shares is not known
-        if contrast.measure == "attempts":
-            error = float(selected(published_units(), known, "error").values.mean())
-        mean = float(there.values.mean())
-        return from_known(mean_of(of), mean, error, there.trials)
-    minus = selected(units, known, contrast.measure)
+        there = published_units()
+        mean = float(selected(there, known, contrast.measure).mean())
+        if contrast.measure != "attempts":  # the error of shares is not known
+            return mean_of(of, mean)
+        error = float(selected(there, known, "error").mean())
+        people = int(selected(there, known, "trials").mean())
+        theirs = Group(people, mean, people * error**2, -1.0)
+        return estimate([Group.of(of), theirs], (len(of),))
+    mine, minus = (selected(units, one, contrast.measure) for one in (contrast.of, known))
     if not paired(contrast.of, known, unit, same or {}):
-        return difference(of, minus)
-    both = np.intersect1d(of.units, minus.units)
-    if not len(both):
+        return difference(of, minus.to_numpy(float))
+    pairs = (mine - minus).dropna()
+    if pairs.empty:
         raise EvidenceError("no unit has been run on both sides")
-    return mean_of(gaps(of.only(both), minus.only(both)))
-
-
-def from_known(found: Estimate, known: float, error: float = 0.0, draws: int = 2) -> Estimate:
-    """The difference to a known number, or to a published mean.
-
-    Args:
-        found: An estimate.
-        known: The number.
-        error: The standard error of a published mean.
-        draws: How many people, or agents, that mean is of.
-    """
-    ends = {}
-    for level, (low, high) in found.intervals.items():
-        theirs = float(stats.t.ppf((1 + level) / 2, draws - 1)) * error if error else 0.0
-        ends[level] = (
-            found.value - known - float(np.hypot(found.value - low, theirs)),
-            found.value - known + float(np.hypot(high - found.value, theirs)),
-        )
-    return Estimate(found.value - known, ends, found.units)
+    return mean_of(pairs.to_numpy(float))
 
 
 def paired(one: Selection, other: Selection, unit: str, same: Mapping[str, str]) -> bool:
@@ -263,13 +240,14 @@ def paired(one: Selection, other: Selection, unit: str, same: Mapping[str, str])
 def verdict(found: Estimate, expected: Expected, smallest: float) -> Verdict:
     """Verdict that follows from an estimate.
 
-    >>> found = mean_of(Selected(np.array(10 * [2.0, 3.0])))
+    >>> found = mean_of(np.array(10 * [2.0, 3.0]))
     >>> verdict(found, "more", smallest=1), verdict(found, "less", smallest=1)
     ('holds', 'does not hold')
     """
     low, high = found.interval
     if np.isnan(low):
-        return "undecided"
+        few = min(found.units) < LEAST_UNITS or not found.groups
+        return "undecided" if few else _exactly(found, expected, smallest)
     if expected == "same":
         inner = found.intervals[EQUIVALENCE]
         if -smallest <= inner[0] and inner[1] <= smallest:
@@ -282,6 +260,21 @@ def verdict(found: Estimate, expected: Expected, smallest: float) -> Verdict:
     if high < smallest:
         return "does not hold"
     return "in part" if low > 0 else "undecided"
+
+
+def _exactly(found: Estimate, expected: Expected, smallest: float) -> Verdict:
+    """Verdict by exact tests, where units are so alike that there is no interval."""
+    if expected == "same":
+        within = found.beyond(smallest, 2 * ALPHA) < 0 < found.beyond(-smallest, 2 * ALPHA)
+        if within:
+            return "holds"
+        outside = found.beyond(smallest) > 0 or found.beyond(-smallest) < 0
+        return "does not hold" if outside else "undecided"
+    sign = -1 if expected == "less" else 1
+    side = sign * found.beyond(sign * smallest)
+    if side:
+        return "holds" if side > 0 else "does not hold"
+    return "in part" if smallest and sign * found.beyond(0.0) > 0 else "undecided"
 
 
 def together(verdicts: Iterable[Verdict]) -> Verdict:

@@ -15,8 +15,7 @@ from causal_openlock.evidence.measured import Evidence
 from causal_openlock.evidence.running import run_study
 from causal_openlock.evidence.study import Contrast, Selection, read_study
 from causal_openlock.evidence.study_files import read_run, read_units
-from causal_openlock.evidence.units import selected
-from causal_openlock.evidence.verdicts import compared, correlation, mean_of
+from causal_openlock.evidence.verdicts import compared, correlation
 from causal_openlock.fitting.actions import ActionPlan
 from causal_openlock.fitting.recovery import recovery
 from causal_openlock.fitting.search import bundled_search
@@ -165,16 +164,6 @@ def test_units_hold_all_that_the_confusion_needs():
     again, plain = recovery_of(units, 1), recovery(actions, 1)
     pd.testing.assert_frame_equal(again.single, plain.single)
     pd.testing.assert_frame_equal(again.bits, plain.bits, check_names=False)
-
-
-def test_a_group_counts_once_however_many_subjects_it_has():
-    """Forty-eight groups that are all right cannot show 19 in 20, and their halves can."""
-    ones = pd.DataFrame({"groups": np.ones(48), "halves": 1.0, "subjects": 40, "learner": "a"})
-    everyone = Selection(learner="everyone")
-    for many, measure, shown in ((1, "groups", False), (2, "halves", True)):
-        units = pd.concat([ones.assign(judged=True)] * many, ignore_index=True)
-        low, high = mean_of(selected(units, everyone, measure)).interval
-        assert [low > 0.95, high] == [shown, 1.0]
 
 
 def test_correlations_are_on_the_scale_that_was_searched():

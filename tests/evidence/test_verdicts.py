@@ -9,10 +9,12 @@ import pytest
 from scipy import stats
 from statsmodels.stats.weightstats import ttost_ind, ttost_paired
 
+from causal_openlock.analysis.effects import Group, weighted_difference
 from causal_openlock.evidence.measured import Evidence
+from causal_openlock.evidence.published_units import published_units
 from causal_openlock.evidence.study import Contrast, Selection, Study, StudyFile
 from causal_openlock.evidence.study_files import RUN
-from causal_openlock.evidence.units import Selected, selected
+from causal_openlock.evidence.units import selected
 from causal_openlock.evidence.verdicts import (
     EQUIVALENCE,
     LEVEL,
@@ -20,7 +22,6 @@ from causal_openlock.evidence.verdicts import (
     Verdict,
     compared,
     difference,
-    from_known,
     mean_of,
     paired,
     together,
@@ -28,20 +29,14 @@ from causal_openlock.evidence.verdicts import (
 )
 
 
-def of(values, trials=10**12, least=-1e3, most=1e3):
-    """Units with these values; by default of a number of trials that misses nothing."""
-    found = np.asarray(values, float)
-    return Selected(found, np.arange(len(found)), trials, least, most)
-
-
 @pytest.mark.parametrize("seed", range(5))
 def test_intervals_are_students_and_welchs(seed):
     rng = np.random.default_rng(seed)
     one, two = rng.normal(3, 1, 12), rng.normal(2, 3, 7)
     expected = stats.ttest_1samp(one, 0).confidence_interval()
-    assert mean_of(of(one)).interval == pytest.approx((expected.low, expected.high))
+    assert mean_of(one).interval == pytest.approx((expected.low, expected.high))
     welch = stats.ttest_ind(one, two, equal_var=False).confidence_interval()
-    assert difference(of(one), of(two)).interval == pytest.approx((welch.low, welch.high))
+    assert difference(one, two).interval == pytest.approx((welch.low, welch.high))
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -50,10 +45,10 @@ def test_same_is_the_two_one_sided_tests_of_equivalence(seed):
     one = rng.normal(0, 1, 15)
     two = one + rng.normal(0.1, 0.6, 15)
     p = ttost_paired(two, one, -0.5, 0.5)[0]
-    assert (verdict(mean_of(of(two - one)), "same", 0.5) == "holds") == (p <= 0.05)
+    assert (verdict(mean_of(two - one), "same", 0.5) == "holds") == (p <= 0.05)
     other = rng.normal(0.1, 0.6, 30)
     p = ttost_ind(other, one, -0.7, 0.7, usevar="unequal")[0]
-    assert (verdict(difference(of(other), of(one)), "same", 0.7) == "holds") == (p <= 0.05)
+    assert (verdict(difference(other, one), "same", 0.7) == "holds") == (p <= 0.05)
 
 
 def at(low, high):
@@ -91,13 +86,26 @@ def test_the_table_of_verdicts(low, high, expected, wanted):
     assert verdict(within, "same", 1.0) == "holds"
 
 
-def test_one_unit_and_two_decide_nothing():
-    assert verdict(mean_of(of([9.0])), "more", 1.0) == "undecided"
-    assert verdict(difference(of([9.0]), of([1.0, 2])), "more", 1.0) == "undecided"
-    two = mean_of(of([4.0, 4.1]))
-    assert np.isnan(two.interval[0])
-    assert verdict(two, "more", smallest=1) == "undecided"
-    assert verdict(mean_of(of([4.0, 4.1, 4.2])), "more", smallest=1) == "holds"
+def test_four_units_decide_nothing():
+    four, five = np.array([4.0, 4.1, 4.2, 4.3]), np.array([4.0, 4.1, 4.2, 4.3, 4.4])
+    assert verdict(mean_of(four), "more", smallest=1) == "undecided"
+    assert verdict(difference(five, four), "more", smallest=1) == "undecided"
+    assert verdict(mean_of(five), "more", smallest=1) == "holds"
+
+
+def test_where_nearly_all_are_alike_an_exact_test_decides():
+    """Thirty-eight of forty pairs differ by 2; two groups are as many at 30 and at 4."""
+    pairs = mean_of(np.r_[np.full(38, 2.0), 0.0, 1.0])
+    assert np.isnan(pairs.interval[0])
+    assert pairs.alike == "38 of 40 at 2 (83% to 99%)"
+    asked = [("more", 1.0), ("more", 2.0), ("more", 3.0), ("less", 1.0), ("same", 3.0), ("same", 1)]
+    said = [verdict(pairs, expected, margin) for expected, margin in asked]
+    assert said == [HOLDS, HOLDS, FAILS, FAILS, HOLDS, FAILS]
+    groups = difference(np.r_[np.full(9, 30.0), 12.0], np.r_[np.full(9, 4.0), 5.0])
+    assert [verdict(groups, "more", margin) for margin in (10.0, 40.0)] == [HOLDS, FAILS]
+    assert verdict(mean_of(np.full(5, 2.0)), "more", 1.0) == OPEN  # five signs: p = .06
+    share = mean_of(np.r_[np.ones(39), 0.0], 0.8)  # of units that did it: Wilson's
+    assert share.interval == pytest.approx((0.0712, 0.1956), abs=1e-4)
 
 
 HOLDS, PART, FAILS, OPEN = get_args(Verdict)
@@ -127,21 +135,25 @@ def test_any_contrast_that_does_not_hold_refutes_a_claim(contrasts, claim):
 def test_a_contrast_at_its_margin_is_decided_by_chance_as_seldom_as_promised(expected):
     rng = np.random.default_rng(3)
     samples = rng.normal(1.0, 0.5, (4000, 10))  # exactly the smallest difference that matters
-    said = [verdict(mean_of(of(row)), expected, 1.0) for row in samples]
+    said = [verdict(mean_of(row), expected, 1.0) for row in samples]
     chance = {"more": 0.025, "same": 0.05}[expected]
     assert said.count("holds") / len(said) == pytest.approx(chance, abs=0.01)
     assert said.count("does not hold") / len(said) <= chance + 0.01
 
 
-def test_people_count_with_their_standard_error_and_published_shares_without():
-    own = of([3.0, 4, 5, 4])
-    found = from_known(mean_of(own), 6.45, 0.998, 40)
-    assert found.value == pytest.approx(4 - 6.45)
-    theirs, mine = stats.t.ppf(0.975, 39) * 0.998, stats.t.ppf(0.975, 3) * stats.sem(own.values)
-    assert found.interval[1] - found.value == pytest.approx(np.hypot(theirs, mine))
-    mean = mean_of(of([0.4, 0.5, 0.45, 0.5]))
-    found = from_known(mean, 0.28, 0.0, 1)
-    assert found.interval == pytest.approx((mean.interval[0] - 0.28, mean.interval[1] - 0.28))
+def test_people_count_with_their_standard_error():
+    table = pd.DataFrame({"learner": "a", "condition": "CC4", "unit": range(6), "phase": "train"})
+    table = table.assign(attempts=[3.0, 4, 5, 4, 3, 5], protocol="human", trial=1, judged=True)
+    one, people = (Selection(learner=name, condition="CC4", trial=1) for name in ("a", "people"))
+    asked = Contrast(measure="attempts", of=one, minus=people, expected="less", smallest=1)
+    there = published_units()
+    mean, error = (float(selected(there, people, name).iloc[0]) for name in ("attempts", "error"))
+    n = int(selected(there, people, "trials").iloc[0])
+    found = compared(table.assign(found=1.0, trials=1), asked, "subject")
+    theirs = Group(n, mean, n * error**2, -1.0)
+    own = Group.of(table["attempts"].to_numpy())
+    assert found.interval == pytest.approx(weighted_difference([own, theirs])[1:3])
+    assert found.value == pytest.approx(4 - mean)
 
 
 def units():
@@ -149,7 +161,7 @@ def units():
         (learner, condition, unit, base + unit)
         for learner, base in (("a", 0.0), ("b", 2.0))
         for condition in ("CC4", "CE4")
-        for unit in range(3)
+        for unit in range(5)
     ]
     table = pd.DataFrame(rows, columns=["learner", "condition", "unit", "attempts"])
     return table.assign(protocol="human", phase="train", trial=5, judged=True, trials=1)
@@ -170,8 +182,8 @@ def test_subjects_are_paired_where_they_meet_the_same_rooms():
         )
         for minus in (a, other)
     )
-    assert (same.units, apart.units) == ((3,), (3, 3))
-    assert same.value == pytest.approx(2.0 + 0.5 / 3)
+    assert (same.units, apart.units) == ((5,), (5, 5))
+    assert same.value == pytest.approx(2.0 + 0.5 / 5)
     assert np.diff(apart.interval) > np.diff(same.interval)
     one, two = (Selection(learner=name, condition="CC4") for name in "ab")
     assert not paired(one, two, "network", {})  # networks, with themselves alone
@@ -181,9 +193,9 @@ def test_subjects_are_paired_where_they_meet_the_same_rooms():
 
 def test_a_unit_counts_if_it_has_all_conditions():
     table = units()
-    table = table[~((table["condition"] == "CE4") & (table["unit"] == 2))]
+    table = table[~((table["condition"] == "CE4") & (table["unit"] > 1))]
     found = selected(table, Selection(learner="a", condition=["CC4", "CE4"]), "attempts")
-    assert found.units.tolist() == [0, 1]
+    assert found.index.tolist() == [0, 1]
 
 
 X = {"learner": "x", "condition": "CC3"}
