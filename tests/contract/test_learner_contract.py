@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from pydantic import Field
 
+from causal_openlock.belief import beliefs
 from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError
@@ -37,6 +38,14 @@ SMALL = {
     "hidden_layers": 2,
     "target_period": 5,
 }
+
+
+@pytest.fixture(autouse=True)
+def few_structures(monkeypatch):
+    """Sample few structures where they are too many to list: most of the time goes into these."""
+    monkeypatch.setattr(beliefs, "PARTICLES", 20)
+
+
 TestRandom = contract("random")
 TestOracle = contract("oracle")
 TestIdeal = contract("ideal", schemas=("CC3", "CE4", "chain3", "noisy_CC3"))
