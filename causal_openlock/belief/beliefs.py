@@ -24,15 +24,15 @@ from causal_openlock.belief.catalogue import FREE_FORM_LEVERS
 from causal_openlock.belief.hypotheses import RoomSight, Space, enumerate_space, strengths
 from causal_openlock.belief.knowledge import Knowledge, Prior
 from causal_openlock.belief.likelihoods import Event, likelihood, observed
-from causal_openlock.belief.sampling import MANY_LEVERS, Sampler, sampled
+from causal_openlock.belief.sampling import Sampler, sampled
 from causal_openlock.contract.learner import Brief, Step, View
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 
 enumerated = lru_cache(maxsize=64)(enumerate_space)
 PARTICLES = 500
 """Structures that are sampled where there are too many to list."""
-REDRAWS = 2
-"""Times that a subject samples again before it concludes that levers may fail."""
+SAMPLES = 3
+"""Times that a subject samples before it concludes that levers may fail."""
 FEW_DRAWS = 40
 """Draws up to which all structures are taken to be drawn: sampling again finds no others."""
 
@@ -47,7 +47,6 @@ class Belief:
         which: ``[E]`` indices of the hypotheses that are still possible, in ascending order.
         weight: ``[E]`` their posterior probabilities.
         start: ``[E]`` the baseline that a subject that forgets moves back to.
-        found: The levers that were pushed when each solution was found, as masks of slots.
         drawn: How many hypotheses were sampled, where there are too many to list.
         possible: Whether any hypothesis explains what was observed.
         attempts: The events of each attempt of this trial.
@@ -63,10 +62,14 @@ class Belief:
     which: IntArray
     weight: FloatArray
     start: FloatArray | None = None
-    found: tuple[int, ...] = ()
     drawn: int = 0
     possible: bool = True
     attempts: list[list[Event]] = field(default_factory=lambda: [[]])
+
+    @property
+    def found(self) -> tuple[int, ...]:
+        """The levers that were pushed when each solution was found, as masks of slots."""
+        return tuple(event.pushed for event in chain(*self.attempts) if event.new)
 
     @property
     def positions(self) -> IntArray:
@@ -183,10 +186,6 @@ class Beliefs:
             slots = np.argsort(np.argsort(~grey, kind="stable"))
             self.of[subject] = self._prior_belief(subject, sight, slots, [])
 
-    def _space(self, sight: RoomSight, unsure: bool) -> Space:
-        how = self._unsure if unsure else self._certain
-        return enumerated(sight, how, self.prior.simplicity)
-
     def _prior_belief(
         self, subject: int, sight: RoomSight, slots: IntArray, events: Sequence[Event]
     ) -> Belief:
@@ -195,13 +194,13 @@ class Beliefs:
         Where there are too many structures to list, what was observed so far decides which are
         sampled.
         """
-        space, drawn = self._space(sight, bool(self.unsure[subject])), 0
+        how = self._unsure if self.unsure[subject] else self._certain
+        space, drawn = enumerated(sight, how, self.prior.simplicity), 0
         if sight.grey > FREE_FORM_LEVERS:
-            strength = space.strengths.typical
-            sampler = Sampler(sight.grey, self.prior.simplicity, strength, events)
+            sampler = Sampler(sight.grey, self.prior.simplicity, how.typical, events)
             sample = sampled(sampler, sight, PARTICLES, self._generators[subject])
             grey = tuple(range(sight.grey))
-            space = Space(sight, space.strengths, (*space.blocks, (grey, sample)))
+            space = Space(sight, how, (*space.blocks, (grey, sample)))
             drawn = len(sample)
         weight = self._weights(subject, space, slots)
         which = np.flatnonzero(weight > 0)
@@ -254,9 +253,6 @@ class Beliefs:
         elif belief.drawn > FEW_DRAWS and self._depleted(belief):
             fresh = self._rebuilt(subject)
             self.of[subject] = fresh if fresh.possible else belief
-        if event.new:
-            belief = self._belief(subject)
-            belief.found = (*belief.found, event.pushed)
 
     def _belief(self, subject: int) -> Belief:
         belief = self.of[subject]
@@ -274,13 +270,12 @@ class Beliefs:
 
     def _reconsider(self, subject: int) -> None:
         """Sample other hypotheses, or conclude that levers may fail, when no hypothesis is left."""
-        grey = self._belief(subject).space.sight.grey
-        fresh = None
-        if grey > FREE_FORM_LEVERS:
-            # Where there are many levers, a sample without a fitting structure proves nothing.
-            for _ in range(1 + (REDRAWS if grey >= MANY_LEVERS else 0)):
-                fresh = fresh if fresh and fresh.possible else self._rebuilt(subject)
-        if fresh is None or not fresh.possible:
+        sampled = self._belief(subject).space.sight.grey > FREE_FORM_LEVERS
+        for _ in range(SAMPLES if sampled else 0):  # one sample without a fitting structure is weak
+            fresh = self._rebuilt(subject)
+            if fresh.possible:
+                break
+        else:
             self.unsure[subject] = True
             fresh = self._rebuilt(subject)
         self.of[subject] = fresh
@@ -290,7 +285,7 @@ class Beliefs:
         past = self._belief(subject)
         events = [*chain(*past.attempts)]
         fresh = self._prior_belief(subject, past.space.sight, past.slots, events)
-        fresh.attempts, fresh.found = past.attempts, past.found
+        fresh.attempts = past.attempts
         fresh.possible = all(map(fresh.observe, events))
         if fresh.possible and fresh.start is not None:
             kept = chain(*filter(self._keeps, past.attempts[:-1]))

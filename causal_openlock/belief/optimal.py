@@ -343,11 +343,9 @@ class Names:
         # Classes of slots that can be renamed, as the hypotheses together do not distinguish them.
         self._class = [min([s, *np.flatnonzero(whole[s]).tolist()]) for s in range(self._slots)]
         solves = (own.solutions[:, None] >> np.arange(self._slots)[:, None] & 1).sum(axis=2)
-        levers, door = own.causes[:, : self._slots], own.causes[:, self._slots, None]
-        opens = door >> np.arange(self._slots) & 1
-        threshold = own.threshold[:, : self._slots]
+        opens = own.causes[:, self._slots, None] >> np.arange(self._slots) & 1
         # What distinguishes levers, [features, H, slots].
-        self._features = np.stack([threshold, np.bitwise_count(levers), opens, solves])
+        self._features = np.stack([own.threshold[:, : self._slots], opens, solves])
 
     def canonical(self, point: Point) -> Point:
         """The same state with levers renamed in the order of what is believed about them."""

@@ -264,10 +264,9 @@ def trace_trial(
         moments = moments or [Moment.of(learner, belief.entropy)]
         predicted = float(learner.gains(0, view)[action[0]])
         step = session.step(action)
-        over = bool(step.trial_over[0])
+        over, event = bool(step.trial_over[0]), observed(step, 0, belief.slots, belief.found)
         # The end of the trial would make the learner forget the room.
         learner.learn(replace(step, trial_over=np.zeros_like(step.trial_over)))
-        event = observed(step, 0, belief.slots, belief.found)
         attempt = int(view.attempt[0])
         moment = Moment.of(
             learner,

@@ -68,7 +68,8 @@ class Ideal(InformedLearner):
         chances = np.zeros((self.brief.subjects, self.brief.actions))
         for subject in np.flatnonzero(view.playing).tolist():
             belief = self._of[subject] = self._of[subject] or self._enter(view, subject)
-            situation = Situation.of(view, subject, belief.slots, belief.found)
+            found = tuple(sorted(belief.found))
+            situation = Situation.of(view, subject, belief.slots, found)
             solver = _solver(self._schemas[subject], belief.space.sight.action_limit)
             seeking = bool(view.console.solutions_left[subject])
             pushes = belief.positions[: belief.space.sight.grey]
@@ -98,8 +99,7 @@ class Ideal(InformedLearner):
             if event and event.slot < belief.space.sight.grey:
                 possible = belief.observe(event)
                 assert possible, "the room's schema allows what happens in it"
-                if event.new:
-                    belief.found = tuple(sorted((*belief.found, event.pushed)))
+                belief.attempts[-1].append(event)
             if step.trial_over[subject]:
                 self._left[subject], self._of[subject] = belief, None
 
