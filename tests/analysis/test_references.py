@@ -57,7 +57,9 @@ def test_own_people_stand_where_the_papers_do_and_are_tested_from_their_subjects
     ends = theirs.confidence_interval()
     assert row[["to_person_low", "to_person_high"]].tolist() == pytest.approx([*ends])
     (shown,) = results.by_condition
-    assert (shown.people, next(iter(shown.rows))) == (("person",), "person")
+    looks = [shown.looks.get(row) for row in range(len(shown.frame))]
+    assert looks == ["ideal", "published", None, None]
+    assert shown.frame["Learner"].tolist()[1] == "person\nn = 6"
     assert (ol.open_results(people) + ol.open_results(tmp_path / "x")).people == ("person",)
     alone = ol.open_results(people)
     assert (alone.people, alone.leaderboard["reference"].tolist()) == ((), [False])
@@ -75,8 +77,8 @@ def test_a_package_registers_one(played, tmp_path, monkeypatch):
     register(tmp_path, "novices", REFERENCES, novices="a_reference:novices")
     ranked = ol.open_results(played).leaderboard.set_index("learner")
     assert ranked.loc["novices", ["conditions", "subjects"]].tolist() == [1, 9]
-    beside = ol.open_results(played).by_condition[0].beside["novices"]
-    assert [one for one in beside if one is not None] == [12.5]
+    frame = ol.open_results(played).by_condition[0].frame.set_index("Learner")
+    assert frame.loc["novices\nn = 9", "CC4\ntrial 5"] == "12.50\n± 0.50"
 
 
 def test_a_folder_that_is_none_is_refused_before_anything_is_played(tmp_path):

@@ -88,10 +88,11 @@ def test_pairs_are_of_every_two_learners(results):
 
 def test_tables_by_condition_have_people_where_they_played_the_same(results):
     (table,) = results.by_condition
-    assert table.columns == (("CE4", "trial 5"), ("CC4", "trial 5"), ("pair", "trial 5"))
-    assert list(table.rows) == ["random", "oracle"]
-    assert table.beside["people"] == (9.425, 6.45, None)
-    assert table.beside["ideal observer"][2] == 1.0
+    assert [*table.frame] == ["Learner", "CE4\ntrial 5", "CC4\ntrial 5", "pair\ntrial 5"]
+    rows = {name.partition("\n")[0]: row for name, *row in table.frame.values.tolist()}
+    assert [*rows] == ["People", "Published model", "Ideal observer", "random", "oracle"]
+    assert [text.partition("\n")[0] for text in rows["People"]] == ["9.43", "6.45", "–"]
+    assert rows["Ideal observer"][2] == "1.00"
 
 
 TABLES = ["trials", "attempts", "actions", "summary", "headline", "leaderboard", "pairs", "regret"]

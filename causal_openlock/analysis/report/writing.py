@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import webbrowser
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import pandas as pd
@@ -37,7 +37,7 @@ from causal_openlock.analysis.topics.leaderboard import (
 from causal_openlock.analysis.topics.pairwise import all_pairs
 from causal_openlock.files.atomic import folder_at
 from causal_openlock.storage.store import Store
-from causal_openlock.wording import counted, file_names
+from causal_openlock.wording import counted
 
 
 @dataclass(frozen=True)
@@ -124,25 +124,7 @@ def make_report(
 
 def _conditions(material: Material) -> Section:
     """The result of each learner in each condition."""
-    details = {
-        one.reference: f"{one.reference.detail}, {style.sizes(one.reference.points)}"
-        for one in material.references
-        if len(one.reference.points)
-    }
-    sizes = {
-        key: style.sizes(rows)
-        for key, rows in material.headline.groupby(["protocol", "learner"], observed=True)
-    }
-    found = material.by_condition
-    parts = file_names(table.protocol for table in found)
-    tables = tuple(
-        replace(
-            table.table(sizes, details),
-            name=f"attempts_by_condition_{parts[table.protocol]}",
-            title=f"Protocol {table.protocol}",
-        )
-        for table in found
-    )
+    tables = (*material.by_condition,)
     text = (
         "Means over n subjects, with Student’s 95% intervals (≈: approximate, of fewer than ten; "
         "none of fewer than five). Where 90% of subjects have one value: how many, with the "

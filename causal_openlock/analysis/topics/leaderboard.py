@@ -21,7 +21,7 @@ from causal_openlock.analysis.results.by_condition import records
 from causal_openlock.analysis.results.chance import attempts_at_random
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import Beside, gap_column
-from causal_openlock.analysis.statistics import FEW_SUBJECTS
+from causal_openlock.analysis.statistics import APPROXIMATE, FEW_SUBJECTS
 from causal_openlock.analysis.table import Table, number, p_value, printed, share
 from causal_openlock.analysis.topics.pairwise import Outcomes, all_outcomes, compared
 from causal_openlock.experiment.declare import HUMAN_PROTOCOL, default_action_limit
@@ -288,8 +288,10 @@ def _cell(column: str, row: Mapping[str, Any], uneven: bool) -> str:
     if uneven:  # the other's mean is over the conditions of this row, and not that of its own row
         text += f" from {number(row['attempts'] - value)}"
     low, high = row[f"{column}_low"], row[f"{column}_high"]
-    ends = "" if low is None else f"\n[{printed(low, '.2f')}, {printed(high, '.2f')}]"
-    return text + ends
+    if low is None:
+        return text
+    about = "≈ " if row["subjects"] * row["conditions"] < APPROXIMATE else ""
+    return f"{text}\n{about}[{printed(low, '.2f')}, {printed(high, '.2f')}]"
 
 
 def _caption(rows: Sequence[Mapping[str, Any]], columns: Collection[str]) -> str:
@@ -301,7 +303,10 @@ def _caption(rows: Sequence[Mapping[str, Any]], columns: Collection[str]) -> str
     if any(row["informed"] for row in rows):
         said.append("Learners above the line are given the schema or the room.")
     if any(column.startswith("to_") for column in columns):
-        said.append("Brackets: 95% intervals; where (nearly) all differ by the same there is none.")
+        said.append(
+            "Brackets: 95% intervals, ≈ of fewer than ten subjects; none of fewer than five, and "
+            "where (nearly) all differ by the same."
+        )
     if "score" in columns:
         said.append("Score: 0 as at random, 1 as the ideal observer.")
     said.append("Solved: share of trials. Found: solutions in a trial, of how many, on average.")
