@@ -211,9 +211,9 @@ class Beliefs:
     def _weights(self, subject: int, space: Space, slots: IntArray) -> FloatArray:
         """``[H]`` prior probabilities of the hypotheses about a room."""
         known = self.knowledge
-        places = known.places(subject)[np.argsort(slots)]
+        in_slots = known.by_position(subject)[np.argsort(slots)]
         strength = known.strengths[subject] if len(space.strengths) > 1 else np.ones(1)
-        weights = space.prior(known.classes(subject), known.rules[subject], places, strength)
+        weights = space.prior(known.classes(subject), known.rules[subject], in_slots, strength)
         if self.prior.directness:
             direct = np.bitwise_count(space.hypotheses.causes[:, -1])
             weights *= np.exp(self.prior.directness * direct)

@@ -158,8 +158,6 @@ def catalogue(
     members = structures[first]
     _, behaviour = merge(members.behaviour(action_limit, uncertain))
     rank = np.argsort(behaviour, kind="stable")  # structures of a behaviour side by side
-    place = np.argsort(rank)
-    pairs = np.argsort(place[member], kind="stable")
-    return Catalogue(
-        members[rank], behaviour[rank], place[member][pairs], kind[pairs], chance[pairs]
-    )
+    member = np.argsort(rank)[member]
+    pairs = np.argsort(member, kind="stable")
+    return Catalogue(members[rank], behaviour[rank], member[pairs], kind[pairs], chance[pairs])

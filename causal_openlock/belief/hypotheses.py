@@ -167,21 +167,21 @@ class Space:
         """``[V]`` where the hypotheses of each block end."""
         return np.cumsum([len(listed) * len(self.strengths) for _, listed in self.blocks])
 
-    def marked(self, places: FloatArray) -> FloatArray:
+    def marked(self, in_slots: FloatArray) -> FloatArray:
         """``[V, 3]`` probability of each set of active levers under each rule.
 
-        ``places``, ``[P]``, is the probability that each slot is active, under the rule by
+        ``in_slots``, ``[P]``, is the probability that each slot is active, under the rule by
         position.
         """
         positions, grey = self.sight.positions, self.sight.grey
         bits = self.active[:, None] >> np.arange(positions) & 1 == 1
-        by_place = np.where(bits, places, 1.0 - places).prod(axis=1)
+        by_position = np.where(bits, in_slots, 1.0 - in_slots).prod(axis=1)
         all_grey = (1 << grey) - 1
         all_white = (1 << positions) - 1 - all_grey
-        return np.stack([self.active == all_grey, self.active == all_white, by_place], axis=1)
+        return np.stack([self.active == all_grey, self.active == all_white, by_position], axis=1)
 
     def prior(
-        self, classes: FloatArray, rules: FloatArray, places: FloatArray, strengths: FloatArray
+        self, classes: FloatArray, rules: FloatArray, in_slots: FloatArray, strengths: FloatArray
     ) -> FloatArray:
         """``[H]`` prior probability of each hypothesis.
 
@@ -192,7 +192,7 @@ class Space:
         """
         behaviours: dict[int, FloatArray] = {}
         parts = []
-        for (slots, listed), marked in zip(self.blocks, self.marked(places) @ rules, strict=True):
+        for (slots, listed), marked in zip(self.blocks, self.marked(in_slots) @ rules, strict=True):
             if id(listed) not in behaviours:
                 possible = classes * feasible(len(slots))
                 behaviours[id(listed)] = listed.prior(possible / possible.sum())

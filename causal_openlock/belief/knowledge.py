@@ -97,7 +97,7 @@ class Knowledge:
         counts = self.rooms[subject] + self._counts
         return counts / counts.sum()
 
-    def places(self, subject: int) -> FloatArray:
+    def by_position(self, subject: int) -> FloatArray:
         """``[P]`` probability that the lever at each position is active."""
         return (self.active[subject] + 1.0) / (self.visits[subject] + 2.0)
 
@@ -112,17 +112,17 @@ class Knowledge:
         many = len(space.strengths)
         in_block = np.searchsorted(space.ends, which, side="right")
         blocks = np.bincount(in_block, weight, minlength=len(space.blocks))
-        by_rule = space.marked(self.places(subject)[np.argsort(slots)]) * self.rules[subject]
+        by_rule = space.marked(self.by_position(subject)[np.argsort(slots)]) * self.rules[subject]
         total = by_rule.sum(axis=1, keepdims=True)
         shares = np.divide(by_rule, total, out=np.zeros_like(by_rule), where=total > 0)
         rules = blocks @ shares
         if rules.sum() > 0:
             rules = rules / rules.sum()
             self.rules[subject] = (1.0 - RULE_CHANGES) * rules + RULE_CHANGES * self.prior.rules
-            # Places are evidence only to the extent that position marked the levers.
-            by_position = rules[RULES.index("position")]
-            self.active[subject] += by_position * (blocks @ (space.active[:, None] >> slots & 1))
-            self.visits[subject] += by_position
+            # Positions are evidence only to the extent that they marked the levers.
+            share = rules[RULES.index("position")]
+            self.active[subject] += share * (blocks @ (space.active[:, None] >> slots & 1))
+            self.visits[subject] += share
         if many > 1:
             self.strengths[subject] = np.bincount(which % many, weight, minlength=many)
 

@@ -329,7 +329,7 @@ class Names:
     def __init__(self, own: Hypotheses, share: FloatArray) -> None:
         self._slots, self._many = own.causes.shape[1] - 1, len(own)
         structures = own.structures
-        index = {label.tobytes(): place for place, label in enumerate(structures.labels())}
+        index = {label.tobytes(): at for at, label in enumerate(structures.labels())}
         # By two slots, the hypothesis that each becomes when they are swapped; H if there is none.
         self._swap = np.full((self._slots, self._slots, self._many), self._many)
         for first, second in combinations(range(self._slots), 2):

@@ -87,9 +87,9 @@ def mixture(
     own = every[first]
     levers = len(schemas[0][0].levers)
     room = positions or levers
-    places = list(combinations(range(room), levers))
-    whole = Hypotheses.joined([own.on_slots(slots, room) for slots in places])
-    return whole, np.tile(weight / len(places), len(places))
+    active = list(combinations(range(room), levers))
+    whole = Hypotheses.joined([own.on_slots(slots, room) for slots in active])
+    return whole, np.tile(weight / len(active), len(active))
 
 
 def _alike(one: Structures) -> list[list[int]]:

@@ -73,7 +73,9 @@ def learn(knowledge, schema, slots=None):
 def expected(knowledge, schema):
     """How probable it is that the next room, of so many levers and solutions, acts like this."""
     space, found = alike(schema)
-    weight = space.prior(knowledge.classes(0), knowledge.rules[0], knowledge.places(0), np.ones(1))
+    weight = space.prior(
+        knowledge.classes(0), knowledge.rules[0], knowledge.by_position(0), np.ones(1)
+    )
     grey = slice(0, int(space.ends[0]))
     return float(weight[list(found)].sum() / weight[grey].sum())
 
@@ -157,7 +159,7 @@ def test_levers_of_both_colours_that_are_active_speak_for_places():
         assert knowledge.rules[0, 2] == pytest.approx(1 - RULE_CHANGES * 0.9)
         assert knowledge.active[0].tolist() == [visit, visit, 0, 0, 0, 0, 0]
         often, never = (visit + 1) / (visit + 2), 1 / (visit + 2)
-        assert knowledge.places(0) == pytest.approx([often] * 2 + [never] * 5)
+        assert knowledge.by_position(0) == pytest.approx([often] * 2 + [never] * 5)
 
 
 def test_strengths_are_learned_across_rooms():
