@@ -128,11 +128,12 @@ def compare(
         if any(before[:1]) and not failed:
             cells = part.of(chosen.cells()) if part else chosen.cells()
             console.print(f"{before[0]} of {len(cells)} cells were there already")
-        if part is not None:
+        played = not (failed and failed.every)
+        if played and part:
             console.print_line(
                 f"shard {shard} is done; when all shards are: causal-openlock report {folder}"
             )
-        elif not (failed and failed.every):
+        elif played:
             report_results(open_results(folder, beside=beside or ()), folder, reasons=False)
     if failed:  # the reasons were printed when they did
         complain(failed.summary)

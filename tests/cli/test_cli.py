@@ -208,6 +208,9 @@ def test_cells_that_fail_give_status_1_and_are_named(folder):
     )
     with modules_of(folder):
         done = at_once("compare", "-c", "CC3", "-l", "fails:Fails", "-l", "oracle", "--out", "out")
+        alone = ("compare", "-c", "CC3", "-l", "fails:Fails", "--out", "alone", "--shard", "1/1")
+        assert "is done" not in (nothing := at_once(*alone)).stdout
+        assert nothing.status == 1
     assert done.status == 1
     assert "Fails in CC3" in done.stdout
     assert "1 failed" in (said := here("status", "out"))
