@@ -23,7 +23,7 @@ from causal_openlock.contract.learner import Step
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 
 DOOR = -1
-"""The slot of an event that is a push of the door."""
+"""The slot of an event that is a push of the door, the last node."""
 
 
 class Event(NamedTuple):
@@ -96,7 +96,9 @@ def likelihood(
     """
     slot, pushed, took_effect, unlocked, new, found = event
     door = hypotheses.causes.shape[1] - 1
-    chance = takes_effect(hypotheses, which, strengths, door if slot == DOOR else slot, pushed)
+    live = np.bitwise_count(hypotheses.causes[which, slot] & np.uint16(pushed))
+    threshold = hypotheses.threshold[which, slot]
+    chance = strengths.chance[hypotheses.strength[which], live, threshold]
     result: FloatArray = chance if took_effect else 1.0 - chance
     after = pushed ^ 1 << slot if took_effect and slot != DOOR else pushed
     live = np.bitwise_count(hypotheses.causes[which, door] & np.uint16(after))
@@ -104,14 +106,6 @@ def likelihood(
     if slot == DOOR and took_effect:
         result *= completes(hypotheses, which, pushed, found) == new
     return result
-
-
-def takes_effect(
-    hypotheses: Hypotheses, which: IntArray, strengths: Strengths, node: int, pushed: int
-) -> FloatArray:
-    """``[E]`` probability that a lever moves, or that the unlocked door opens."""
-    live = np.bitwise_count(hypotheses.causes[which, node] & np.uint16(pushed))
-    return strengths.chance[hypotheses.strength[which], live, hypotheses.threshold[which, node]]
 
 
 def completes(
