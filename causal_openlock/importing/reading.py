@@ -74,7 +74,7 @@ def actions_in(path: Path) -> Iterator[Action]:
     """
     text = _text(path)
     rows = _entries(text, path) if text.lstrip()[:1] in ("[", "{") else _table(text, path)
-    known, last = Action.__dataclass_fields__, dict[str, float]()
+    known, last = Action.__dataclass_fields__, dict[tuple[str, str, str], float]()
     for place, row in rows:
         given = {name: row[name] for name in known if row.get(name) not in MISSING}
         try:
@@ -82,12 +82,13 @@ def actions_in(path: Path) -> Iterator[Action]:
         except OpenLockError as error:
             raise OpenLockError(f"{place}: {error.parts[0]}") from None
         if action.time is not None:
-            if action.time < last.get(action.subject, 0.0):
+            who = action.learner, action.condition, action.subject
+            if action.time < last.get(who, 0.0):
                 raise OpenLockError(
-                    f"{place}: time is {action.time:g}, and was {last[action.subject]:g} before; "
-                    "it is seconds since the subject began, and rows are in the order of time"
+                    f"{place}: time is {action.time:g}, and was {last[who]:g} before; it is "
+                    "seconds since the subject began, and rows are in the order of time"
                 )
-            last[action.subject] = action.time
+            last[who] = action.time
         yield action
 
 
