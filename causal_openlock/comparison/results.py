@@ -16,6 +16,7 @@ import pandas as pd
 
 from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT
 from causal_openlock.analysis.report.warnings import not_applicable, warnings_of
+from causal_openlock.analysis.results.by_condition import condition_tables
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.missing import missing_cells
 from causal_openlock.analysis.results.reading import (
@@ -24,6 +25,7 @@ from causal_openlock.analysis.results.reading import (
     read_results,
     without_excluded,
 )
+from causal_openlock.analysis.table import Table
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.making import listed
 from causal_openlock.files.atomic import folder_at, is_empty, move_into, unwritable
@@ -91,6 +93,11 @@ class Results(Material):
         from causal_openlock.analysis.topics.leaderboard import leaderboard
 
         return leaderboard(self)
+
+    @property
+    def by_condition(self) -> list[Table]:
+        """Attempts in each condition, a table for each protocol."""
+        return condition_tables(self)
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:

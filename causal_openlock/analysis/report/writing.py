@@ -24,6 +24,7 @@ from causal_openlock.analysis.report.learner_pages import learner_pages
 from causal_openlock.analysis.report.means import means
 from causal_openlock.analysis.report.page import write_page
 from causal_openlock.analysis.report.warnings import not_applicable, warnings_of
+from causal_openlock.analysis.results.by_condition import condition_tables
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.missing import missing_cells, unfinished, with_missing
 from causal_openlock.analysis.section import Section
@@ -124,7 +125,7 @@ def make_report(
 
 def _conditions(material: Material) -> Section:
     """The result of each learner in each condition."""
-    tables = (*material.by_condition,)
+    tables = tuple(condition_tables(material))
     text = (
         "Means over n subjects, with Student’s 95% intervals (≈: approximate, of fewer than ten; "
         "none of fewer than five). Where 90% of subjects have one value: how many, with the "

@@ -17,10 +17,8 @@ import pandas as pd
 
 from causal_openlock.analysis.measures import Counts, count, ordered
 from causal_openlock.analysis.results.bounds import Bounds, ideal_bounds
-from causal_openlock.analysis.results.by_condition import condition_tables
 from causal_openlock.analysis.results.references import Beside, beside_any, references_beside
 from causal_openlock.analysis.results.summary import headline, summarise
-from causal_openlock.analysis.table import Table
 from causal_openlock.experiment.declare import PERSON
 from causal_openlock.storage.stored import StoredExperiment
 
@@ -118,11 +116,6 @@ class Material:
             for name, number in attempts.items()
             if number != 0
         }
-
-    @property
-    def by_condition(self) -> list[Table]:
-        """Attempts in each condition, a table for each protocol."""
-        return condition_tables(self)
 
     def compared(self, trials: pd.DataFrame) -> pd.DataFrame:
         """The rows of a table with which any reference is comparable."""
