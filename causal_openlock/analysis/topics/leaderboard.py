@@ -365,22 +365,16 @@ def _answer(rows: pd.DataFrame, pairs: pd.DataFrame) -> Iterator[str]:
     apart = [row["learner"] for row in others if row not in rivals]
     given = "the schema or the room" if best["informed"] else "neither the schema nor the room"
     among = f"Of the learners that are given {given}, " if len(own) > len(others) + 1 else ""
-    over = trained = ""
+    over = ""
     if apart:
         over = f" over {counted(conditions, 'condition')} (others were played by {joined(apart)})"
-    if best["before"] is None:
-        trained = " after training of unknown length"
-    elif best["before"]:
-        trained = (
-            f" after {best['before']:,.0f} attempts of training before the experiment (one trained "
-            "network: intervals are over rooms)"
-        )
-    elif any(row["before"] != 0 for row in own):
-        trained = " without training before the experiment"
+    after = _after(best)
+    if not after and any(row["before"] != 0 for row in own):
+        after = ", without training before the experiment"
     if rivals:
-        yield (f"{among}{name} needs the fewest attempts, {_mean(best)} on average{over}{trained}.")
+        yield f"{among}{name} needs the fewest attempts, {_mean(best)} on average{over}{after}."
     else:
-        yield f"{name} needs {_mean(best)} attempts on average{over}{trained}."
+        yield f"{name} needs {_mean(best)} attempts on average{over}{after}."
     yield from (_difference(rows, best, column) for column in _gaps(rows))
     p = {
         row.other if row.learner == name else row.learner: row.p_corrected
@@ -390,7 +384,7 @@ def _answer(rows: pd.DataFrame, pairs: pd.DataFrame) -> Iterator[str]:
     alike = [row for row in rivals if p[row["learner"]] >= ALPHA]
     rule = f"p {{}} {printed(ALPHA, '.2g').removeprefix('0')}, corrected for all pairs"
     if alike:
-        names = some(f"{row['learner']} ({_mean(row)})" for row in alike)
+        names = some(f"{row['learner']} ({_mean(row)}{_after(row)})" for row in alike)
         yield f"Not distinguishable from {name} ({rule.format('≥')}): {names}."
     elif rivals and all(p[row["learner"]] < ALPHA for row in rivals):
         yield f"Every other one that is ranked needs significantly more ({rule.format('<')})."
@@ -419,6 +413,16 @@ def _difference(rows: pd.DataFrame, best: Mapping[str, Any], column: str) -> str
 
 def _mean(row: Mapping[str, Any]) -> str:
     return f"{'at least ' if row['solved'] < 1 else ''}{row['attempts']:.2f}"
+
+
+def _after(row: Mapping[str, Any]) -> str:
+    """What training a learner had before the experiment; empty if it had none."""
+    if row["before"] == 0:
+        return ""
+    if row["before"] is None:
+        return ", after training of unknown length"
+    trained = f"{row['before']:,.0f} attempts of training"
+    return f", after {trained} (one network: intervals are over rooms)"
 
 
 def _learners(rows: pd.DataFrame) -> list[dict[str, Any]]:
