@@ -22,10 +22,9 @@ if TYPE_CHECKING:
 class SectionPlot:
     """A figure that is shown; its files, where they are wanted, are called ``name``.
 
-    Its name is of lower-case letters, digits and underscores; the caption says what is seen, and
-    what the error bars are; the call is the line of Python that makes it again, if there is one.
-    One that is ``folded`` is closed on the page until it is opened, and is not printed; ``opening``
-    is the figure that the page opens with, if there is one.
+    The caption says what is seen and what the error bars are; the call is the line of Python that
+    makes it again. One that is ``folded`` is closed on the page until it is opened; the page opens
+    with the one that is ``opening``.
     """
 
     name: str
@@ -41,9 +40,8 @@ class SectionPlot:
 class Section:
     """A part of the report: paragraphs that say what was found, then tables, then plots.
 
-    Its name is its anchor within the page: letters, digits and underscores. The ``answer`` is the
-    sentence of the first screen that it has, if any. A section is closed on the page until it is
-    opened, unless it ``is_open``.
+    Its name is its anchor within the page. The ``answer`` is its sentence on the first screen. A
+    section is closed on the page until it is opened, unless it ``is_open``.
     """
 
     name: str
@@ -73,16 +71,9 @@ def drawn(
     call: str | None = None,
     **options: Any,
 ) -> SectionPlot:
-    """Draw a figure for a section.
+    """Draw a figure for a section, by a function that takes the data and an empty figure as ``ax``.
 
-    Args:
-        name: Names its files.
-        function: A function of ``analysis.plots``, which is given ``ax``, an empty figure.
-        data: Its first argument.
-        title: Its heading on the page.
-        caption: What is seen, and what the error bars are.
-        call: The line that makes the figure again; by default that of ``results.plot``.
-        options: Other arguments of the function.
+    The ``call``, which makes the figure again, is by default that of ``results.plot``.
     """
     from matplotlib.figure import Figure
 

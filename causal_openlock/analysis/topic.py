@@ -63,11 +63,10 @@ def sections_of(
         begin(topic.name)
         section = topic.section(material)
         sections += [] if section is None else [section]
-    for what, names in (
-        ("sections", [section.name for section in sections]),
-        ("tables", [table.name for section in sections for table in section.tables]),
-        ("plots", [plot.name for section in sections for plot in section.plots]),
-    ):
+    tables = [table for section in sections for table in section.tables]
+    plots = [plot for section in sections for plot in section.plots]
+    for what, made in (("sections", sections), ("tables", tables), ("plots", plots)):
+        names = [one.name for one in made]
         if twice := {name for name in names if names.count(name) > 1}:
             raise ValueError(f"two {what} of the report are called {min(twice)}")
     return sections
