@@ -126,9 +126,6 @@ class Fitted:
             the integrated BIC.
         between: Of a hierarchical fit, by parameter between what two thirds of the group are, or
             what a subject's is with a probability of two thirds.
-        learner: Of a mixture, the label of the learner.
-        followed: Of a mixture, the probability that the subject follows it, or of a group the
-            expected share of subjects who do.
         at_bound: Parameters that stand at a bound of what is searched (:func:`at_bound`).
         idle: Parameters that make no difference to how likely the actions are.
     """
@@ -144,8 +141,6 @@ class Fitted:
     evaluations: int
     bic: float
     between: dict[str, tuple[float, float]] = field(default_factory=dict)
-    learner: str = ""
-    followed: float = 1.0
     at_bound: tuple[str, ...] = ()
     idle: tuple[str, ...] = ()
 
@@ -405,7 +400,7 @@ def fit_all(
     whole["subjects"] = subjects_of([part for job in jobs for part in job.parts])
 
     def read(kept: Mapping[str, Any]) -> list[Fitted]:
-        found = fits_of(kept, {"": plan.space.ranges})
+        found = fits_of(kept, plan.space.ranges)
         if [[one.who, one.fold] for one in found] != whole["jobs"][: len(found)]:
             raise ValueError("the fits are not in the order of the jobs")
         return found
@@ -438,15 +433,15 @@ def subjects_of(parts: Sequence[Recorded]) -> dict[str, str]:
     return {who: digest(own.done()[0].tobytes()) for who, own in alone.items()}
 
 
-def fits_of(kept: Mapping[str, Any], ranges: Mapping[str, Mapping[str, Range]]) -> list[Fitted]:
-    """The fits that a file keeps, by :attr:`Fitted.learner` within the ranges of what is searched.
+def fits_of(kept: Mapping[str, Any], ranges: Mapping[str, Range]) -> list[Fitted]:
+    """The fits that a file keeps, within the ranges of what is searched.
 
     Raises:
         ValueError: If they are not such fits; or the error that data of another form raise.
     """
     found = TypeAdapter(list[Fitted]).validate_python(kept["done"])
     for one in found:
-        check_chosen(one.chosen, ranges[one.learner])
+        check_chosen(one.chosen, ranges)
     if any(one.fold == WHOLE and one.actions < 1 for one in found):
         raise ValueError("a fit to nothing")
     return found
@@ -490,28 +485,24 @@ def fit_table(fits: Sequence[Fitted]) -> pd.DataFrame:
     """The fits without anything held out, a row each, with what was predicted in the folds.
 
     Returns:
-        Columns ``who``; of a mixture ``learner`` and ``followed``; the parameters; of a
-        hierarchical fit, ``NAME_low`` and ``NAME_high`` of each (:attr:`Fitted.between`); ``nll``
-        in nats with its ``standard_error``; ``actions``; ``bits`` per action of what was fitted and
-        ``held_out_bits``; ``bic``; and the names of the parameters that stand ``at_bound`` and
-        that are ``without_effect``, or ``none``.
+        Columns ``who``; the parameters; of a hierarchical fit, ``NAME_low`` and ``NAME_high`` of
+        each (:attr:`Fitted.between`); ``nll`` in nats with its ``standard_error``; ``actions``;
+        ``bits`` per action of what was fitted and ``held_out_bits``; ``bic``; and the names of the
+        parameters that stand ``at_bound`` and that are ``without_effect``, or ``none``.
     """
     rows, folds = [], defaultdict(list)
     for one in fits:
         if one.fold != WHOLE:
-            folds[one.who, one.learner].append(one)
+            folds[one.who].append(one)
     for one in fits:
         if one.fold != WHOLE:
             continue
-        own = folds[one.who, one.learner]
+        own = folds[one.who]
         apart = sum(other.held_out for other in own)
         of = sum(other.held_out_actions for other in own)
-        row: dict[str, Any] = {"who": one.who}
-        if one.learner:
-            row |= {"learner": one.learner, "followed": one.followed}
         rows.append(
             {
-                **row,
+                "who": one.who,
                 **one.chosen,
                 **{f"{name}_low": low for name, (low, _) in one.between.items()},
                 **{f"{name}_high": high for name, (_, high) in one.between.items()},

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -44,14 +43,6 @@ def fit(
     hierarchical: Annotated[
         bool, typer.Option(help="With --to: fit each subject, and the group that they are from.")
     ] = False,
-    beside: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--or",
-            help="With --hierarchical: each subject may follow this learner instead (a mixture); "
-            "its name, or a file with its search space. Can be repeated.",
-        ),
-    ] = None,
     of: Annotated[
         list[str] | None, typer.Option(help="With --to: fit to these learners' subjects only.")
     ] = None,
@@ -90,10 +81,8 @@ def fit(
     from causal_openlock.fitting.search import (
         bundled_search,
         changed,
-        labelled,
         read_search,
         read_settings,
-        search_beside,
     )
     from causal_openlock.paper.likeness import published_points
     from causal_openlock.running.workers import available_cores
@@ -108,14 +97,10 @@ def fit(
         raise OpenLockError(
             "--hierarchical fits each subject of a folder; give --to, and no --each"
         )
-    if beside and not hierarchical:
-        raise OpenLockError("--or is for a mixture of groups; also give --hierarchical")
     if not hierarchical:
         require_optuna()
     learner_class(learner)  # fails at once if there is none
-    kind = (
-        "-mixture" if beside else "-hierarchical" if hierarchical else "-each" if how.each else ""
-    )
+    kind = "-hierarchical" if hierarchical else "-each" if how.each else ""
     name = f"fit-{learner.replace(':', '.')}{kind}"
     folder = out or (to or Path("results")) / name
     _check_folder(folder)
@@ -134,11 +119,7 @@ def fit(
             chosen, how.lapse, held_out, how.folds, how.candidates, seed=how.seed
         )
         how_many = "group" if hierarchical else "each" if how.each else "all"
-        plans = {
-            label: replace(to_actions, space=one)
-            for label, one in labelled([chosen, *map(search_beside, beside or ())]).items()
-        }
-        fit_to(plans, to, how.of, how_many, workers or available_cores(), folder)
+        fit_to(to_actions, to, how.of, how_many, workers or available_cores(), folder)
         return
     held_out = how.hold_out or "transfer"
     conditions_to_fit(held_out)  # fails at once if there is no such way

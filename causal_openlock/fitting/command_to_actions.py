@@ -22,7 +22,7 @@ MOST_ROWS = 20
 
 
 def fit_to(
-    plans: Mapping[str, ActionPlan],
+    plan: ActionPlan,
     folder: Path,
     of: Sequence[str],
     how: str,
@@ -31,8 +31,7 @@ def fit_to(
 ) -> None:
     """Fit a learner to recorded subjects, and write and print what was found.
 
-    ``how`` is ``all`` of them together, ``each`` by itself, or as a ``group``, which may be a
-    mixture of several learners.
+    ``how`` is ``all`` of them together, ``each`` by itself, or as a ``group``.
     """
     from causal_openlock.analysis.statistics import too_few
     from causal_openlock.comparison.console import Terminal
@@ -50,10 +49,9 @@ def fit_to(
     record, played = Store(folder).record()
     known_learners(of, played.learners)
     parts = recorded_subjects(record, played, of)
-    plan = next(iter(plans.values()))
     with resumable(), shown_steps("fit") as begin:
         if how == "group":
-            group = GroupFit(parts, plans, out)
+            group = GroupFit(parts, plan, out)
             fits = group.run(workers, begin)
         else:
             jobs = jobs_of(parts, plan, how == "each")
@@ -61,27 +59,22 @@ def fit_to(
             fits = fit_all(jobs, out, workers=workers, report=steps.fits, tried=steps.tried)
     table = fit_table(fits)
     write_text(out / "fits.csv", csv_of(table.round(6)))
-    if len(plans) > 1:
-        shown = table[table["who"] == GROUP]
-        _print_mixture(shown, plans, console)
-    else:
-        shown = table.head(MOST_ROWS)
-        chance = math.log2(max(choices_in(played).values(), default=1))
-        _print_fits(shown, list(plan.space.ranges), chance, console)
-        if len(table) > MOST_ROWS:
-            console.print_line(f"and {len(table) - MOST_ROWS} others")
+    shown = table.head(MOST_ROWS)
+    chance = math.log2(max(choices_in(played).values(), default=1))
+    _print_fits(shown, list(plan.space.ranges), chance, console)
+    if len(table) > MOST_ROWS:
+        console.print_line(f"and {len(table) - MOST_ROWS} others")
     doubts = (_names(shown[name]) for name in ("at_bound", "without_effect"))
     for sentence in legend(*doubts):
         console.print_line(sentence)
-    for each in plans.values():
-        console.print_line(each.space.in_words)
+    console.print_line(plan.space.in_words)
     subjects = sum(len(part.numbers) for part in parts)
     if few := too_few(subjects, "generalise the parameters to others"):
         console.warn(few)
     if how == "group":
         for one in fits:
-            if one.who == GROUP and one.fold == WHOLE and one.between:
-                console.print_line(_spread(one, one.followed * subjects))
+            if one.who == GROUP and one.fold == WHOLE:
+                console.print_line(_spread(one))
         if max(group.rounds.values()) == ROUNDS:
             console.print_line(
                 f"After {ROUNDS} rounds the group was not settled: its spread is uncertain; more "
@@ -129,25 +122,10 @@ def _print_fits(
 
     shown = plain_table("", *names, "bits/action", "held out", "actions")
     for row in table.to_dict("records"):
-        numbers = [*(_marked(row, name) for name in names), *_bits(row)]
+        held_out = "" if math.isnan(row["held_out_bits"]) else f"{row['held_out_bits']:.3f}"
+        numbers = [*(_marked(row, name) for name in names), f"{row['bits']:.3f}", held_out]
         worse = f" (worse than at random: {chance:.2f} bits)" if row["bits"] > chance else ""
         shown.add_row(f"{row['who']}{worse}", *numbers, str(row["actions"]))
-    console.print_whole(shown)
-
-
-def _print_mixture(table: pd.DataFrame, plans: Mapping[str, ActionPlan], console: Terminal) -> None:
-    """Print how many subjects follow each learner, and the scores, alone and together."""
-    from causal_openlock.comparison.console import plain_table
-    from causal_openlock.fitting.mixture import MIXTURE
-
-    shown = plain_table("", "followed by", "with", "bits/action", "held out")
-    for row in table.to_dict("records"):
-        label = row["learner"]
-        if label == MIXTURE:
-            shown.add_row("all together", "", "", *_bits(row))
-            continue
-        middle = [f"{name} {_marked(row, name)}" for name in plans[label].space.ranges]
-        shown.add_row(label, f"{row['followed']:.0%}", ", ".join(middle), *_bits(row))
     console.print_whole(shown)
 
 
@@ -162,18 +140,7 @@ def _marked(row: Mapping[Hashable, Any], name: str) -> str:
     return marked(row[name], name, row["at_bound"].split(), row["without_effect"].split())
 
 
-def _bits(row: Mapping[Hashable, Any]) -> tuple[str, str]:
-    held_out = row["held_out_bits"]
-    return f"{row['bits']:.3f}", "" if held_out != held_out else f"{held_out:.3f}"
-
-
-def _spread(group: Fitted, followers: float) -> str:
-    """Between what two thirds of a group are, in a sentence, if it has two subjects."""
-    if followers < 2:
-        return (
-            f"Fewer than two subjects follow {group.learner}, so that the spread of its parameters "
-            "is not known."
-        )
+def _spread(group: Fitted) -> str:
+    """Between what two thirds of a group are, in a sentence."""
     ranges = [f"{name} from {low:.4g} to {high:.4g}" for name, (low, high) in group.between.items()]
-    whose = f" of {group.learner}" if group.learner else ""
-    return f"Two thirds of such a group{whose} have {joined(ranges)}."
+    return f"Two thirds of such a group have {joined(ranges)}."

@@ -100,10 +100,9 @@ class Peak:
             ValueError: If it cannot be a peak of this number of parameters.
         """
         shapes = [np.shape(each) for each in (self.at, self.slope, self.curvature)]
-        square = (parameters, parameters) if parameters else (0,)
-        if shapes != [(parameters,), (parameters,), square]:
+        if shapes != [(parameters,), (parameters,), (parameters, parameters)]:
             raise ValueError("a peak of other parameters")
-        bends = np.array(self.curvature).reshape(parameters, parameters)
+        bends = np.array(self.curvature)
         numbers = np.array([*self.at, *self.slope, *bends.flat, self.nll, self.held_out])
         if not (np.abs(numbers) < LARGEST).all() or not np.allclose(bends, bends.T):
             raise ValueError("a peak that cannot be")
@@ -166,14 +165,12 @@ def derivatives(f: Callable[[FloatArray], float], x: FloatArray) -> tuple[FloatA
     return (up - down) / (2 * STEP), second / STEP**2
 
 
-def group_of(peaks: Sequence[Peak], group: Group, followed: FloatArray | None = None) -> Group:
+def group_of(peaks: Sequence[Peak], group: Group) -> Group:
     """The group that makes what subjects did most probable, if likelihoods are normal.
 
     Args:
         peaks: Of the subjects; those without actions do not count.
-        group: The prior under which they were found. It stays if less than one subject counts.
-        followed: ``[S]`` for how much each subject counts, the probability that it is of this
-            group; 1 by default.
+        group: The prior under which they were found. It stays if no subject counts.
 
     Example:
         Three measurements with variance 1 and a variance of 5 in all leave 4 for the group.
@@ -184,10 +181,8 @@ def group_of(peaks: Sequence[Peak], group: Group, followed: FloatArray | None = 
         >>> group_of(three, flat).spread.round(3).tolist()
         [1.6]
     """
-    counts = np.ones(len(peaks)) if followed is None else followed
-    counts = counts[[one.actions > 0 for one in peaks]]
     known = [one for one in peaks if one.actions]
-    if counts.sum() < 1 or not len(group.mean):
+    if not known:
         return group
     names = ("at", "slope", "curvature")
     at, slopes, bends = (np.array([getattr(one, name) for one in known]) for name in names)
@@ -198,10 +193,9 @@ def group_of(peaks: Sequence[Peak], group: Group, followed: FloatArray | None = 
         covariance = np.linalg.inv(bends + np.diag(1.0 / spread**2))
         each = (covariance @ (pull + mean / spread**2)[..., None])[..., 0]
         before = mean, spread
-        mean = np.average(each, axis=0, weights=counts).clip(-FARTHEST, FARTHEST)
+        mean = each.mean(axis=0).clip(-FARTHEST, FARTHEST)
         variances = (each - mean) ** 2 + covariance.diagonal(axis1=1, axis2=2)
-        variance = np.average(variances, axis=0, weights=counts)
-        spread = np.sqrt(variance).clip(*SPREADS)
+        spread = np.sqrt(variances.mean(axis=0)).clip(*SPREADS)
         if Group(mean, spread).apart(Group(*before)) < SETTLED * 1e-3:
             break
     return Group(mean, spread)

@@ -26,7 +26,6 @@ from causal_openlock.fitting.actions import (
 )
 from causal_openlock.fitting.group import Peak
 from causal_openlock.fitting.kept import fit_of, keep_fit
-from causal_openlock.fitting.mixture import MIXTURE
 from causal_openlock.fitting.subject_peak import PeakJob, StartJob, Starts, peak_job, start_job
 from causal_openlock.scoring.teacher_forcing import Recorded
 
@@ -42,7 +41,7 @@ class Progress:
 
     Args:
         parts: The subjects.
-        plans: By label, the settings of the fit of each learner.
+        plan: The settings of the fit.
         folder: Where it is kept.
         do: What carries out the steps that are not known.
 
@@ -50,27 +49,21 @@ class Progress:
         StoreError: If the folder holds another fit, or no fit.
     """
 
-    def __init__(
-        self, parts: Sequence[Recorded], plans: Mapping[str, ActionPlan], folder: Path, do: Do
-    ) -> None:
-        self._parts, self._plans, self._folder, self._do = parts, plans, folder, do
-        asked = {label: plan.as_dict() for label, plan in plans.items()}
-        about = {MIXTURE: asked} if len(plans) > 1 else next(iter(asked.values()))
-        self._about = {**about, "hierarchical": True, "subjects": subjects_of(parts)}
+    def __init__(self, parts: Sequence[Recorded], plan: ActionPlan, folder: Path, do: Do) -> None:
+        self._parts, self._plan, self._folder, self._do = parts, plan, folder, do
+        self._about = {**plan.as_dict(), "hierarchical": True, "subjects": subjects_of(parts)}
         fit_of(folder / FILE, self._about, self._fits, "fit to actions", DIFFERING)
         kept = fit_of(folder / PROGRESS, self._about, self._steps, "fit to actions", DIFFERING)
         self._starts, self._peaks = kept or ([], [])
         self._known = iter(list(self._peaks))
 
-    def starts(self) -> list[Starts]:
-        """Start of the search for the peak of each subject, by learner."""
-        jobs = [StartJob(part, plan) for plan in self._plans.values() for part in self._parts]
+    def starts(self) -> Starts:
+        """Start of the search for the peak of each subject."""
+        jobs = [StartJob(part, self._plan) for part in self._parts]
         for found in self._do(start_job, jobs[len(self._starts) :]):
             self._starts.append(found)
             self._keep()
-        many = len(self._parts)
-        by_learner = (self._starts[place : place + many] for place in range(0, len(jobs), many))
-        return [{who: at for part in own for who, at in part.items()} for own in by_learner]
+        return {who: at for part in self._starts for who, at in part.items()}
 
     def peaks(self, jobs: Sequence[PeakJob]) -> list[Peak]:
         """Peaks that some jobs find."""
@@ -98,29 +91,24 @@ class Progress:
         keep_fit(self._folder / PROGRESS, self._about, starts=self._starts, peaks=peaks)
 
     def _fits(self, kept: Mapping[str, Any]) -> list[Fitted]:
-        several = len(self._plans) > 1
-        ranges = {label if several else "": one.space.ranges for label, one in self._plans.items()}
-        return fits_of(kept, {**ranges, MIXTURE: {}} if several else ranges)
+        return fits_of(kept, self._plan.space.ranges)
 
     def _steps(self, kept: Mapping[str, Any]) -> tuple[list[Starts], list[Peak]]:
-        """Content of a file; raises ValueError if it is not of these learners and subjects."""
+        """Content of a file; raises ValueError if it is not of this learner and these subjects."""
         starts = TypeAdapter(list[Starts]).validate_python(kept["starts"])
         peaks = TypeAdapter(list[Peak]).validate_python(kept["peaks"])
         alone = [part.alone() for part in self._parts]
-        whose = [[*own] for _ in self._plans for own in alone]
-        if [[*one] for one in starts] != whose[: len(starts)]:
+        if [[*one] for one in starts] != [[*own] for own in alone][: len(starts)]:
             raise ValueError("the subjects are in another order")
-        plans = list(self._plans.values())
-        free, folds = [len(one.space.ranges) for one in plans], len(plans[0].numbers)
-        for number, found in enumerate(starts):
-            wanted = folds, free[number // len(self._parts)]
+        free = len(self._plan.space.ranges)
+        wanted = len(self._plan.numbers), free
+        for found in starts:
             for at in found.values():
                 if np.shape(at) != wanted or not np.isfinite(at).all():
                     raise ValueError("a search that begins nowhere")
         actions = [len(one.done()[0]) for own in alone for one in own.values()]
         for number, one in enumerate(peaks):
-            learner, subject = divmod(number, len(actions))
-            one.check(free[learner % len(free)])
-            if one.actions + one.held_out_actions != actions[subject]:
+            one.check(free)
+            if one.actions + one.held_out_actions != actions[number % len(actions)]:
                 raise ValueError("a peak of another subject")
         return starts, peaks

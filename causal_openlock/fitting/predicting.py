@@ -10,9 +10,7 @@ What was fitted to actions predicts them too well. There are two ways to allow f
 
 Both are what random-effects model selection takes as log evidence
 (:mod:`~causal_openlock.scoring.model_selection`), in place of learners at parameters that were
-chosen. Each learner is fitted as if all subjects followed it; a mixture, in which they are fitted
-to those who follow them, is fitted at once (:mod:`~causal_openlock.fitting.hierarchical`) and says
-by itself how well it predicts.
+chosen. Each learner is fitted as if all subjects followed it.
 
 A fit may come from other people. It is read as numbers; a learner that is code next to it, or whose
 settings may name a file or an address, is used only if the user also names this learner.
@@ -41,7 +39,6 @@ from causal_openlock.fitting.actions import (
     subjects_of,
 )
 from causal_openlock.fitting.kept import kept_fit
-from causal_openlock.fitting.mixture import MIXTURE
 from causal_openlock.fitting.search import Range, search_space
 from causal_openlock.scoring import LAPSE
 from causal_openlock.scoring.inverse_binomial import Draws
@@ -111,11 +108,6 @@ def read_fit(folder: Path, named: Collection[str] = ()) -> FitOfActions:
 
     def read(kept: dict[str, Any]) -> FitOfActions:
         plan = kept["plan"]
-        if MIXTURE in plan:
-            raise StoreError(
-                f"{path}: this is a mixture of learners, which says in fits.csv how well it "
-                "predicts; give fits of one learner"
-            )
         space, subjects = (
             plan["space"],
             TypeAdapter(dict[str, str]).validate_python(plan["subjects"]),
@@ -134,7 +126,7 @@ def read_fit(folder: Path, named: Collection[str] = ()) -> FitOfActions:
             hold_out=plan["hold_out"],
             folds=int(plan["folds"]),
         )
-        fits = {(one.who, one.fold): one for one in fits_of(kept, {"": ranges})}
+        fits = {(one.who, one.fold): one for one in fits_of(kept, ranges)}
         return FitOfActions(folder.resolve().name, built, fits, subjects)
 
     found = kept_fit(path, read, "give the folder that fit NAME --to wrote")

@@ -38,7 +38,6 @@ from pydantic import Field
 from causal_openlock.contract.parameters import Count
 from causal_openlock.contract.registry import (
     is_ours,
-    learner_class,
     parameter_table,
     parse_parameters,
 )
@@ -355,36 +354,6 @@ def bundled_search(learner: str) -> SearchSpace | None:
     """The search space that comes with the toolkit, if there is one for the learner."""
     path = BUNDLED / f"{learner}.yaml"
     return read_search(path) if learner.isidentifier() and path.is_file() else None
-
-
-def search_beside(named: str) -> SearchSpace:
-    """Search space of a learner that takes part in a mixture.
-
-    Args:
-        named: A file with a search space; or a learner, which is searched in the space that comes
-            with it, and taken as it is by default if there is none.
-
-    Raises:
-        FileError: If it is a file with no search space.
-        LearnerError: If there is no such learner.
-    """
-    if Path(named).suffix in (".yaml", ".yml"):
-        return read_search(named)
-    learner_class(named)
-    return bundled_search(named) or SearchSpace(named, {}, {})
-
-
-def labelled(spaces: Sequence[SearchSpace]) -> dict[str, SearchSpace]:
-    """Search spaces by the names of their learners, numbered where there are several of one.
-
-    >>> [*labelled([SearchSpace(name, {}, {}) for name in ("bayes", "ideal", "bayes")])]
-    ['bayes', 'ideal', 'bayes_2']
-    """
-    found: dict[str, SearchSpace] = {}
-    for space in spaces:
-        number = 1 + sum(one.learner == space.learner for one in found.values())
-        found[space.learner if number == 1 else f"{space.learner}_{number}"] = space
-    return found
 
 
 def parse_range(text: str) -> tuple[str, Range]:

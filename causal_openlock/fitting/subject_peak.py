@@ -45,10 +45,8 @@ Starts = dict[str, list[list[float]]]
 def start_job(job: StartJob) -> Starts:
     """Try the same points for all subjects; the best of each, by fold."""
     plan, numbers = job.plan, job.part.numbers
-    points = np.zeros((1, 0))
-    if free := len(plan.space.ranges):
-        points = qmc.Halton(free, rng=plan.seed).random(plan.candidates)
-        points = logit(points.clip(0.01, 0.99))
+    shares = qmc.Halton(len(plan.space.ranges), rng=plan.seed).random(plan.candidates)
+    points = logit(shares.clip(0.01, 0.99))
     prior = norm.logpdf(points, scale=SPREADS[1]).sum(axis=1)
     predicted = Predictions([job.part], plan)
     losses = np.zeros((len(plan.numbers), len(numbers), len(points)))
@@ -73,8 +71,6 @@ def peak_job(job: PeakJob) -> Peak:
     if out.all():
         zero = np.zeros_like(job.start)
         found = Peak(job.group.mean.tolist(), zero.tolist(), np.diag(zero).tolist(), 0.0)
-    elif not len(job.start):
-        found = Peak([], [], [], loss(job.start))
     else:
         found = peak(loss, job.group, job.start)
     there = predicted(chosen_at(plan, np.array(found.at)))

@@ -150,10 +150,10 @@ def test_folds_need_trials_and_subjects_enough(folder):
     with pytest.raises(OpenLockError, match="there is 1; give --hold-out trials"):
         jobs_of([one], plan, each=False)
     with pytest.raises(OpenLockError, match="7 folds"):
-        GroupFit([part], {"associative": plan}, folder)
+        GroupFit([part], plan, folder)
     check_folds([part], replace(plan, folds=6))
     with pytest.raises(LearnerError, match="--each"):
-        GroupFit([one], {"associative": PLAN}, folder)
+        GroupFit([one], PLAN, folder)
 
 
 def test_the_command_marks_an_estimate_at_a_bound(folder, tmp_path):
@@ -213,7 +213,7 @@ def test_an_action_that_a_learner_never_takes_is_named(doubtful, tmp_path, each)
             fit_all(jobs, tmp_path)
         assert json.loads((tmp_path / FILE).read_text())["done"][-1]["nll"] >= 1e6
     with pytest.raises(LearnerError, match=NEVER):
-        GroupFit(parts(doubtful), {"associative": sure}, tmp_path / "group").run()
+        GroupFit(parts(doubtful), sure, tmp_path / "group").run()
 
 
 def test_a_parameter_without_effect_is_refused_and_marked(doubtful, tmp_path):
@@ -236,7 +236,7 @@ def test_a_parameter_without_effect_is_refused_and_marked(doubtful, tmp_path):
 def test_a_group_at_its_bound_is_marked(doubtful, tmp_path):
     low = search_space("associative", {"temperature": Range(3.0, 4.0)})
     plan = replace(QUICK, hold_out="none", space=low)
-    fits = GroupFit(parts(doubtful, "own"), {"a": plan}, tmp_path).run()
+    fits = GroupFit(parts(doubtful, "own"), plan, tmp_path).run()
     assert fits[0].who == GROUP
     assert fits[0].at_bound == ("temperature",)
 

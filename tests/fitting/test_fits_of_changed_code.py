@@ -33,7 +33,6 @@ WAYS = {
     "all": (),
     "each": ("--each",),
     "hierarchical": ("--hierarchical",),
-    "mixture": ("--hierarchical", "--or", "random"),
 }
 
 

@@ -37,7 +37,7 @@ def folder(tmp_path_factory):
     for way in WAYS:
         plan = replace(PLAN, hold_out="trials" if way.endswith("held") else "none")
         if way == "group":
-            GroupFit(parts, {plan.space.learner: plan}, folder / way).run()
+            GroupFit(parts, plan, folder / way).run()
         else:
             fit_all(jobs_of(parts, plan, way.startswith("each")), folder / way)
     return folder
