@@ -294,10 +294,8 @@ def effects_of(points: pd.DataFrame, trials: pd.DataFrame | None = None) -> pd.D
         else:
             groups = [at[place] for place in effect.weights]
             found = contrast_test(groups, list(effect.weights.values()))
-            t, p = np.nan, np.nan
-            if found.value is not None and found.p is not None:
-                t, p = float(np.copysign(np.sqrt(found.value), found.difference)), found.p
-            tested = found.difference, t, found.df[1], p
+            t = float(np.copysign(np.sqrt(found.value), found.difference))
+            tested = found.difference, t, found.df[1], found.p
         rows.append((effect.name, *tested, tested[0] > 0))
     return pd.DataFrame(rows, columns=["effect", "difference", "t", "df", "p", "like_people"])
 

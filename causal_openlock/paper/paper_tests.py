@@ -8,9 +8,8 @@ to the statistics that the paper prints. Their p values are not corrected.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -30,7 +29,6 @@ from causal_openlock.paper.significance import (
     SignificanceTest,
     contrast_test,
     hedges_g,
-    partial_eta_squared,
     t_test,
     trial_test,
 )
@@ -39,17 +37,10 @@ from causal_openlock.world import facts
 
 TEST_COLUMNS = (
     *("learner", "family", "test", "subjects", "difference", "statistic", "df", "value"),
-    *("p", "effect", "effect_size", "hedges_g", "paper", "note"),
+    *("p", "effect", "effect_size", "hedges_g"),
 )
 """Columns of the tables of this module; see :func:`paper_tests`."""
 PEOPLE = "People"
-_PRINTED_OF_TRAINING = {
-    # The paper draws no training trials: these four stand in its text alone.
-    "training trial effect": "F(5,152)=56.02,p<.001",
-    "training CC3 vs CE3": "F(1,158)=0.11",
-    "final training CC3-CC4 vs CC3-CE4": "t(78)=0.87",
-    "final training CE3-CC4 vs CE3-CE4": "t(78)=0.48",
-}
 _CC3, _CE3 = ("CC3-CC4", "CC3-CE4"), ("CE3-CC4", "CE3-CE4")
 FAMILIES = {
     "baseline": "Baseline trials",
@@ -170,15 +161,20 @@ def printed_tests() -> pd.DataFrame:
     means = people()
     size = int(means["subjects"].iloc[0])
     for test in TESTS:
-        text = _printed()[test.key]
-        outcome = _parsed(text)
+        printed = facts.results()["cogsci2018"]["human"]["statistics"][test.key]
         drawn = means[(means["phase"] == test.phase) & means["condition"].isin(test.conditions)]
+        difference = np.nan
         if len(drawn):  # the difference needs the means alone
             by_condition = drawn.groupby("condition", sort=False)["mean"]
-            one = test.run({str(name): row.to_numpy()[None] for name, row in by_condition})
-            outcome = replace(outcome, difference=one.difference)
-        rows.append(_row(PEOPLE, test, size * len(test.conditions), outcome, text, ""))
-    return _table(rows)
+            means_alone = {str(name): row.to_numpy()[None] for name, row in by_condition}
+            difference = test.run(means_alone).difference
+        if "F" in printed:
+            outcome = SignificanceTest.of_f(printed["F"], tuple(printed["df"]), difference)
+        else:
+            d = printed["t"] * float(np.sqrt(2 / size))
+            outcome = SignificanceTest("t", (printed["df"],), difference, printed["t"], d)
+        rows.append(_row(PEOPLE, test, size * len(test.conditions), outcome))
+    return pd.DataFrame(rows)
 
 
 def paper_tests(trials: pd.DataFrame, learners: Sequence[str]) -> pd.DataFrame:
@@ -196,17 +192,17 @@ def paper_tests(trials: pd.DataFrame, learners: Sequence[str]) -> pd.DataFrame:
           the first minus the last; of the interaction what training with the structure of the
           test saves, the mean over both structures.
         - ``statistic`` (t or F), ``df`` (such as ``1, 78``), ``value`` and ``p``.
-        - ``effect`` (``d`` or ``ηp²``), ``effect_size`` and, of d, ``hedges_g``.
-        - ``paper``: what the paper prints of people.
-        - ``note``: why the test is not defined; then its numbers are NaN. Empty otherwise.
+        - ``effect`` (``d`` or ``ηp²``), ``effect_size`` and, of d, ``hedges_g``; these numbers are
+          NaN where a test is not defined.
     """
     means = by_subject(trials, ["phase", "trial"])
-    own = [table for name in learners if len(table := _tests_of(means, name))]
-    return pd.concat([printed_tests(), *own], ignore_index=True) if own else _table([])
+    rows = [row for name in learners for row in _tests_of(means, name)]
+    if not rows:
+        return pd.DataFrame(columns=list(TEST_COLUMNS))
+    return pd.concat([printed_tests(), pd.DataFrame(rows)], ignore_index=True)
 
 
-def _tests_of(means: pd.DataFrame, learner: str) -> pd.DataFrame:
-    printed = _printed()
+def _tests_of(means: pd.DataFrame, learner: str) -> list[dict[str, object]]:
     mine = means[means["learner"] == learner]
     played = {phase: _matrices(mine[mine["phase"] == phase]) for phase in ("train", "test")}
     rows = []
@@ -214,70 +210,48 @@ def _tests_of(means: pd.DataFrame, learner: str) -> pd.DataFrame:
         held = played[test.phase]
         if not all(name in held for name in test.conditions):
             continue
-        attempts = {name: held[name][0] for name in test.conditions}
-        if len({one.shape[1] for one in attempts.values()}) > 1:
+        attempts = {name: held[name] for name in test.conditions}
+        if len({values.shape[1] for values in attempts.values()}) > 1:
             continue  # groups that played different trials
-        outcome = test.run(attempts)
-        note = str(outcome) if outcome.undefined else ""
-        if note and not any(held[name][1] for name in test.conditions):
-            limit = max(float(one.max()) for one in attempts.values())
-            note = f"not defined: no subject solved a trial within {limit:g} attempts"
         subjects = sum(map(len, attempts.values()))
-        rows.append(_row(learner, test, subjects, outcome, printed[test.key], note))
-    return _table(rows)
+        rows.append(_row(learner, test, subjects, test.run(attempts)))
+    return rows
 
 
 def outcome_text(row: Mapping[Any, Any]) -> str:
     """A row as a paper prints it, with the effect's size."""
-    if row["note"]:
-        return str(row["note"])
+    if np.isnan(row["value"]):
+        return "not defined"
     p = p_value(row["p"])
     parts = [
-        f"{row['statistic']}({row['df']}) = {_number(row['value'])}",
+        _statistic(row),
         f"p {p if p.startswith('<') else f'= {p}'}",
         f"{row['effect']} = {_number(row['effect_size'])}",
     ]
     return ", ".join(part.replace(" ", "\u00a0") for part in parts)  # lines break at commas alone
 
 
+def _statistic(row: Mapping[Any, Any]) -> str:
+    return f"{row['statistic']}({row['df']}) = {_number(row['value'])}"
+
+
 def _number(value: float) -> str:
     return f"{value + 0.0:.2f}".replace("-", "−")
 
 
-def _printed() -> dict[str, str]:
-    """The printed statistics of each test, as the paper's text has them."""
-    return {**_PRINTED_OF_TRAINING, **facts.results()["cogsci2018"]["human"]["statistics"]}
-
-
-def _parsed(text: str) -> SignificanceTest:
-    """``F(4,75)=40.16,p<.001`` as the outcome of a test of groups of equal size."""
-    from scipy.special import fdtrc, stdtr
-
-    found = re.match(r"([tF])\(([\d,]+)\)=([\d.]+)", text.replace(" ", ""))
-    assert found is not None
-    df = tuple(int(one) for one in found[2].split(","))
-    value = float(found[3])
-    if found[1] == "F":
-        p, effect = float(fdtrc(*df, value)), partial_eta_squared(value, df[0], df[1])
-    else:  # n + n − 2 = df
-        p, effect = 2 * float(stdtr(*df, -value)), value * float(np.sqrt(4 / (df[0] + 2)))
-    return SignificanceTest(found[1], df, np.nan, value, p, effect)
-
-
-def _matrices(means: pd.DataFrame) -> dict[str, tuple[FloatArray, bool]]:
-    """``[n, T]`` attempts of the subjects of each condition, and whether any trial was solved."""
+def _matrices(means: pd.DataFrame) -> dict[str, FloatArray]:
+    """``[n, T]`` attempts of the subjects of each condition that played all of its trials."""
     held = {}
     for name, rows in means.groupby("condition", observed=True, sort=False):
         attempts, _ = at_places(rows, ["trial"])
-        whole = attempts[~np.isnan(attempts).any(axis=1)]
-        held[str(name)] = whole, bool((rows["solved"] > 0).any())
-    return {name: found for name, found in held.items() if len(found[0])}
+        held[str(name)] = attempts[~np.isnan(attempts).any(axis=1)]
+    return {name: whole for name, whole in held.items() if len(whole)}
 
 
 def _row(
-    learner: str, test: PaperTest, subjects: int, outcome: SignificanceTest, paper: str, note: str
+    learner: str, test: PaperTest, subjects: int, outcome: SignificanceTest
 ) -> dict[str, object]:
-    d = outcome.effect if outcome.statistic == "t" else None
+    is_t = outcome.statistic == "t"
     return {
         "learner": learner,
         "family": test.family,
@@ -288,18 +262,10 @@ def _row(
         "df": ", ".join(map(str, outcome.df)),
         "value": outcome.value,
         "p": outcome.p,
-        "effect": "d" if outcome.statistic == "t" else "ηp²",
+        "effect": "d" if is_t else "ηp²",
         "effect_size": outcome.effect,
-        "hedges_g": None if d is None else hedges_g(d, outcome.df[0]),
-        "paper": paper,
-        "note": note,
+        "hedges_g": hedges_g(outcome.effect, outcome.df[0]) if is_t else np.nan,
     }
-
-
-def _table(rows: Sequence[Mapping[str, object]]) -> pd.DataFrame:
-    numbers = ["difference", "value", "p", "effect_size", "hedges_g"]
-    table = pd.DataFrame(list(rows), columns=list(TEST_COLUMNS))
-    return table.astype(dict.fromkeys(numbers, float))
 
 
 def section(material: Material) -> Section | None:
@@ -309,7 +275,7 @@ def section(material: Material) -> Section | None:
     if tests.empty:
         return None
     own = tests[tests["learner"] != PEOPLE]
-    rows = [finding(test, own[own["test"] == test.name], test.family) for test in TESTS]
+    rows = [finding(test, own) for test in TESTS]
     caption = (
         "Printed: the paper's statistic. Not defined: subjects do not differ, or no trial was "
         "solved within the limit."
@@ -324,8 +290,7 @@ def section(material: Material) -> Section | None:
     ]
     caption = (
         "Difference: of means, in attempts; of trials the first less the last, of the interaction "
-        "what training with the structure of the test saves, the mean over both. Paper: what it "
-        "prints of people."
+        "what training with the structure of the test saves, the mean over both."
     )
     tables.append(Table("paper_tests_all", "Every test, as numbers", tests, _NUMBERS, caption))
     text = (
@@ -369,29 +334,29 @@ def _family_table(family: str, rows: pd.DataFrame, material: Material) -> Table:
     return Table(name, f"{FAMILIES[family]}: tests", pd.DataFrame(shown), caption=caption)
 
 
-def finding(test: PaperTest, rows: pd.DataFrame, family: str) -> dict[str, str]:
-    """Say what came of a test in people and in learners, of which rows are given.
+def finding(test: PaperTest, rows: pd.DataFrame) -> dict[str, str]:
+    """Say what came of a test in people and in learners, of which all rows are given.
 
     Returns:
         What ``people`` do (or not), the ``printed`` statistic, and the learners in which the effect
         is ``significant``, its ``opposite`` is, neither is, or the test is ``not defined``; empty
         if no learner played it.
     """
-    rows = rows[rows["family"] == family]
+    rows = rows[(rows["family"] == test.family) & (rows["test"] == test.name)]
     if rows.empty:
         return {}
-    defined = rows[rows["note"] == ""]
+    defined = rows[rows["value"].notna()]
     significant = defined["p"] < ALPHA
     with_sign = (defined["difference"] > 0) | (not test.directed)
     people = printed_tests().set_index(["family", "test"]).loc[(test.family, test.name)]
     in_people = f"p {'<' if people['p'] < ALPHA else '>'} {ALPHA:g}"
     return {
-        "people": f"{FAMILIES[family]}: they {test.claim}",
-        "printed": f"{people['paper'].split(',p')[0]}, {in_people}".replace("=", " = "),
+        "people": f"{FAMILIES[test.family]}: they {test.claim}",
+        "printed": f"{_statistic(people)}, {in_people}",
         "significant in": _listed(defined[significant & with_sign]),
         "opposite significant in": _listed(defined[significant & ~with_sign]),
         "not significant in": _listed(defined[~significant]),
-        "not defined for": _listed(rows[rows["note"] != ""]),
+        "not defined for": _listed(rows[rows["value"].isna()]),
     }
 
 

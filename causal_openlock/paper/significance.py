@@ -3,28 +3,22 @@
 A comparison of means needs only the size, the mean and the variance of each group: a
 :class:`~causal_openlock.analysis.effects.Group`. So the same functions test learners, of which
 every value is known, and people, of whom the paper publishes means and error bars. Only the test of
-learning over trials needs every value, because it depends on how a subject's own trials vary
-together.
-
-Where subjects do not differ, a test is not defined: its :class:`SignificanceTest` then says why and
-has no numbers.
+learning over trials needs every value. Where subjects do not differ, a test is not defined.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from causal_openlock.analysis.effects import Group
 from causal_openlock.schemas.fsm import FloatArray
-from causal_openlock.wording import joined
 
 INTERACTION = (0.5, -0.5, -0.5, 0.5)
 """Weights of the interaction of a 2 × 2 design, row by row; every cell counts alike (sums of
 squares of type III)."""
-
 
 Sample = Group | FloatArray
 """A group of subjects: a summary of it, or ``[n]`` their values."""
@@ -45,67 +39,61 @@ def hedges_g(d: float, df: int) -> float:
     return float(d * np.exp(gammaln(df / 2) - gammaln((df - 1) / 2)) / np.sqrt(df / 2))
 
 
-def partial_eta_squared(f: float, df_effect: int, df_error: int) -> float:
-    """Partial η² of an F: the share of the variance left by other effects that this one explains.
-
-    Of the multivariate test of trials it is 1 − Wilks' Λ.
-
-    >>> round(partial_eta_squared(24.94, 1, 156), 3)
-    0.138
-    """
-    return float(f * df_effect / (f * df_effect + df_error))
-
-
-@dataclass(frozen=True)
-class SignificanceTest:
-    """The result of a significance test.
+class SignificanceTest(NamedTuple):
+    """The result of a significance test; its numbers are NaN where it is not defined.
 
     Attributes:
         statistic: ``t`` or ``F``.
         df: Its degrees of freedom.
         difference: The difference tested, in the unit of the values; its sign is that of the
             means, the first minus the second.
-        value: Of the statistic; None if the test is not defined, as the two that follow.
-        p: Probability of so large a statistic, on either side of zero, if there is no difference.
-        effect: Size of the effect: Cohen's d for t, partial η² for F.
-        undefined: Why the test is not defined; empty if it is.
+        value: Of the statistic.
+        effect: Size of the effect: Cohen's d for t; for F partial η², the share of the variance
+            left by other effects that this one explains.
     """
 
     statistic: str
     df: tuple[int, ...]
     difference: float
-    value: float | None = None
-    p: float | None = None
-    effect: float | None = None
-    undefined: str = ""
+    value: float
+    effect: float
 
-    def __str__(self) -> str:
-        """The result as a paper prints it: ``F(1, 156) = 24.94, p < .001``."""
-        if self.value is None or self.p is None:
-            return f"not defined: {self.undefined}"
-        p = "p < .001" if self.p < 0.001 else f"p = {self.p:.3f}".replace("0.", ".")
-        return f"{self.statistic}({', '.join(map(str, self.df))}) = {self.value:.2f}, {p}"
+    @classmethod
+    def of_f(cls, value: float, df: tuple[int, int], difference: float) -> SignificanceTest:
+        """The result of an F test.
+
+        >>> round(SignificanceTest.of_f(24.94, (1, 156), 4.34).effect, 3)
+        0.138
+        """
+        return cls("F", df, difference, value, df[0] * value / (df[0] * value + df[1]))
+
+    @property
+    def p(self) -> float:
+        """Probability of so large a statistic, on either side of zero, without a difference."""
+        from scipy.special import fdtrc, stdtr
+
+        if self.statistic == "t":
+            return float(2 * stdtr(*self.df, -abs(self.value)))
+        return float(fdtrc(*self.df, self.value))
 
 
 def t_test(first: Sample, second: Sample) -> SignificanceTest:
-    """Student's t of two independent groups, variances pooled, two-sided: the paper's t(78).
+    """Compare two independent groups by Student's t, variances pooled, two-sided.
 
     >>> people = Group.published(9.425, 1.24, 40), Group.published(6.45, 0.86, 40)
-    >>> print(t_test(*people))
-    t(78) = 1.95, p = .055
+    >>> found = t_test(*people)
+    >>> found.df, round(found.value, 2), round(found.p, 3)
+    ((78,), 1.95, 0.055)
 
     Returns:
         t with n + m − 2 degrees of freedom, positive where the first mean is larger, and
         Cohen's d.
     """
-    found = contrast_test([first, second])  # of two groups F is t squared
-    df = found.df[1:]
-    if found.value is None:
-        return replace(found, statistic="t", df=df)
-    t = float(np.copysign(np.sqrt(found.value), found.difference))
-    one, other = _summaries([first, second])
-    d = t * float(np.sqrt(1 / one.size + 1 / other.size))
-    return replace(found, statistic="t", df=df, value=t, effect=d)
+    f_test = contrast_test([first, second])  # of two groups F is t squared
+    t = float(np.copysign(np.sqrt(f_test.value), f_test.difference))
+    sizes = [group.size for group in _summaries([first, second])]
+    d = t * float(np.sqrt(1 / sizes[0] + 1 / sizes[1]))
+    return SignificanceTest("t", f_test.df[1:], f_test.difference, t, d)
 
 
 def contrast_test(groups: Sequence[Sample], weights: Sequence[float] = (1, -1)) -> SignificanceTest:
@@ -115,8 +103,9 @@ def contrast_test(groups: Sequence[Sample], weights: Sequence[float] = (1, -1)) 
     the weights :data:`INTERACTION` it is the paper's F(1, 156).
 
     >>> cells = [np.array([7.0, 9]), np.array([4.0, 6]), np.array([3.0, 4]), np.array([6.0, 9])]
-    >>> print(contrast_test(cells, INTERACTION))
-    F(1, 4) = 10.89, p = .030
+    >>> found = contrast_test(cells, INTERACTION)
+    >>> found.df, round(found.value, 2), round(found.p, 3)
+    ((1, 4), 10.89, 0.03)
 
     Args:
         groups: G groups, or ``[n]`` values of each.
@@ -125,17 +114,18 @@ def contrast_test(groups: Sequence[Sample], weights: Sequence[float] = (1, -1)) 
     Returns:
         F(1, N − G) and partial η²; the difference is the weighted sum.
     """
-    parts = _summaries(groups)
-    difference = float(sum(w * one.mean for w, one in zip(weights, parts, strict=True)))
-    pooled, df, reason = _pooled(parts)
-    if reason:
-        return SignificanceTest("F", (1, df), difference, undefined=reason)
-    spread = pooled * sum(w**2 / one.size for w, one in zip(weights, parts, strict=True))
-    return _f(difference**2 / spread, (1, df), difference)
+    size, mean, variance = np.array([group[:3] for group in _summaries(groups)], float).T
+    difference = float(np.dot(weights, mean))
+    df = int(size.sum()) - len(size)
+    within = float((size - 1) @ variance)
+    if not within > 0:
+        return SignificanceTest.of_f(np.nan, (1, df), difference)
+    error = within / df * float((np.square(weights) / size).sum())
+    return SignificanceTest.of_f(difference**2 / error, (1, df), difference)
 
 
 def trial_test(groups: Sequence[FloatArray]) -> SignificanceTest:
-    """Whether trials differ: the multivariate test of repeated measures, F(4, 75) in the paper.
+    """Test whether trials differ: multivariate, of repeated measures, F(4, 75) in the paper.
 
     The differences between successive trials of the same subject are tested against zero, all at
     once (Hotelling's T² with covariances pooled within groups; every group counts alike). Unlike
@@ -145,71 +135,25 @@ def trial_test(groups: Sequence[FloatArray]) -> SignificanceTest:
         groups: ``[n_g, T]`` values of the subjects of each of G groups in the same T trials.
 
     Returns:
-        F(T − 1, N − G − T + 2) and partial η²; the difference is the first trial's mean minus the
-        last one's, groups counting alike.
+        F(T − 1, N − G − T + 2) and partial η², which is 1 − Wilks' Λ; the difference is the first
+        trial's mean minus the last one's, groups counting alike.
     """
-    steps = [np.diff(np.asarray(one, float), axis=1) for one in groups]
-    means = np.array([one.mean(axis=0) for one in steps])
-    number, (count, trials) = sum(map(len, steps)), (len(groups), groups[0].shape[1])
-    error, tested = number - count, trials - 1
-    df = (tested, error - tested + 1)
-    mean = means.mean(axis=0)
+    steps = [np.diff(np.asarray(group, float), axis=1) for group in groups]
+    means = [group.mean(axis=0) for group in steps]
+    residuals = np.concatenate([group - mean for group, mean in zip(steps, means, strict=True)])
+    mean = np.mean(means, axis=0)
+    tested, error = len(mean), len(residuals) - len(groups)
+    df = tested, error - tested + 1
     difference = -float(mean.sum())
-    reason = _not_testable(groups, steps, df)
-    if reason:
-        return SignificanceTest("F", df, difference, undefined=reason)
-    residuals = np.concatenate([one - m for one, m in zip(steps, means, strict=True)])
-    weight = sum(1 / len(one) for one in steps) / count**2
+    # Exact in whole attempts; rounding of means over loops is far below one part in 10⁹.
+    least = 1e-9 * max(np.abs(group).max() for group in groups) * np.sqrt(len(residuals))
+    if tested < 1 or np.linalg.matrix_rank(residuals, tol=least) < tested:
+        return SignificanceTest.of_f(np.nan, df, difference)
+    weight = sum(1 / len(group) for group in steps) / len(groups) ** 2
     covariance = residuals.T @ residuals / error
     squared = float(mean @ np.linalg.solve(covariance, mean) / weight)  # Hotelling's T²
-    return _f(squared * df[1] / (error * tested), df, difference)
-
-
-def _f(value: float, df: tuple[int, int], difference: float) -> SignificanceTest:
-    from scipy.special import fdtrc
-
-    effect = partial_eta_squared(value, *df)
-    return SignificanceTest("F", df, difference, float(value), float(fdtrc(*df, value)), effect)
+    return SignificanceTest.of_f(squared * df[1] / (error * tested), df, difference)
 
 
 def _summaries(groups: Sequence[Sample]) -> list[Group]:
-    return [one if isinstance(one, Group) else Group.of(one) for one in groups]
-
-
-def _pooled(groups: Sequence[Group]) -> tuple[float, int, str]:
-    """The variance within groups, its degrees of freedom, and why it cannot be used."""
-    df = sum(one.size for one in groups) - len(groups)
-    if df < 1:
-        return 0.0, df, "a single subject in each group does not show how subjects differ"
-    pooled = sum((one.size - 1) * one.variance for one in groups) / df
-    if pooled > 0:
-        return pooled, df, ""
-    means = list(dict.fromkeys(f"{one.mean:.4g}" for one in groups))
-    if len(means) == 1:
-        return 0.0, df, f"every subject needed {means[0]} attempts"
-    each = joined(means)
-    return 0.0, df, f"every subject of a group needed as many attempts as the others ({each})"
-
-
-def _not_testable(
-    groups: Sequence[FloatArray], steps: Sequence[FloatArray], df: tuple[int, int]
-) -> str:
-    """Reason why trials cannot be compared; empty if they can."""
-    tested, rest = df
-    if tested < 1:
-        return "there is only one trial"
-    if rest < 1:
-        return f"{tested + 1} trials need at least {tested + len(groups)} subjects"
-    values = np.concatenate([np.ravel(one) for one in groups])
-    if (values == values[0]).all():
-        return f"every subject needed {values[0]:.4g} attempts in every trial"
-    # Exact in whole attempts; rounding of means over loops is far below one part in 10⁹.
-    spread = np.concatenate([one - one.mean(axis=0) for one in steps])
-    scale = np.abs(values).max() * np.sqrt(len(spread))
-    alike = np.flatnonzero(np.linalg.norm(spread, axis=0) <= 1e-9 * scale)
-    if len(alike):
-        named = ", ".join(f"{trial + 1} to {trial + 2}" for trial in alike)
-        return f"all subjects of a group changed alike from one trial to the next ({named})"
-    if np.linalg.matrix_rank(spread, tol=1e-9 * scale) < tested:
-        return "subjects differ in fewer ways than there are differences between trials"
-    return ""
+    return [group if isinstance(group, Group) else Group.of(group) for group in groups]

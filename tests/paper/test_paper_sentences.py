@@ -38,7 +38,7 @@ def in_test(condition):
 def test_the_effect_of_the_test_structure_has_another_f_in_the_two_way_analysis():
     cells = [in_test(name) for name in ("CE3-CE4", "CC3-CE4", "CE3-CC4", "CC3-CC4")]
     two_way = contrast_test(cells, (0.5, 0.5, -0.5, -0.5))
-    assert str(two_way).startswith("F(1, 156) = 20.03")
+    assert (two_way.df, round(two_way.value, 2)) == ((1, 156), 20.03)
     # The one-way test counts what training and the interaction explain as error.
     grand = np.mean([cell.mean for cell in cells])
     within = sum(39 * cell.variance for cell in cells)
@@ -64,7 +64,7 @@ def test_congruent_training_helped_with_ce4_more_than_with_cc4():
         t_test(in_test(other), in_test(same))
         for other, same in (("CE3-CC4", "CC3-CC4"), ("CC3-CE4", "CE3-CE4"))
     ]
-    assert [round(gain.value or 0, 2) for gain in gains] == [2.62, 4.27]
+    assert [round(gain.value, 2) for gain in gains] == [2.62, 4.27]
     assert [gain.difference for gain in gains] == pytest.approx([2.65, 6.025])
 
 

@@ -69,7 +69,7 @@ def test_the_papers_statistics_follow_from_its_means_and_error_bars(form):
     ]
     tested = contrast_test(values)
     assert (tested.df, tested.value) == ((1, 158), pytest.approx(17.14, abs=0.01))
-    assert str(tested).startswith("F(1, 158) = 17.14, p < .001")
+    assert tested.p < 0.001
 
 
 def test_with_error_bars_of_sample_deviations_they_would_not():
@@ -185,21 +185,20 @@ def test_subjects_that_do_not_differ_give_no_number():
     trials[:, 3] = trials[:, 2] - 1
     dependent = trials.copy()
     dependent[:, 3] = 2 * trials[:, 1] - trials[:, 0] + 1  # follows from others, and yet varies
-    for outcome, named in (
-        (t_test(three, three), "every subject needed 3 attempts"),
-        (t_test(tenth, tenth), "every subject needed 0.1 attempts"),
-        (contrast_test([five, three]), "(5 and 3)"),
-        (contrast_test([three] * 4, INTERACTION), "every subject needed 3 attempts"),
-        (trial_test([np.full((20, 5), 3.0)] * 2), "3 attempts in every trial"),
-        (trial_test([trials, trials + 1]), "(3 to 4)"),
-        (trial_test([dependent]), "fewer ways"),
-        (t_test(np.ones(1), np.ones(1)), "a single subject"),
-        (trial_test([rng.random((2, 5)), rng.random((3, 5))]), "5 trials need at least 6 subjects"),
-        (trial_test([rng.random((9, 1))]), "only one trial"),
+    for outcome in (
+        t_test(three, three),
+        t_test(tenth, tenth),
+        contrast_test([five, three]),
+        contrast_test([three] * 4, INTERACTION),
+        trial_test([np.full((20, 5), 3.0)] * 2),
+        trial_test([np.full((20, 5), 0.1), np.full((20, 5), 0.3)]),
+        trial_test([trials, trials + 1]),
+        trial_test([dependent]),
+        t_test(np.ones(1), np.ones(1)),
+        trial_test([rng.random((2, 5)), rng.random((3, 5))]),
+        trial_test([rng.random((9, 1))]),
     ):
-        assert named in outcome.undefined
-        assert str(outcome) == f"not defined: {outcome.undefined}"
-        assert (outcome.value, outcome.p, outcome.effect) == (None, None, None)
+        assert np.isnan([outcome.value, outcome.p, outcome.effect]).all()
     assert contrast_test([five, three]).difference == 2
-    assert trial_test([rng.random((3, 5)), rng.random((3, 5))]).value is not None
+    assert trial_test([rng.random((3, 5)), rng.random((3, 5))]).p > 0
     assert t_test(np.array([9.0]), np.array([1.0, 2.0, 3.0])).df == (2,)
