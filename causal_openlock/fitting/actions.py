@@ -83,8 +83,6 @@ class ActionPlan:
                 f"{self.hold_out!r} cannot be held out of a fit to actions; "
                 f"{nearest(str(self.hold_out), HOLD_OUT)}"
             )
-        if self.space.second:
-            raise OpenLockError("a fit to actions takes one learner; leave second: out")
 
     @property
     def tries(self) -> int:

@@ -77,7 +77,6 @@ class Plan:
     finalists: int = 5  #: so many of the best are played again
     final_subjects: int = 200
     seed: int = 31  #: of the search and of all play; the next two seeds are used as well
-    objective: str = "means"  #: see :mod:`~causal_openlock.fitting.objective`
     target: str = "people"  #: see :mod:`~causal_openlock.fitting.objective`
 
     def as_dict(self) -> dict[str, Any]:
@@ -88,8 +87,8 @@ class Plan:
         return whole
 
     def score(self, points: pd.DataFrame) -> Score:
-        """Distance of a learner from the target, by the plan's objective."""
-        return score(points, self.hold_out, self.objective, self.target)
+        """Distance of a learner from the target."""
+        return score(points, self.hold_out, self.target)
 
 
 @dataclass(frozen=True)
@@ -98,7 +97,7 @@ class Candidate:
 
     number: int  #: in the order of the proposals, from 0
     chosen: dict[str, int | float]
-    rmse: float  #: distance from people, by the objective, on the points that it is fitted to
+    rmse: float  #: distance from people on the points that it is fitted to
 
 
 @dataclass
@@ -209,7 +208,7 @@ def _look_for_effects(
         ).fitted
 
     if best.number not in state.idle:
-        state.idle[best.number] = without_effect(plan.space.searched, best.chosen, loss)
+        state.idle[best.number] = without_effect(plan.space.ranges, best.chosen, loss)
         _keep(state, path)
 
 
@@ -224,7 +223,7 @@ def _players(space: SearchSpace, workers: int) -> Iterator[Start]:
         seed: int,
         subjects: int,
     ) -> Callable[[], pd.DataFrame]:
-        all_jobs = jobs(space.kinds(chosen, subjects), conditions, seed)
+        all_jobs = jobs(space.learner, space.parameters(chosen), conditions, subjects, seed)
         waiting = [submit(job) for job in all_jobs]
         return lambda: joined([trials() for trials in waiting])
 
@@ -270,7 +269,7 @@ def proposals(
             name: IntDistribution(int(one.low), int(one.high), log=one.log)
             if one.whole
             else FloatDistribution(one.low, one.high, log=one.log)
-            for name, one in space.searched.items()
+            for name, one in space.ranges.items()
         }
         for chosen, value in done:
             study.add_trial(
@@ -297,12 +296,10 @@ def _opened(plan: Plan, path: Path) -> Fit:
         if [one.number for one in state.done] != [*range(len(state.done))]:
             raise ValueError("the candidates are not numbered in order")
         for one in state.done:
-            check_chosen(one.chosen, plan.space.searched)
+            check_chosen(one.chosen, plan.space.ranges)
         return state
 
-    parts = (
-        "its search space, the learner's code, seed, subjects, held-out points, objective, target"
-    )
+    parts = "its search space, the learner's code, seed, subjects, held-out points, target"
     return fit_of(path, plan.as_dict(), read, "fit", parts) or Fit(plan)
 
 

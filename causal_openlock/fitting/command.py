@@ -51,7 +51,6 @@ def fit(
     lapse: Annotated[float | None, typer.Option(min=0, max=1, hidden=True)] = None,
     folds: Annotated[int | None, typer.Option(min=2, hidden=True)] = None,
     hold_out: Annotated[str | None, typer.Option(hidden=True)] = None,
-    objective: Annotated[str | None, typer.Option(hidden=True)] = None,
     target: Annotated[str | None, typer.Option(hidden=True)] = None,
     candidates: Annotated[int | None, typer.Option(min=1, hidden=True)] = None,
     subjects: Annotated[int | None, typer.Option(min=2, hidden=True)] = None,
@@ -76,7 +75,7 @@ def fit(
     from causal_openlock.contract.registry import learner_class
     from causal_openlock.fitting.candidates import Plan, require_optuna
     from causal_openlock.fitting.candidates import fit as run
-    from causal_openlock.fitting.objective import conditions_to_fit, objective_called, towards
+    from causal_openlock.fitting.objective import conditions_to_fit, towards
     from causal_openlock.fitting.outcome import fitted_learner, write_fitted_learner
     from causal_openlock.fitting.search import (
         bundled_search,
@@ -89,7 +88,7 @@ def fit(
 
     given = {
         "candidates": candidates, "seed": seed, "hold_out": hold_out, "target": target,
-        "objective": objective, "subjects": subjects, "finalists": finalists,
+        "subjects": subjects, "finalists": finalists,
         "final_subjects": final_subjects, "of": of, "each": each, "lapse": lapse, "folds": folds,
     }  # fmt: skip
     how = read_settings(plan, given)
@@ -123,10 +122,9 @@ def fit(
         return
     held_out = how.hold_out or "transfer"
     conditions_to_fit(held_out)  # fails at once if there is no such way
-    objective_called(how.objective)
     towards(published_points(), how.target)
     played = how.candidates, how.subjects, how.finalists, how.final_subjects
-    declared = Plan(chosen, held_out, *played, how.seed, how.objective, how.target)
+    declared = Plan(chosen, held_out, *played, how.seed, how.target)
     console = Terminal()
     bar = Progress(
         TextColumn("{task.description}"),
@@ -199,22 +197,20 @@ def print_fit(fitted: Fit, found: FittedLearner, console: Terminal) -> None:
     from causal_openlock.fitting.actions import at_bound
     from causal_openlock.fitting.marks import legend, marked, rounded
     from causal_openlock.fitting.objective import TARGETS
-    from causal_openlock.fitting.outcome import entries
     from causal_openlock.paper.likeness_figure import CLEAR, signs
     from causal_openlock.paper.noise_ceiling import null_curves
 
     plan = fitted.plan
-    over = "means" if plan.objective == "means" else "means and standard deviations"
     console.print(
-        f"\n[bold]The nearest candidates[/bold], RMSE of {over}, in attempts, on what is fitted",
+        "\n[bold]The nearest candidates[/bold], RMSE of means, in attempts, on what is fitted",
         markup=True,
     )
-    names, idle = list(plan.space.searched), fitted.idle.get(fitted.best.number, ())
+    names, idle = list(plan.space.ranges), fitted.idle.get(fitted.best.number, ())
     bounds: set[str] = set()
     nearest = plain_table("number", *names, "RMSE", "again")
     for row in fitted.table().head(plan.finalists).to_dict("records"):
         again = f"{row['again']:.2f}" if row["again"] == row["again"] else ""
-        own = at_bound(plan.space.searched, {name: row[name] for name in names})
+        own = at_bound(plan.space.ranges, {name: row[name] for name in names})
         bounds |= {*own}
         values = [marked(row[name], name, own, idle) for name in names]
         nearest.add_row(str(row["number"]), *values, f"{row['rmse']:.2f}", again)
@@ -226,7 +222,7 @@ def print_fit(fitted: Fit, found: FittedLearner, console: Terminal) -> None:
         console.warn(few)
 
     console.print(
-        f"\n[bold]Distance from {TARGETS[plan.target]}[/bold], RMSE of {over}, in attempts, "
+        f"\n[bold]Distance from {TARGETS[plan.target]}[/bold], RMSE of means, in attempts, "
         f"{plan.final_subjects} subjects on a seed that nothing was chosen by",
         markup=True,
     )
@@ -234,9 +230,8 @@ def print_fit(fitted: Fit, found: FittedLearner, console: Terminal) -> None:
     distances, to_people = {found.label: found.score}, plan.target == "people"
     if to_people:
         distances["published model"] = found.model
-    if plan.objective == "means":
-        distances["perfect model"] = found.perfect
-    if plan.objective == "means" and to_people:
+    distances["perfect model"] = found.perfect
+    if to_people:
         distances |= {name: plan.score(curve.points) for name, curve in null_curves().items()}
     for name, one in distances.items():
         numbers = [one.fitted, one.held_out, one.all]
@@ -249,7 +244,7 @@ def print_fit(fitted: Fit, found: FittedLearner, console: Terminal) -> None:
     console.print_whole(misses)
     console.print_line(
         "A small p rejects a model. Fitted numbers, here "
-        f"{len(plan.space.searched)}, each take away a degree of freedom."
+        f"{len(plan.space.ranges)}, each take away a degree of freedom."
     )
     if plan.space.learner == "bayes" and plan.hold_out != "none":
         console.print(
@@ -268,5 +263,5 @@ def print_fit(fitted: Fit, found: FittedLearner, console: Terminal) -> None:
     console.print(effects)
     console.print(signs(found.effects))
     console.print("\n[bold]For an experiment file[/bold], under learners:", markup=True)
-    text = dump_yaml([{**one, "parameters": rounded(one["parameters"])} for one in entries(found)])
+    text = dump_yaml([{**found.entry(), "parameters": rounded(found.parameters)}])
     console.print(text, highlight=False, markup=False, soft_wrap=True, end="")

@@ -4,7 +4,6 @@ A fit that is judged by what it was fitted to says little. So some of people's f
 held out of the search, which plays only the conditions that it needs:
 
 * ``transfer``: fitted to the ten points of the baselines; the four transfer tests are predicted.
-* ``alternate``: fitted to every other point, seven of them.
 * ``none``: fitted to all.
 
 Of a theory that claims to be the published model one may ask instead whether it *is* that model:
@@ -12,15 +11,10 @@ with the target ``model`` the fourteen means are those that were published of it
 
 All candidates meet the same rooms and the same random numbers, so that their parameters alone make
 the difference.
-
-Distance is that of the means (``means``), or that of the means and of the standard deviations over
-subjects (``means_and_spreads``): people differ among themselves more than the subjects of a learner
-that is near their means.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,21 +30,14 @@ from causal_openlock.experiment.declare import (
     find_condition,
 )
 from causal_openlock.experiment.session import Session
-from causal_openlock.fitting.search import Kind
 from causal_openlock.paper.likeness import (
     distance,
-    distance_with_spreads,
     published_points,
 )
 from causal_openlock.schemas.fsm import BoolArray
 from causal_openlock.wording import nearest
 
-HOLD_OUT = ("transfer", "alternate", "none")
-OBJECTIVES: Mapping[str, Callable[[pd.DataFrame], float]] = {
-    "means": lambda points: distance(points)[0],
-    "means_and_spreads": distance_with_spreads,
-}
-"""Distances from people that can be made small, in attempts."""
+HOLD_OUT = ("transfer", "none")
 TARGETS = {"people": "people", "model": "the published model"}
 """Targets of a fit, in words: whose published means it is fitted to."""
 CHUNK = 40
@@ -71,11 +58,7 @@ def held_out(points: pd.DataFrame, how: str) -> BoolArray:
     if how not in HOLD_OUT:
         raise OpenLockError(f"points cannot be held out by {how!r}; {nearest(how, HOLD_OUT)}")
     tests: BoolArray = points["condition"].isin(list(TRANSFERS)).to_numpy(bool)
-    if how == "transfer":
-        return tests
-    every_other = published_points()[POINT].iloc[1::2].apply(tuple, axis=1)
-    odd: BoolArray = points[POINT].apply(tuple, axis=1).isin(every_other).to_numpy(bool)
-    return odd & (how == "alternate")
+    return tests & (how == "transfer")
 
 
 def conditions_to_fit(how: str) -> tuple[str, ...]:
@@ -100,16 +83,15 @@ class Job:
     seed: int
 
 
-def jobs(kinds: Sequence[Kind], conditions: tuple[str, ...], seed: int) -> list[Job]:
+def jobs(
+    learner: str, parameters: dict[str, Any], conditions: tuple[str, ...], subjects: int, seed: int
+) -> list[Job]:
     """The jobs of one candidate."""
-    found = []
-    for name in conditions:
-        for kind in kinds:
-            end = kind.first + kind.subjects
-            for first in range(kind.first, end, CHUNK):
-                subjects = min(CHUNK, end - first)
-                found.append(Job(kind.learner, kind.parameters, name, first, subjects, seed))
-    return found
+    return [
+        Job(learner, parameters, name, first, min(CHUNK, subjects - first), seed)
+        for name in conditions
+        for first in range(0, subjects, CHUNK)
+    ]
 
 
 def play(job: Job) -> pd.DataFrame:
@@ -130,13 +112,12 @@ def play(job: Job) -> pd.DataFrame:
 
 
 def joined(played: list[pd.DataFrame]) -> pd.DataFrame:
-    """The trials of several jobs of one candidate, whatever the kind of its subjects."""
+    """The trials of several jobs of one candidate."""
     parts = [
         part.astype(dict.fromkeys(("learner", "condition", "protocol", "phase"), str))
         for part in played
     ]
-    whole = pd.concat(parts, ignore_index=True)
-    return whole.assign(learner=whole["learner"].iloc[0])
+    return pd.concat(parts, ignore_index=True)
 
 
 @dataclass(frozen=True)
@@ -165,28 +146,14 @@ def towards(points: pd.DataFrame, target: str) -> pd.DataFrame:
     return points.drop(columns=[*names.values()]).merge(theirs, on=POINT, how="left")
 
 
-def score(
-    points: pd.DataFrame, how: str, objective: str = "means", target: str = "people"
-) -> Score:
+def score(points: pd.DataFrame, how: str, target: str = "people") -> Score:
     """Distance of one learner from people, or from the published model.
 
     Args:
         points: From :func:`~causal_openlock.paper.likeness.points_of`.
         how: One of :data:`HOLD_OUT`.
-        objective: One of :data:`OBJECTIVES`.
         target: One of :data:`TARGETS`.
     """
     points = towards(points, target)
-    out, far = held_out(points, how), objective_called(objective)
-    return Score(far(points[~out]), far(points[out]), far(points))
-
-
-def objective_called(name: str) -> Callable[[pd.DataFrame], float]:
-    """One of :data:`OBJECTIVES`.
-
-    Raises:
-        OpenLockError: If there is none of that name.
-    """
-    if name not in OBJECTIVES:
-        raise OpenLockError(f"a fit has no objective {name!r}; {nearest(name, OBJECTIVES)}")
-    return OBJECTIVES[name]
+    out = held_out(points, how)
+    return Score(*(distance(part)[0] for part in (points[~out], points[out], points)))

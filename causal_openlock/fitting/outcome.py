@@ -13,11 +13,9 @@ from causal_openlock.analysis.plots import style
 from causal_openlock.experiment.declare import PAPER_CONDITIONS
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.escaping import csv_of
-from causal_openlock.files.validation import present
 from causal_openlock.files.yaml_file import dump_yaml
 from causal_openlock.fitting.candidates import Fit
 from causal_openlock.fitting.objective import TARGETS, Score, held_out, towards
-from causal_openlock.fitting.search import Kind
 from causal_openlock.paper.likeness import (
     PUBLISHED_MODEL,
     effects_of,
@@ -33,13 +31,18 @@ class FittedLearner:
     """The learner with the parameters that a fit found."""
 
     label: str
-    kinds: list[Kind]  #: of subjects, with the parameters that differ from the defaults
+    learner: str
+    parameters: dict[str, Any]  #: that differ from the defaults
     score: Score  #: on a seed that nothing was chosen by
     model: Score  #: of the published model, of which nothing was fitted here
     perfect: Score  #: in means, of a perfect model with as many subjects and fitted numbers
     misfits: dict[str, list[str]]  #: in means, by model: in words, of what :class:`Score` has
     points: pd.DataFrame  #: means at people's points; held_out: whether it was not fitted to them
     effects: pd.DataFrame  #: that people show, tested; like_people: whether the sign is people's
+
+    def entry(self) -> dict[str, Any]:
+        """The fitted learner as an entry of an experiment file."""
+        return {"learner": self.learner, "name": self.label, "parameters": self.parameters}
 
 
 def fitted_learner(fitted: Fit, trials: pd.DataFrame) -> FittedLearner:
@@ -48,7 +51,7 @@ def fitted_learner(fitted: Fit, trials: pd.DataFrame) -> FittedLearner:
     label = f"{plan.space.learner.rpartition(':')[2]}_fitted"
     points = points_of(trials)
     out = held_out(points, plan.hold_out)
-    aim, number = towards(points, plan.target), len(plan.space.searched)
+    aim, number = towards(points, plan.target), len(plan.space.ranges)
     parts = (aim[~out], number), (aim[out], 0), (aim, number)
     misfits = {label: [misfit(*part).in_words for part in parts]}
     if plan.target == "people":
@@ -60,7 +63,8 @@ def fitted_learner(fitted: Fit, trials: pd.DataFrame) -> FittedLearner:
                     for name, curve in curves.items()}  # fmt: skip
     return FittedLearner(
         label=label,
-        kinds=plan.space.kinds(fitted.best.chosen, plan.final_subjects),
+        learner=plan.space.learner,
+        parameters=plan.space.parameters(fitted.best.chosen),
         score=plan.score(points),
         model=plan.score(points_of_model()),
         perfect=Score(*(noise_ceiling(*part).both for part in parts)),
@@ -68,23 +72,6 @@ def fitted_learner(fitted: Fit, trials: pd.DataFrame) -> FittedLearner:
         points=points.assign(learner=label, held_out=out),
         effects=effects_of(points, trials),
     )
-
-
-def entries(found: FittedLearner) -> list[dict[str, Any]]:
-    """The fitted learner as an entry of an experiment file, or as one for each kind of subject."""
-    names = [found.label, f"{found.label}_second"]
-    mixed = len(found.kinds) > 1
-    return [
-        present(
-            {
-                "learner": kind.learner,
-                "name": name,
-                "subjects": kind.subjects if mixed else None,
-                "parameters": kind.parameters,
-            }
-        )
-        for kind, name in zip(found.kinds, names, strict=False)
-    ]
 
 
 def write_fitted_learner(fitted: Fit, found: FittedLearner, folder: Path | str) -> list[Path]:
@@ -105,7 +92,7 @@ def write_fitted_learner(fitted: Fit, found: FittedLearner, folder: Path | str) 
         "protocol": "human",
         "subjects": plan.final_subjects,
         "conditions": list(PAPER_CONDITIONS),
-        "learners": [plan.space.learner, *entries(found)],
+        "learners": [plan.space.learner, found.entry()],
     }
     texts = {
         "experiment.yaml": dump_yaml(experiment),
@@ -119,7 +106,7 @@ def write_fitted_learner(fitted: Fit, found: FittedLearner, folder: Path | str) 
     model = points_of_model()
     points = {found.label: own, PUBLISHED_MODEL: model}
     effects = {found.label: found.effects, PUBLISHED_MODEL: effects_of(model)}
-    fitted_numbers = {found.label: len(plan.space.searched)} if plan.target == "people" else {}
+    fitted_numbers = {found.label: len(plan.space.ranges)} if plan.target == "people" else {}
     draw_points(points, effects, figure, fitted_numbers)
     style.save(figure, folder / "fit.svg")
     return [*(folder / name for name in texts), folder / "fit.svg"]

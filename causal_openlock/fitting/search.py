@@ -11,17 +11,9 @@ A search space is a YAML file, or options of the command line::
 ``fixed`` holds parameters that are set and not searched; all others keep their defaults. Names and
 bounds are checked against the learner's parameters before anything is played.
 
-People differ more than subjects of one kind do. So a candidate may be a mixture: a share of its
-subjects, which is searched too, is of a second kind, a learner whose parameters are all set::
-
-    second:
-      learner: bayes
-      fixed: {policy: thompson, forgetting: 0.8}
-      share: {low: 0.0, high: 0.3}
-
 How the fit is made stands in the same file (:class:`FitSettings`)::
 
-    fit: {candidates: 120, hold_out: alternate, seed: 7}
+    fit: {candidates: 120, hold_out: none, seed: 7}
 """
 
 from __future__ import annotations
@@ -50,8 +42,6 @@ from causal_openlock.wording import joined, nearest, significant
 
 BUNDLED = Path(__file__).parent
 FORM = "name=low:high, or name=low:high:log"
-SHARE = "share"
-"""Name of the share of subjects of a second kind, among the searched parameters."""
 
 
 @dataclass(frozen=True)
@@ -76,39 +66,12 @@ def check_chosen(chosen: Mapping[str, float], ranges: Mapping[str, Range]) -> No
 
 
 @dataclass(frozen=True)
-class Second:
-    """A second kind of subject: a learner with its parameters, and the range of its share."""
-
-    learner: str
-    fixed: Mapping[str, Any]
-    share: Range
-
-
-@dataclass(frozen=True)
-class Kind:
-    """Subjects of a candidate that play with the same parameters, from number ``first`` on."""
-
-    learner: str
-    parameters: dict[str, Any]
-    first: int
-    subjects: int
-
-
-@dataclass(frozen=True)
 class SearchSpace:
     """The parameters of a learner that are searched, and those that are set to a fixed value."""
 
     learner: str
     fixed: Mapping[str, Any]
     ranges: Mapping[str, Range]
-    second: Second | None = None
-
-    @property
-    def searched(self) -> dict[str, Range]:
-        """The ranges; that of the share of the second kind has the name ``share``."""
-        if self.second is None:
-            return dict(self.ranges)
-        return {**self.ranges, SHARE: self.second.share}
 
     @cached_property
     def code(self) -> dict[str, str]:
@@ -117,32 +80,19 @@ class SearchSpace:
         Once known it stays: what is fitted while files are edited was begun with the old ones.
         """
         lowest = self.parameters({name: one.low for name, one in self.ranges.items()})
-        kinds = [(self.learner, lowest)]
-        if self.second:
-            kinds.append((self.second.learner, dict(self.second.fixed)))
-        return {learner: code for learner, own in kinds if (code := _code_of(learner, own))}
+        code = _code_of(self.learner, lowest)
+        return {self.learner: code} if code else {}
 
     def as_dict(self) -> dict[str, Any]:
-        """The space as plain data, with the code of its learners."""
+        """The space as plain data, with the code of its learner."""
         data = {
             "learner": self.learner,
             "fixed": dict(self.fixed),
             "search": {name: asdict(one) for name, one in self.ranges.items()},
         }
-        if self.second:
-            data["second"] = asdict(self.second)
         if self.code:
             data["code"] = self.code
         return data
-
-    def kinds(self, chosen: Mapping[str, float], subjects: int) -> list[Kind]:
-        """The kinds of subjects of a candidate; the last of its subjects are of the second kind."""
-        other = round(chosen[SHARE] * subjects) if self.second else 0
-        kinds = [Kind(self.learner, self.parameters(chosen), 0, subjects - other)]
-        if self.second:
-            own = dict(self.second.fixed)
-            kinds.append(Kind(self.second.learner, own, subjects - other, other))
-        return [kind for kind in kinds if kind.subjects]
 
     @property
     def in_words(self) -> str:
@@ -197,16 +147,6 @@ class RangeFile(StrictModel):
     log: Annotated[bool, Field(description="Whether its logarithm is searched evenly.")] = False
 
 
-class SecondFile(StrictModel):
-    """A second kind of subject."""
-
-    learner: Annotated[str, Field(description="Registered name of a learner.")]
-    fixed: Annotated[dict[str, Any], Field(description="Parameters that are set.")] = Field(
-        default_factory=dict
-    )
-    share: Annotated[RangeFile, Field(description="The share of subjects that are of this kind.")]
-
-
 class FitSettings(StrictModel):
     """Settings of a fit, whatever is searched."""
 
@@ -224,17 +164,14 @@ class FitSettings(StrictModel):
         str | None,
         Field(
             description="What is not fitted to but predicted, of people's points: transfer (the "
-            "four tests; the default), alternate (every other one) or none; of recorded actions: "
-            "trials (the default), subjects or none."
+            "four tests; the default) or none; of recorded actions: trials (the default), "
+            "subjects or none."
         ),
     ] = None
     # To published means:
     target: Annotated[
         str, Field(description="Whose means are fitted to: people, or model (of AAAI 2020).")
     ] = "people"
-    objective: Annotated[
-        str, Field(description="means, or means_and_spreads (standard deviations over subjects).")
-    ] = "means"
     subjects: Annotated[
         int, Field(ge=2, description="Subjects that a candidate plays in each condition.")
     ] = 40
@@ -263,7 +200,6 @@ class SearchFile(StrictModel):
         default_factory=dict
     )
     search: Annotated[dict[str, RangeFile], Field(description="Parameters that are searched.")]
-    second: Annotated[SecondFile | None, Field(description="A second kind of subject.")] = None
     fit: Annotated[FitSettings, Field(description="How the fit is made.")] = Field(
         default_factory=FitSettings
     )
@@ -273,13 +209,12 @@ def search_space(
     learner: str,
     ranges: Mapping[str, Range],
     fixed: Mapping[str, Any] | None = None,
-    second: Second | None = None,
 ) -> SearchSpace:
     """A search space, checked.
 
     Raises:
         LearnerError: If a parameter is unknown, is not a number, is both fixed and searched, or has
-            bounds that it cannot take; or if the share of a second kind is none.
+            bounds that it cannot take.
     """
     fixed = dict(fixed or {})
     if not ranges:
@@ -310,14 +245,7 @@ def search_space(
         if whole and not (float(one.low).is_integer() and float(one.high).is_integer()):
             raise LearnerError(f"the bounds of {name} must be whole numbers, as {name} is one")
         checked[name] = Range(one.low, one.high, one.log, whole)
-    if second:
-        parse_parameters(second.learner, second.fixed)
-        if not 0 <= second.share.low < second.share.high <= 1 or SHARE in defaults:
-            raise LearnerError(
-                f"the share of {second.learner} must be searched from low to high within 0 and 1, "
-                f"and {learner} must not have a parameter of the name {SHARE}"
-            )
-    space = SearchSpace(learner, fixed, checked, second)
+    space = SearchSpace(learner, fixed, checked)
     for corner in ("low", "high"):
         parse_parameters(
             learner, space.parameters({name: getattr(one, corner) for name, one in checked.items()})
@@ -333,20 +261,14 @@ def read_search(path: Path | str) -> SearchSpace:
         LearnerError: If it does not fit the learner.
     """
     content = read_document(path).validate(SearchFile)
-    ranges = {name: _range(one) for name, one in content.search.items()}
-    other = content.second
-    second = Second(other.learner, other.fixed, _range(other.share)) if other else None
-    return search_space(content.learner, ranges, content.fixed, second)
+    ranges = {name: Range(one.low, one.high, one.log) for name, one in content.search.items()}
+    return search_space(content.learner, ranges, content.fixed)
 
 
 def read_settings(path: Path | str | None, given: Mapping[str, Any]) -> FitSettings:
     """Settings of a fit: those given, else the file's, else the defaults."""
     settings = read_document(path).validate(SearchFile).fit if path else FitSettings()
     return settings.model_copy(update={k: v for k, v in given.items() if v is not None})
-
-
-def _range(read: RangeFile) -> Range:
-    return Range(read.low, read.high, read.log)
 
 
 @cache
@@ -404,4 +326,4 @@ def changed(
         name: one for name, one in known_ranges.items() if name not in settings
     }
     kept = {name: value for name, value in known_fixed.items() if name not in wanted}
-    return search_space(learner, wanted, {**kept, **settings}, space.second if space else None)
+    return search_space(learner, wanted, {**kept, **settings})

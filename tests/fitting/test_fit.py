@@ -29,8 +29,6 @@ from causal_openlock.fitting.objective import (
 )
 from causal_openlock.fitting.outcome import fitted_learner, write_fitted_learner
 from causal_openlock.fitting.search import (
-    BUNDLED,
-    Kind,
     Range,
     bundled_search,
     changed,
@@ -39,7 +37,6 @@ from causal_openlock.fitting.search import (
 )
 from causal_openlock.paper.likeness import (
     distance,
-    distance_with_spreads,
     points_of,
     points_of_model,
     points_of_people,
@@ -95,8 +92,8 @@ def stored(folder):
 
 def played(lapse, conditions, subjects, seed):
     """Points of a learner that lapses this often."""
-    kinds = [Kind(ME, {"lapse": lapse}, 0, subjects)]
-    return points_of(joined([play(job) for job in jobs(kinds, conditions, seed)]))
+    asked = jobs(ME, {"lapse": lapse}, conditions, subjects, seed)
+    return points_of(joined([play(job) for job in asked]))
 
 
 # -- what is searched -----------------------------------------------------------------------------
@@ -142,14 +139,12 @@ def test_the_bundled_search_of_bayes_is_what_its_fitted_experiment_varies():
 # -- what is fitted, and what is held out ---------------------------------------------------------
 
 
-def test_held_out_are_the_four_tests_or_every_other_point_or_nothing():
+def test_held_out_are_the_four_tests_or_nothing():
     points = published_points()
     assert points[held_out(points, "transfer")]["phase"].tolist() == ["test"] * 4
-    assert held_out(points, "alternate").tolist() == [False, True] * 7
     assert not held_out(points, "none").any()
     assert conditions_to_fit("transfer") == ("CC4", "CE4")
     assert len(conditions_to_fit("none")) == 6
-    assert conditions_to_fit("alternate") == ("CC4", "CE4", "CC3-CC4", "CC3-CE4")
 
 
 def test_a_candidate_plays_the_same_however_its_subjects_are_cut():
@@ -158,7 +153,7 @@ def test_a_candidate_plays_the_same_however_its_subjects_are_cut():
     parts = [play(Job(ME, parameters, "CC4", first, many, 1)) for first, many in ((0, 2), (2, 3))]
     cut = joined(parts).sort_values(["subject", "trial"])["attempts"].to_numpy()
     assert cut.tolist() == whole.sort_values(["subject", "trial"])["attempts"].tolist()
-    assert [job.subjects for job in jobs([Kind(ME, {}, 0, 90)], ("CC4",), 1)] == [40, 40, 10]
+    assert [job.subjects for job in jobs(ME, {}, ("CC4",), 90, 1)] == [40, 40, 10]
 
 
 def test_the_score_takes_the_points_apart_as_they_are_held_out():
@@ -243,7 +238,7 @@ def test_the_best_few_are_played_again_and_that_decides(tmp_path):
 
 @pytest.mark.parametrize(
     "change",
-    [{"seed": 4}, {"subjects": 5}, {"hold_out": "none"}, {"objective": "means_and_spreads"}],
+    [{"seed": 4}, {"subjects": 5}, {"hold_out": "none"}, {"target": "model"}],
 )
 def test_a_folder_with_another_fit_is_refused(tmp_path, change):
     keep_fit(tmp_path / FILE, plan().as_dict(), done=[], again={})
@@ -274,26 +269,6 @@ def test_a_stored_candidate_that_cannot_be_is_refused(tmp_path, candidate):
 
 
 # -- what comes of it -----------------------------------------------------------------------------
-
-
-def test_a_second_kind_of_subjects_and_spreads_are_fitted(tmp_path):
-    (tmp_path / "mixed.yaml").write_text(
-        f"learner: {ME}\nsearch:\n  lapse: {{low: 0.0, high: 0.6}}\nsecond:\n  learner: {ME}\n"
-        "  fixed: {lapse: 1.0}\n  share: {low: 0.2, high: 0.8}\n"
-    )
-    space = read_search(tmp_path / "mixed.yaml")
-    first, second = space.kinds({"lapse": 0.0, "share": 0.3}, 10)
-    assert (first.first, first.subjects, first.parameters) == (0, 7, {"lapse": 0.0})
-    assert (second.first, second.subjects, second.parameters) == (7, 3, {"lapse": 1.0})
-    wanted = plan(space=space, candidates=2, objective="means_and_spreads", hold_out="none")
-    fitted, trials = fit(wanted, tmp_path)
-    assert 0.2 <= fitted.best.chosen["share"] <= 0.8
-    found = fitted_learner(fitted, trials)
-    assert found.score.all == pytest.approx(distance_with_spreads(points_of(trials)))
-    write_fitted_learner(fitted, found, tmp_path)
-    learners = read_experiment(tmp_path / "experiment.yaml").learners
-    assert [one.subjects for one in learners[-1:]] == [round(6 * fitted.best.chosen["share"])]
-    assert read_search(BUNDLED / "bayes_mixture.yaml").second is not None
 
 
 def test_the_fitted_learner_is_written_as_an_experiment_that_can_be_run(tmp_path):
