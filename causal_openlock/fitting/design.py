@@ -14,15 +14,14 @@ saves time here: after each doubling of the draws, the half of the theories that
 none any more.
 
 A person's time is their attempts, at the pace of the people of the paper. Conditions are ranked by
-information a minute, in successive halving (Jamieson & Talwalkar 2016): those that tell least are
-given up, and the others get twice as many subjects.
+information a minute.
 """
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import as_completed
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -453,28 +452,3 @@ def in_words(table: pd.DataFrame, theories: int) -> str:
     if told:
         said.append(f"In {joined(told)} all is told that can be; fewer rooms may do as well")
     return ". ".join([*said, f"At most {most:.2f} bits can be told of {theories} theories."])
-
-
-def halved(
-    experiment: Experiment, simulate: Callable[[Experiment], pd.DataFrame]
-) -> Iterator[pd.DataFrame]:
-    """Look for the condition that tells most a minute, in successive halving.
-
-    Args:
-        experiment: Its conditions are the candidates.
-        simulate: Gives :func:`told_apart` of an experiment.
-
-    Yields:
-        :func:`ranked` of all conditions; then of the better half of them, with twice as many
-        subjects; and so on, until two are left.
-    """
-    while True:
-        yield (table := ranked(simulate(experiment)))
-        if len(experiment.conditions) <= 2:
-            return
-        names = table["condition"][: max(2, math.ceil(len(table) / 2))]
-        experiment = replace(
-            experiment,
-            conditions=tuple(one for one in experiment.conditions if one.name in set(names)),
-            learners=tuple(replace(one, subjects=2 * one.subjects) for one in experiment.learners),
-        )

@@ -36,14 +36,6 @@ def design(
             help="A learner of the experiment that makes subjects without being a theory."
         ),
     ] = None,
-    halving: Annotated[
-        bool,
-        typer.Option(
-            "--halving",
-            help="Give up the half of the conditions that tells least in a subject's minute, "
-            "double the subjects, and so on, until two are left.",
-        ),
-    ] = False,
     draws: Annotated[
         int, typer.Option(min=1, help="Most sets of unknown parameters to average over.")
     ] = 8,
@@ -61,21 +53,16 @@ def design(
     A minute is one of a person's time. Theories are the learners, with unknown parameters: those
     whose value lies in a range of the learner's search space. Subjects of each are simulated, and
     all theories predict them. What was stopped is continued by the same command. Written are
-    conditions.csv, a row for each round and condition; subjects.csv, of the last round; and
-    design.json, with all settings.
+    conditions.csv, a row for each condition; subjects.csv; and design.json, with all settings.
     """
-    import pandas as pd
-
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.comparison.progress_bar import counting, shown_steps
-    from causal_openlock.experiment.declare import Experiment
     from causal_openlock.experiment.file import find_experiment, read_experiment
     from causal_openlock.experiment.making import Changes
     from causal_openlock.files.atomic import folder_at, write_text
     from causal_openlock.files.escaping import csv_of
     from causal_openlock.fitting.design import (
         Effort,
-        halved,
         in_words,
         informed,
         ranked,
@@ -94,38 +81,24 @@ def design(
     for name, own in ranges.items():
         drawn = [f"{key} {each.low:g} to {each.high:g}" for key, each in own.items()]
         console.print_line(f"unknown of {name}: {', '.join(drawn) or 'nothing'}")
-    last: list[pd.DataFrame] = []
     with resumable(), shown_steps("design") as begin:
-
-        def simulate(asked: Experiment) -> pd.DataFrame:
-            last[:] = [
-                told_apart(
-                    asked,
-                    effort,
-                    outside=outside or (),
-                    folder=folder / "subjects",
-                    workers=workers or available_cores(),
-                    report=counting(begin, "subjects"),
-                )
-            ]
-            return last[0]
-
-        tables = halved(chosen, simulate) if halving else iter([ranked(simulate(chosen))])
-        rounds = []
-        for number, table in enumerate(tables, 1):
-            if halving:
-                console.print_line(f"round {number}")
-            _print(table, console)
-            rounds.append(table.assign(round=number))
-    every = informed(last[0])
-    for name, found in {"conditions": pd.concat(rounds), "subjects": every}.items():
+        simulated = told_apart(
+            chosen,
+            effort,
+            outside=outside or (),
+            folder=folder / "subjects",
+            workers=workers or available_cores(),
+            report=counting(begin, "subjects"),
+        )
+    table, every = ranked(simulated), informed(simulated)
+    _print(table, console)
+    for name, found in {"conditions": table, "subjects": every}.items():
         write_text(folder / f"{name}.csv", csv_of(found.round(6)))
     settings = {
         "experiment": chosen.as_dict(),
         "unknown": {name: {key: asdict(one) for key, one in own.items()}
                     for name, own in ranges.items()},
         "outside": outside or [],
-        "halving": halving,
         **asdict(effort),
     }  # fmt: skip
     write_text(folder / "design.json", json.dumps(settings, indent=2, default=str) + "\n")

@@ -20,7 +20,6 @@ from causal_openlock.fitting.design import (
     DOUBT,
     Effort,
     drawn,
-    halved,
     information_ends,
     informed,
     posterior,
@@ -125,19 +124,6 @@ def test_standard_errors_are_those_of_many_draws():
     many = pd.concat([ranked(drawn_table()) for _ in range(400)])
     for name, error in (("information", "se"), ("per_minute", "per_minute_se")):
         assert many[error].mean() == pytest.approx(many[name].std(), rel=0.1)
-
-
-def test_halving_keeps_the_better_half_and_doubles_subjects():
-    asked = make_experiment(["CC3", "CE3", "CC4"], ["random", "win_stay"], subjects=3)
-    worth, seen = {"CC3": 1.0, "CE3": 5.0, "CC4": 2.0}, []
-
-    def simulate(experiment):
-        names = [one.name for one in experiment.conditions]
-        seen.append((names, experiment.learners[0].subjects))
-        return pd.concat([told([("a", worth[one], 0.0)] * 2, one) for one in names])
-
-    assert [*halved(asked, simulate)][-1]["condition"].tolist() == ["CE3", "CC4"]
-    assert seen == [(["CC3", "CE3", "CC4"], 3), (["CE3", "CC4"], 6)]
 
 
 # -- parameters -----------------------------------------------------------------------------------
