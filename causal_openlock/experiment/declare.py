@@ -45,7 +45,6 @@ from causal_openlock.errors import ExperimentError, LearnerError, OpenLockError,
 from causal_openlock.experiment.origin import NOTES, Origin, answer_of, origin_of
 from causal_openlock.files.digest import digest
 from causal_openlock.files.validation import (
-    MOST,
     Part,
     adapter,
     part,
@@ -84,6 +83,7 @@ MOST_SWEPT = 500
 """The most learners that one sweep can declare."""
 
 NAME_FORM = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
+MISSING = ("NA", "NaN", "nan", "NULL", "null", "None")
 NAME_IN_WORDS = "letters, digits, underscores, dots and dashes, at most 64 in all"
 
 
@@ -104,6 +104,8 @@ def _declares(info: ValidationInfo) -> bool:
 def _well_formed(name: str, info: ValidationInfo) -> str:
     if _declares(info) and not re.fullmatch(NAME_FORM, name):
         raise ExperimentError(f"{name[:80]!r} is not a name here; it must have {NAME_IN_WORDS}")
+    if _declares(info) and name in MISSING:
+        raise ExperimentError(f"tables read {name} as a missing value; choose another name")
     return name
 
 
@@ -112,7 +114,7 @@ Name = Annotated[
     AfterValidator(_well_formed),
     Field(description=NAME_IN_WORDS, json_schema_extra={"pattern": NAME_FORM}),
 ]
-Count = Annotated[int, Field(strict=True, ge=1, le=MOST), BeforeValidator(plain)]
+Count = Annotated[int, Field(strict=True, ge=1, le=1_000_000), BeforeValidator(plain)]
 Subjects = Annotated[int, Field(strict=True, ge=1, le=10_000_000), BeforeValidator(plain)]
 ActionLimit = Annotated[int, Field(strict=True, ge=1, le=MAX_ACTION_LIMIT), BeforeValidator(plain)]
 Seed = Annotated[int, Field(strict=True, ge=0, lt=2**63), BeforeValidator(plain)]
@@ -253,6 +255,8 @@ def _protocol(value: Any, info: ValidationInfo) -> Any:
     fields = [key for key in ProtocolChanges.__dataclass_fields__ if key in value]
     settings = {key: value[key] for key in [*fields, *value]}  # in an order that names it
     base = settings.pop("based_on", HUMAN_PROTOCOL)
+    if base == value.get("name"):
+        raise ExperimentError(f"the protocol {base} is based on itself; name another one")
     protocol = adapter(AnyProtocol).validate_python(base, context=info.context)
     name = settings.pop("name", None) or label_of(protocol.name, settings, "_")
     if name in PROTOCOLS and (settings or "name" in value):

@@ -111,6 +111,7 @@ def known_arguments(function: Callable[P, T]) -> Callable[P, T]:
 _WANTED = {
     "bool_type": "true or false",
     "list_type": "a list, written [one, another]",
+    "tuple_type": "a list, written [one, another]",
     "dict_type": "keys and values, written {key: value}",
     "model_type": "keys and values, written {key: value}",
     "dataclass_type": "keys and values, written {key: value}",

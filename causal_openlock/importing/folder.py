@@ -15,6 +15,7 @@ from typing import Literal
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.beside_record import REACTIONS, write_reactions
 from causal_openlock.experiment.declare import (
+    MISSING,
     NAME_FORM,
     NAME_IN_WORDS,
     SHOWN,
@@ -28,7 +29,7 @@ from causal_openlock.experiment.declare import (
 from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.record import played, with_times
 from causal_openlock.files.atomic import folder_at, is_empty, move_into
-from causal_openlock.importing.reading import MISSING, Action, actions_in
+from causal_openlock.importing.reading import Action, actions_in
 from causal_openlock.importing.replaying import Replayed, replay
 from causal_openlock.play.people import MOST_PEOPLE
 from causal_openlock.play.person import LABEL, LEARNER

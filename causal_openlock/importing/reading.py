@@ -20,6 +20,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field
 
 from causal_openlock.errors import OpenLockError
+from causal_openlock.experiment.declare import MISSING
 from causal_openlock.experiment.record import record_schema
 from causal_openlock.files.validation import Part, part, read
 
@@ -27,7 +28,7 @@ NEEDED = ("subject", "condition", "trial", "attempt", "action")
 """The columns that a table of actions has to have."""
 CLAIMS = ("moved", "unlocked", "opened", "new_solution")
 """Columns in which a row may give the result of its action."""
-MISSING = ("", "NA", "NaN", "nan", "NULL", "null", "None", None)
+EMPTY = ("", *MISSING, None)
 SECONDS = ("reaction", "time", "wall_time", "rt", "time_elapsed")
 """Columns in which a table saved by a spreadsheet may have decimal commas."""
 
@@ -76,7 +77,7 @@ def actions_in(path: Path) -> Iterator[Action]:
     rows = _entries(text, path) if text.lstrip()[:1] in ("[", "{") else _table(text, path)
     known, last = Action.__dataclass_fields__, dict[tuple[str, str, str], float]()
     for place, row in rows:
-        given = {name: row[name] for name in known if row.get(name) not in MISSING}
+        given = {name: row[name] for name in known if row.get(name) not in EMPTY}
         try:
             action: Action = read(Action, {**given, "place": place})
         except OpenLockError as error:
@@ -166,9 +167,9 @@ def _screens(rows: Iterable[tuple[str, Row]], path: Path) -> Iterator[tuple[str,
     """
     last, begun = dict[str, float](), dict[str, float]()
     for place, screen in rows:
-        if screen.get("action") in MISSING:
+        if screen.get("action") in EMPTY:
             continue
-        row = {"subject": str(path)[-200:], **{k: v for k, v in screen.items() if v not in MISSING}}
+        row = {"subject": str(path)[-200:], **{k: v for k, v in screen.items() if v not in EMPTY}}
         for name, own in (("reaction", "rt"), ("time", "time_elapsed")):
             if own in row:
                 row.setdefault(name, _in_seconds(row[own], own, place))

@@ -204,8 +204,12 @@ class _Process:
         end_group(cast(int, self._process.pid))
 
     def _loss(self) -> OpenLockError:
-        self._process.join(GRACE)  # one that is ending keeps its exit code
-        hung_up = self._process.is_alive()
+        # One that is ending keeps its exit code. One that closed its descriptors looks as if it had
+        # ended, and `join` would wait for its end for ever.
+        last = time.monotonic() + GRACE
+        while self._process.exitcode is None and time.monotonic() < last:
+            time.sleep(0.02)
+        hung_up = self._process.exitcode is None
         self.end()
         if hung_up:
             return LostError("closed the connection to its worker")

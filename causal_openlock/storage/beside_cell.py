@@ -71,6 +71,7 @@ def keep_failure(record: Path, cell: Cell, what: str, trace: str, failures: int 
     why = f"the learner {cell.in_words}, {what}"
     text = f"{why}\n\n{trace}{COUNT}{failures + failures_of(record)[0]}\n"
     write_bytes(failure_file(record), text.encode("utf-8", "backslashreplace"))
+    record.with_suffix(PROGRESS).unlink(missing_ok=True)
     return why
 
 
