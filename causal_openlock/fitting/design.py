@@ -400,8 +400,8 @@ def ranked(subjects: pd.DataFrame) -> pd.DataFrame:
     Returns:
         A row for each ``condition``: number of ``subjects``; the mean ``information``, in bits, and
         its standard error ``se`` (NaN if a theory made one subject); the share ``single`` of
-        subjects that are attributed right; the mean ``minutes``; and information ``per_minute``,
-        with its standard error ``per_minute_se``. Theories count alike.
+        subjects that are attributed right; the mean ``minutes``; and information ``per_minute``.
+        Theories count alike.
     """
     made = informed(subjects).dropna(subset="information")
     theories = made.groupby(["condition", "learner"], sort=False)
@@ -409,46 +409,8 @@ def ranked(subjects: pd.DataFrame) -> pd.DataFrame:
     by_condition = means.groupby("condition", sort=False)
     table = by_condition.mean()
     table["per_minute"] = table["information"] / table["minutes"]
-    # That of a ratio of means: of what each subject tells beyond the ratio for its minutes.
-    ratio = made["condition"].map(table["per_minute"])
-    beyond = (made["information"] - ratio * made["minutes"]).groupby(
-        [made["condition"], made["learner"]], sort=False
-    )
-    table["per_minute_se"] = _standard_error(beyond.sem()) / table["minutes"]
+    # Of a mean over theories, from each theory's own.
+    squares = (theories["information"].sem() ** 2).groupby("condition", sort=False)
     table.insert(0, "subjects", made.groupby("condition", sort=False).size())
-    table.insert(2, "se", _standard_error(theories["information"].sem()))
+    table.insert(2, "se", np.sqrt(squares.mean() / squares.size()))
     return table.sort_values("per_minute", ascending=False, kind="stable").reset_index()
-
-
-def _standard_error(errors: pd.Series) -> pd.Series:
-    """Standard errors of means over theories, by condition, from each theory's own."""
-    squares = (errors**2).groupby("condition", sort=False)
-    return np.sqrt(squares.mean() / squares.size())
-
-
-def in_words(table: pd.DataFrame, theories: int) -> str:
-    """Say which condition tells most a minute, as far as standard errors show it.
-
-    Args:
-        table: From :func:`ranked`.
-        theories: How many there are.
-    """
-    most, said = information_ends(theories)[1], []
-    if len(table) > 1:
-        first, second = table.iloc[0], table.iloc[1]
-        ahead = first["per_minute"] - second["per_minute"]
-        error = math.hypot(first["per_minute_se"], second["per_minute_se"])
-        gap = f"{first['condition']} is {ahead:.3f} ahead of {second['condition']}"
-        if math.isnan(error):
-            said.append(f"{gap}, from one subject of each theory; give more for a standard error")
-        elif ahead > 1.96 * error:
-            said.append(f"{first['condition']} tells most a minute: {gap} (± {error:.3f})")
-        else:
-            said.append(
-                f"Which condition tells most a minute is undecided: {gap} (± {error:.3f}); make "
-                "more subjects"
-            )
-    told = [row.condition for row in table.itertuples() if row.information > 0.98 * most]
-    if told:
-        said.append(f"In {joined(told)} all is told that can be; fewer rooms may do as well")
-    return ". ".join([*said, f"At most {most:.2f} bits can be told of {theories} theories."])

@@ -63,7 +63,7 @@ def design(
     from causal_openlock.files.escaping import csv_of
     from causal_openlock.fitting.design import (
         Effort,
-        in_words,
+        information_ends,
         informed,
         ranked,
         theories_of,
@@ -103,10 +103,10 @@ def design(
     }  # fmt: skip
     write_text(folder / "design.json", json.dumps(settings, indent=2, default=str) + "\n")
     console.print_line(
-        f"{in_words(table, len(theories))} The columns are those of conditions.csv: single "
-        "is the share of subjects attributed right; information a lower bound, in bits, of what a "
-        "subject tells about the theory that made it; minutes those of the paper's people for as "
-        "many attempts; ± standard errors."
+        "The columns are those of conditions.csv: single is the share of subjects attributed "
+        "right; information a lower bound, in bits, of what a subject tells about the theory that "
+        f"made it, ± its standard error (at most {information_ends(len(theories))[1]:.2f} can be "
+        "told); minutes those of the paper's people for as many attempts."
     )
     for name in outside or ():
         own = every[every["learner"] == name]
@@ -124,14 +124,13 @@ def _print(table: pd.DataFrame, console: Terminal) -> None:
 
     shown = plain_table("condition", "subjects", "single", "information", "minutes", "per_minute")
     for row in table.itertuples():
+        error = "" if math.isnan(row.se) else f" ± {row.se:.2f}"
         shown.add_row(
-            row.condition, str(row.subjects), f"{row.single:.0%}",
-            _with_error(row.information, row.se, 2), f"{row.minutes:.0f}",
-            _with_error(row.per_minute, row.per_minute_se, 3),
-        )  # fmt: skip
+            row.condition,
+            str(row.subjects),
+            f"{row.single:.0%}",
+            f"{row.information:.2f}{error}",
+            f"{row.minutes:.0f}",
+            f"{row.per_minute:.3f}",
+        )
     console.print_whole(shown)
-
-
-def _with_error(value: float, error: float, digits: int) -> str:
-    text = f"{value:.{digits}f}"
-    return text if math.isnan(error) else f"{text} ± {error:.{digits}f}"

@@ -106,7 +106,7 @@ def test_theories_count_alike_however_many_subjects_they_made():
     far, near = ("a", 0.0, -900.0), ("b", 0.0, 0.0)
     found = ranked(told([far, far, far, far, near, near]))
     assert found["information"][0] == pytest.approx(information_ends(2)[1] / 2)
-    assert found["se"][0] == found["per_minute_se"][0] == 0
+    assert found["se"][0] == 0
     assert np.isnan(ranked(told([far, near]))["se"][0])
 
 
@@ -122,8 +122,7 @@ def test_standard_errors_are_those_of_many_draws():
         return told(rows).assign(attempts=random.integers(5, 30, len(rows)))
 
     many = pd.concat([ranked(drawn_table()) for _ in range(400)])
-    for name, error in (("information", "se"), ("per_minute", "per_minute_se")):
-        assert many[error].mean() == pytest.approx(many[name].std(), rel=0.1)
+    assert many["se"].mean() == pytest.approx(many["information"].std(), rel=0.1)
 
 
 # -- parameters -----------------------------------------------------------------------------------
