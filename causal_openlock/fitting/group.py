@@ -40,8 +40,6 @@ GRADIENT = 0.05
 """A peak is where the slope is less than this, in nats per spread of the group."""
 SETTLED = 0.02
 """A round that changes no mean and no spread by more is the last one; in log-odds."""
-LARGEST = 1e12
-"""Upper bound of all numbers of a peak."""
 EASY_ROUNDS = 10_000
 """The most rounds in which likelihoods are taken to be normal."""
 
@@ -92,22 +90,6 @@ class Peak:
     held_out: float = 0.0
     held_out_actions: int = 0
     evaluations: int = 0
-
-    def check(self, parameters: int) -> None:
-        """Check what was read from a file.
-
-        Raises:
-            ValueError: If it cannot be a peak of this number of parameters.
-        """
-        shapes = [np.shape(each) for each in (self.at, self.slope, self.curvature)]
-        if shapes != [(parameters,), (parameters,), (parameters, parameters)]:
-            raise ValueError("a peak of other parameters")
-        bends = np.array(self.curvature)
-        numbers = np.array([*self.at, *self.slope, *bends.flat, self.nll, self.held_out])
-        if not (np.abs(numbers) < LARGEST).all() or not np.allclose(bends, bends.T):
-            raise ValueError("a peak that cannot be")
-        if np.linalg.eigvalsh(bends).min(initial=0.0) < -1e-6 * np.abs(bends).max(initial=1.0):
-            raise ValueError("a peak that bends down")
 
 
 def peak(loss: Callable[[FloatArray], float], group: Group, start: FloatArray) -> Peak:
