@@ -11,7 +11,7 @@ from causal_openlock.analysis.topics.learning_cost import costs_by_learner
 from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.confusions import confusion
 from causal_openlock.evidence.study import Study
-from causal_openlock.evidence.study_files import COSTS, read_run, read_units
+from causal_openlock.evidence.study_files import COSTS, read_units
 from causal_openlock.fitting.objective import score
 from causal_openlock.paper.likeness import Likeness, likeness
 from causal_openlock.paper.noise_ceiling import beside_null_models
@@ -30,8 +30,7 @@ def distances_from_people(study: Study, units: pd.DataFrame) -> pd.DataFrame:
     """
     trials, like = beside_people(study, units)
     played = trials[trials["learner"].isin(like.points)]
-    settings = read_run(study)["settings"]
-    table = beside_null_models(like, played, settings, study.file.fitted)
+    table = beside_null_models(like, played, study.file.fitted)
     effects = like.table[["learner", "shown"]].rename(columns={"shown": "effects"})
     table = table.merge(effects.astype({"effects": "Int64"}), on="learner", how="left")
     far = {name: score(own, "none", target="model").all for name, own in like.points.items()}

@@ -25,7 +25,6 @@ from causal_openlock.evidence.study_files import (
     write_run,
 )
 from causal_openlock.files.validation import present
-from causal_openlock.paper.noise_ceiling import chosen_settings
 from causal_openlock.storage.versions import merged_versions
 from causal_openlock.wording import joined
 
@@ -174,11 +173,10 @@ def each_once(values: list[Any]) -> list[Any]:
 
 
 def as_declared(study: Study) -> dict[str, Any]:
-    """Return what ``run.json`` stores of the declaration: its hash, and what pages show of it."""
+    """Return what ``run.json`` stores of the declaration: its hash and its seed."""
     return {
         "declared": study.declared,
         "seed": study.asked.seed,
-        "settings": chosen_settings(study.asked.learners),
     }
 
 

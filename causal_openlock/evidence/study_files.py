@@ -62,9 +62,7 @@ def read_run(study: Study) -> dict[str, Any]:
         EvidenceError: If it has not been run, or the file is damaged.
     """
     run = _read(study, RUN, read_json)
-    if not all(
-        isinstance(run.get(name), dict) for name in ("files", "versions", "parts", "settings")
-    ):
+    if not all(isinstance(run.get(name), dict) for name in ("files", "versions", "parts")):
         raise EvidenceError(f"{study.folder / RUN} is of an earlier version; run the study again")
     return run
 

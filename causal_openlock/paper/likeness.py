@@ -13,8 +13,7 @@ A small distance without the effects is an average, and effects without a small 
 caricature; so both are reported. The same is computed for the published theory-based model, of
 which, as of people, only means and error bars are known: a t-test needs no more.
 
-Error bars also say how much people differ (SD = SE · √40), which gives a distance between spreads.
-And people's training in three-lever rooms is published elsewhere: 36 more means, which nothing here
+People's training in three-lever rooms is published elsewhere: twelve more means, which nothing here
 is fitted to. What a distance is worth is the question of
 :mod:`~causal_openlock.paper.noise_ceiling`.
 """
@@ -32,8 +31,6 @@ import pandas as pd
 from causal_openlock.analysis.effects import Group, weighted_difference
 from causal_openlock.analysis.measures import (
     BASELINES,
-    CELL,
-    SUBJECT,
     TRANSFERS,
     at_places,
     by_subject,
@@ -41,7 +38,6 @@ from causal_openlock.analysis.measures import (
 )
 from causal_openlock.analysis.results.references import POINT, Beside
 from causal_openlock.paper.published import (
-    TRAINING_POINT,
     model,
     model_in_training,
     people,
@@ -172,47 +168,36 @@ _MEANS = ["subjects", "mean", "se", "people_subjects", "people_mean", "people_se
 def training_points_of(trials: pd.DataFrame) -> pd.DataFrame:
     """Means of each learner in the training trials of the transfer conditions.
 
-    As published of people, conditions with the same training are taken together, and the attempts
-    to the first solution, and from there to the second, are those of subjects that solved every
-    training trial.
+    As published of people, conditions with the same training are taken together.
 
     Args:
         trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`, of learners that
             did what people did.
 
     Returns:
-        One row for each ``learner`` and point of
-        :func:`~causal_openlock.paper.published.people_in_training`: ``schema``,
-        ``solution``, ``trial``, ``subjects``, ``mean``, ``se``, and the same three of people.
-        :func:`distance` takes the rows of one learner and solution.
+        One row for each ``learner`` and of the twelve training trials: ``schema``, ``trial``,
+        ``subjects``, ``mean``, ``se``, and the same three of people.
     """
     played = trials[trials["condition"].isin(TRANSFERS) & (trials["phase"] == "train")]
     schema = played["condition"].astype(str).str[:3]
     played = played.assign(learner=played["learner"].astype(str), schema=schema)
-    done = played[played.groupby([*CELL, *SUBJECT], observed=True)["solved"].transform("all")]
-    parts = []
-    for solution, own in (
-        ("all", played),
-        ("first", done.assign(attempts=done["first_solution"])),
-        ("second", done.assign(attempts=done["attempts"] - done["first_solution"])),
-    ):
-        each = by_subject(own, ["schema", "trial"]).groupby(["learner", "schema", "trial"])
-        means = each["attempts"].agg(["size", "mean", lambda some: some.std(ddof=0)]).reset_index()
-        means.columns = pd.Index(["learner", "schema", "trial", "subjects", "mean", "sd"])
-        se = means["sd"] / np.sqrt(means["subjects"])
-        parts.append(means.assign(solution=solution, se=se))
-    return _beside_people_in_training(pd.concat(parts, ignore_index=True))
+    each = by_subject(played, ["schema", "trial"]).groupby(["learner", "schema", "trial"])
+    means = each["attempts"].agg(subjects="size", mean="mean", sd=lambda some: some.std(ddof=0))
+    se = means["sd"] / np.sqrt(means["subjects"])
+    return _beside_people_in_training(means.assign(se=se).reset_index())
 
 
 def training_points_of_model() -> pd.DataFrame:
     """The points of CogSci 2019's own model, in the form of :func:`training_points_of`."""
-    return _beside_people_in_training(model_in_training().assign(learner=TRAINING_MODEL))
+    whole = model_in_training().query("solution == 'all'")
+    return _beside_people_in_training(whole.assign(learner=TRAINING_MODEL))
 
 
 def _beside_people_in_training(means: pd.DataFrame) -> pd.DataFrame:
-    known = people_in_training().set_index(TRAINING_POINT).add_prefix("people_").reset_index()
-    found = known.merge(means, on=TRAINING_POINT).sort_values("learner", kind="stable")
-    return found[["learner", *TRAINING_POINT, *_MEANS]].reset_index(drop=True)
+    whole = people_in_training().query("solution == 'all'").drop(columns="solution")
+    known = whole.set_index(["schema", "trial"]).add_prefix("people_").reset_index()
+    found = known.merge(means, on=["schema", "trial"]).sort_values("learner", kind="stable")
+    return found[["learner", "schema", "trial", *_MEANS]].reset_index(drop=True)
 
 
 def distance(points: pd.DataFrame) -> tuple[float, float]:
@@ -240,29 +225,6 @@ def spread_distance(points: pd.DataFrame) -> float:
 def distance_with_spreads(points: pd.DataFrame) -> float:
     """Root mean square over the deviations of means and those of spreads, both in attempts."""
     return float(np.sqrt((distance(points)[0] ** 2 + spread_distance(points) ** 2) / 2))
-
-
-def mixture(trials: pd.DataFrame, parts: Mapping[str, int], name: str) -> pd.DataFrame:
-    """Several learners as kinds of subjects in one group, each subject counting once.
-
-    >>> alone = pd.DataFrame({"learner": ["learns", "learns", "never"], "subject": [0, 1, 0]})
-    >>> mixture(alone, {"learns": 1, "never": 1}, "both").values.tolist()
-    [['both', 0], ['both', 1]]
-
-    Args:
-        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-        parts: Labels of the learners, each with how many of its subjects are taken: the first.
-        name: Label of the group.
-
-    Returns:
-        Their trials, with subjects renumbered.
-    """
-    kinds, first = [], 0
-    for part, number in parts.items():
-        own = trials[(trials["learner"] == part) & (trials["subject"] < number)]
-        kinds.append(own.assign(learner=name, subject=own["subject"] + first))
-        first += number
-    return pd.concat(kinds, ignore_index=True)
 
 
 def effects_of(points: pd.DataFrame, trials: pd.DataFrame | None = None) -> pd.DataFrame:
@@ -321,19 +283,17 @@ def likeness_table(points: Sequence[pd.DataFrame], effects: Sequence[pd.DataFram
 
     Returns:
         One row for each, the nearest first, those with fewer points last: ``learner``, ``points``
-        (how many), ``rmse`` in attempts, ``rmse_se`` in standard errors, ``shown`` (how many
-        effects have people's sign) and a column for each effect with its difference in attempts.
+        (how many), ``rmse`` in attempts, ``shown`` (how many effects have people's sign) and a
+        column for each effect with its difference in attempts.
     """
     rows = []
     for own, seen in zip(points, effects, strict=True):
-        attempts, errors = distance(own)
         found = seen.set_index("effect")["difference"]
         rows.append(
             {
                 "learner": own["learner"].iloc[0],
                 "points": len(own),
-                "rmse": attempts,
-                "rmse_se": errors,
+                "rmse": distance(own)[0],
                 "shown": int(seen["like_people"].sum()),
                 **{effect.name: found.get(effect.name, np.nan) for effect in EFFECTS},
             }

@@ -24,7 +24,6 @@ from causal_openlock.paper.likeness import (
 from causal_openlock.paper.likeness_figure import MOST_TOGETHER, likeness_of, plot_likeness
 from causal_openlock.paper.noise_ceiling import (
     beside_null_models,
-    chosen_settings,
     misfit,
     noise_ceiling,
     null_curves,
@@ -42,9 +41,7 @@ def section(material: Material) -> Section | None:
     tests = {"people": effects_of(points_of_people()), **found}
     each = pd.concat([tests[name].assign(learner=name) for name in order], ignore_index=True)
     published = table["learner"] == PUBLISHED_MODEL
-    beside = beside_null_models(
-        like, material.trials, chosen_settings(material.experiment.learners)
-    )
+    beside = beside_null_models(like, material.trials)
     nearest = table[~published].iloc[0]
     name = nearest["learner"]
     ceiling = noise_ceiling(points_of_people())
@@ -93,16 +90,12 @@ def _tables(
         "independent, so a small one rejects the learner. It takes no setting of a learner as "
         "fitted to these means; each that was takes away a degree of freedom. Perfect: the RMSE of "
         "a perfect model with the same number of subjects; of curves, also with as many fitted "
-        "numbers. Spreads: the same deviation of standard deviations over subjects. Settings: how "
-        "many differ from the learner's defaults, or are fitted in a curve; those of a network's "
-        "training and of published models are not counted. Training: deviation in three-lever "
-        "rooms (CogSci 2019), of attempts until all (both) solutions are found, until the first, "
-        "and from the first to the second; none of our learners was fitted to these, and the last "
-        "two leave out subjects that did not solve every room. Difference: of RMSE to the nearest "
-        "learner, with a 95% interval over other samples of people and of subjects; nearer and "
-        "farther where it excludes zero. The curves are exponential in the number of rooms played, "
-        "fitted to the fourteen means: the first knows no schema, the second adds one number for "
-        "common effect rooms and for training with the other structure."
+        "numbers. Training: deviation in three-lever rooms (CogSci 2019), of attempts until both "
+        "solutions are found; none of our learners was fitted to these. Difference: of RMSE to the "
+        "nearest learner, with a 95% interval over other samples of people and of subjects; nearer "
+        "and farther where it excludes zero. The curves are exponential in the number of rooms "
+        "played, fitted to the fourteen means: the first knows no schema, the second adds one "
+        "number for common effect rooms and for training with the other structure."
     )
     of_effects = (
         "Signs: how many effects have people's sign, which is not a test. Then each difference, in "
@@ -156,18 +149,11 @@ _HEADS = {
     "low": "low",
     "high": "high",
     "verdict": "verdict",
-    "settings": "settings",
-    "spreads": "spreads",
-    "all": "training, all",
-    "misfit_all": "misfit, all",
-    "first": "training, first",
-    "misfit_first": "misfit, first",
-    "second": "training, second",
-    "misfit_second": "misfit, second",
+    "all": "training",
+    "misfit_all": "misfit, training",
 }
-_IN_ATTEMPTS = ("rmse", "all", "first", "second")
 _FORMATS: Mapping[str, str] = {
-    **{_HEADS[name]: ".2f" for name in (*_IN_ATTEMPTS, "ceiling", "spreads")},
+    **{_HEADS[name]: ".2f" for name in ("rmse", "all", "ceiling")},
     **{"difference": "+.2f", "low": "+.2f", "high": "+.2f", "t": ".2f", "p": ".3f"},
 }
 
@@ -187,7 +173,7 @@ def _differences(table: pd.DataFrame) -> pd.DataFrame:
         for effect in EFFECTS
     }
     frame = table.assign(**ticks).rename(columns={"shown": "signs"})
-    return frame.drop(columns=["points", "rmse", "rmse_se"])
+    return frame.drop(columns=["points", "rmse"])
 
 
 TOPIC = Topic("human_likeness", 20, section)

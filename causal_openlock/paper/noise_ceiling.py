@@ -21,7 +21,7 @@ is compared with three others:
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -29,14 +29,11 @@ import pandas as pd
 
 from causal_openlock.analysis.measures import at_places, by_subject
 from causal_openlock.analysis.statistics import LEVEL, SEED, error_of_bar
-from causal_openlock.contract.registry import changed_parameters, is_ours
-from causal_openlock.experiment.declare import LearnerSpec
 from causal_openlock.paper.likeness import (
     TRAINING_MODEL,
     Likeness,
     distance,
     points_of_people,
-    spread_distance,
     training_points_of,
     training_points_of_model,
 )
@@ -271,22 +268,9 @@ def rmse_difference(
     return Difference(rmse[0] - rmse[1], low, high, verdict)
 
 
-def chosen_settings(learners: Iterable[LearnerSpec]) -> dict[str, int]:
-    """Number of settings of each of the toolkit's learners that differ from the defaults.
-
-    Learners of others are left out: showing results runs no code that they name.
-    """
-    return {
-        spec.name: len(changed_parameters(spec.learner, spec.parameters))
-        for spec in learners
-        if is_ours(spec.learner)
-    }
-
-
 def beside_null_models(
     like: Likeness,
     trials: pd.DataFrame,
-    settings: Mapping[str, int],
     fitted: Mapping[str, int] | None = None,
 ) -> pd.DataFrame:
     """Distances from people, next to the noise ceiling and null models.
@@ -295,17 +279,15 @@ def beside_null_models(
         like: The learners, from
             :func:`~causal_openlock.paper.likeness.likeness`.
         trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-        settings: How many settings were chosen, of those learners of which it is known.
         fitted: How many numbers were fitted to these means, of learners of which any were.
 
     Returns:
         A row for each learner, the published models, the null curves and a perfect model, the
         nearest first. Distances are in attempts, each followed by its :class:`Misfit` in words
         (``misfit``, ``misfit_baselines``, ...), and missing where there is nothing to compare:
-        ``learner``, ``rmse`` over all points, ``baselines``, ``tests``, ``all``, ``first`` and
-        ``second`` (in training in three-lever rooms). Then ``ceiling`` (of a perfect model with as
-        many subjects and fitted numbers), ``spreads``, ``settings`` (a number), and ``difference``,
-        ``low``, ``high`` and ``verdict``, against the nearest learner.
+        ``learner``, ``rmse`` over all points, ``baselines``, ``tests`` and ``all`` (in training in
+        three-lever rooms). Then ``ceiling`` (of a perfect model with as many subjects and fitted
+        numbers), and against the nearest learner ``difference``, ``low``, ``high``, ``verdict``.
     """
     fitted = {**(fitted or {}), **{name: len(start) for name, start in NULL_CURVES.items()}}
     rng = np.random.default_rng(SEED)
@@ -318,14 +300,12 @@ def beside_null_models(
     for name, points in like.points.items():
         trained = training[training["learner"] == name] if name in played else None
         row = _row(name, points, trained, fitted.get(name, 0))
-        row |= {"spreads": spread_distance(points), "settings": settings.get(name)}
         if name != nearest:
             found = rmse_difference((points, beside[0]), (drawn[name], beside[1]), rng)
             row |= dict(zip(("difference", "low", "high", "verdict"), found, strict=True))
         rows.append(row)
     for name, curve in null_curves().items():
-        number = len(curve.numbers)
-        rows.append(_row(name, curve.points, None, number) | {"settings": number})
+        rows.append(_row(name, curve.points, None, len(curve.numbers)))
     rows.append(_row(TRAINING_MODEL, None, training_points_of_model()))
     # A perfect model deviates by people's standard errors alone.
     perfect, trained = (
@@ -334,14 +314,13 @@ def beside_null_models(
     )
     rows.append({**_row(PERFECT, perfect, trained), **dict.fromkeys([*_MISFITS, "ceiling"])})
     table = pd.DataFrame(rows, columns=["learner", *_DISTANCES, *_OTHERS])
-    table = table.sort_values("rmse", kind="stable", ignore_index=True)
-    return table.astype({"settings": "Int64"})
+    return table.sort_values("rmse", kind="stable", ignore_index=True)
 
 
-_PARTS = ("rmse", "baselines", "tests", "all", "first", "second")
+_PARTS = ("rmse", "baselines", "tests", "all")
 _MISFITS = ["misfit", *(f"misfit_{part}" for part in _PARTS[1:])]
-_DISTANCES = [one for both in zip(_PARTS, _MISFITS, strict=True) for one in both]
-_OTHERS = ["ceiling", "spreads", "settings", "difference", "low", "high", "verdict"]
+_DISTANCES = [column for both in zip(_PARTS, _MISFITS, strict=True) for column in both]
+_OTHERS = ["ceiling", "difference", "low", "high", "verdict"]
 
 
 def _row(
@@ -350,25 +329,16 @@ def _row(
     training: pd.DataFrame | None = None,
     fitted: int = 0,
 ) -> dict[str, object]:
-    """Distances over all points and parts of them, and of training by solution; the ceiling.
-
-    How many of the fitted numbers count in a part of the points is not known: no misfit is given.
-    """
+    """Distances over all points and parts of them, and in training; the ceiling."""
     row: dict[str, object] = {"learner": name}
-    parts: dict[str, pd.DataFrame] = {}
     if points is not None:
         test = points["phase"] == "test"
+        row |= {"rmse": distance(points)[0], "misfit": misfit(points, fitted).in_words}
         row["ceiling"] = noise_ceiling(points, fitted).both
-        parts = {"rmse": points, "baselines": points[~test], "tests": points[test]}
-    if training is not None:
-        parts |= {str(name): own for name, own in training.groupby("solution", sort=False)}
-    for place, misfit_name in zip(_PARTS, _MISFITS, strict=True):
-        if place not in parts:
-            continue
-        own = parts[place]
-        row[place] = distance(own)[0]
-        if place == "rmse":
-            row[misfit_name] = misfit(own, fitted).in_words
-        elif not (fitted and place in ("baselines", "tests")):
-            row[misfit_name] = misfit(own).in_words
+        for part, own in (("baselines", points[~test]), ("tests", points[test])):
+            row[part] = distance(own)[0]
+            if not fitted:  # how many of the numbers count in a part of the points is not known
+                row[f"misfit_{part}"] = misfit(own).in_words
+    if training is not None and len(training):
+        row |= {"all": distance(training)[0], "misfit_all": misfit(training).in_words}
     return row

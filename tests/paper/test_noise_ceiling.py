@@ -5,25 +5,18 @@ import pandas as pd
 import pytest
 
 from causal_openlock.analysis.measures import TRANSFERS
-from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.references import references_beside
-from causal_openlock.experiment.file import read_experiment
 from causal_openlock.paper.likeness import (
     distance,
-    distance_with_spreads,
     likeness,
     points_of,
     points_of_people,
-    spread_distance,
     training_points_of,
     training_points_of_model,
 )
-from causal_openlock.paper.likeness_section import TOPIC
 from causal_openlock.paper.noise_ceiling import (
     NULL_CURVES,
     PERFECT,
     beside_null_models,
-    chosen_settings,
     drawn_means,
     misfit,
     noise_ceiling,
@@ -31,28 +24,18 @@ from causal_openlock.paper.noise_ceiling import (
     rmse_difference,
 )
 from causal_openlock.paper.references import people
-from causal_openlock.schemas.finding import bundled
-from support.fabricated_records import table
-from support.made_up_experiments import declared, stored
 from support.made_up_people import made_up
-from support.topics import section_on
 
-
-def by_solution(points):
-    return {str(name): distance(own)[0] for name, own in points.groupby("solution")}
-
-
-# -- training, published elsewhere, and spreads ---------------------------------------------------
+# -- training, published elsewhere ----------------------------------------------------------------
 
 
 def test_the_model_of_cogsci_2019_is_as_far_from_people_as_its_figure_shows():
-    expected = {"all": 2.78, "first": 4.21, "second": 1.24}
-    assert by_solution(training_points_of_model()) == pytest.approx(expected, abs=0.005)
-    assert len(training_points_of_model()) == 36
+    assert distance(training_points_of_model())[0] == pytest.approx(2.78, abs=0.005)
+    assert len(training_points_of_model()) == 12
 
 
 def training():
-    """Two subjects of each transfer condition that need 4 + trial attempts, the first 2 of them."""
+    """Two subjects of each transfer condition that need 4 + trial attempts."""
     rows = [
         (condition, subject, trial, 4 + trial)
         for condition in TRANSFERS
@@ -65,31 +48,18 @@ def training():
     return trials.assign(first_solution=2, solved=True)
 
 
-def test_training_is_taken_together_whatever_the_test_and_compared_by_solution():
+def test_training_is_taken_together_whatever_the_test():
     # Baselines and tests are no training.
-    both = pd.concat([made_up(), training()])
-    points = training_points_of(both).set_index(["schema", "solution", "trial"])
-    assert len(points) == 36
+    points = training_points_of(pd.concat([made_up(), training()]))
+    assert len(points) == 12
     assert (points["subjects"] == 4).all()
-    assert points.loc[("CE3", "all", 3), ["mean", "people_mean"]].tolist() == [7.0, 7.73]
-    assert points.loc[("CC3", "first", 2), ["mean", "people_mean"]].tolist() == [2.0, 2.84]
-    assert points.loc[("CC3", "second", 5), ["mean", "se"]].tolist() == [7.0, 0.0]
+    points = points.set_index(["schema", "trial"])
+    assert points.loc[("CE3", 3), ["mean", "se", "people_mean"]].tolist() == [7.0, 0.0, 7.73]
     trials = training()
     lost = (trials["subject"] == 1) & (trials["trial"] == 4)
-    trials.loc[lost, ["attempts", "first_solution", "solved"]] = 30, 30, False
-    points = training_points_of(trials).set_index(["schema", "solution", "trial"])
-    assert points.loc[("CC3", "all", 4), "mean"] == (8 + 30) / 2
-    assert points.loc[("CC3", "first", 4), ["subjects", "mean"]].tolist() == [2, 2.0]
-    assert points.loc[("CC3", "second", 1), "subjects"] == 2
-
-
-def test_spreads_are_standard_deviations_over_subjects():
-    points = points_of_people()
-    assert spread_distance(points) == 0
-    wider = points.assign(se=points["se"] + 3 / np.sqrt(40))
-    assert spread_distance(wider) == pytest.approx(3)
-    off = wider.assign(mean=points["mean"] + 4)
-    assert distance_with_spreads(off) == pytest.approx(np.sqrt((9 + 16) / 2))
+    trials.loc[lost, ["attempts", "solved"]] = 30, False
+    points = training_points_of(trials).set_index(["schema", "trial"])
+    assert points.loc[("CC3", 4), ["mean", "se"]].tolist() == [(8 + 30) / 2, 11 / np.sqrt(4)]
 
 
 # -- sampling error -------------------------------------------------------------------------------
@@ -219,11 +189,10 @@ def test_every_distance_stands_beside_its_ceiling_and_the_null_curves():
     near, far = made_up("near", off=1.0), made_up("far", off=6.0)
     trials = pd.concat([near, far, training().assign(learner="near")], ignore_index=True)
     like = likeness(trials, people().beside(None), ["near", "far"])
-    found = beside_null_models(like, trials, {"near": 6}, {"near": 4}).set_index("learner")
+    found = beside_null_models(like, trials, {"near": 4}).set_index("learner")
     assert set(NULL_CURVES) < set(found.index)
     assert found["rmse"].dropna().is_monotonic_increasing
-    expected = by_solution(training_points_of(trials))
-    assert found.loc["near", ["all", "first", "second"]].to_dict() == pytest.approx(expected)
+    assert found.loc["near", "all"] == distance(training_points_of(trials))[0]
     assert np.isnan(found.loc["far", "all"])
     assert found.loc["near", "baselines"] == pytest.approx(1.0)
     assert found.loc["far", "verdict"] == "farther"
@@ -236,16 +205,3 @@ def test_every_distance_stands_beside_its_ceiling_and_the_null_curves():
     curve = found.loc["curve of 4 numbers"]
     assert curve["misfit"] == "χ²(10) = 5.7, p = .843"
     assert curve["ceiling"] == pytest.approx(1.206 * np.sqrt(10 / 14), abs=0.001)
-
-
-def test_settings_are_those_that_differ_from_the_defaults(tmp_path):
-    experiment = stored(read_experiment(bundled("experiments") / "bayes_like_people.yaml"))
-    names = ("bayes_like_people",)
-    whole = made_up(*names)
-    material = Material(table([]), experiment, whole, names, references_beside(None), {})
-    settings = chosen_settings(material.experiment.learners)
-    assert (settings["bayes_like_people"], settings["bayes"]) == (6, 0)
-    shown = section_on(TOPIC, material).tables[0].frame.set_index("learner")["settings"]
-    assert shown["bayes_like_people"] == 6
-    text = "conditions: [CC4]\nsubjects: 1\nlearners: [bayes, ddqn, recurrent, random, rl2]\n"
-    assert set(chosen_settings(declared(tmp_path, text).learners).values()) == {0}
