@@ -212,21 +212,6 @@ def distance(points: pd.DataFrame) -> tuple[float, float]:
     return float(np.sqrt((off**2).mean())), float(np.sqrt(((off / error) ** 2).mean()))
 
 
-def spread_distance(points: pd.DataFrame) -> float:
-    """Distance of standard deviations over subjects from people's: root mean square, in attempts.
-
-    SD = SE · √n, for people as for learners. NaN without points.
-    """
-    own = points["se"] * np.sqrt(points["subjects"])
-    theirs = points["people_se"] * np.sqrt(points["people_subjects"])
-    return float(np.sqrt(((own - theirs) ** 2).mean()))
-
-
-def distance_with_spreads(points: pd.DataFrame) -> float:
-    """Root mean square over the deviations of means and those of spreads, both in attempts."""
-    return float(np.sqrt((distance(points)[0] ** 2 + spread_distance(points) ** 2) / 2))
-
-
 def effects_of(points: pd.DataFrame, trials: pd.DataFrame | None = None) -> pd.DataFrame:
     """Test which of people's effects a learner shows.
 
