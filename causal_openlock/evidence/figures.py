@@ -109,7 +109,9 @@ def _units(evidence: Evidence, table: Table, row: str, column: str) -> pd.Series
 def _rows(evidence: Evidence, table: Table) -> list[str]:
     """The rows that hold something."""
     return [
-        row for row in table.rows if any(_units(evidence, table, row, c) for c in table.columns)
+        row
+        for row in table.rows
+        if any(_units(evidence, table, row, column) is not None for column in table.columns)
     ]
 
 
