@@ -36,7 +36,9 @@ def store_code(experiment: Experiment, folder: Path) -> None:
             elif _is_own(name):
                 files = own_files({name.partition(":")[0], *modules}).files
                 for inside, path in files.items():
-                    write_bytes(_place(folder, origin).with_suffix("") / inside, path.read_bytes())
+                    copy = _place(folder, origin).with_suffix("") / inside
+                    if not copy.exists():  # its folder is named by what it holds
+                        write_bytes(copy, path.read_bytes())
         for parameter, value in spec.parameters.items():
             with suppress(OSError, ValueError):  # a text that is no path
                 if spec.origin.artifact_hash and isinstance(value, str) and Path(value).is_file():

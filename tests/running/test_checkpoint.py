@@ -70,7 +70,8 @@ class Killed(BaseException):
 def syncs(experiment, folder, end=0, **options):
     """Play a cell to its end, or until the ``end``-th file is flushed; how many were, what is said.
 
-    The first one of a folder is its experiment's, and the others are checkpoints and the record.
+    The first ones of a folder are its experiment's and its code's, and the others are checkpoints
+    and the record.
     """
     taken, said = [0], None
 
@@ -271,7 +272,7 @@ class Unwilling(Draws):
 )
 def test_a_learner_that_cannot_be_stored_is_played_and_named_once(learner, named, tmp_path):
     taken, (said,) = syncs(declared(f"test_checkpoint:{learner}"), tmp_path / "out")
-    assert taken == 2  # the experiment's and the record's
+    assert taken == 3  # the experiment's, its code's and the record's
     assert (named in said, "begins again" in said) == (True, True)
     with pytest.warns(UserWarning, match="begins again") as caught:
         results = ol.compare(["CC3", "CE3"], f"test_checkpoint:{learner}", subjects=1, workers=0)
