@@ -105,7 +105,9 @@ def _well_formed(name: str, info: ValidationInfo) -> str:
     if _declares(info) and not re.fullmatch(NAME_FORM, name):
         raise ExperimentError(f"{name[:80]!r} is not a name here; it must have {NAME_IN_WORDS}")
     if _declares(info) and name in MISSING:
-        raise ExperimentError(f"tables read {name} as a missing value; choose another name")
+        raise ExperimentError(
+            f"{name!r} is no label, as tables read it as a missing value; choose another name"
+        )
     return name
 
 

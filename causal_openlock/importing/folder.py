@@ -15,20 +15,19 @@ from typing import Literal
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.beside_record import REACTIONS, write_reactions
 from causal_openlock.experiment.declare import (
-    MISSING,
-    NAME_FORM,
-    NAME_IN_WORDS,
     SHOWN,
     Cell,
     Condition,
     Experiment,
     LearnerSpec,
+    Name,
     find_condition,
     find_protocol,
 )
 from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.record import played, with_times
 from causal_openlock.files.atomic import folder_at, is_empty, move_into
+from causal_openlock.files.validation import read
 from causal_openlock.importing.reading import Action, actions_in
 from causal_openlock.importing.replaying import Replayed, replay
 from causal_openlock.play.people import MOST_PEOPLE
@@ -148,9 +147,7 @@ def _origin(actions: Sequence[Action], folder: Path, seed: int) -> tuple[str, in
         )
     short = re.sub(r"[^A-Za-z0-9]+", "_", folder.name).strip("_")[:64] or "imported"
     name, seed = next(iter(stated), (short, seed))
-    if not re.fullmatch(NAME_FORM, name):
-        raise OpenLockError(f"{name!r} cannot be a name here; it must be {NAME_IN_WORDS}")
-    return name, seed
+    return read(Name, name), seed
 
 
 def _condition(name: str, known: Experiment | None) -> Condition:
@@ -175,8 +172,7 @@ def _bundled_schema(name: str) -> Schema:
 
 
 def _spec(label: str, protocol: str, known: Experiment | None) -> LearnerSpec:
-    if not re.fullmatch(NAME_FORM, label) or label in MISSING:
-        raise OpenLockError(f"{label!r} is not a label; one is {NAME_IN_WORDS}")
+    read(Name, label)
     specs = known.learners if known else ()
     budget = find_protocol(protocol, {spec.protocol.name: spec.protocol for spec in specs})
     rewards = {spec.name: spec.reward for spec in specs}

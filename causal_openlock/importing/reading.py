@@ -170,15 +170,14 @@ def _screens(rows: Iterable[tuple[str, Row]], path: Path) -> Iterator[tuple[str,
         if screen.get("action") in EMPTY:
             continue
         row = {"subject": str(path)[-200:], **{k: v for k, v in screen.items() if v not in EMPTY}}
-        for name, own in (("reaction", "rt"), ("time", "time_elapsed")):
-            if own in row:
-                row.setdefault(name, _in_seconds(row[own], own, place))
+        if "rt" in row:
+            row.setdefault("reaction", _in_seconds(row["rt"], "rt", place))
         if "time_elapsed" in row:
             who, elapsed = str(row["subject"]), _in_seconds(row["time_elapsed"], "time", place)
             if elapsed < last.get(who, 0.0):
                 begun[who] = begun.get(who, 0.0) + last[who]
             last[who] = elapsed
-            row["time"] = elapsed + begun.get(who, 0.0)
+            row.setdefault("time", elapsed + begun.get(who, 0.0))
         yield place, row
 
 

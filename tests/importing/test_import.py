@@ -310,6 +310,13 @@ def test_time_continues_where_a_page_was_loaded_again(tmp_path):
     assert times == pytest.approx([3.0, 4.5])
 
 
+def test_a_time_that_a_screen_gives_itself_counts_before_that_of_jspsych(tmp_path):
+    path = tmp_path / "data.json"
+    path.write_text(json.dumps([{**row, "time": n} for n, row in enumerate(screens())]))
+    import_files([path], tmp_path / "in")
+    assert Store(tmp_path / "in").record()[0]["wall_time"].to_pylist() == [3.0, 6.0]
+
+
 def test_code_that_an_experiment_names_is_told_before_it_runs(tmp_path):
     (tmp_path / "mine.py").write_text("def paid(step, cost):\n    return step.reward * 0\n")
     (tmp_path / "data.csv").write_text(TIMED)
