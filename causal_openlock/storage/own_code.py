@@ -31,13 +31,14 @@ def store_code(experiment: Experiment, folder: Path) -> None:
         if isinstance(spec.reward, OwnReward):
             named.append((spec.reward.name, spec.reward.source, set()))
         for name, origin, modules in named:
+            place = _place(folder, origin)  # named by what it holds, so written once
             if is_of_session(name):
-                write_text(_place(folder, origin), session_source(name))
+                if not place.exists():
+                    write_text(place, session_source(name))
             elif _is_own(name):
                 files = own_files({name.partition(":")[0], *modules}).files
                 for inside, path in files.items():
-                    copy = _place(folder, origin).with_suffix("") / inside
-                    if not copy.exists():  # its folder is named by what it holds
+                    if not (copy := place.with_suffix("") / inside).exists():
                         write_bytes(copy, path.read_bytes())
         for parameter, value in spec.parameters.items():
             with suppress(OSError, ValueError):  # a text that is no path
