@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+
+import pandas as pd
 
 from causal_openlock.analysis.effects import ALPHA
 from causal_openlock.analysis.report.about_people import about_people
@@ -45,9 +47,10 @@ def methods(results: Material) -> Methods:
         for name, version in results.experiment.versions.items()
         if version != "not installed"
     ]
+    tables = described(results.experiment, results.trials)
     paragraphs = (
-        _rooms(results),
-        _subjects(results),
+        _rooms(results, tables),
+        _subjects(results, tables),
         _measures(results),
         [
             f"All randomness follows from the {'seed' if len(seeds) == 1 else 'seeds'} "
@@ -60,9 +63,8 @@ def methods(results: Material) -> Methods:
     return Methods("\n\n".join(" ".join(filter(None, sentences)) for sentences in paragraphs))
 
 
-def _rooms(results: Material) -> Iterator[str]:
+def _rooms(results: Material, tables: Mapping[str, pd.DataFrame]) -> Iterator[str]:
     """The paragraph on subjects, rooms and budgets."""
-    tables = described(results.experiment, results.trials)
     subjects = []
     for name, own in results.headline.groupby("learner", sort=False)["subjects"]:
         several = own.min() < own.max()
@@ -82,7 +84,7 @@ def _rooms(results: Material) -> Iterator[str]:
         yield f"Protocol {name} ({', '.join(own)}): {budgets}"
 
 
-def _subjects(results: Material) -> Iterator[str]:
+def _subjects(results: Material, tables: Mapping[str, pd.DataFrame]) -> Iterator[str]:
     """The paragraph on people, learners and what these had learned before."""
     experiment = results.experiment
     if experiment.missing:
@@ -111,7 +113,7 @@ def _subjects(results: Material) -> Iterator[str]:
             "which are not in its numbers of attempts; its subjects share this training, so "
             "intervals are over rooms and leave out how much trainings differ."
         )
-    for name, terms in described(experiment)["Rewards"].to_numpy():
+    for name, terms in tables["Rewards"].to_numpy():
         yield f"The reward {name} is {terms}."
 
 
