@@ -132,7 +132,7 @@ def selected(units: pd.DataFrame, selection: Selection, measure: str) -> pd.Seri
         if missing := [str(value) for value, there in found.items() if not there.any()]:
             raise EvidenceError(f"no unit has been run with {column} {joined(missing)}")
         kept = np.logical_or.reduce([*found.values()])
-    needed = {*("unit", "condition", "protocol", "trials", "found", *ATTEMPTS), measure}
+    needed = {*("unit", "condition", "found", *ATTEMPTS), measure}
     rows = units.loc[kept, [name for name in units if name in needed]]
     if measure in (AFTER, SAVED) and "first_solution" in rows:
         rows = rows[rows["found"] > 0]
