@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.statistics import LEAST_UNITS, LEVEL, SEED, alike, at_mode
+from causal_openlock.analysis.statistics import LEAST_UNITS, LEVEL, SEED, alike, mode
 from causal_openlock.schemas.fsm import FloatArray
 
 ALPHA = 0.05
@@ -104,7 +104,7 @@ def weighted_difference(
     if size.min() < 2 or min(sides) < LEAST_UNITS:
         return Difference(value, math.nan, math.nan, math.nan)
     held = [group.values for group in groups if group.values is not None]
-    if len(held) == len(groups) and alike(size.sum(), sum(map(at_mode, held))):
+    if len(held) == len(groups) and alike(size.sum(), sum(mode(values)[1] for values in held)):
         return Difference(value, math.nan, math.nan, _exact_p(groups))
     freedom = size.sum() - len(size)
     if pooled:

@@ -47,6 +47,12 @@ def too_few(subjects: int, to: str = "rank learners", where: str = "") -> str:
     return f"{counted(subjects, 'subject')}{where} {are} too few to {to}"
 
 
+def sizes(rows: pd.DataFrame) -> str:
+    """How many subjects rows of means are of: ``n = 40``, or ``n = 20 to 40`` if they differ."""
+    low, high = int(rows["subjects"].min()), int(rows["subjects"].max())
+    return f"n = {low}" if low == high else f"n = {low} to {high}"
+
+
 def mean_intervals(frame: pd.DataFrame, by: Sequence[str], value: str) -> pd.DataFrame:
     """Student's intervals of the mean of ``value`` in every group of ``by``.
 
@@ -82,17 +88,19 @@ def mean_interval(values: FloatArray, level: float = LEVEL) -> tuple[float, floa
     """
     size = len(values)
     variance = values.var(ddof=1) if size > 1 else np.nan
-    low, high = student(size, values.mean(), variance, at_mode(values), level)
+    low, high = student(size, values.mean(), variance, mode(values)[1], level)
     return float(low), float(high)
 
 
-def at_mode(values: FloatArray) -> int:
-    """How many of ``[n]`` values are the most common one.
+def mode(values: FloatArray) -> tuple[float, int]:
+    """The most common of ``[n]`` values, and how many have it.
 
-    >>> at_mode(np.array([30.0, 12, 30, 30]))
-    3
+    >>> mode(np.array([30.0, 12, 30, 30]))
+    (30.0, 3)
     """
-    return int(np.unique(values.round(9), return_counts=True)[1].max())
+    found, counts = np.unique(values.round(9), return_counts=True)
+    most = counts.argmax()
+    return float(found[most]), int(counts[most])
 
 
 def alike(size: ArrayLike, at_mode: ArrayLike) -> BoolArray:

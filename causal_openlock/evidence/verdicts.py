@@ -42,6 +42,7 @@ from causal_openlock.analysis.statistics import (
     LEAST_UNITS,
     LEVEL,
     beside_mean,
+    mode,
     share_interval,
 )
 from causal_openlock.errors import EvidenceError
@@ -96,14 +97,11 @@ class Estimate:
     @property
     def alike(self) -> str:
         """How many units of each side have its most common value, where there is no interval."""
-        told = []
-        for group in self.groups:
-            if group.values is not None:
-                values, counts = np.unique(group.values.round(9), return_counts=True)
-                most = counts.argmax()
-                told.append(
-                    beside_mean(*NO_ENDS, group.size, float(values[most]), int(counts[most]))
-                )
+        told = [
+            beside_mean(*NO_ENDS, group.size, *mode(group.values))
+            for group in self.groups
+            if group.values is not None
+        ]
         return " and ".join(filter(None, told)) or "no interval: fewer than five units"
 
     def beyond(self, margin: float, alpha: float = ALPHA) -> int:
@@ -202,25 +200,27 @@ def compared(
     Raises:
         EvidenceError: If a side has not been run.
     """
-    known = contrast.minus
-    found, of = of_side(units, contrast.of, contrast.measure)
-    if not isinstance(known, Selection):
-        if of is not None:
-            return mean_of(of, known)
+    known, measure = contrast.minus, contrast.measure
+    if measure == CORRELATION:
+        assert not isinstance(known, Selection)
+        found = correlation(units, contrast.of)
         by_level = found.intervals.items()
         ends = {level: (low - known, high - known) for level, (low, high) in by_level}
         return Estimate(found.value - known, ends, found.units)
-    assert of is not None  # a correlation is compared with a number
+    mine = selected(units, contrast.of, measure)
+    of = mine.to_numpy(float)
+    if not isinstance(known, Selection):
+        return mean_of(of, known)
     if known.learner in PUBLISHED:
         there = published_units()
-        mean = float(selected(there, known, contrast.measure).mean())
-        if contrast.measure != "attempts":  # the error of shares is not known
+        mean = float(selected(there, known, measure).mean())
+        if measure != "attempts":  # the error of shares is not known
             return mean_of(of, mean)
         error = float(selected(there, known, "error").mean())
         people = int(selected(there, known, "trials").mean())
         theirs = Group(people, mean, people * error**2, -1.0)
         return estimate([Group.of(of), theirs], (len(of),))
-    mine, minus = (selected(units, one, contrast.measure) for one in (contrast.of, known))
+    minus = selected(units, known, measure)
     if not paired(contrast.of, known, unit, same or {}):
         return difference(of, minus.to_numpy(float))
     pairs = (mine - minus).dropna()

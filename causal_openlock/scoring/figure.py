@@ -14,6 +14,7 @@ from matplotlib.ticker import MaxNLocator
 from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import in_rows, panels
+from causal_openlock.analysis.statistics import sizes
 from causal_openlock.scoring.score_table import GROUP
 
 _NOTHING: Any = {"color": "#666666", "lw": 1.0, "ls": (0, (1, 1.5))}
@@ -63,7 +64,7 @@ def draw_scores(
                 if len(names) <= style.MOST_BANDS:
                     ends = rows["ci_low"], rows["ci_high"]
                     axes.fill_between(rows["trial"], *ends, color=look["color"], alpha=0.15, lw=0)
-            style.panel_title(axes, condition, style.sizes(here))
+            style.panel_title(axes, condition, sizes(here))
             axes.set(xlabel="Trial", ylim=(0, top))
             axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         at.label_y("Bits per action")

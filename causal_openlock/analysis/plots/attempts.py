@@ -25,6 +25,7 @@ from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of
 from causal_openlock.analysis.results.bounds import bounds_of
 from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.statistics import sizes
 from causal_openlock.errors import NothingToDrawError
 
 _PAPER = {"train": BASELINES, "test": TRANSFERS}
@@ -186,7 +187,7 @@ def _draw(
     with panels(ax, len(shown), in_rows(len(shown), 3, 2.3)) as at:
         for axes, (name, detail, rows) in zip(at.axes, shown, strict=True):
             panel(axes, rows, ideal)
-            style.panel_title(axes, name, detail + style.sizes(rows))
+            style.panel_title(axes, name, detail + sizes(rows))
             axes.set_ylim(0, top * 1.05)
             fives = MultipleLocator(5) if top <= 40 else MaxNLocator(integer=True)
             axes.yaxis.set_major_locator(fives)

@@ -21,6 +21,7 @@ from causal_openlock.analysis.measures import BASELINES, TRANSFERS, ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of
 from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.statistics import sizes
 from causal_openlock.errors import NothingToDrawError, OpenLockError
 from causal_openlock.experiment.declare import HUMAN_PROTOCOL
 from causal_openlock.experiment.record import CATEGORIES
@@ -89,7 +90,7 @@ def plot_categories(
             shown.append((one.reference.title, one.reference.detail, rows))
     for name in ordered(counts["learner"], results.learners):
         for protocol, rows in counts[counts["learner"] == name].groupby("protocol", observed=True):
-            shown.append((name, f"{protocol}, {style.sizes(rows)}", rows))
+            shown.append((name, f"{protocol}, {sizes(rows)}", rows))
     looks = zip(_NAMES, style.current().categories, strict=True)
     keys = [Patch(fc=colour, ec="black", lw=0.6, label=text) for text, colour in looks]
     if kind == "baseline":

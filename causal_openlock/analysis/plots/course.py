@@ -30,6 +30,7 @@ from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, in_rows, panels, trials_under
 from causal_openlock.analysis.results.bounds import Bound, bounds_of
 from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.statistics import sizes
 from causal_openlock.experiment.declare import PAPER_CONDITIONS
 
 _FAMILIES = (BASELINES, TRANSFERS[:2], TRANSFERS[2:])
@@ -142,7 +143,7 @@ def plot_course(
             if len(families) > 1:
                 axes.label_outer()
             if len(families) == 1 or family is families[0]:
-                style.panel_title(axes, name, style.sizes(means[means["learner"] == name]))
+                style.panel_title(axes, name, sizes(means[means["learner"] == name]))
         title = 27 + 11 * at.axes[0].get_title(loc="left").count("\n")  # its height in points
         for axes, family in zip(at.axes, families, strict=False):  # of the first row
             lines = [Line2D([], [], label=style.label(one, 24), **looks[one]) for one in family]

@@ -19,7 +19,6 @@ from typing import Any
 import matplotlib as mpl
 import matplotlib.style
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.backend_bases import get_registered_canvas_class
 from matplotlib.colors import to_rgba_array
@@ -168,12 +167,6 @@ def settings() -> Iterator[None]:
 
 MOST_BANDS = 4
 """Most learners whose bands are drawn; those of more would cover each other."""
-
-
-def sizes(rows: pd.DataFrame) -> str:
-    """How many subjects rows of means are of: ``n = 40``, or ``n = 20 to 40`` if they differ."""
-    low, high = int(rows["subjects"].min()), int(rows["subjects"].max())
-    return f"n = {low}" if low == high else f"n = {low} to {high}"
 
 
 def label(name: str, most: int = 200) -> str:

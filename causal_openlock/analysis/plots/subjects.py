@@ -15,6 +15,7 @@ from causal_openlock.analysis.measures import by_subject, judged, ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of
 from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.statistics import sizes
 from causal_openlock.errors import NothingToDrawError
 
 _BINS = 30  # heights that circles can have
@@ -92,7 +93,7 @@ def plot_subjects(
             if len(shown) > 1:
                 title = protocol if table["learner"].nunique() == 1 else name
                 under = f"{protocol}, " if len(protocols) > 1 and title != protocol else ""
-                style.panel_title(axes, title, under + style.sizes(own))
+                style.panel_title(axes, title, under + sizes(own))
         at.label_y("Attempts")
         at.legend(keys, columns=2)
     return at.returned

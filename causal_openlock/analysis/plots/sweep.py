@@ -16,6 +16,7 @@ from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of, trials_under
 from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.statistics import sizes
 from causal_openlock.errors import NothingToDrawError, OpenLockError
 from causal_openlock.wording import joined, nearest
 
@@ -167,7 +168,7 @@ def plot_sweep(
                 axes.minorticks_off()
             for attempts in here["ideal_attempts"].dropna().unique():
                 style.ideal_line(axes, attempts, *axes.get_xlim())
-            style.panel_title(axes, condition, style.sizes(here))
+            style.panel_title(axes, condition, sizes(here))
             axes.set(xlabel=str(table["parameter"].iloc[0]))
             axes.set_ylim(0, 1.05 * float(table[["attempts", "ci_high"]].max(axis=None)))
         at.label_y("Attempts")

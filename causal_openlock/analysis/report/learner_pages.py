@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.subjects import plot_subjects
 from causal_openlock.analysis.report.means import means
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.section import Section, drawn
+from causal_openlock.analysis.statistics import sizes
 from causal_openlock.wording import file_names, joined
 
 
@@ -28,7 +28,7 @@ def learner_pages(material: Material) -> Section:
         protocols = own["protocol"].unique()
         size = "a panel for each protocol"
         if len(protocols) == 1:
-            size = f"protocol {protocols[0]}, {style.sizes(own)}"
+            size = f"protocol {protocols[0]}, {sizes(own)}"
         known = [
             one.reference.name
             for one in material.leading

@@ -16,7 +16,6 @@ from pathlib import Path
 import pandas as pd
 
 from causal_openlock.analysis.effects import ALPHA
-from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.report.about_people import about_people
 from causal_openlock.analysis.report.all_figures import figures_of
 from causal_openlock.analysis.report.described import described, in_words
@@ -28,6 +27,7 @@ from causal_openlock.analysis.results.by_condition import condition_tables
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.missing import missing_cells, unfinished, with_missing
 from causal_openlock.analysis.section import Section
+from causal_openlock.analysis.statistics import sizes
 from causal_openlock.analysis.table import Table, write_table
 from causal_openlock.analysis.topic import Topic, all_topics, sections_of
 from causal_openlock.analysis.topics.leaderboard import (
@@ -148,7 +148,7 @@ def _every_trial(material: Material) -> Section:
     for learner in material.learners:
         own = summary[summary["learner"] == learner]
         for protocol, rows in own.groupby("protocol", sort=False):
-            title = f"{learner}, protocol {protocol}, {style.sizes(rows)}"
+            title = f"{learner}, protocol {protocol}, {sizes(rows)}"
             tables.append(means(rows, material.references, title))
     return Section("every-trial", "Every trial", text, tuple(tables))
 

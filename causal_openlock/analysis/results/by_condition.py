@@ -15,7 +15,7 @@ import pandas as pd
 
 from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.results.references import Beside
-from causal_openlock.analysis.statistics import beside_mean
+from causal_openlock.analysis.statistics import beside_mean, sizes
 from causal_openlock.analysis.table import Table, number, share
 from causal_openlock.wording import file_names
 
@@ -49,7 +49,7 @@ def _table(results: Material, protocol: str, name: str, rows: pd.DataFrame) -> T
             continue
         texts = [_of_reference(one, *played) for played in of.items()]
         if set(texts) != {"–"}:
-            about = reference.detail, _sizes(reference.points["subjects"])
+            about = reference.detail, sizes(reference.points)
             add(reference.title, ", ".join(filter(None, about)), texts, "published")
     bounds = [{row["ideal_attempts"] for row in played} for played in of.values()]
     ideal = [None if len(known) > 1 else known.pop() for known in bounds]
@@ -58,10 +58,10 @@ def _table(results: Material, protocol: str, name: str, rows: pd.DataFrame) -> T
         add("Ideal observer", "schema known", texts, "ideal")
     absent = results.experiment.without_any(protocol)
     for learner in ordered([*rows["learner"], *absent], results.learners):
-        own = rows.loc[rows["learner"] == learner, "subjects"]
+        own = rows[rows["learner"] == learner]
         texts = [_in_cell(cells.get((learner, condition))) for condition in conditions]
         look = "published" if learner in results.people else ""
-        add(learner, _sizes(own) if len(own) else "not applicable", texts, look)
+        add(learner, sizes(own) if len(own) else "not applicable", texts, look)
     measured = [" or ".join(dict.fromkeys(row["measured"] for row in of[c])) for c in conditions]
     heads = ["Learner", *map("\n".join, zip(conditions, measured, strict=True))]
     frame = pd.DataFrame(lines, columns=heads)
@@ -69,12 +69,6 @@ def _table(results: Material, protocol: str, name: str, rows: pd.DataFrame) -> T
         f"attempts_by_condition_{name}", f"Protocol {protocol}", frame,
         dict.fromkeys(heads[1:], "s"), looks=looks, verbatim=True,
     )  # fmt: skip
-
-
-def _sizes(subjects: pd.Series) -> str:
-    """How many subjects means are of: ``n = 40``, or ``n = 20 to 40`` if they differ."""
-    low, high = int(subjects.min()), int(subjects.max())
-    return f"n = {low}" if low == high else f"n = {low} to {high}"
 
 
 def _in_cell(row: Mapping[str, Any] | None) -> str:

@@ -26,7 +26,7 @@ from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_o
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.structure_errors import structure_distance
 from causal_openlock.analysis.section import Section, drawn
-from causal_openlock.analysis.statistics import mean_intervals
+from causal_openlock.analysis.statistics import mean_intervals, sizes
 from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.contract.checks import failures_of
@@ -253,7 +253,7 @@ def plot_structure_recovery(
                 if len(names) <= style.MOST_BANDS:
                     ends = own["ci_low"], own["ci_high"]
                     axes.fill_between(own["visit"], *ends, color=look["color"], alpha=0.15, lw=0)
-            style.panel_title(axes, condition, style.sizes(here))
+            style.panel_title(axes, condition, sizes(here))
             axes.set(xlabel="Trial", ylim=(-0.1, top))
             axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         at.label_y("Edges wrong")

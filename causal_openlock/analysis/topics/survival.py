@@ -20,7 +20,7 @@ from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, in_rows, panels, trials_under
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.section import Section, drawn, sentences
-from causal_openlock.analysis.statistics import share_interval
+from causal_openlock.analysis.statistics import share_interval, sizes
 from causal_openlock.analysis.topic import Topic
 from causal_openlock.wording import file_names, joined
 
@@ -104,7 +104,7 @@ def plot_survival(
                         x, own["ci_low"], own["ci_high"], step="post", color=line["color"],
                         alpha=0.15, lw=0,
                     )  # fmt: skip
-            style.panel_title(axes, condition, style.sizes(here))
+            style.panel_title(axes, condition, sizes(here))
             axes.set(xlim=(0, float(table["attempts"].max())), ylim=(0, 1.02), xlabel="Attempts")
             axes.xaxis.set_major_locator(MaxNLocator(6, integer=True, steps=[1, 2, 5, 10]))
             axes.yaxis.set_major_formatter(PercentFormatter(1.0))
