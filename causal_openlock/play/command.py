@@ -60,18 +60,15 @@ def play(
         str,
         typer.Option(
             help="What a recruiting service adds to the address, such as "
-            "PROLIFIC_PID,STUDY_ID,SESSION_ID; kept in recruited.jsonl."
+            "PROLIFIC_PID,STUDY_ID,SESSION_ID; kept in recruited.csv."
         ),
     ] = "",
-    readmit: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="First identifier of a person who cannot go back to the browser in which they "
-            "began: the next one who comes with it continues; may be repeated."
-        ),
-    ] = None,
     completion: Annotated[
-        str, typer.Option(help="Address to which people go back when they have finished.")
+        str,
+        typer.Option(
+            help="Address to which people go back when they have finished; %NAME% in it becomes "
+            "their identifier NAME."
+        ),
     ] = "",
     browser: Annotated[
         bool, typer.Option("--browser/--no-browser", help="Open the page in a browser.")
@@ -113,8 +110,6 @@ def play(
         return f"joined: {people.number}, finished: {people.finished}"
 
     try:
-        for identifier in readmit or ():
-            people.readmit(identifier)
         server = PlayServer(
             people, host, port, address, completion, lambda: console.print_line(standing())
         )

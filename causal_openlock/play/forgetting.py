@@ -3,24 +3,29 @@
 A person is known by number and condition. What they did is deleted from ``cells/``,
 ``reactions/``, ``structures/`` and the logs; so are identifiers of a recruiting service. Everybody
 else keeps their number. What else is in the folder, such as a report or a fit, may have been made
-of everybody's data: it is named, not touched.
+of everybody's data: it is named, not touched. Where the command was killed, it is given again.
 """
 
 from __future__ import annotations
 
-import re
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 from causal_openlock.errors import StoreError
-from causal_openlock.play.participant import DATA, delete_files
-from causal_openlock.play.people import People
+from causal_openlock.experiment.beside_record import REACTIONS, STRUCTURES
+from causal_openlock.files.checksums import ChecksumError, read_table
+from causal_openlock.play.log import Forgotten, Joined, Line, read_log, write_log
+from causal_openlock.play.people import dealt
 from causal_openlock.play.person import LEARNER
-from causal_openlock.play.recruiting import RECRUITED
+from causal_openlock.play.recruiting import RECRUITED, Recruited
+from causal_openlock.storage.folder_lock import locked
 from causal_openlock.storage.store import LOG, Store
 from causal_openlock.storage.stored import StoredExperiment
 
+DATA = ("cells", REACTIONS, STRUCTURES)
+"""The folders that have a file for each person."""
 OWN = (*DATA, "experiment.json", LOG, RECRUITED, "consent_*.md", ".*")
 """Files that ``play`` and ``import`` write themselves, and from which a person is deleted."""
 
@@ -49,38 +54,45 @@ def forget_person(
     if condition is None and len(names) > 1:
         raise StoreError(f"say which condition, with --condition: {', '.join(names)}")
     condition = condition or names[0]
+    if condition not in names:
+        raise StoreError(f"{folder} has no condition {condition!r}; give {' or '.join(names)}")
     there = sorted(store.folder.iterdir())
     left = [path.name for path in there if not any(map(path.match, OWN))]
-    if (store.folder / LOG).exists():
-        people = People(
-            folder,
-            experiment.conditions,
-            experiment.learners[0].protocol,
-            seed=experiment.seed,
-            command=experiment.command,
-        )
-        try:
-            return people.forget(condition, subject), left
-        finally:
-            people.close()
-    store.open(experiment, changed=False)
-    try:
-        mine = _files_of(store, experiment, condition, subject)
-        if not mine:
+    with locked(store.folder):
+        files = _files_of(store, experiment, condition, subject)
+        lines = read_log(store.folder / LOG)
+        numbers = [
+            line.join
+            for line in lines
+            if isinstance(line, Joined)
+            and dealt(experiment, line.join) == (names.index(condition), subject)
+        ]
+        if not files and not numbers:
             raise StoreError(f"{folder} has no person {subject} in {condition}")
-        deleted = [path for name in mine for path in delete_files(store, name)]
-        # Listed until they are gone, so that the same command deletes what a killed one has left.
-        kept = [name for name in experiment.files if name not in mine]
+        paths = [store.folder / data / file for data in DATA for file in files]
+        deleted = [path for path in paths if path.exists()]
+        for path in deleted:
+            path.unlink()
+        # What they are found by comes last, for a command that was killed and is given again.
         conditions = tuple(
-            replace(one, rooms={k: v for k, v in one.rooms.items() if k != subject})
+            replace(one, rooms={n: rooms for n, rooms in one.rooms.items() if n != subject})
             if one.name == condition
             else one
             for one in experiment.conditions
         )
-        store.declare(replace(experiment, conditions=conditions), kept)
-        return deleted, left
-    finally:
-        store.close()
+        listed = [file for file in experiment.files if file not in files]
+        store.declare(replace(experiment, conditions=conditions), listed)
+        for number in numbers:
+            Recruited(store.folder, ()).forget(number)
+            write_log(store.folder / LOG, _without(lines, number))
+    return deleted, left
+
+
+def _without(lines: Sequence[Line], number: int) -> list[Line]:
+    """A log without one person, who leaves a number."""
+    gone = Forgotten(join=number, forgotten=True)
+    others = [line for line in lines if getattr(line, "of", None) != number]
+    return [gone if getattr(line, "join", None) == number else line for line in others]
 
 
 def _files_of(
@@ -88,16 +100,18 @@ def _files_of(
 ) -> list[str]:
     """The names of a person's files that are listed, or there; one for each label they have."""
     there = {path.name for data in DATA for path in (store.folder / data).glob("*.parquet")}
-    labels = "|".join(re.escape(spec.name) for spec in experiment.learners)
-    middle = f"{re.escape(condition)}_{subject}-{subject}"
-    form = re.compile(rf"({labels})_{middle}_[0-9a-f]{{12}}\.parquet")
-    names = sorted(name for name in {*experiment.files, *there} if form.fullmatch(name))
-    return [name for name in names if _is_of(store, name, condition)]
+    end = f"_{condition}_{subject}-{subject}"
+    names = sorted(
+        name for name in {*experiment.files, *there} if name.rpartition("_")[0].endswith(end)
+    )
+    # a_b_CE3_0-0 can be of a in the condition b_CE3, or of a_b in CE3.
+    return [name for name in names if _condition_of(store, name) in (condition, None)]
 
 
-def _is_of(store: Store, name: str, condition: str) -> bool:
-    """Whether a cell belongs to a condition: ``a_b_CE3`` can belong to ``CE3`` and to ``b_CE3``."""
-    with suppress(StoreError):
-        column = store.read(store.cells / name, columns=["condition"])["condition"]
-        return set(column.to_pylist()) == {condition}
-    return True  # it is deleted already, or damaged
+def _condition_of(store: Store, name: str) -> str | None:
+    """The condition in a person's files; None if they are deleted already, or damaged."""
+    for data in DATA:
+        with suppress(OSError, ChecksumError, LookupError):
+            table = read_table((store.folder / data / name).read_bytes(), ["condition"])
+            return str(table["condition"][0])
+    return None

@@ -9,6 +9,7 @@ actions that it is given, one after the other.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any, Literal
@@ -16,7 +17,7 @@ from typing import Any, Literal
 import numpy as np
 
 from causal_openlock.contract.learner import View
-from causal_openlock.experiment.declare import Condition, Protocol, Trials
+from causal_openlock.experiment.declare import Cell, Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
 from causal_openlock.play.person import LABEL
 from causal_openlock.schemas.schema import Schema
@@ -61,39 +62,33 @@ class Game:
     """One person's game.
 
     Args:
-        condition: Which rooms are visited.
-        protocol: With what budgets.
-        subject: Number of the person among those in this condition.
-        seed: Seed of the rooms and of luck.
+        cell: Which rooms are visited, with what budgets and seed, and the number of the person.
         practice: Whether a practice room comes first.
         ask: Whether the person is asked after each trial that they play which lever enables which.
 
     Attributes:
         turn: How many turns have been taken.
         done: The actions of the trials that count, in order.
-        trials_over: How many of these trials have ended.
         answers: What the person said of the rooms that they left, a row for each pair of levers.
     """
 
-    def __init__(
-        self,
-        condition: Condition,
-        protocol: Protocol,
-        subject: int,
-        seed: int,
-        practice: bool,
-        ask: bool = False,
-    ) -> None:
+    def __init__(self, cell: Cell, practice: bool, ask: bool = False) -> None:
+        self._subject = cell.first_subject
         self.session = Session(
-            condition, protocol, [subject], seed=seed, learner=LABEL, experiment=EXPERIMENT
+            cell.condition,
+            cell.spec.protocol,
+            [self._subject],
+            seed=cell.seed,
+            learner=LABEL,
+            experiment=EXPERIMENT,
         )
         self._practice = _practice_room(self.session) if practice else None
+        self._ask = ask
+        self._question: tuple[int, ...] | None = None  # the levers that are asked about
+        self._ended: list[Answer] = []  # what came of each trial
         self.turn = 0
         self.done: list[PlayedAction] = []
-        self._ended: list[Answer] = []
-        self.answers: list[dict[str, Any]] = []
-        self._ask, self._subject = ask, subject
-        self._question: tuple[int, ...] | None = None  # the levers that are asked about
+        self.answers: list[Answer] = []
 
     @property
     def trials_over(self) -> int:
@@ -116,25 +111,21 @@ class Game:
         """
         if action is None:
             return self._practice is not None
-        over = (self._practice or self.session).over or self._question is not None
-        shown = None if self._practice else self.session.shown
-        if over or shown is not None:
-            return not over and action == shown
-        return 0 <= action < self.session.brief.actions
+        session = self._practice or self.session
+        if session.over or self._question is not None:
+            return False
+        if session.shown is not None:
+            return action == int(session.shown[0])
+        return 0 <= action < session.brief.actions
 
-    def allows_answer(self, edges: Any) -> bool:
+    def allows_answer(self, edges: Sequence[tuple[int, int]]) -> bool:
         """Whether an answer is possible now: pairs of a lever asked about and what it enables."""
-        levers, door = self._question or (), self.session.brief.positions
-        pairs = [pair for pair in edges if isinstance(pair, list) and len(pair) == 2]
-        return (
-            self._question is not None
-            and len(pairs) == len(edges)
-            and all(
-                type(cause) is int and cause in levers and type(effect) is int and cause != effect
-                for cause, effect in pairs
-            )
-            and {effect for _, effect in pairs} <= {*levers, door}
-        )
+        return self._question is not None and set(edges) <= {*self._pairs(self._question)}
+
+    def _pairs(self, levers: Sequence[int]) -> list[tuple[int, int]]:
+        """Each of these levers with each other one and the door, in order."""
+        door = self.session.brief.positions
+        return [pair for pair in product(levers, (*levers, door)) if pair[0] != pair[1]]
 
     def view(self) -> Answer:
         """State of the game that the person may know now."""
@@ -158,7 +149,7 @@ class Game:
         self.turn += 1
         return self.view()
 
-    def answer(self, edges: list[list[int]], time: float) -> Answer:
+    def answer(self, edges: Sequence[tuple[int, int]], time: float) -> Answer:
         """Take what the person says of the room that they have left; one turn."""
         about = {
             "learner": LABEL,
@@ -167,11 +158,9 @@ class Game:
             "visit": self.trials_over,
             "time": time,
         }
-        levers, door = self._question or (), self.session.brief.positions
-        for cause, effect in product(levers, (*levers, door)):
-            if cause != effect:
-                pair = {"cause": cause, "effect": effect, "enables": [cause, effect] in edges}
-                self.answers.append(about | pair)
+        for cause, effect in self._pairs(self._question or ()):
+            pair = {"cause": cause, "effect": effect, "enables": (cause, effect) in edges}
+            self.answers.append(about | pair)
         self._question = None
         self.turn += 1
         return self.view()

@@ -1,33 +1,13 @@
-"""Content of the page: its files, and the geometry of the room that it draws."""
+"""What the page is told: a text in Markdown, and the geometry of the room that it draws."""
 
 from __future__ import annotations
 
 from functools import cache
-from importlib.resources import files
 from typing import Any
 
 from causal_openlock.physics.geometry import BAR_LENGTH, BAR_WIDTH, DOOR_SWING, HANDLE, RoomGeometry
 from causal_openlock.world.facts import room_facts
 from causal_openlock.world.room import position_names
-
-KINDS = {
-    ".html": "text/html; charset=utf-8",
-    ".css": "text/css; charset=utf-8",
-    ".js": "text/javascript; charset=utf-8",
-    ".svg": "image/svg+xml",
-}
-
-
-@cache
-def static_files() -> dict[str, tuple[str, bytes]]:
-    """The page's files by their path on the server: content type and content."""
-    found = {}
-    for file in files("causal_openlock.play").joinpath("static").iterdir():
-        kind = KINDS.get(file.name[file.name.rfind(".") :])
-        if kind:
-            path = "/" if file.name == "index.html" else f"/{file.name}"
-            found[path] = kind, file.read_bytes()
-    return found
 
 
 def as_html(markdown: str) -> str:

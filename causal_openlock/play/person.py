@@ -14,20 +14,12 @@ LABEL = "person"
 
 
 class Person(Learner):
-    """A person who plays in a browser.
+    """A person, who takes part in no comparison: nobody can be asked to act here."""
 
-    It takes part in no comparison, since nobody can be asked to act here: ``causal-openlock play``
-    lets people play, and a report then shows them next to learners.
-    """
-
-    def begin(self, brief: Brief) -> None:
-        """People are not played; see the class."""
-        _refuse()
+    def begin(self, brief: Brief) -> NoReturn:
+        """Say how people play, and how a report shows them next to learners."""
+        raise LearnerError("a person plays in the browser; start causal-openlock play")
 
     def act(self, view: View) -> NoReturn:
-        """People are not played; see the class."""
-        _refuse()
-
-
-def _refuse() -> NoReturn:
-    raise LearnerError("a person plays in the browser; start causal-openlock play")
+        """Never called: it does not begin."""
+        raise NotImplementedError

@@ -9,12 +9,12 @@
 ``GET /state``             what the person may know now
 ``POST /proceed``          ``{"turn"}``: leave the practice room
 ``POST /act``              ``{"turn", "action", "reaction"}``: act; reaction in milliseconds or null
+``POST /answer``           ``{"turn", "edges"}``: say which lever enables which
 =========================  =======================================================================
 
 A session id travels as ``Authorization: Bearer ID``, which no other site's page can send. Status
 404 answers unknown sessions and addresses, 409 requests that are out of turn (with the state as it
-is), 400 requests that the page never makes, and others what is in
-:mod:`~causal_openlock.play.refusals`. None of these changes anything.
+is), 400 requests that the page never makes. None of these changes anything.
 
 Starlette routes the requests and uvicorn speaks HTTP; the work for a request is done in a thread,
 so that no click waits until another one is written. By default the server listens on
@@ -25,13 +25,12 @@ address that people use, which it has to be given.
 
 from __future__ import annotations
 
-import re
+import mimetypes
 import socket
 import sys
 import threading
 from collections.abc import Callable
 from functools import lru_cache
-from ipaddress import ip_address
 from typing import Annotated, Any, TypeVar
 from urllib.parse import urlsplit
 
@@ -48,19 +47,21 @@ except ModuleNotFoundError as _missing:
         "'causal-openlock[play]'"
     ) from None
 from starlette.concurrency import run_in_threadpool
-from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
-from starlette.routing import Route
-from starlette.types import Receive, Scope, Send
+from starlette.routing import Mount, Route
+from starlette.staticfiles import StaticFiles
 
 from causal_openlock.files.escaping import printable
-from causal_openlock.play.connections import IDLE, MOST_CONNECTIONS, Connection
 from causal_openlock.play.game import Answer
-from causal_openlock.play.pages import as_html, geometry, static_files
+from causal_openlock.play.pages import as_html, geometry
 from causal_openlock.play.people import People
-from causal_openlock.play.refusals import OutOfTurn, Refused, UnknownPerson
+from causal_openlock.play.recruiting import completion as checked_completion
+from causal_openlock.play.recruiting import filled, web_page
+from causal_openlock.play.refusals import Refused
 from causal_openlock.world.room import positions_for
 
 MOST_BYTES = 4096
@@ -77,15 +78,11 @@ HEADERS = {
         "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
     ),
     "X-Content-Type-Options": "nosniff",
-    "X-Frame-Options": "DENY",
     "Referrer-Policy": "no-referrer",
-    "Cross-Origin-Opener-Policy": "same-origin",
-    "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
-ANOTHER_NAME = "this server has another name; its name is given with --address"
-LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
-ORIGIN = re.compile(r"https?://([^/?#@\s]+)")
+LOOPBACK = ("127.0.0.1", "localhost", "::1")
+mimetypes.add_type("text/javascript", ".js")  # Windows can say text/plain, which is not run
 
 
 class PlayServer:
@@ -96,13 +93,13 @@ class PlayServer:
         host: Address to listen on.
         port: Port to listen on; 0 for any that is free.
         completion: Where people go when they have finished, such as the page of a recruiting
-            service; empty for nowhere. The page has it only at the end.
+            service; ``%NAME%`` in it stands for an identifier. The page has it only at the end.
         address: What people type, such as ``https://study.example.org``, if a reverse proxy passes
             their requests on; empty without one.
         changed: Called soon after somebody has joined or finished.
 
     Raises:
-        OpenLockError: If it cannot listen there, or the address is invalid.
+        OpenLockError: If it cannot listen there, or an address is invalid.
     """
 
     def __init__(
@@ -115,39 +112,25 @@ class PlayServer:
         changed: Callable[[], None] = lambda: None,
     ) -> None:
         self.people, self._changed = people, changed
-        self.completion = _completion(completion)
+        self.completion = checked_completion(completion, people.recruiting)
         self.address = _checked(address)
         self._socket = _listening(host, port)
         self.host, self.port = host, int(self._socket.getsockname()[1])
-        self.loopback = _is_loopback(host)
-        names = (*LOOPBACK, host, f"[{host}]")
-        self._names = {f"{name}:{self.port}" for name in names}
-        if self.port == 80:  # which browsers leave out
-            self._names.update(names)
-        self._public = urlsplit(self.address).netloc
-        if self._public:
-            self._names.add(self._public)
+        self.loopback = host in LOOPBACK
         self._stopped = threading.Event()
         self._keeper = threading.Thread(target=self._keep, name="keeper", daemon=True)
         # What happens to one participant may happen to all, and again and again.
         self._warn_once = lru_cache(maxsize=100)(_warn)
-        self._app = self._starlette()
         self._server = uvicorn.Server(
             uvicorn.Config(
-                self._guarded,
-                interface="asgi3",
-                http=Connection,
+                self._application(),
                 ws="none",
-                loop="asyncio",
                 lifespan="off",
                 log_config=None,
                 log_level="error",  # addresses are not logged
                 access_log=False,
-                proxy_headers=False,
                 server_header=False,
                 headers=[*HEADERS.items()],
-                limit_concurrency=MOST_CONNECTIONS + 1,  # it refuses from this number on
-                timeout_keep_alive=IDLE,
                 timeout_graceful_shutdown=2,
             )
         )
@@ -155,8 +138,8 @@ class PlayServer:
     @property
     def url(self) -> str:
         """Address of the page, for this machine."""
-        host = {"0.0.0.0": "127.0.0.1", "": "127.0.0.1", "::": "[::1]"}.get(self.host, self.host)
-        return f"http://{f'[{host}]' if ':' in host and '[' not in host else host}:{self.port}/"
+        host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(self.host, self.host)
+        return f"http://{f'[{host}]' if ':' in host else host}:{self.port}/"
 
     def serve_forever(self) -> None:
         """Serve until :meth:`shutdown`, SIGINT or SIGTERM."""
@@ -197,54 +180,31 @@ class PlayServer:
                     raise
                 return
 
-    # -- which requests are accepted ------------------------------------------------------------
-
-    async def _guarded(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request if it is clear where it ends and that it is meant for this server."""
-        headers = Headers(scope=scope)
-        if not _is_clear(scope["method"], headers):
-            answer: Any = _invalid()
-        elif not self._is_meant_for_us(headers):
-            answer = JSONResponse({"error": ANOTHER_NAME}, 403)
-        else:
-            answer = self._app
-        await answer(scope, receive, send)
-
-    def _is_meant_for_us(self, headers: Headers) -> bool:
-        host = headers.get("host", "")
-        if self.loopback and host not in self._names:
-            return False
-        origin = headers.get("origin")
-        if origin is None:
-            return True
-        # A proxy may put its own name for us in the place of the host that the browser asked for.
-        asked = ORIGIN.fullmatch(origin)
-        return asked is not None and asked[1] in (host, self._public)
-
     # -- what is answered -----------------------------------------------------------------------
 
-    def _starlette(self) -> Starlette:
-        people = self.people
+    def _application(self) -> Starlette:
+        people, public = self.people, urlsplit(self.address)
+        names = [*LOOPBACK, "[::1]", public.hostname or self.host] if self.loopback else ["*"]
         app = Starlette(
             routes=[
-                *(_file(path, *file) for path, file in static_files().items()),
                 _get("/brief", lambda request: self._brief()),
-                _get("/geometry/{size}", lambda request: geometry(_size(request))),
-                _get("/state", lambda request: self._told(people.view(_session(request)))),
+                _get("/geometry/{size:int}", lambda request: geometry(request.path_params["size"])),
+                _get("/state", lambda request: self._told(request, people.view(_session(request)))),
                 _post("/join", _Join, lambda request, sent: {
                     "id": people.join(sent.agreed, sent.recruited, sent.id)}),
-                _post("/answer", _Answer, lambda request, sent: self._told(people.answer(
+                _post("/answer", _Answer, lambda request, sent: self._told(request, people.answer(
                     _session(request), sent.turn, sent.edges))),
-                _post("/proceed", _Turn, lambda request, sent: self._told(people.proceed(
+                _post("/proceed", _Turn, lambda request, sent: self._told(request, people.proceed(
                     _session(request), sent.turn))),
-                _post("/act", _Action, lambda request, sent: self._after(people.act(
-                    _session(request), sent.turn, sent.action, sent.reaction))),
+                _post("/act", _Action, self._act),
+                Mount("/", StaticFiles(packages=[("causal_openlock.play", "static")], html=True)),
             ],
+            middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=names, www_redirect=False)],
             exception_handlers=dict.fromkeys(
                 (OpenLockError, ClientDisconnect, HTTPException), self._refused
             ),
         )  # fmt: skip
-        app.router.redirect_slashes = False
+        app.state.public = public.netloc
         return app
 
     def _brief(self) -> dict[str, Any]:
@@ -261,131 +221,59 @@ class PlayServer:
             "recruiting": self.people.recruiting,
         }
 
-    def _told(self, now: Answer) -> Answer:
+    def _act(self, request: Request, sent: _Action) -> Answer:
+        done = self.people.act(_session(request), sent.turn, sent.action, sent.reaction)
+        return {**done, "next": self._told(request, done["next"])}
+
+    def _told(self, request: Request, now: Answer) -> Answer:
         """State that a person may know now; the link, which may be worth money, only at the end."""
         if self.completion and now["stage"] == "end":
-            return {**now, "completion": self.completion}
+            identifiers = self.people.identifiers(_session(request))
+            return {**now, "completion": filled(self.completion, identifiers)}
         return now
 
-    def _after(self, answer: Answer) -> Answer:
-        """Result of an action, with the state that the person may know then."""
-        return {**answer, "next": self._told(answer["next"])}
-
     async def _refused(self, request: Request, error: Exception) -> Response:
-        match error:
-            case HTTPException():
-                return JSONResponse({"error": "there is nothing at this address"}, 404)
-            case Refused():
-                if error.advice:
-                    self._warn_once(error.advice)
-                said: Answer = {"error": str(error), "why": type(error).__name__}
-                if isinstance(error, OutOfTurn):
-                    said["now"] = self._told(error.now)
-                return JSONResponse(said, error.status)
-            case StoreError():
-                _warn(error)  # the page need not know paths of this machine
-                return JSONResponse({"error": "this cannot be saved now"}, 503)
+        if isinstance(error, HTTPException):
+            return JSONResponse({"error": "there is nothing at this address"}, error.status_code)
+        if isinstance(error, Refused):
+            if error.advice:
+                self._warn_once(error.advice)
+            said: Answer = {"title": error.title, "error": str(error)}
+            if error.now:
+                said["now"] = self._told(request, error.now)
+            return JSONResponse(said, error.status)
+        if isinstance(error, StoreError):
+            _warn(error)  # the page need not know paths of this machine
+            return JSONResponse({"error": "this cannot be saved now"}, 503)
         return _invalid()
-
-
-# -- where to listen ------------------------------------------------------------------------------
-
-
-def _listening(host: str, port: int) -> socket.socket:
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    # asyncio sends at once only where the socket says that it is TCP.
-    listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
-    try:
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listener.bind((host, port))
-        listener.listen(256)
-    except OSError as error:
-        listener.close()
-        raise OpenLockError(
-            f"cannot listen on {host}, port {port} ({error.strerror or error}); choose another "
-            "with --host or --port"
-        ) from None
-    return listener
-
-
-def _is_loopback(host: str) -> bool:
-    if host == "localhost":
-        return True
-    try:
-        return ip_address(host).is_loopback
-    except ValueError:
-        return False
 
 
 def _checked(address: str) -> str:
     """An address that people can type, with a slash in the end."""
-    try:
-        parts = urlsplit(address)
-        whole = parts.scheme in ("http", "https") and parts.hostname and parts.path in ("", "/")
-        whole = whole and parts.port != 0
-    except ValueError:  # a bracket that is not closed, an invalid port
-        parts, whole = urlsplit(""), False
-    if address and (not whole or parts.query or parts.fragment or "@" in parts.netloc):
+    parts = web_page(address)
+    whole = parts and parts.path in ("", "/") and not (parts.query or parts.fragment)
+    if address and not (whole and "@" not in address):
         raise OpenLockError(
             f"{address!r} is not an address of a server; give one such as "
             "https://study.example.org, without a path: the page needs a host name of its own"
         )
-    return f"{parts.scheme}://{parts.netloc.lower()}/" if address else ""
+    return f"{parts.scheme}://{parts.netloc.lower()}/" if parts else ""
 
 
-def _completion(address: str) -> str:
-    """Address to which people go when they have finished; it must be a web page."""
+def _listening(host: str, port: int) -> socket.socket:
     try:
-        parts = urlsplit(address)
-        whole = parts.scheme in ("http", "https") and bool(parts.hostname)
-    except ValueError:
-        whole = False
-    if address and not whole:
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        listener = socket.create_server((host, port), family=family, backlog=256)
+    except OSError as error:
         raise OpenLockError(
-            f"{address!r} is not an address of a page; give one such as "
-            "https://app.prolific.com/submissions/complete?cc=C0DE"
-        )
-    return address
+            f"cannot listen on {host}, port {port} ({error.strerror or error}); choose another "
+            "with --host or --port"
+        ) from None
+    listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # for its connections, too
+    return listener
 
 
-# -- answers --------------------------------------------------------------------------------------
-
-
-def _file(path: str, kind: str, content: bytes) -> Route:
-    async def answer(request: Request) -> Response:
-        return Response(content, media_type=kind)
-
-    return Route(path, answer)
-
-
-def _get(path: str, work: Callable[[Request], Any]) -> Route:
-    async def answer(request: Request) -> Response:
-        return JSONResponse(await run_in_threadpool(work, request))
-
-    return Route(path, answer, methods=["GET"])
-
-
-def _post(path: str, kind: type[Sent], work: Callable[[Request, Sent], Any]) -> Route:
-    async def answer(request: Request) -> Response:
-        try:
-            sent = kind.model_validate_json(await request.body())
-        except ValidationError:
-            return _invalid()
-        return JSONResponse(await run_in_threadpool(work, request, sent))
-
-    return Route(path, answer, methods=["POST"])
-
-
-def _invalid() -> Response:
-    """The answer to what the page never sends; nothing more is read from this connection."""
-    return JSONResponse({"error": "invalid request"}, 400, {"Connection": "close"})
-
-
-def _warn(error: Exception | str) -> None:
-    print(f"warning: {printable(error)}", file=sys.stderr)
-
-
-# -- what is in a request -------------------------------------------------------------------------
+# -- requests -------------------------------------------------------------------------------------
 
 
 class _Body(BaseModel):
@@ -405,9 +293,7 @@ class _Turn(_Body):
 
 
 class _Answer(_Turn):
-    edges: Annotated[
-        list[Annotated[list[int], Field(min_length=2, max_length=2)]], Field(max_length=200)
-    ]
+    edges: Annotated[list[tuple[int, int]], Field(max_length=200)]
 
 
 class _Action(_Turn):
@@ -418,26 +304,45 @@ class _Action(_Turn):
 Sent = TypeVar("Sent", bound=_Body)
 
 
-def _is_clear(method: str, headers: Headers) -> bool:
-    """Whether a proxy and this server agree on where the request ends, and it is not too long.
+def _get(path: str, work: Callable[[Request], Any]) -> Route:
+    async def answer(request: Request) -> Response:
+        return JSONResponse(await run_in_threadpool(work, request))
 
-    If they did not, what follows could be another person's request.
-    """
-    if "transfer-encoding" in headers:
-        return False
-    if method != "POST":
-        return "content-length" not in headers
-    return int(headers.get("content-length", MOST_BYTES + 1)) <= MOST_BYTES
+    return Route(path, answer, methods=["GET"])
+
+
+def _post(path: str, kind: type[Sent], work: Callable[[Request, Sent], Any]) -> Route:
+    async def answer(request: Request) -> Response:
+        if not _is_ours(request):
+            return JSONResponse({"error": "this is the page of another server"}, 403)
+        if int(request.headers.get("content-length", MOST_BYTES + 1)) > MOST_BYTES:
+            return _invalid()
+        try:
+            sent = kind.model_validate_json(await request.body())
+        except ValidationError:
+            return _invalid()
+        return JSONResponse(await run_in_threadpool(work, request, sent))
+
+    return Route(path, answer, methods=["POST"])
+
+
+def _is_ours(request: Request) -> bool:
+    """Whether a request comes from this server's own page, if the browser says from which."""
+    origin = request.headers.get("origin")
+    # A proxy may put its own name for us in the place of the host that the browser asked for.
+    ours = request.headers.get("host"), request.app.state.public
+    return origin is None or (web_page(origin) is not None and urlsplit(origin).netloc in ours)
+
+
+def _invalid() -> Response:
+    return JSONResponse({"error": "invalid request"}, 400)
+
+
+def _warn(error: Exception | str) -> None:
+    print(f"warning: {printable(error)}", file=sys.stderr)
 
 
 def _session(request: Request) -> str:
+    """The session id of a request; a wrong one is nobody's."""
     kind, _, name = request.headers.get("authorization", "").partition(" ")
-    if kind != "Bearer" or not name.isascii():
-        raise UnknownPerson("there is no such session")
-    return name
-
-
-def _size(request: Request) -> int:
-    if not re.fullmatch("[0-9]{1,2}", request.path_params["size"]):
-        raise HTTPException(404)
-    return int(request.path_params["size"])
+    return name if kind == "Bearer" else ""

@@ -201,6 +201,70 @@ def test_the_keyboard_is_enough(page: Page, tmp_path: Path) -> None:
         assert left(page) == (2, 30, 3)
 
 
+KEYBOARDS = [
+    ({"key": "в", "code": "KeyD"}, DOOR),  # Cyrillic
+    ({"key": "Process", "code": "KeyD"}, DOOR),  # an input method
+    ({"key": "d", "code": "KeyH"}, DOOR),  # Dvorak
+    ({"key": "&", "code": "Digit1"}, 0),  # French
+    ({"key": "3", "code": "Numpad3"}, 2),
+    ({"key": "PageDown", "code": "Numpad3", "modifierNumLock": True}, 9),  # Shift, on Windows
+    ({"key": "PageDown", "code": "Numpad3", "shiftKey": True}, 9),
+]
+
+
+def test_keys_are_those_of_their_places_on_any_keyboard(page: Page, tmp_path: Path) -> None:
+    with serving(tmp_path, *CC3) as server:
+        begin(page, server.url)
+        for event, _ in KEYBOARDS:
+            page.wait_for_selector(READY)
+            pressed = "event => document.dispatchEvent(new KeyboardEvent('keydown', event))"
+            page.evaluate(pressed, event)
+        page.wait_for_selector(READY)
+        server.stop()
+    assert read_reactions(tmp_path)["action"].to_pylist() == [action for _, action in KEYBOARDS]
+
+
+SIDES = """
+() => [...document.querySelectorAll("#room .hit")].flatMap((node) => {
+  const box = node.getBBox(), { a, b } = node.getScreenCTM(), scale = Math.hypot(a, b);
+  return [scale * box.width, scale * box.height];
+})
+"""
+
+
+@pytest.mark.parametrize("levers", [7, 12])
+def test_a_finger_hits_each_lever_on_the_smallest_screen(
+    page: Page, tmp_path: Path, levers: int
+) -> None:
+    names = [f"L{number}" for number in range(levers)]
+    edges = ", ".join(f"{name}: [door]" for name in names)
+    schema = f"name: many\nlevers: [{', '.join(names)}]\nedges: {{{edges}}}\n"
+    (tmp_path / "many.yaml").write_text(schema)
+    page.set_viewport_size({"width": 320, "height": 640})
+    with serving(tmp_path / "out", "--condition", str(tmp_path / "many.yaml")) as server:
+        page.goto(server.url)
+        page.click("#begin")
+        page.wait_for_selector(READY)
+        assert min(page.evaluate(SIDES)) >= 24
+
+
+def test_a_tab_continues_what_another_one_has_begun(page: Page, tmp_path: Path) -> None:
+    with serving(tmp_path, *CC3, "--recruiting", "PID") as server:
+        url = f"{server.url}?PID=ann#_=_"  # as some sites add to addresses
+        second = page.context.new_page()
+        second.goto(url)
+        second.wait_for_selector("#begin")
+        begin(page, url)
+        click(page, 3)
+        second.click("#begin")
+        second.wait_for_selector(READY)
+        assert left(second) == left(page) == (2, 30, 2)
+        assert second.url == page.url
+        assert re.search(r"/\?PID=ann#[\w-]{32}$", page.url)
+        server.stop()
+    assert (tmp_path / "recruited.csv").read_text() == "join,PID\n0,ann\n"
+
+
 def test_a_closed_tab_and_a_second_one_go_on_where_the_person_is(
     page: Page, tmp_path: Path
 ) -> None:
@@ -431,5 +495,5 @@ def test_somebody_agrees_says_what_they_think_and_is_sent_back(page: Page, tmp_p
     pairs = read_answers(tmp_path / "out").to_pylist()
     assert {(pair["visit"], pair["cause"]) for pair in pairs} == {(1, lever) for lever in levers}
     assert {(pair["cause"], pair["effect"]) for pair in pairs if pair["enables"]} == {*ticked}
-    told = (tmp_path / "out" / "recruited.jsonl").read_text()
-    assert '{"join":0,"PID":"p7","STUDY":"s1"}' in told
+    told = (tmp_path / "out" / "recruited.csv").read_text()
+    assert told == "join,PID,STUDY\n0,p7,s1\n"

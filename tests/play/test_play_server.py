@@ -4,7 +4,6 @@ import asyncio
 import json
 import os
 import re
-import socket
 import subprocess
 import sys
 import threading
@@ -31,7 +30,7 @@ from support.play_clients import (
     solving,
     walk_through,
 )
-from support.waiting import HANGS, until
+from support.waiting import until
 
 pytestmark = pytest.mark.slow
 
@@ -86,7 +85,7 @@ def test_a_click_is_answered_with_what_is_seen(server, caller):
 
 def test_nothing_latent_is_in_any_answer(server, caller):
     name = caller.join()
-    for path in ("/", "/play.js", "/room.js", "/arm.js", "/play.css", "/icon.svg", "/brief"):
+    for path in ("/", "/play.js", "/room.js", "/play.css", "/icon.svg", "/brief"):
         assert caller.call(path)[0] == 200
     caller.call("/geometry/7")
     random = np.random.default_rng(0)
@@ -112,7 +111,7 @@ def test_nothing_latent_is_in_any_answer(server, caller):
 
 
 def test_the_page_loads_nothing_from_elsewhere_and_says_so(caller):
-    for path in ("/", "/play.js", "/room.js", "/arm.js", "/play.css", "/icon.svg"):
+    for path in ("/", "/play.js", "/room.js", "/play.css", "/icon.svg"):
         text = caller.call(path)[1]
         assert not set(re.findall(r"https?://[\w.]+", text)) - {"http://www.w3.org"}
         assert not re.search(r"(src|href)=\"(?!/\w|#)", text)
@@ -128,7 +127,7 @@ def test_the_page_loads_nothing_from_elsewhere_and_says_so(caller):
 
 def test_a_study_has_consent_questions_and_a_link_at_the_end(tmp_path):
     home = people(tmp_path, consent="*Yes* <script>", practice=False, ask=True, recruiting=["PID"])
-    link, counts = "https://app.prolific.com/submissions/complete?cc=C0DE", []
+    link, counts = "https://app.prolific.com/submissions/complete?cc=C0DE&who=%PID%", []
     made = PlayServer(
         home, completion=link, changed=lambda: counts.append((home.number, home.finished))
     )
@@ -145,7 +144,7 @@ def test_a_study_has_consent_questions_and_a_link_at_the_end(tmp_path):
             ({"agreed": mark, "recruited": {"PID": "<b>"}}, 400),
         ):
             assert caller.call("/join", sent)[0] == status
-        join = {"agreed": mark, "recruited": {"PID": "5f"}}
+        join = {"agreed": mark, "recruited": {"PID": "5f&<b>"}}
         me = caller.call("/join", join)[1]["id"]
         until(lambda: counts == [(1, 0)])
         while (now := caller.call("/state", name=me)[1])["stage"] != "end":
@@ -154,9 +153,11 @@ def test_a_study_has_consent_questions_and_a_link_at_the_end(tmp_path):
             now = caller.call("/state", name=me)[1]
             edges = [[now["levers"][0], 7]]
             _, now = caller.call("/answer", {"turn": now["turn"], "edges": edges}, me)
-        assert now["completion"] == caller.call("/state", name=me)[1]["completion"] == link
+        assert now["completion"] == link.replace("%PID%", "5f%26%3Cb%3E")
+        assert caller.call("/state", name=me)[1] == now
         until(lambda: counts == [(1, 0), (1, 1)])
-        assert caller.call("/join", join)[0] == 410
+        again = caller.call("/join", join)[1]["id"]  # as in another browser
+        assert caller.call("/state", name=again)[1] == now
     *_, last = (pair for pair in read_answers(tmp_path).to_pylist() if pair["enables"])
     assert [last["cause"], last["effect"]] == edges[0]
 
@@ -182,9 +183,11 @@ def test_what_is_no_call_changes_nothing(server, caller, capfd):
         caller.connection.close()  # nothing more is read from this one
     for path in ("/nothing", "/../log.jsonl", "/%2e%2e/log.jsonl", "/static/play.js"):
         assert caller.call(path, name=name)[0] == 404
-        assert caller.call(path, {"turn": 0, "action": 1}, name)[0] == 404
+        assert caller.call(path, {"turn": 0, "action": 1}, name)[0] in (404, 405)
     for size in (0, 6, 13, 99):
         assert caller.call(f"/geometry/{size}")[0] == 400
+    for edges in ([[1]], [3], [[1, True]], [[1, 7], [1, 7, 7]]):
+        assert caller.call("/answer", {"turn": 0, "edges": edges}, name)[0] == 400
     assert (caller.call("/state", name=name), log(server)) == (before, held)
     assert capfd.readouterr().err == ""
 
@@ -201,7 +204,7 @@ def test_forged_replayed_and_early_calls_change_nothing(server, caller):
         assert (status, said["now"]) == (409, state)
     assert caller.call("/proceed", {"turn": 1}, name)[0] == 409  # there is no practice to leave
     # Forged: no session, another's name with a letter changed, the hash that is on file.
-    key = json.loads(held.splitlines()[1].rpartition(b"\t")[0])["key"]
+    key = json.loads(held.splitlines()[1])["key"]
     for forged in (None, "", name[:-1] + ("A" if name[-1] != "A" else "B"), key, "ä"):
         assert caller.call("/act", {**call, "turn": 1}, forged)[0] == 404
         assert caller.call("/state", name=forged)[0] == 404
@@ -219,13 +222,12 @@ def test_calls_of_other_sites_are_refused(server, caller):
     name = caller.join()
     call, held = {"turn": 0, "action": 4}, log(server)
     origins = ("http://evil.example", "null", "", "http://[", "//", "http://localhost:x@a")
-    for foreign in (
-        *({"Host": "evil.example"}, {"Host": f"evil.example:{server.port}"}),
-        *({"Origin": origin} for origin in origins),
-    ):
-        assert caller.call("/act", call, name, foreign)[0] == 403
-        assert caller.call("/join", {}, None, foreign)[0] == 403
-        assert caller.call("/", None, None, foreign)[0] == 403
+    for host in ("evil.example", f"evil.example:{server.port}"):
+        for path, sent in (("/act", call), ("/join", {}), ("/", None)):
+            assert caller.call(path, sent, name, {"Host": host})[0] == 400
+    for origin in origins:
+        for path, sent in (("/act", call), ("/join", {})):
+            assert caller.call(path, sent, name, {"Origin": origin})[0] == 403
     assert log(server) == held
     own = {"Origin": f"http://127.0.0.1:{server.port}"}
     assert caller.call("/act", call, name, own)[0] == 200
@@ -239,26 +241,11 @@ def test_behind_a_proxy_the_address_that_people_use_is_ours_and_no_other(tmp_pat
         # Proxies either pass on the host that was asked for, or put their own name for us.
         for host, origin, status in (
             *((ours, ours, 200), (here, ours, 200), (ours, evil, 403), (here, evil, 403)),
-            *((evil, ours, 403), (evil, evil, 403)),
+            *((evil, ours, 400), (evil, evil, 400)),
         ):
             headers = {"Host": host, "Origin": f"https://{origin}"}
             assert caller.call("/join", {}, None, headers)[0] == status
         assert made.people.number == 2
-
-
-JOIN = b"POST /join HTTP/1.1\r\nHost: localhost:%d\r\n"
-
-
-def test_a_request_whose_end_is_in_doubt_is_refused_and_is_the_last(server):
-    lengths = b"Content-Length: 2\r\nContent-Length: 30\r\n\r\n{}"
-    chunks = b"Transfer-Encoding: chunked\r\n\r\n2\r\n{}\r\n0\r\n\r\n"
-    for sent in (b"\0\r\n\r\n", JOIN % server.port + lengths, JOIN % server.port + chunks):
-        with socket.create_connection(("127.0.0.1", server.port), timeout=HANGS) as connection:
-            connection.sendall(sent)
-            received = b"".join(iter(lambda: connection.recv(4096), b""))
-        assert received.startswith(b"HTTP/1.1 400 ")
-        assert received.count(b"HTTP/1.1 ") == 1
-    assert server.people.number == 0
 
 
 def test_without_its_packages_play_says_what_to_install(tmp_path, monkeypatch):
@@ -300,10 +287,7 @@ def test_a_server_that_is_killed_goes_on_where_it_was(tmp_path):
         for name in names:
             assert caller.call("/state", name=name)[1] == states[name]
         click(caller, names, 4)
-        half = socket.create_connection((server.host, server.port))
-        half.sendall(JOIN % server.port + b"Content-Length: 9\r\n\r\n{}")
-        assert server.stop() == ""  # it waits for nobody
-        half.close()
+        assert server.stop() == ""
     rows = read_reactions(folder).to_pandas()
     by_person = [rows[rows["subject"] == k]["action"].tolist() for k in range(3)]
     assert by_person == [acted[name] for name in names]

@@ -49,9 +49,9 @@ async function call(path, body) {
 
 // What is needed to continue; where it is refused, the screen says why and nothing follows.
 async function got(path) {
-  const { status, said } = await call(path);
-  if (status === 200) return said;
-  refused(said);
+  const answer = await call(path);
+  if (answer.status === 200) return answer.said;
+  refused(answer);
   return new Promise(() => {});
 }
 
@@ -100,15 +100,6 @@ function screen(name) {
     heading.tabIndex = -1;
     heading.focus({ preventScroll: true });
   }
-}
-
-function trouble(title, text, button, go) {
-  $("trouble-title").textContent = title;
-  $("trouble-text").textContent = text;
-  $("trouble-go").hidden = !button;
-  $("trouble-go").textContent = button ?? "";
-  $("trouble-go").onclick = go ?? null;
-  screen("trouble");
 }
 
 async function geometry(positions) {
@@ -293,11 +284,12 @@ async function take(action, reaction) {
   occupied(true);
   say("");
   // The arm sets out at once; what comes of it is known when it arrives.
-  const [{ status, said }] = await Promise.all([
+  const [answer] = await Promise.all([
     call("/act", { turn: state.turn, action, reaction }),
     room.approach(action),
   ]);
-  if (status !== 200) return adopt(said);
+  if (answer.status !== 200) return adopt(answer);
+  const said = answer.said;
   const before = state.room;
   console_({
     ...before,
@@ -346,57 +338,46 @@ async function take(action, reaction) {
 }
 
 // The server says that this is not how things are: take over how they are.
-async function adopt(said) {
-  if (!said.now) return refused(said);
-  state = said.now;
+async function adopt(answer) {
+  if (!answer.said.now) return refused(answer);
+  state = answer.said.now;
   await enter();
   return say("This session went on elsewhere; this is where it is now.");
 }
 
-// The server, or what is before it, says no.
-function refused(said) {
-  const again = () => location.reload(), tell = "please tell the person who invited you";
-  switch (said.why) {
-    case "UnknownPerson": return lost();
-    case "NotAgreed": return trouble("What you agree to has changed", "Please read it before you begin.", "Read it", again);
-    case "NotIdentified": return trouble("You cannot begin by this address", `The study does not know who you are: ${said.error}. Please open it again from the page where you found it. If you then see this again, ${tell}, and send them these words.`);
-    case "HasBegun": return trouble("You have begun in another browser", `Please open the study again on the device and in the browser in which you began: you continue where you stopped. If you cannot, or if that browser's data were cleared, ${tell}: they can let you continue here. Nothing you did is lost.`);
-    case "HasFinished": return trouble("You have taken part already", "Everything is saved. The way back is on the page on which you finished, in the browser in which you played.");
-    case "TooManyPeople": return trouble("No more people can join now", `As many have joined as can; ${tell}.`);
+// The server, or what is before it, says no. It gives a title to what it says itself.
+function refused({ status, said }) {
+  if (status === 404 && said.title) {
+    // A wrong address does not end the session that this browser has stored.
+    if (stored() === session) stored(null);
+    history.replaceState(null, "", location.pathname + location.search);
   }
-  return trouble("The study cannot be reached as it should", `This page was told: ${said.error ?? "no"}. Please try again. If it stays so, ${tell}. Nothing you did before is lost.`, "Try again", again);
-}
-
-function lost() {
-  const own = stored() !== session; // a wrong address does not end this browser's own session
-  state = null;
-  if (own) history.replaceState(null, "", location.pathname);
-  else remember(null);
-  session = null;
-  trouble(
-    "This session is not known here",
-    "The page was opened with an address that belongs to no session, or to one that is kept elsewhere.",
-    own && stored() ? "Go on where you were" : "Start over",
-    own && stored() ? () => location.reload() : consent,
-  );
+  $("trouble-title").textContent = said.title ?? "The study cannot be reached as it should";
+  $("trouble-text").textContent = said.title ? said.error
+    : `This page was told: ${said.error ?? "no"}. Please try again. If it stays so, please tell the person who invited you. Nothing you did before is lost.`;
+  screen("trouble");
 }
 
 // -- what can be pressed ----------------------------------------------------------------------
 
 $("begin").onclick = async () => {
   if (!state) {
-    $("begin").disabled = true;
-    remember(newSession()); // first: the page may be loaded again before the answer comes
-    const { status, said } = await call("/join", { id: session, agreed, recruited: recruited() });
-    $("begin").disabled = false;
-    if (status !== 200) {
-      remember(null);
-      return refused(said);
+    const begun = stored(); // in another tab, since this one was opened
+    remember(begun ?? newSession()); // first: the page may be loaded again before the answer comes
+    if (!begun) {
+      $("begin").disabled = true;
+      const answer = await call("/join", { id: session, agreed, recruited: recruited() });
+      $("begin").disabled = false;
+      if (answer.status !== 200) {
+        remember(null);
+        return refused(answer);
+      }
     }
     state = await got("/state");
   }
   await enter();
 };
+$("trouble-go").onclick = () => location.reload();
 $("help").onclick = () => {
   busy = true;
   intro();
@@ -410,18 +391,18 @@ $("ask-go").onclick = async () => {
   $("ask-go").disabled = true;
   const ticked = [...$("ask-levers").querySelectorAll("input:checked")];
   const edges = ticked.map(({ dataset }) => [Number(dataset.lever), Number(dataset.other)]);
-  const { status, said } = await call("/answer", { turn: state.turn, edges });
+  const answer = await call("/answer", { turn: state.turn, edges });
   $("ask-go").disabled = false;
-  if (status !== 200) return adopt(said);
-  state = said;
+  if (answer.status !== 200) return adopt(answer);
+  state = answer.said;
   await enter();
 };
 $("proceed").onclick = async () => {
   if (busy && !state.room.over) return;
   occupied(true);
-  const { status, said } = await call("/proceed", { turn: state.turn });
-  if (status !== 200) return adopt(said);
-  state = said;
+  const answer = await call("/proceed", { turn: state.turn });
+  if (answer.status !== 200) return adopt(answer);
+  state = answer.said;
   await enter();
 };
 $("another").onclick = async () => {
@@ -440,14 +421,26 @@ $("keys").onchange = () => room?.number($("keys").checked);
 document.addEventListener("keydown", (event) => {
   if (busy || $("play").hidden || !$("keys").checked) return;
   if (event.repeat || event.ctrlKey || event.altKey || event.metaKey) return;
-  const place = KEYS.indexOf(event.code), many = state.positions;
-  if (event.key.toLowerCase() === "d") act(2 * many);
-  else if (place >= 0 && place < many) act(event.shiftKey ? many + place : place);
+  const many = state.positions, place = KEYS.indexOf(event.code.replace("Numpad", "Digit"));
+  if (letter(event) === "d") act(2 * many);
+  else if (place >= 0 && place < many) act(pulls(event) ? many + place : place);
 });
+
+// The letter on a key: its own where it is Latin; where it is Cyrillic or Greek, that of its place.
+function letter(event) {
+  return /^[a-z]$/i.test(event.key) ? event.key.toLowerCase() : event.code.replace("Key", "").toLowerCase();
+}
+
+// Whether Shift is held. On a number pad, Windows hides it behind what the key does with it.
+function pulls(event) {
+  const hidden = event.code.startsWith("Numpad") && event.getModifierState("NumLock") && !/[0-9]/.test(event.key);
+  return event.shiftKey || hidden;
+}
 
 async function start() {
   brief = await got("/brief");
-  session = location.hash.slice(1) || stored();
+  // What else stands behind a # has been added on the way here, such as #_=_ by Facebook.
+  session = /^#[\w-]{32}$/.test(location.hash) ? location.hash.slice(1) : stored();
   if (!session) return consent();
   state = await got("/state");
   remember(session);

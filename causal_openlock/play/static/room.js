@@ -1,11 +1,11 @@
 // The room as a drawing: levers on their tracks, the door, the arm; what of it can be clicked; and
 // how the arm moves. It knows what is seen and nothing else.
 
-import { between, jointPoints, reaching } from "/arm.js";
-
+const LINKS = 5;
 const SVG = "http://www.w3.org/2000/svg";
 const GAP = 0.03; // between the arm's end and what it is about to touch
 const PRESS = 0.05; // how far it presses on where nothing gives way
+const SMALLEST = 24 / 295; // of a room's width: 24 pixels where a page is 320 pixels wide
 const SWING = 380, REACH = 240, MOVE = 300, BACK = 360; // milliseconds
 
 const still = window.matchMedia("(prefers-reduced-motion: reduce)");
@@ -57,10 +57,12 @@ export class Room {
   draw() {
     const { svg, geometry: g } = this;
     svg.replaceChildren();
-    const far = Math.max(...g.tracks.map((t) => Math.hypot(...t.start))) + 0.95;
-    const top = far, left = far;
+    const outer = Math.max(...g.tracks.map((t) => Math.hypot(...t.start) + t.travel / 2));
     const right = Math.max(g.door.hinge[0] + g.door.length * Math.sin(g.door.swing), g.button.centre[0]) + 0.5;
-    svg.setAttribute("viewBox", `${-left} ${-top} ${left + right} ${2 * top}`);
+    // Side of what can be clicked, beyond the middles of the tracks: SMALLEST of the whole width.
+    this.side = (SMALLEST * (outer + right)) / (1 - SMALLEST);
+    const far = outer + this.side;
+    svg.setAttribute("viewBox", `${-far} ${-far} ${far + right} ${2 * far}`);
     g.tracks.forEach((track, place) => this.levers.push(this.drawLever(track, place)));
     this.drawDoor();
     this.arm = make("g", { "aria-hidden": "true", "pointer-events": "none" }, svg);
@@ -116,13 +118,12 @@ export class Room {
       this.targets[action] = group;
     };
     g.tracks.forEach((track, place) => {
-      const middle = -track.travel / 2, wide = 0.76;
-      const zones = [[place, middle - 0.56, 0.56], [this.many + place, middle, 0.56]];
-      for (const [action, y, height] of zones) {
+      const middle = -track.travel / 2, { side } = this;
+      for (const [action, y] of [[place, middle - side], [this.many + place, middle]]) {
         const group = make("g", { transform: this.levers[place].at }, this.svg);
-        make("rect", { x: -wide / 2, y, width: wide, height, class: "hit" }, group);
+        make("rect", { x: -side / 2, y, width: side, height: side, class: "hit" }, group);
         // An arrow in the direction in which the lever would go, shown where the pointer is.
-        const out = action < this.many ? 1 : -1, head = y + height / 2 - 0.14 * out;
+        const out = action < this.many ? 1 : -1, head = y + side / 2 - 0.14 * out;
         const arrow = `M0 ${head} l-.16 ${0.16 * out} h.1 v${0.14 * out} h.12 v${-0.14 * out} h.1 z`;
         make("path", { d: arrow, class: "arrow" }, group);
         target(action, group);
@@ -130,8 +131,8 @@ export class Room {
     });
     const group = make("g", { "aria-label": "Push the door" }, this.svg);
     make("rect", this.square, group);
-    const { x, y, width, height } = this.square;
-    make("rect", { x: x - 0.08, y: y - 0.08, width: width + 0.16, height: height + 0.16, class: "hit" }, group);
+    const [x, y] = g.button.centre, { side } = this;
+    make("rect", { x: x - side / 2, y: -y - side / 2, width: side, height: side, class: "hit" }, group);
     target(2 * this.many, group);
   }
 
@@ -293,4 +294,41 @@ export class Room {
     this.pose(rest);
     this.show(bits);
   }
+}
+
+// -- the arm ----------------------------------------------------------------------------------
+// Which joint angles bring its end to a point, and where they do. The same as
+// causal_openlock/physics/kinematics.py: the last link points straight away from the base, and the
+// four before it bend equally.
+
+// Where the joints are: six points, from the base to the free end.
+function jointPoints(angles, link) {
+  let x = 0, y = 0, heading = 0;
+  const points = [[x, y]];
+  for (const angle of angles) {
+    heading += angle;
+    x += link * Math.cos(heading);
+    y += link * Math.sin(heading);
+    points.push([x, y]);
+  }
+  return points;
+}
+
+// The joint angles that bring the free end to a point.
+function reaching([x, y], link) {
+  const span = Math.min(Math.max(Math.hypot(x, y) / link - 1, 0), LINKS - 1);
+  // span = 4 c (2 c^2 - 1), with c the cosine of half the bend; Newton's steps come down from 1.
+  let c = 1;
+  for (let i = 0; i < 8; i++) c -= (8 * c ** 3 - 4 * c - span) / (24 * c * c - 4);
+  const bend = 2 * Math.acos(Math.min(c, 1));
+  return [Math.atan2(y, x) - 1.5 * bend, bend, bend, bend, -1.5 * bend];
+}
+
+// Angles on the way from one posture to another, each joint by the shorter way round.
+function between(from, to, share) {
+  return from.map((angle, i) => angle + share * wrap(to[i] - angle));
+}
+
+function wrap(angle) {
+  return angle - 2 * Math.PI * Math.round(angle / (2 * Math.PI));
 }
