@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from causal_openlock.belief.beliefs import Belief, Beliefs
-from causal_openlock.belief.marginals import believed_structure, model_of, most_probable
+from causal_openlock.belief.marginals import Posterior, model_of
 from causal_openlock.belief.planning import Objective, Planner, Situation
 from causal_openlock.contract.learner import Learner, Structure, View
 from causal_openlock.errors import LearnerError
@@ -57,23 +57,27 @@ class BeliefLearner(Learner):
         """``[C + 1]`` a subject's probability of each schema class; the last is the free form."""
         return self.beliefs.knowledge.classes(subject)
 
+    def posterior(self, subject: int) -> Posterior:
+        """A subject's belief, spread over structures on the positions of its current room."""
+        return Posterior.of(self.belief(subject), self.classes(subject))
+
     def edges(self, subject: int) -> FloatArray:
         """``[P, P + 1]`` probability that a lever enables another, or the door, by position."""
-        return believed_structure(self.belief(subject), self.classes(subject)).edges
+        return self.posterior(subject).expected().edges
 
     def structure(self, subject: int) -> Structure | None:
         """Probabilities of edges and gates, of the room that a subject is in or has just left."""
         belief = self.beliefs.of[subject] or self.beliefs.left[subject]
         if belief is None:
             return None
-        return believed_structure(belief, self.classes(subject))
+        return Posterior.of(belief, self.classes(subject)).expected()
 
     def most_probable(self, subject: int) -> tuple[Schema, float]:
         """The most probable structure and its probability.
 
         Levers are named by position. The probability is that of all structures that behave alike.
         """
-        return most_probable(self.belief(subject), self.classes(subject))
+        return self.posterior(subject).most_probable()
 
     def model(self, subject: int) -> Model:
         """A subject's belief as objects of pgmpy."""

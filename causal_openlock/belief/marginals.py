@@ -46,37 +46,63 @@ if TYPE_CHECKING:
     from pgmpy.models import DiscreteBayesianNetwork
 
 
-def over_structures(belief: Belief, classes: FloatArray) -> tuple[Structures, IntArray, FloatArray]:
-    """The posterior over structures.
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """A belief at one moment, spread over the structures that are possible.
 
-    Returns:
-        The M structures that are possible, on the positions of the room; ``[M]`` numbers that are
-        equal for those that behave alike; and ``[M, G]`` the probability of each structure
-        together with each strength.
+    Attributes:
+        structures: M structures, on the positions of the room.
+        behaviour: ``[M]`` numbers that are equal for those that behave alike.
+        strengths: The G possible strengths.
+        chance: ``[M, G]`` probability of each structure together with each strength.
     """
-    space = belief.space
-    weight = np.zeros(len(space))
-    weight[belief.which] = belief.weight
-    structures, behaviours, chances, listed = [], [], [], 0
-    parts = np.split(weight, space.ends[:-1])
-    for (slots, own), part in zip(space.blocks, parts, strict=True):
-        if part.any():
-            pairs = own.pairs_given_behaviour(classes * feasible(own.members.levers))
-            share = np.bincount(own.member, pairs, minlength=len(own.members))
-            chance = share[:, None] * part.reshape(-1, len(space.strengths))[own.behaviour]
-            possible = np.flatnonzero(chance.any(axis=1))
-            at = belief.positions[list(slots)]
-            structures.append(own.members[possible].on_slots(at, space.sight.positions))
-            behaviours.append(own.behaviour[possible] + listed)
-            chances.append(chance[possible])
-        listed += len(own)
-    return Structures.joined(structures), np.concatenate(behaviours), np.concatenate(chances)
 
+    structures: Structures
+    behaviour: IntArray
+    strengths: Strengths
+    chance: FloatArray
 
-def believed_structure(belief: Belief, classes: FloatArray) -> Structure:
-    """Probabilities of edges and gates, of the room that a belief is about."""
-    structures, _, chance = over_structures(belief, classes)
-    return expected_structure(structures, chance.sum(axis=1))
+    @classmethod
+    def of(cls, belief: Belief, classes: FloatArray) -> Posterior:
+        """The posterior of a belief, given the probability of each schema class."""
+        space = belief.space
+        weight = np.zeros(len(space))
+        weight[belief.which] = belief.weight
+        structures, behaviours, chances, listed = [], [], [], 0
+        parts = np.split(weight, space.ends[:-1])
+        for (slots, own), part in zip(space.blocks, parts, strict=True):
+            if part.any():
+                pairs = own.pairs_given_behaviour(classes * feasible(own.members.levers))
+                share = np.bincount(own.member, pairs, minlength=len(own.members))
+                chance = share[:, None] * part.reshape(-1, len(space.strengths))[own.behaviour]
+                possible = np.flatnonzero(chance.any(axis=1))
+                at = belief.positions[list(slots)]
+                structures.append(own.members[possible].on_slots(at, space.sight.positions))
+                behaviours.append(own.behaviour[possible] + listed)
+                chances.append(chance[possible])
+            listed += len(own)
+        joined = Structures.joined(structures)
+        return cls(joined, np.concatenate(behaviours), space.strengths, np.concatenate(chances))
+
+    def expected(self) -> Structure:
+        """Probabilities of edges and gates."""
+        return expected_structure(self.structures, self.chance.sum(axis=1))
+
+    def most_probable(self) -> tuple[Schema, float]:
+        """The most probable behaviour: a schema that has it, and its probability (MAP).
+
+        The schema is the most probable structure with that behaviour, and the probability is that
+        of all structures with it, whatever their strength. Levers are named by position; those
+        without effect on the door are inert.
+        """
+        probability = self.chance.sum(axis=1)
+        alike = np.bincount(self.behaviour, probability)
+        having = np.flatnonzero(self.behaviour == alike.argmax())
+        best = having[probability[having].argmax()]
+        strength = float(self.strengths.value[self.chance[best].argmax()])
+        names = position_names(self.structures.levers)
+        structure = self.structures[best : best + 1]
+        return schema_of(structure, names, strength), float(alike.max())
 
 
 def expected_structure(structures: Structures, probability: FloatArray) -> Structure:
@@ -87,23 +113,6 @@ def expected_structure(structures: Structures, probability: FloatArray) -> Struc
     all_of_them = probability @ ((many > 1) & (structures.threshold >= many))
     gates = np.divide(all_of_them, several, out=np.full(len(several), np.nan), where=several > 0)
     return Structure(edges, gates)
-
-
-def most_probable(belief: Belief, classes: FloatArray) -> tuple[Schema, float]:
-    """The most probable behaviour: a schema that has it, and its probability (MAP).
-
-    The schema is the most probable structure with that behaviour, and the probability is that of
-    all structures with it, whatever their strength. Levers are named by position; those without
-    effect on the door are inert.
-    """
-    structures, behaviour, chance = over_structures(belief, classes)
-    probability = chance.sum(axis=1)
-    alike = np.bincount(behaviour, probability)
-    having = np.flatnonzero(behaviour == alike.argmax())
-    best = having[probability[having].argmax()]
-    strength = float(belief.space.strengths.value[chance[best].argmax()])
-    names = position_names(belief.space.sight.positions)
-    return schema_of(structures[best : best + 1], names, strength), float(alike.max())
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,18 +127,14 @@ class Model:
             :func:`~causal_openlock.schemas.bayes_net.to_bayesian_network`.
         edges: ``[P, P + 1]`` posterior probability that the lever of the row enables that of the
             column, or the door; averaged over all structures.
-        structures: M structures, on the positions of the room.
-        strengths: The G possible strengths.
-        chance: ``[M, G]`` probability of each structure together with each strength.
+        posterior: What all of them follow from.
     """
 
     schema: Schema
     probability: float
     network: DiscreteBayesianNetwork
     edges: pd.DataFrame
-    structures: Structures = field(repr=False)
-    strengths: Strengths = field(repr=False)
-    chance: FloatArray = field(repr=False)
+    posterior: Posterior = field(repr=False)
 
     @property
     def graph(self) -> nx.DiGraph:
@@ -169,18 +174,13 @@ class Model:
                 f"push_probability is {push_probability}; give a number from 0 to 1"
             )
         do = {names.index(name): int(name in up) for name in up | down}
-        total = unlocked(self.structures, self.strengths, self.chance, do, push_probability)
+        total = unlocked(self.posterior, do, push_probability)
         return min(total, 1.0)  # rounding may end just above 1
 
 
-def unlocked(
-    structures: Structures,
-    strengths: Strengths,
-    chance: FloatArray,
-    do: Mapping[int, int],
-    push_probability: float,
-) -> float:
+def unlocked(posterior: Posterior, do: Mapping[int, int], push_probability: float) -> float:
     """P(unlocked | do), given the states of the levers that are set."""
+    structures, strengths = posterior.structures, posterior.strengths
     threshold, total = structures.threshold, 0.0
     can_move = np.flatnonzero((threshold[:, :-1] < NEVER).any(axis=0))
     unset = [lever for lever in can_move.tolist() if lever not in do]
@@ -192,7 +192,7 @@ def unlocked(
         for lever, up in zip(unset, states, strict=False):
             moves = push_probability * strengths.chance[:, live[:, lever], threshold[:, lever]].T
             likely = likely * (moves if up else 1.0 - moves)
-        total += float((chance * likely).sum())
+        total += float((posterior.chance * likely).sum())
     return total
 
 
@@ -200,13 +200,12 @@ def model_of(belief: Belief, classes: FloatArray) -> Model:
     """A belief as objects of pgmpy, given the probability of each schema class."""
     import pandas as pd
 
-    schema, probability = most_probable(belief, classes)
+    posterior = Posterior.of(belief, classes)
+    schema, probability = posterior.most_probable()
     names = position_names(belief.space.sight.positions)
     edges = pd.DataFrame(
-        believed_structure(belief, classes).edges,
+        posterior.expected().edges,
         index=pd.Index(names, name="cause"),
         columns=pd.Index([*names, DOOR], name="effect"),
     )
-    structures, _, chance = over_structures(belief, classes)
-    network, strengths = to_bayesian_network(schema), belief.space.strengths
-    return Model(schema, probability, network, edges, structures, strengths, chance)
+    return Model(schema, probability, to_bayesian_network(schema), edges, posterior)

@@ -71,13 +71,13 @@ class Observer:
     """
 
     def __init__(self, schema: Schema, action_limit: int) -> None:
-        self._schema, self._limit = schema, action_limit
+        self.schema, self._limit = schema, action_limit
         own = placements(schema, action_limit)
         self._placed = own.structures
         self._optimum = Optimum(own, np.ones(len(own)), action_limit)
         self._optimum.attempts()
         self._choice, self._truth = cache(self._judged), cache(self._hypothesis)
-        self._attempt = cache(self._followed)
+        self._attempt, self._room_slots = cache(self._followed), cache(self._slots)
 
     def trial(self, layout: Layout, attempts: Sequence[Sequence[int]]) -> list[Worth]:
         """Worth of each attempt of a trial, until everything is found.
@@ -86,12 +86,12 @@ class Observer:
             layout: Where the levers are.
             attempts: The actions of each attempt, by index in the room.
         """
-        slots = self._slots(layout)
+        slots = self._room_slots(layout)
         truth, point, worths = self._truth(layout.places), self._optimum.start, []
         for actions in attempts:
-            if len(point.found) == len(self._schema.solutions):
+            if len(point.found) == len(self.schema.solutions):
                 break
-            worth, point = self._attempt(truth, point, tuple(slots[action] for action in actions))
+            worth, point = self._attempt(truth, point, tuple([slots[action] for action in actions]))
             worths.append(worth)
         return worths
 
@@ -118,7 +118,7 @@ class Observer:
     def _hypothesis(self, places: tuple[int, ...]) -> int:
         """The hypothesis that is true of a layout, as a bit."""
         order = np.argsort(np.argsort(places))
-        own = structure_of(self._schema).on_slots(order, len(places))
+        own = structure_of(self.schema).on_slots(order, len(places))
         both = Structures.joined([self._placed, own])
         _, group = merge(both.behaviour(self._limit))
         return 1 << int(np.flatnonzero(group[:-1] == group[-1])[0])

@@ -39,7 +39,8 @@ def schema_of(structure: Structures, names: Sequence[str], strength: float) -> S
         enough = int(structure.threshold[0, node])
         if enough > 1:
             gates[nodes[node]] = Gate("all") if enough == len(causes) else Gate("at_least", enough)
-    inert = [nodes[lever] for lever in can_move if structure.inert()[0] >> lever & 1]
+    without_effect = structure.inert()[0]
+    inert = [nodes[lever] for lever in can_move if without_effect >> lever & 1]
     levers = [nodes[lever] for lever in can_move[:-1]]
     return Schema("belief", levers, edges, gates=gates, inert=inert, title="Most probable")
 

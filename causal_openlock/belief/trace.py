@@ -99,8 +99,8 @@ class Moment:
     @classmethod
     def of(cls, learner: BeliefLearner, entropy_before: float, **action: Any) -> Moment:
         """What the first subject of a learner believes, after an action."""
-        belief = learner.belief(0)
-        structure, probability = learner.most_probable(0)
+        belief, posterior = learner.belief(0), learner.posterior(0)
+        structure, probability = posterior.most_probable()
         entropy = max(0.0, belief.entropy)  # never -0.0
         return cls(
             entropy_before=entropy_before,
@@ -109,7 +109,7 @@ class Moment:
             hypotheses=int(np.count_nonzero(belief.weight)),
             structure=structure,
             probability=min(probability, 1.0),
-            edges=np.clip(learner.edges(0), 0.0, 1.0),
+            edges=np.clip(posterior.expected().edges, 0.0, 1.0),
             **action,
         )
 

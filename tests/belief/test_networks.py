@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from causal_openlock.belief.grammar import class_prior
 from causal_openlock.belief.hypotheses import Strengths, at_least, strengths
-from causal_openlock.belief.marginals import believed_structure, model_of, unlocked
+from causal_openlock.belief.marginals import Posterior, model_of, unlocked
 from causal_openlock.belief.structure_schemas import structure_of
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.schema import DOOR, Schema
@@ -66,7 +66,8 @@ def test_interventions_on_any_lock(data, schema, strength, push):
     chance = np.stack([at_least(1.0), at_least(strength)])
     how = Strengths(np.array([1.0, strength]), np.array([0.0, 1.0]), chance)
     states = {schema.levers.index(lever): int(state) for lever, state in do.items()}
-    told = unlocked(structure_of(schema), how, np.array([[0.0, 1.0]]), states, push)
+    posterior = Posterior(structure_of(schema), np.zeros(1, int), how, np.array([[0.0, 1.0]]))
+    told = unlocked(posterior, states, push)
     assert told == pytest.approx(expected, abs=1e-9)
 
 
@@ -104,7 +105,7 @@ def test_edges_and_models_are_averages_over_all_structures(noise):
             for node, causes in rules.causes.items():
                 for cause in causes:
                     expected[cause, 7 if node == DOOR else node] += probability
-        edges = believed_structure(belief, classes).edges
+        edges = Posterior.of(belief, classes).expected().edges
         np.testing.assert_allclose(edges, expected, rtol=0, atol=1e-10)
         np.testing.assert_array_equal(model.edges.to_numpy(), edges)
         assert model.probability >= max(structures.values()) - 1e-10  # with all that act alike
@@ -133,7 +134,7 @@ def test_a_learner_tells_its_belief_as_a_network():
         assert model.network.check_model()
         assert {*model.network.nodes} == {*schema.levers, DOOR} <= {*NAMES, DOOR}
         assert set(model.network.edges) == set(schema.graph.edges)
-        assert model.chance.sum() == pytest.approx(1, abs=1e-12)
+        assert model.posterior.chance.sum() == pytest.approx(1, abs=1e-12)
         assert {*model.graph.nodes} == {*NAMES, DOOR}
         for cause, effect in schema.graph.edges:
             assert model.graph.edges[cause, effect]["probability"] == model.edges.loc[cause, effect]

@@ -14,7 +14,7 @@ from causal_openlock.belief import hypotheses as space_module
 from causal_openlock.belief.catalogue import distance, free_form_weight
 from causal_openlock.belief.hypotheses import RoomSight, Space, at_least, strengths
 from causal_openlock.belief.likelihoods import DOOR, Event
-from causal_openlock.belief.marginals import believed_structure
+from causal_openlock.belief.marginals import Posterior
 from causal_openlock.belief.sampling import Sampler, sampled
 from causal_openlock.belief.structures import gate_dags
 from causal_openlock.experiment.declare import Condition, Trials
@@ -211,7 +211,7 @@ def course(schema, prior, seed, actions, luck=0):
     seen = []
     for _ in played.moments(actions):
         classes = played.beliefs.knowledge.classes(0)
-        edges = believed_structure(played.belief(), classes).edges
+        edges = Posterior.of(played.belief(), classes).expected().edges
         seen.append({**dict(np.ndenumerate(edges)), **solving(played.belief())})
     assert played.beliefs.unsure[0] == (prior.noise > 0)
     return seen

@@ -62,10 +62,13 @@ def regret(results: Material) -> pd.DataFrame:
     from causal_openlock.belief.placements import TooLargeError
 
     record = played(results.record).select([*_TRIAL, *_ROOM, "attempt", "actions"])
-    table = record.to_pandas().sort_values([*_TRIAL, "attempt"], ignore_index=True)
+    table = record.drop("actions").to_pandas().assign(actions=record["actions"].to_pylist())
+    table = table.sort_values([*_TRIAL, "attempt"], ignore_index=True)
     actions = table.pop("actions").to_numpy()
-    rooms = {
-        (spec.name, condition.name, schema.name): (schema, spec.protocol.actions_for(schema))
+    observers = {
+        (spec.name, condition.name, schema.name): observer_of(
+            schema, spec.protocol.actions_for(schema)
+        )
         for spec in results.experiment.learners
         for condition in results.experiment.conditions
         for schema in condition.schemas
@@ -74,14 +77,11 @@ def regret(results: Material) -> pd.DataFrame:
     out_of_reach = set()
     trials = table.groupby([*_TRIAL, *_ROOM], observed=True, sort=False, dropna=False)
     for (learner, condition, *_, name, layout), rows in trials.indices.items():
-        if (learner, condition, name) not in rooms:
-            continue
-        schema, limit = rooms[learner, condition, name]
-        observer = observer_of(schema, limit)
+        observer = observers.get((learner, condition, name))
         if observer is None or observer in out_of_reach:
             continue
         try:
-            placed = Layout.of(schema, layout, positions_for(schema))
+            placed = Layout.of(observer.schema, layout, positions_for(observer.schema))
             own = zip(rows.tolist(), observer.trial(placed, actions[rows]), strict=False)
         except TooLargeError:
             # All rooms of the schema are left out, as its other trials are no fair sample.
