@@ -86,6 +86,7 @@ def report_results(
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.comparison.leaderboard_text import print_leaderboard
     from causal_openlock.comparison.progress_bar import shown_steps
+    from causal_openlock.storage.store import Store
 
     with shown_steps("report") as begin:
         page = make_report(results, folder, begin=begin, figures=figures)
@@ -94,6 +95,8 @@ def report_results(
     said = not_applicable(results.experiment.reasons) if reasons else ()
     for sentence in (*exclusions(results), *said):
         console.print(sentence, highlight=False)
+    if unwritten := Store(folder).unwritten():
+        console.print_line(f"warning: {unwritten}")
     if missing := missing_cells(results.experiment):
         text = f"\n{unfinished(missing)}"
         console.print(text, style="yellow", soft_wrap=True, highlight=False)

@@ -19,11 +19,18 @@ def status(folder: ResultsFolder) -> None:
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.comparison.progress_bar import duration
     from causal_openlock.running.progress import status_of
-    from causal_openlock.storage.store import Store
+    from causal_openlock.storage.store import LOG, Store
+    from causal_openlock.wording import counted
 
     console = Terminal()
     store = Store(folder)
     experiment = store.experiment()
+    if (store.folder / LOG).exists():
+        people = counted(len(experiment.files), "person has", "people have")
+        console.print_line(f"{people} finished a trial")
+        if unwritten := store.unwritten():
+            console.print_line(unwritten)
+        return
     progress, quiet_cells, failures = status_of(store, experiment)
     waiting = progress.cells - progress.done - progress.failed - len(progress.playing)
     console.print_line(

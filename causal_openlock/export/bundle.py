@@ -80,6 +80,8 @@ def write_bundle(store: Store, path: Path | str, licence: str = "") -> list[str]
             f"{store.folder} is unfinished, {len(missing)} of its cells are missing; run compare "
             "again to complete it, then bundle it"
         )
+    if unwritten := store.unwritten():
+        raise StoreError(unwritten)
     record, experiment = store.record()  # all columns, so that no damage is packed
     if not _has_report(store):
         open_results(store.folder).report()

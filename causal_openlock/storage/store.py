@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from causal_openlock.errors import OpenLockError, StoreError
+from causal_openlock.experiment.beside_record import unwritten_actions
 from causal_openlock.experiment.declare import Cell, Experiment
 from causal_openlock.files.atomic import folder_at, is_empty, unwritable, write_bytes
 from causal_openlock.files.checksums import (
@@ -42,6 +43,7 @@ from causal_openlock.storage.folder_lock import Shard, locked
 from causal_openlock.storage.stored import StoredExperiment, parse_experiment
 from causal_openlock.storage.versions import Versions, merged_versions, other_versions, versions
 from causal_openlock.version import RESULTS_VERSION
+from causal_openlock.wording import counted
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -321,7 +323,18 @@ class Store:
             versions=merged_versions(made_with),
             missing=(*reasons,),
             failures=present(reasons),
-            warned=(*warnings,),
+            warned=(*warnings, *filter(None, [self.unwritten()])),
+        )
+
+    def unwritten(self) -> str:
+        """Say that people did more than the tables hold, and how to write it; else empty."""
+        if not (count := unwritten_actions(self.folder / LOG)):
+            return ""
+        command = self.experiment().command or f"play --out {self.folder}"
+        return (
+            f"the log of {self.folder} has {counted(count, 'action')} of people that no table has "
+            "yet: a server writes them as trials end, and the others when it is stopped; where "
+            f"none runs any more, start it and stop it: {command}"
         )
 
     def files(self) -> tuple[list[Path], list[Path]]:
@@ -329,7 +342,8 @@ class Store:
         paths = [self.cells / name for name in self.experiment().files]
         exists = {path: path.exists() for path in paths}
         if not any(exists.values()):
-            raise StoreError(f"{self.folder} holds no cell yet; run compare to the end first")
+            why = self.unwritten() or "run compare to the end first"
+            raise StoreError(f"{self.folder} holds no cell yet; {why}")
         return [p for p in paths if exists[p]], [p for p in paths if not exists[p]]
 
 

@@ -20,6 +20,8 @@ from support.command import at_once
 from support.made_up_experiments import spec
 from support.play_clients import people, walk_through
 
+WORDS = ("status", "report", "bundle")
+
 
 def room_of(home, name):
     truth = home._find(name).game.session.truth
@@ -153,6 +155,30 @@ def test_identifiers_that_services_send_are_taken(tmp_path):
         home.join(recruited={"PID": identifier.strip()})
     assert home.number == len(sent)
     home.close()
+
+
+def test_what_a_killed_server_left_in_the_log_is_told_of(tmp_path):
+    home = people(tmp_path / "played", command="causal-openlock play --out played")
+    name = home.join()
+    for turn in range(2):
+        home.act(name, turn, 2, None)  # in the practice room
+    home.proceed(name, 2)
+    told = []
+    for _ in range(2):
+        walk_through(home, name, 1)
+        shutil.copytree(home.store.folder, tmp_path / "killed", dirs_exist_ok=True)
+        home.keep()
+        told.append({word: at_once(word, "killed", cwd=tmp_path) for word in WORDS})
+    assert [[ended.status for ended in said.values()] for said in told] == [[0, 2, 2], [0, 0, 2]]
+    assert told[0]["status"].stdout.startswith("0 people have finished a trial\n")
+    assert told[1]["status"].stdout.startswith("1 person has finished a trial\n")
+    for said in (ended for each in told for ended in each.values()):
+        text = " ".join(f"{said.stdout}{said.stderr}".split())
+        assert "the log of killed has 6 actions of people that no table has" in text
+        assert text.partition("stop it: ")[2].startswith("causal-openlock play --out played")
+    assert "has 6 actions" in " ".join(Results.read(tmp_path / "killed").warnings)
+    home.close()
+    assert Results.read(tmp_path / "played").experiment.warned == ()
 
 
 # -- forgetting -----------------------------------------------------------------------------------
