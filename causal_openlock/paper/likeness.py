@@ -21,7 +21,6 @@ is fitted to. What a distance is worth is the question of
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
 
@@ -47,32 +46,22 @@ from causal_openlock.paper.significance import contrast_test
 
 PUBLISHED_MODEL = "published model"
 TRAINING_MODEL = "model of CogSci 2019"
-Place = tuple[str, str, int]
+MEANS = ["subjects", "mean", "se"]
+_OF_PEOPLE = {name: f"people_{name}" for name in MEANS}
 
 
-@dataclass(frozen=True)
-class Effect:
+class Effect(NamedTuple):
     """Something that people show: a difference of means, positive in people.
 
     Attributes:
         name: For tables.
         claim: What it means, for captions.
         weights: Of each point in the difference.
-        within: Whether the same subjects are at all of its points.
     """
 
     name: str
     claim: str
-    weights: Mapping[Place, float]
-    within: bool = False
-
-
-def _last(condition: str) -> Place:
-    return condition, "train", 5
-
-
-def _test(condition: str) -> Place:
-    return condition, "test", 1
+    weights: Mapping[tuple[str, str, int], float]
 
 
 EFFECTS = (
@@ -80,28 +69,27 @@ EFFECTS = (
         Effect(
             f"learning, {name}",
             f"fewer attempts in the last trial of {name} than in the first",
-            {(name, "train", 1): 1.0, _last(name): -1.0},
-            within=True,
+            {(name, "train", 1): 1.0, (name, "train", 5): -1.0},
         )
         for name in BASELINES
     ),
     Effect(
         "CE harder, last trial",
         "more attempts in the last trial of CE4 than of CC4",
-        {_last("CE4"): 1.0, _last("CC4"): -1.0},
+        {("CE4", "train", 5): 1.0, ("CC4", "train", 5): -1.0},
     ),
     Effect(
         "CE harder, test",
         "more attempts in tests on CE4 than on CC4, whatever the training",
-        {_test(name): 0.5 if name.endswith("CE4") else -0.5 for name in TRANSFERS},
+        {(name, "test", 1): 0.5 if name.endswith("CE4") else -0.5 for name in TRANSFERS},
     ),
     *(
         Effect(
             f"congruency, {tested}",
             f"fewer attempts in a test on {tested} after training with its own structure",
-            {_test(f"{other}3-{tested}"): 1.0, _test(f"{own}3-{tested}"): -1.0},
+            {(f"{other}3-{tested}", "test", 1): 1.0, (f"{same}3-{tested}", "test", 1): -1.0},
         )
-        for own, other, tested in (("CC", "CE", "CC4"), ("CE", "CC", "CE4"))
+        for same, other, tested in (("CC", "CE", "CC4"), ("CE", "CC", "CE4"))
     ),
 )
 """People's effects at the fourteen points; the last four are tested in the paper as well."""
@@ -117,52 +105,39 @@ def published_points() -> pd.DataFrame:
     model ``X_subjects``, ``X_mean`` and ``X_se``, in attempts.
     """
     both = [
-        table.set_index(POINT)[["subjects", "mean", "se"]].add_prefix(f"{name}_")
+        table.set_index(POINT)[MEANS].add_prefix(f"{name}_")
         for name, table in (("people", people()), ("model", model()))
     ]
     return both[0].join(both[1], validate="one_to_one").reset_index()
 
 
-def points_of(trials: pd.DataFrame) -> pd.DataFrame:
-    """Means at the points, of each learner that played as people did.
+def points_of(trials: pd.DataFrame, reference: pd.DataFrame | None = None) -> pd.DataFrame:
+    """Means of learners at the points of a reference, by default people's fourteen.
+
+    Args:
+        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`, of learners that
+            did what the reference did.
+        reference: Its means, as ``points`` of a
+            :class:`~causal_openlock.analysis.results.references.Reference`.
 
     Returns:
-        One row for each ``learner`` and point, in the order of publication: ``condition``,
+        One row for each ``learner`` and point, in the order of the reference: ``condition``,
         ``phase``, ``trial``, ``subjects``, ``mean`` and ``se``; ``people_subjects``,
-        ``people_mean`` and ``people_se``.
+        ``people_mean`` and ``people_se``, whoever the reference is.
     """
     names = ["learner", "condition", "phase"]
-    return _beside_people(mean_by_trial(trials).astype(dict.fromkeys(names, str)))
+    means = mean_by_trial(trials).astype(dict.fromkeys(names, str))
+    return _beside(people() if reference is None else reference, means, POINT)
 
 
 def points_of_model() -> pd.DataFrame:
     """The published model's points, in the form of :func:`points_of`."""
-    return _beside_people(model().assign(learner=PUBLISHED_MODEL))
+    return _beside(people(), model().assign(learner=PUBLISHED_MODEL), POINT)
 
 
 def points_of_people() -> pd.DataFrame:
     """People's own points, in the form of :func:`points_of`; no learner is nearer to people."""
-    return _beside_people(people().assign(learner="people"))
-
-
-def points_beside(one: Beside, trials: pd.DataFrame) -> pd.DataFrame:
-    """Means of learners at the points of any reference, in the form of :func:`points_of`.
-
-    Columns are those of people there, whoever the reference is.
-    """
-    names = ["learner", "condition", "phase"]
-    means = mean_by_trial(trials[one.stands(trials)]).astype(dict.fromkeys(names, str))
-    known = one.reference.points.set_index(POINT)[["subjects", "mean", "se"]]
-    found = means.merge(known.add_prefix("people_").reset_index(), on=POINT)
-    return found[["learner", *POINT, *_MEANS]]
-
-
-def _beside_people(means: pd.DataFrame) -> pd.DataFrame:
-    found = published_points().merge(means, on=POINT).sort_values("learner", kind="stable")
-    return found[["learner", *POINT, *_MEANS]].reset_index(drop=True)
-
-
-_MEANS = ["subjects", "mean", "se", "people_subjects", "people_mean", "people_se"]
+    return _beside(people(), people().assign(learner="people"), POINT)
 
 
 def training_points_of(trials: pd.DataFrame) -> pd.DataFrame:
@@ -171,8 +146,7 @@ def training_points_of(trials: pd.DataFrame) -> pd.DataFrame:
     As published of people, conditions with the same training are taken together.
 
     Args:
-        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`, of learners that
-            did what people did.
+        trials: As for :func:`points_of`.
 
     Returns:
         One row for each ``learner`` and of the twelve training trials: ``schema``, ``trial``,
@@ -183,21 +157,25 @@ def training_points_of(trials: pd.DataFrame) -> pd.DataFrame:
     played = played.assign(learner=played["learner"].astype(str), schema=schema)
     each = by_subject(played, ["schema", "trial"]).groupby(["learner", "schema", "trial"])
     means = each["attempts"].agg(subjects="size", mean="mean", sd=lambda some: some.std(ddof=0))
-    se = means["sd"] / np.sqrt(means["subjects"])
-    return _beside_people_in_training(means.assign(se=se).reset_index())
+    return _in_training(means.assign(se=means["sd"] / np.sqrt(means["subjects"])).reset_index())
 
 
 def training_points_of_model() -> pd.DataFrame:
     """The points of CogSci 2019's own model, in the form of :func:`training_points_of`."""
-    whole = model_in_training().query("solution == 'all'")
-    return _beside_people_in_training(whole.assign(learner=TRAINING_MODEL))
+    return _in_training(
+        model_in_training().query("solution == 'all'").assign(learner=TRAINING_MODEL)
+    )
 
 
-def _beside_people_in_training(means: pd.DataFrame) -> pd.DataFrame:
-    whole = people_in_training().query("solution == 'all'").drop(columns="solution")
-    known = whole.set_index(["schema", "trial"]).add_prefix("people_").reset_index()
-    found = known.merge(means, on=["schema", "trial"]).sort_values("learner", kind="stable")
-    return found[["learner", "schema", "trial", *_MEANS]].reset_index(drop=True)
+def _in_training(means: pd.DataFrame) -> pd.DataFrame:
+    return _beside(people_in_training().query("solution == 'all'"), means, ["schema", "trial"])
+
+
+def _beside(reference: pd.DataFrame, means: pd.DataFrame, at: list[str]) -> pd.DataFrame:
+    """Means next to those of a reference in the same trials, learner by learner."""
+    known = reference.rename(columns=_OF_PEOPLE)[[*at, *_OF_PEOPLE.values()]]
+    both = known.merge(means, on=at).sort_values("learner", kind="stable")
+    return both[["learner", *at, *MEANS, *_OF_PEOPLE.values()]].reset_index(drop=True)
 
 
 def distance(points: pd.DataFrame) -> tuple[float, float]:
@@ -231,70 +209,44 @@ def effects_of(points: pd.DataFrame, trials: pd.DataFrame | None = None) -> pd.D
         (row.condition, row.phase, row.trial): Group.published(row.mean, row.se, int(row.subjects))
         for row in points.itertuples()
     }
-    rows, each = [], None
-    for effect in EFFECTS:
-        if not all(place in at for place in effect.weights):
+    each = None if trials is None else by_subject(trials, ["phase", "trial"])
+    rows = []
+    for name, _, weights in EFFECTS:
+        if not all(place in at for place in weights):
             continue
-        if effect.within and trials is not None:
-            each = by_subject(trials, ["phase", "trial"]) if each is None else each
-            tested = _within(effect, each)
+        if each is not None and len({condition for condition, *_ in weights}) == 1:
+            tested = _within(weights, each)
         else:
-            groups = [at[place] for place in effect.weights]
-            found = contrast_test(groups, list(effect.weights.values()))
+            found = contrast_test([at[place] for place in weights], [*weights.values()])
             t = float(np.copysign(np.sqrt(found.value), found.difference))
             tested = found.difference, t, found.df[1], found.p
-        rows.append((effect.name, *tested, tested[0] > 0))
+        rows.append((name, *tested, tested[0] > 0))
     return pd.DataFrame(rows, columns=["effect", "difference", "t", "df", "p", "like_people"])
 
 
-def _within(effect: Effect, each: pd.DataFrame) -> tuple[float, float, int, float]:
+def _within(
+    weights: Mapping[tuple[str, str, int], float], each: pd.DataFrame
+) -> tuple[float, float, int, float]:
     """An effect within subjects: the mean of each one's weighted sum, tested against zero."""
-    condition = next(iter(effect.weights))[0]
+    condition = next(iter(weights))[0]
     attempts, places = at_places(each[each["condition"] == condition])
-    sums = sum(
-        weight * attempts[:, places.index((phase, trial))]
-        for (_, phase, trial), weight in effect.weights.items()
-    )
-    value, freedom = float(np.mean(sums)), len(attempts) - 1
-    if np.ptp(sums) == 0:  # as of a single subject
-        return value, float("nan"), freedom, float("nan")
-    group = Group.of(np.asarray(sums))
-    t = value / float(np.sqrt(group.variance / group.size))
-    return value, t, freedom, weighted_difference([group]).p
-
-
-def likeness_table(points: Sequence[pd.DataFrame], effects: Sequence[pd.DataFrame]) -> pd.DataFrame:
-    """Learners in the order of their distance from people.
-
-    Returns:
-        One row for each, the nearest first, those with fewer points last: ``learner``, ``points``
-        (how many), ``rmse`` in attempts, ``shown`` (how many effects have people's sign) and a
-        column for each effect with its difference in attempts.
-    """
-    rows = []
-    for own, seen in zip(points, effects, strict=True):
-        found = seen.set_index("effect")["difference"]
-        rows.append(
-            {
-                "learner": own["learner"].iloc[0],
-                "points": len(own),
-                "rmse": distance(own)[0],
-                "shown": int(seen["like_people"].sum()),
-                **{effect.name: found.get(effect.name, np.nan) for effect in EFFECTS},
-            }
-        )
-    return pd.DataFrame(rows).sort_values(
-        ["points", "rmse"], ascending=[False, True], kind="stable", ignore_index=True
-    )
+    columns = [places.index((phase, trial)) for _, phase, trial in weights]
+    sums = attempts[:, columns] @ [*weights.values()]
+    group = Group.of(sums)
+    if not group.variance:  # as of a single subject
+        return group.mean, float("nan"), group.size - 1, float("nan")
+    t = group.mean / float(np.sqrt(group.variance / group.size))
+    return group.mean, t, group.size - 1, weighted_difference([group]).p
 
 
 class Likeness(NamedTuple):
-    """Learners compared with people: :func:`likeness_table`, and its content by learner.
+    """Learners compared with people, and the published model.
 
     Attributes:
-        table: The nearest learner first, the published model among them.
-        points: By learner, in that order.
-        effects: By learner.
+        table: The nearest first: ``learner``, ``rmse`` in attempts, and ``shown``, how many effects
+            have people's sign.
+        points: By learner, in that order, as :func:`points_of` gives them.
+        effects: By learner, as :func:`effects_of` gives them.
     """
 
     table: pd.DataFrame
@@ -325,5 +277,8 @@ def likeness(trials: pd.DataFrame, people: Beside, learners: Sequence[str]) -> L
                for name, own in points.items()}  # fmt: skip
     points[PUBLISHED_MODEL] = points_of_model()
     effects[PUBLISHED_MODEL] = effects_of(points[PUBLISHED_MODEL])
-    table = likeness_table(list(points.values()), [effects[name] for name in points])
-    return Likeness(table, {name: points[name] for name in table["learner"]}, effects)
+    rmse = {name: distance(own)[0] for name, own in points.items()}
+    order = sorted(points, key=rmse.__getitem__)
+    rows = [(name, rmse[name], int(effects[name]["like_people"].sum())) for name in order]
+    table = pd.DataFrame(rows, columns=["learner", "rmse", "shown"])
+    return Likeness(table, {name: points[name] for name in order}, effects)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
@@ -11,7 +11,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from causal_openlock.analysis.measures import TRANSFERS
+from causal_openlock.analysis.measures import BASELINES, TRANSFERS
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of
 from causal_openlock.analysis.results.material import Material
@@ -36,8 +36,8 @@ MOST_DRAWN = 5
 MOST_TOGETHER = 4
 """Learners that are drawn in one panel: those nearest to people."""
 
-_BASELINES = {"CC4": 0.0, "CE4": 5.8}  # where their trials begin on the x axis
-_TESTS = dict(zip(TRANSFERS, (12.3, 14.1, 16.5, 18.3), strict=True))
+_STARTS = dict(zip((*BASELINES, *TRANSFERS), (0.0, 5.8, 11.3, 13.1, 15.5, 17.3), strict=True))
+"""Where the trials of a condition begin on the x axis."""
 _GREY = "#777777"
 
 
@@ -92,26 +92,29 @@ def draw_points(
     fitted: Mapping[str, int] = MappingProxyType({}),
 ) -> Any:
     """Draw the panels from points, effects that were tested and numbers that were fitted."""
-    looks = (("o", 4, _GREY, "people"),
-             ("D", 4.5, style.current().trained("CC4"), "on CC4"),
-             ("D", 4.5, style.current().trained("CE4"), "on CE4"))  # fmt: skip
+    people: Any = {"marker": "o", "ms": 3.5, "color": _GREY, "lw": 0.8, "ls": "-"}
+    colours = {schema: style.current().trained(schema) for schema in BASELINES}
     highest = max(float(own[["mean", "people_mean"]].max().max()) for own in points.values())
     with panels(ax, len(points), in_rows(len(points), 2, 2.5)) as at:
         for axes, (name, own) in zip(at.axes, points.items(), strict=True):
-            _draw_points_of_one(axes, own)
             number = fitted.get(name, 0)
             detail = (
                 f"RMSE {distance(own)[0]:.2f} (perfect {noise_ceiling(own, number).both:.2f}), "
+                f"{misfit(own, number).in_words}\n{with_peoples_sign(effects[name])}"
             )
-            detail += f"{misfit(own, number).in_words}\n"
-            detail += with_peoples_sign(effects[name])
+            _draw_line(axes, own, people, -0.13, "people_")
+            for schema, colour in colours.items():
+                look = {**people, "marker": "D", "ms": 3.8, "color": colour, "lw": 1.1}
+                _draw_line(axes, own[own["condition"].str.endswith(schema)], look, 0.13)
             style.panel_title(axes, name, detail)
-            axes.set_ylim(0, 1.2 * highest)  # all panels have the same scale
+            _points_axis(axes, 19.2, 1.2 * highest)  # all panels have the same scale
         at.label_y("Attempts to solve")
-        at.legend(
-            [Line2D([], [], marker=marker, ms=size, ls="", color=colour, label=text)
-             for marker, size, colour, text in looks]
-        )  # fmt: skip
+        keys = [Line2D([], [], marker="o", ms=4, ls="", color=_GREY, label="people")]
+        keys += [
+            Line2D([], [], marker="D", ms=4.5, ls="", color=colour, label=f"on {schema}")
+            for schema, colour in colours.items()
+        ]
+        at.legend(keys)
     return at.returned
 
 
@@ -122,43 +125,42 @@ def draw_together(learners: Mapping[str, pd.DataFrame], ax: Any = None) -> Any:
         learners: By name, its points from :func:`~causal_openlock.paper.likeness.points_of`.
         ax: An empty figure, or None.
     """
-    people, model = points_of_people(), points_of_model()
-    shown = [people, model, *learners.values()]
+    people = {"people": points_of_people(), "published model": points_of_model()}
+    greys = ({"color": "black", "ls": "-"}, {"color": _GREY, "ls": ":"})
+    looks = [style.current().line(number) for number in range(len(learners))]
+    shown = [*people.values(), *learners.values()]
     highest = max(float((own["mean"] + own["se"].fillna(0)).max()) for own in shown)
     with panels(ax, 2, in_rows(2, 2, 1.8)) as at:
-        for axes, title, groups in zip(
-            at.axes, ("People", "Learners"),
-            ({"people": people, "published model": model}, learners), strict=True,
-        ):  # fmt: skip
-            ends = {}
-            for number, (name, own) in enumerate(groups.items()):
-                look = style.current().line(number)
-                if title == "People":
-                    look = {"color": ("black", _GREY)[number], "ls": ("-", ":")[number]}
-                _draw_line(axes, own, look)
-                ends[name] = float(own["mean"].iloc[-1]), look["color"]
-            _points_axis(axes)
-            axes.set_xlim(0.3, 26.5)
+        for axes, title, group, lines in zip(
+            at.axes, ("People", "Learners"), (people, learners), (greys, looks), strict=True
+        ):
+            for own, look in zip(group.values(), lines, strict=True):
+                _draw_line(axes, own, {**look, "marker": "o", "ms": 3.2, "lw": 1.2})
             style.panel_title(axes, title)
-            axes.set_ylim(0, 1.08 * highest)
-            _name_lines(axes, ends, 0.075 * highest)
+            _points_axis(axes, 26.5, 1.08 * highest)
+            _name_lines(axes, group, [look["color"] for look in lines], 0.075 * highest)
         at.label_y("Attempts to solve")
     return at.returned
 
 
-def _draw_line(axes: Axes, own: pd.DataFrame, look: Mapping[str, Any]) -> None:
-    """Draw one learner's points: baselines as lines, tests as dots."""
-    for condition, rows in own.groupby("condition", sort=False):
-        start = _TESTS.get(str(condition))
-        line = {**look, "ls": "" if start else look["ls"]}
-        x = [start] if start else _BASELINES[str(condition)] + rows["trial"].to_numpy(float)
-        axes.errorbar(x, rows["mean"], rows["se"], fmt="o", ms=3.2, lw=1.2, elinewidth=0.9, **line)
+def _draw_line(
+    axes: Axes, points: pd.DataFrame, look: Mapping[str, Any], shift: float = 0, whose: str = ""
+) -> None:
+    """Draw means and standard errors: baselines as lines, tests as dots."""
+    for condition, rows in points.groupby("condition", sort=False):
+        start = _STARTS[str(condition)]
+        line = {**look, "ls": "" if str(condition) in TRANSFERS else look["ls"]}
+        x = start + rows["trial"].to_numpy(float) + shift
+        axes.errorbar(x, rows[f"{whose}mean"], rows[f"{whose}se"], elinewidth=0.9, **line)
 
 
-def _name_lines(axes: Axes, ends: Mapping[str, tuple[float, str]], gap: float) -> None:
+def _name_lines(
+    axes: Axes, learners: Mapping[str, pd.DataFrame], colours: Sequence[str], gap: float
+) -> None:
     """Write names right of the last points, at least ``gap`` apart, in the order of the points."""
     height = -np.inf
-    for name, (value, colour) in sorted(ends.items(), key=lambda item: item[1][0]):
+    ends = [float(own["mean"].iloc[-1]) for own in learners.values()]
+    for value, name, colour in sorted(zip(ends, learners, colours, strict=True)):
         height = max(value, height + gap)
         axes.annotate(
             style.label(name, 18), (19.2, height), va="center", fontsize="small", color=colour
@@ -167,7 +169,8 @@ def _name_lines(axes: Axes, ends: Mapping[str, tuple[float, str]], gap: float) -
 
 def signs(effects: pd.DataFrame) -> str:
     """Numbers of a learner's effects with people's sign, and clear of chance, in words."""
-    return f"{with_peoples_sign(effects)}, {clear_of_chance(effects)} at p < {CLEAR:g}"
+    clear = int((effects["like_people"] & (effects["p"] < CLEAR)).sum())
+    return f"{with_peoples_sign(effects)}, {clear} at p < {CLEAR:g}"
 
 
 def with_peoples_sign(effects: pd.DataFrame) -> str:
@@ -175,44 +178,14 @@ def with_peoples_sign(effects: pd.DataFrame) -> str:
     return f"{int(effects['like_people'].sum())} of {len(effects)} effects with people's sign"
 
 
-def clear_of_chance(effects: pd.DataFrame) -> int:
-    """Number of effects that have people's sign and a p below :data:`CLEAR`."""
-    return int((effects["like_people"] & (effects["p"] < CLEAR)).sum())
-
-
-def _draw_points_of_one(axes: Axes, own: pd.DataFrame) -> None:
-    """People's points and those of one learner."""
-    for condition, rows in own.groupby("condition", sort=False):
-        start = _TESTS.get(str(condition))
-        x = (
-            np.array([start])
-            if start
-            else _BASELINES[str(condition)] + rows["trial"].to_numpy(float)
-        )
-        line = "" if start else "-"
-        colour = style.current().trained(str(condition)[-3:])
-        axes.errorbar(
-            x - 0.13, rows["people_mean"], rows["people_se"],
-            fmt=f"o{line}", ms=3.5, lw=0.8, color=_GREY, elinewidth=0.9,
-        )  # fmt: skip
-        axes.errorbar(
-            x + 0.13, rows["mean"], rows["se"],
-            fmt=f"D{line}", ms=3.8, lw=1.1, color=colour, elinewidth=0.9,
-        )  # fmt: skip
-    _points_axis(axes)
-    axes.set_xlim(0.3, 19.2)
-
-
-def _points_axis(axes: Axes) -> None:
-    """Name the fourteen points on the x axis."""
-    axes.set_xticks(
-        [*(start + trial for start in _BASELINES.values() for trial in range(1, 6)),
-         *_TESTS.values()],
-        [*(list("12345") * 2), *(name.split("-")[0] for name in _TESTS)],
-        fontsize="small",
-    )  # fmt: skip
+def _points_axis(axes: Axes, right: float, top: float) -> None:
+    """Name the fourteen points on the x axis, and set the limits of both axes."""
+    ticks = {_STARTS[name] + trial: str(trial) for name in BASELINES for trial in range(1, 6)}
+    ticks |= {_STARTS[name] + 1: name.split("-")[0] for name in TRANSFERS}
+    axes.set_xticks([*ticks], [*ticks.values()], fontsize="small")
     for at, text in ((3.0, "CC4"), (8.8, "CE4"), (13.2, "→ CC4"), (17.4, "→ CE4")):
         axes.annotate(
             text, (at, 0), xytext=(0, -18), xycoords=("data", "axes fraction"),
             textcoords="offset points", ha="center", va="top", fontsize="medium", fontweight="bold",
         )  # fmt: skip
+    axes.set(xlim=(0.3, right), ylim=(0, top))

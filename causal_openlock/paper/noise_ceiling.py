@@ -22,6 +22,8 @@ is compared with three others:
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -37,6 +39,7 @@ from causal_openlock.paper.likeness import (
     training_points_of,
     training_points_of_model,
 )
+from causal_openlock.paper.significance import p_in_words
 from causal_openlock.schemas.fsm import FloatArray
 
 PERFECT = "perfect model"
@@ -58,14 +61,12 @@ class Ceiling(NamedTuple):
         people: The distance due to people's sampling error.
         low: Between this and ``high`` it is in 95 of 100 such studies of people.
         high: See there.
-        own: What the sampling error of the learner's own means adds, if it were alone.
-        both: The distance due to both.
+        both: The distance due to people's sampling error and that of the learner's own means.
     """
 
     people: float
     low: float
     high: float
-    own: float
     both: float
 
 
@@ -93,8 +94,7 @@ class Misfit(NamedTuple):
         """
         if self.df <= 0:
             return ""
-        p = "p < .001" if self.p < 0.001 else f"p = {self.p:.3f}".replace("0.", ".", 1)
-        return f"χ²({self.df:.3g}) = {self.chi2:,.1f}, {p}"
+        return f"χ²({self.df:.3g}) = {self.chi2:,.1f}, {p_in_words(self.p)}"
 
 
 def misfit(points: pd.DataFrame, fitted: int = 0) -> Misfit:
@@ -140,14 +140,16 @@ def noise_ceiling(points: pd.DataFrame, fitted: int = 0) -> Ceiling:
         fitted: Numbers that were fitted to these means.
     """
     if points.empty:
-        return Ceiling(*[float("nan")] * 5)
+        return Ceiling(*[float("nan")] * 4)
     left = np.sqrt(max(1 - fitted / len(points), 0))
     theirs, own = left * _error(points, "people_"), _error(points)
     drawn = np.random.default_rng(SEED).normal(0.0, theirs, (RESAMPLES, len(points)))
-    low, high = np.quantile(np.sqrt((drawn**2).mean(axis=1)), _TAILS)
-    people, learner = float((theirs**2).mean()), float((own**2).mean())
-    sizes = np.sqrt([people, learner, people + learner]).tolist()
-    return Ceiling(sizes[0], float(low), float(high), *sizes[1:])
+    low, high = np.quantile(np.sqrt((drawn**2).mean(axis=1)), _TAILS).tolist()
+    return Ceiling(_root(theirs**2), low, high, _root(theirs**2 + own**2))
+
+
+def _root(squares: FloatArray) -> float:
+    return float(np.sqrt(squares.mean()))
 
 
 _TAILS = [(1 - LEVEL) / 2, (1 + LEVEL) / 2]
@@ -160,19 +162,14 @@ def _error(points: pd.DataFrame, whose: str = "") -> FloatArray:
 
 
 class Curve(NamedTuple):
-    """A null curve, fitted.
-
-    Attributes:
-        numbers: ``last``, ``gain`` and ``rate``, and in the second curve ``cost``.
-        points: In the form of
-            :func:`~causal_openlock.paper.likeness.points_of`.
-    """
+    """A null curve, fitted: its numbers (``last``, ``gain``, ``rate``, ``cost``) and its points."""
 
     numbers: tuple[float, ...]
     points: pd.DataFrame
 
 
-def null_curves() -> dict[str, Curve]:
+@cache
+def null_curves() -> Mapping[str, Curve]:
     """The null curves by name, fitted to people's fourteen means by least squares.
 
     >>> [f"{distance(curve.points)[0]:.2f}" for curve in null_curves().values()]
@@ -186,12 +183,12 @@ def null_curves() -> dict[str, Curve]:
     other = test & (points["condition"].str[:2] != points["condition"].str[4:6])
     rooms = np.where(test, 6, points["trial"] - 1)
     x = np.array([rooms, common_effect.astype(int) + other], float)
-    found = {}
+    curves = {}
     for name, start in NULL_CURVES.items():
         numbers, _ = curve_fit(_curve, x, points["people_mean"].to_numpy(), start)
-        own = points.assign(learner=name, mean=_curve(x, *numbers), se=np.nan)
-        found[name] = Curve(tuple(numbers.tolist()), own)
-    return found
+        fitted = points.assign(learner=name, mean=_curve(x, *numbers), se=np.nan)
+        curves[name] = Curve(tuple(numbers.tolist()), fitted)
+    return MappingProxyType(curves)
 
 
 def _curve(x: FloatArray, last: float, gain: float, rate: float, cost: float = 0.0) -> FloatArray:
@@ -204,13 +201,13 @@ class Difference(NamedTuple):
     """Difference of two models' distances from people.
 
     Attributes:
-        rmse: Difference of their RMSEs, in attempts; negative if the first is nearer.
+        difference: Of their RMSEs, in attempts; negative if the first is nearer.
         low: Lower end of its 95% interval.
         high: Upper end.
         verdict: One of :data:`VERDICTS`, about the first: not ranked if the interval includes 0.
     """
 
-    rmse: float
+    difference: float
     low: float
     high: float
     verdict: str
@@ -271,7 +268,7 @@ def rmse_difference(
 def beside_null_models(
     like: Likeness,
     trials: pd.DataFrame,
-    fitted: Mapping[str, int] | None = None,
+    fitted: Mapping[str, int] = MappingProxyType({}),
 ) -> pd.DataFrame:
     """Distances from people, next to the noise ceiling and null models.
 
@@ -289,38 +286,35 @@ def beside_null_models(
         three-lever rooms). Then ``ceiling`` (of a perfect model with as many subjects and fitted
         numbers), and against the nearest learner ``difference``, ``low``, ``high``, ``verdict``.
     """
-    fitted = {**(fitted or {}), **{name: len(start) for name, start in NULL_CURVES.items()}}
     rng = np.random.default_rng(SEED)
     played = {str(name): own for name, own in trials.groupby("learner", observed=True)}
     drawn = {name: drawn_means(own, played.get(name), rng) for name, own in like.points.items()}
     nearest = next(name for name in like.points if name in played)
-    beside = like.points[nearest], drawn[nearest]
     training = training_points_of(trials)
     rows = []
     for name, points in like.points.items():
-        trained = training[training["learner"] == name] if name in played else None
-        row = _row(name, points, trained, fitted.get(name, 0))
+        row = _row(name, points, training[training["learner"] == name], fitted.get(name, 0))
         if name != nearest:
-            found = rmse_difference((points, beside[0]), (drawn[name], beside[1]), rng)
-            row |= dict(zip(("difference", "low", "high", "verdict"), found, strict=True))
+            pair = (points, like.points[nearest]), (drawn[name], drawn[nearest])
+            row |= rmse_difference(*pair, rng)._asdict()
         rows.append(row)
     for name, curve in null_curves().items():
-        rows.append(_row(name, curve.points, None, len(curve.numbers)))
-    rows.append(_row(TRAINING_MODEL, None, training_points_of_model()))
+        rows.append(_row(name, curve.points, fitted=len(curve.numbers)))
+    trained = training_points_of_model()
+    rows.append(_row(TRAINING_MODEL, None, trained))
     # A perfect model deviates by people's standard errors alone.
-    perfect, trained = (
+    perfect = [
         own.assign(mean=own["people_mean"] + _error(own, "people_"))
-        for own in (points_of_people(), training_points_of_model())
-    )
-    rows.append({**_row(PERFECT, perfect, trained), **dict.fromkeys([*_MISFITS, "ceiling"])})
-    table = pd.DataFrame(rows, columns=["learner", *_DISTANCES, *_OTHERS])
+        for own in (points_of_people(), trained)
+    ]
+    rows.append({**_row(PERFECT, *perfect), **dict.fromkeys([*_MISFITS, "ceiling"])})
+    columns = [name for both in zip(_PARTS, _MISFITS, strict=True) for name in both]
+    table = pd.DataFrame(rows, columns=["learner", *columns, "ceiling", *Difference._fields])
     return table.sort_values("rmse", kind="stable", ignore_index=True)
 
 
 _PARTS = ("rmse", "baselines", "tests", "all")
-_MISFITS = ["misfit", *(f"misfit_{part}" for part in _PARTS[1:])]
-_DISTANCES = [column for both in zip(_PARTS, _MISFITS, strict=True) for column in both]
-_OTHERS = ["ceiling", "difference", "low", "high", "verdict"]
+_MISFITS = ("misfit", *(f"misfit_{part}" for part in _PARTS[1:]))
 
 
 def _row(
@@ -331,14 +325,15 @@ def _row(
 ) -> dict[str, object]:
     """Distances over all points and parts of them, and in training; the ceiling."""
     row: dict[str, object] = {"learner": name}
+    parts = [points, None, None, training]
     if points is not None:
         test = points["phase"] == "test"
-        row |= {"rmse": distance(points)[0], "misfit": misfit(points, fitted).in_words}
+        parts[1:3] = points[~test], points[test]
         row["ceiling"] = noise_ceiling(points, fitted).both
-        for part, own in (("baselines", points[~test]), ("tests", points[test])):
+    for part, title, own in zip(_PARTS, _MISFITS, parts, strict=True):
+        if own is not None and len(own):
             row[part] = distance(own)[0]
-            if not fitted:  # how many of the numbers count in a part of the points is not known
-                row[f"misfit_{part}"] = misfit(own).in_words
-    if training is not None and len(training):
-        row |= {"all": distance(training)[0], "misfit_all": misfit(training).in_words}
+            # How many of the fitted numbers count in a part of the points is not known.
+            if not fitted or part in ("rmse", "all"):
+                row[title] = misfit(own, fitted if part == "rmse" else 0).in_words
     return row

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from causal_openlock.analysis.effects import Group
+from causal_openlock.analysis.table import p_value
 from causal_openlock.schemas.fsm import FloatArray
 
 INTERACTION = (0.5, -0.5, -0.5, 0.5)
@@ -37,6 +38,16 @@ def hedges_g(d: float, df: int) -> float:
     if df < 2:
         return float("nan")
     return float(d * np.exp(gammaln(df / 2) - gammaln((df - 1) / 2)) / np.sqrt(df / 2))
+
+
+def p_in_words(p: float) -> str:
+    """A p as a paper prints it.
+
+    >>> p_in_words(0.0312), p_in_words(0.0001)
+    ('p = .031', 'p < .001')
+    """
+    number = p_value(p)
+    return f"p {number}" if number.startswith("<") else f"p = {number}"
 
 
 class SignificanceTest(NamedTuple):

@@ -15,13 +15,14 @@ from causal_openlock.paper.likeness import (
     PUBLISHED_MODEL,
     distance,
     effects_of,
-    likeness_table,
+    likeness,
     points_of,
     points_of_model,
     points_of_people,
     published_points,
 )
 from causal_openlock.paper.likeness_figure import MOST_DRAWN, draw_points, plot_likeness, signs
+from causal_openlock.paper.references import people
 from causal_openlock.paper.significance import contrast_test
 from support.fabricated_records import table
 from support.made_up_experiments import NOBODY
@@ -148,15 +149,14 @@ def test_an_effect_in_the_other_direction_or_of_no_size_is_none():
     assert none["t"].isna().all()
 
 
-def test_the_nearest_stands_first_and_a_learner_with_fewer_points_last():
-    near, far = points_of(made_up("near", off=0.5)), points_of(made_up("far", off=-3.0))
-    part = points_of(made_up("part")).iloc[:5]
-    assert effects_of(part)["effect"].tolist() == ["learning, CC4"]
-    everybody = [far, part, near]
-    table = likeness_table(everybody, [effects_of(points) for points in everybody])
-    assert table["learner"].tolist() == ["near", "far", "part"]
-    assert table["rmse"].tolist() == pytest.approx([0.5, 3.0, 0.0], abs=1e-9)
-    assert table["shown"].tolist() == [len(EFFECTS), len(EFFECTS), 1]
+def test_the_nearest_stands_first_and_a_learner_with_fewer_points_is_left_out():
+    part = made_up("part").query("condition == 'CC4'")
+    assert effects_of(points_of(part))["effect"].tolist() == ["learning, CC4"]
+    trials = pd.concat([made_up("far", off=-4.0), part, made_up("near", off=0.5)])
+    like = likeness(trials, people().beside(None), ["far", "part", "near"])
+    assert [*like.points] == like.table["learner"].tolist() == ["near", PUBLISHED_MODEL, "far"]
+    assert like.table["rmse"].tolist() == pytest.approx([0.5, 3.057, 4.0], abs=1e-3)
+    assert like.table["shown"].tolist() == [len(EFFECTS), len(EFFECTS) - 1, len(EFFECTS)]
 
 
 # -- the section ----------------------------------------------------------------------------------
@@ -168,16 +168,15 @@ def section(held):
 
 def test_the_section_orders_learners_and_the_published_model_by_distance():
     found = section(material(made_up("far", off=4.0), made_up("near", off=1.0)))
-    distances, table, tests = (one.frame for one in found.tables)
-    assert table["learner"].tolist() == ["near", PUBLISHED_MODEL, "far"]
-    rmse = distances.set_index("learner")["RMSE"]
-    assert rmse[table["learner"]].tolist() == pytest.approx([1.0, 3.057, 4.0], abs=1e-3)
+    distances, effects = (one.frame.set_index("learner") for one in found.tables)
+    assert effects.index.tolist() == ["people", "near", PUBLISHED_MODEL, "far"]
+    rmse = distances["RMSE"][effects.index[1:]]
+    assert rmse.tolist() == pytest.approx([1.0, 3.057, 4.0], abs=1e-3)
     assert "0.74 to 1.69" in found.text[0]
-    assert table["congruency, CC4"].str[0].tolist() == ["✓", "✗", "✓"]
+    assert effects["congruency, CC4"].str[0].tolist() == ["+", "+", "−", "+"]
+    assert effects.loc["people", "congruency, CC4"] == "+2.65\np = .011"
+    assert effects.loc[PUBLISHED_MODEL, "signs"] == 5
     assert [plot.name for plot in found.plots if plot.opening] == ["fourteen_points"]
-    assert set(tests["learner"]) == {"people", "near", "far", PUBLISHED_MODEL}
-    assert len(tests) == 4 * len(EFFECTS)
-    assert table.set_index("learner").loc[PUBLISHED_MODEL, "signs"] == 5
 
 
 def test_a_sign_alone_is_not_clear_of_chance():
