@@ -28,7 +28,7 @@ from causal_openlock.evidence.study import Study
 from causal_openlock.evidence.study_files import read_run
 from causal_openlock.fitting.design import NATS, informed
 from causal_openlock.fitting.recovery import Recovery, attributed, attributed_rows, recovery
-from causal_openlock.fitting.search import SearchSpace
+from causal_openlock.fitting.space import SearchSpace
 from causal_openlock.scoring.scores import LN2, SUBJECT
 
 GROUPS = {"groups": 1, "halves": 2}

@@ -12,7 +12,7 @@ from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.confusions import confusion
 from causal_openlock.evidence.study import Study
 from causal_openlock.evidence.study_files import COSTS, read_units
-from causal_openlock.fitting.objective import score
+from causal_openlock.fitting.to_means import score
 from causal_openlock.paper.likeness import Likeness, likeness
 from causal_openlock.paper.noise_ceiling import beside_null_models
 from causal_openlock.paper.references import people

@@ -61,7 +61,7 @@ def run_recovery(study: Study, results: Path, watched: Watched, anew: bool = Fal
             be recovered has no search space.
     """
     asked, settings = study.asked, study.file.recovery
-    size = ToRecover(**settings.model_dump(exclude={"parameters"}))
+    size = ToRecover(**settings.model_dump(exclude={"parameters", "restarts"}))
     specs = known_learners(settings.parameters, asked.learners)
     spaces = [searched(spec) for spec in specs]  # before hours of work
     folder = results / "cells" / parts_of(study)[0].name

@@ -40,8 +40,8 @@ from causal_openlock.experiment.file import code_named, read_experiment
 from causal_openlock.files.digest import digest
 from causal_openlock.files.validation import StrictModel
 from causal_openlock.files.yaml_file import read_document
-from causal_openlock.fitting.kept import seeds_of
 from causal_openlock.fitting.recovery import space_of
+from causal_openlock.fitting.steps import seeds_of
 from causal_openlock.scoring import LAPSE
 from causal_openlock.wording import joined, nearest
 

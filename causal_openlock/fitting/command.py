@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -13,9 +15,14 @@ from causal_openlock.errors import LearnerError, OpenLockError, StoreError
 from causal_openlock.files.atomic import folder_at, is_empty
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from causal_openlock.comparison.console import Terminal
-    from causal_openlock.fitting.candidates import Fit
-    from causal_openlock.fitting.outcome import FittedLearner
+    from causal_openlock.fitting.space import FitSettings, SearchSpace
+    from causal_openlock.fitting.to_actions import Fitted
+
+MOST_ROWS = 20
+"""Fits that are printed; the file has all."""
 
 
 def fit(
@@ -36,6 +43,12 @@ def fit(
     fix: Annotated[
         list[str] | None, typer.Option("--fix", "-f", help="Set a parameter: name=value.")
     ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", help="Set how the fit is made, as under fit: in a plan: candidates=120."
+        ),
+    ] = None,
     to: Annotated[
         Path | None,
         typer.Option(help="Fit to every action of the subjects in this results folder instead."),
@@ -46,17 +59,6 @@ def fit(
     of: Annotated[
         list[str] | None, typer.Option(help="With --to: fit to these learners' subjects only.")
     ] = None,
-    # What follows stands in a plan, under fit:; options are taken all the same.
-    each: Annotated[bool | None, typer.Option(hidden=True)] = None,
-    lapse: Annotated[float | None, typer.Option(min=0, max=1, hidden=True)] = None,
-    folds: Annotated[int | None, typer.Option(min=2, hidden=True)] = None,
-    hold_out: Annotated[str | None, typer.Option(hidden=True)] = None,
-    target: Annotated[str | None, typer.Option(hidden=True)] = None,
-    candidates: Annotated[int | None, typer.Option(min=1, hidden=True)] = None,
-    subjects: Annotated[int | None, typer.Option(min=2, hidden=True)] = None,
-    finalists: Annotated[int | None, typer.Option(min=1, hidden=True)] = None,
-    final_subjects: Annotated[int | None, typer.Option(min=2, hidden=True)] = None,
-    seed: Annotated[int | None, typer.Option(min=0, max=2**62, hidden=True)] = None,
     workers: Workers = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Folder; by default results/fit-LEARNER.")
@@ -67,103 +69,48 @@ def fit(
     A search that was stopped is continued by the same command.
 
     With --to they are fitted to single actions, by maximum likelihood. How many candidates are
-    tried, what is held out and so on stands in the file of --plan, under fit:.
+    tried, what is held out and so on stands in the file of --plan, under fit:, or is given by
+    --set: candidates, hold_out, seed, target, subjects, finalists, final_subjects, each, lapse,
+    folds.
     """
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    from causal_openlock.comparison.console import Terminal
     from causal_openlock.contract.registry import learner_class
-    from causal_openlock.fitting.candidates import Plan, require_optuna
-    from causal_openlock.fitting.candidates import fit as run
-    from causal_openlock.fitting.objective import conditions_to_fit, towards
-    from causal_openlock.fitting.outcome import fitted_learner, write_fitted_learner
-    from causal_openlock.fitting.search import (
-        bundled_search,
-        changed,
-        read_search,
-        read_settings,
-    )
-    from causal_openlock.paper.likeness import published_points
+    from causal_openlock.fitting.space import FitSettings, bundled_search, changed, read_plan
     from causal_openlock.running.workers import available_cores
 
-    given = {
-        "candidates": candidates, "seed": seed, "hold_out": hold_out, "target": target,
-        "subjects": subjects, "finalists": finalists,
-        "final_subjects": final_subjects, "of": of, "each": each, "lapse": lapse, "folds": folds,
-    }  # fmt: skip
-    how = read_settings(plan, given)
+    learner_class(learner)  # fails at once if there is none
+    space, how = read_plan(plan) if plan else (bundled_search(learner), FitSettings())
+    how = how.changed(settings or ())
+    how = how.model_copy(update={"of": of or how.of})
     if hierarchical and (how.each or not to):
         raise OpenLockError(
-            "--hierarchical fits each subject of a folder; give --to, and no --each"
+            "--hierarchical fits each subject of a folder; give --to, and no each=true"
         )
-    if not hierarchical:
-        require_optuna()
-    learner_class(learner)  # fails at once if there is none
     kind = "-hierarchical" if hierarchical else "-each" if how.each else ""
-    name = f"fit-{learner.replace(':', '.')}{kind}"
-    folder = out or (to or Path("results")) / name
+    folder = out or (to or Path("results")) / f"fit-{learner.replace(':', '.')}{kind}"
     _check_folder(folder)
-    known = read_search(plan) if plan else bundled_search(learner)
-    if known is not None and known.learner != learner:
-        raise LearnerError(f"{plan} is for the learner {known.learner}, and not for {learner}")
-    if known is None and not search:
+    if space and space.learner != learner:
+        raise LearnerError(f"{plan} is for the learner {space.learner}, and not for {learner}")
+    if not (space or search):
         raise LearnerError(_nothing_searched(learner))
-    chosen = changed(known, learner, search or (), fix or ())
+    searched = changed(space, learner, search or (), fix or ())
     if to:
-        from causal_openlock.fitting.actions import ActionPlan
-        from causal_openlock.fitting.command_to_actions import fit_to
-
-        held_out = how.hold_out or "trials"
-        to_actions = ActionPlan(
-            chosen, how.lapse, held_out, how.folds, how.candidates, seed=how.seed
-        )
-        how_many = "group" if hierarchical else "each" if how.each else "all"
-        fit_to(to_actions, to, how.of, how_many, workers or available_cores(), folder)
-        return
-    held_out = how.hold_out or "transfer"
-    conditions_to_fit(held_out)  # fails at once if there is no such way
-    towards(published_points(), how.target)
-    played = how.candidates, how.subjects, how.finalists, how.final_subjects
-    declared = Plan(chosen, held_out, *played, how.seed, how.target)
-    console = Terminal()
-    bar = Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("candidates"),
-        TimeElapsedColumn(),
-        console=console,
-    )
-    with resumable(), bar:
-        task = bar.add_task("searching", total=declared.candidates)
-
-        def report(done: int, total: int, what: str) -> None:
-            bar.update(task, completed=done, total=total, description=what)
-
-        cores = workers or available_cores()
-        fitted, trials = run(declared, folder, workers=cores, report=report)
-    found = fitted_learner(fitted, trials)
-    files = write_fitted_learner(fitted, found, folder)
-    print_fit(fitted, found, console)
-    console.print(f"\nto play it: causal-openlock compare {files[0]}", soft_wrap=True)
-    console.print_line(f"figure: {folder / 'fit.svg'}")
+        _fit_to_actions(searched, how, to, hierarchical, workers or available_cores(), folder)
+    else:
+        _fit_to_means(searched, how, workers or available_cores(), folder)
 
 
 def _check_folder(folder: Path) -> None:
     """Refuse a folder that holds something else, before anything is played."""
-    from causal_openlock.fitting.actions import FILE as OF_ACTIONS
-    from causal_openlock.fitting.candidates import FILE
-    from causal_openlock.fitting.group_progress import PROGRESS
+    from causal_openlock.fitting.steps import STEPS
 
-    if not folder_at(folder).exists() or any(
-        (folder / name).exists() for name in (FILE, OF_ACTIONS, PROGRESS)
-    ):
+    if not folder_at(folder).exists() or (folder / STEPS).exists():
         return
     if (folder / "experiment.json").exists():
         raise StoreError(f"{folder} holds results of compare; choose another folder with --out")
     if not is_empty(folder):
         raise StoreError(
-            f"{folder} is not empty and holds no fit; choose another folder with --out"
+            f"{folder} is not empty and holds no fit that can be continued; choose another folder "
+            "with --out"
         )
 
 
@@ -172,9 +119,9 @@ def _nothing_searched(learner: str) -> str:
     from causal_openlock.contract.registry import parameter_table
 
     numbers = {
-        one.name: one.default
-        for one in parameter_table(learner)
-        if isinstance(one.default, int | float) and not isinstance(one.default, bool)
+        info.name: info.default
+        for info in parameter_table(learner)
+        if isinstance(info.default, int | float) and not isinstance(info.default, bool)
     }
     if not numbers:
         return f"nothing is searched: {learner} has no parameter that is a number; fit another one"
@@ -189,79 +136,196 @@ def _nothing_searched(learner: str) -> str:
     )
 
 
-def print_fit(fitted: Fit, found: FittedLearner, console: Terminal) -> None:
-    """The best candidates, the distances, the effects and the entry to paste."""
+# -- to actions -----------------------------------------------------------------------------------
+
+
+def _fit_to_actions(
+    space: SearchSpace,
+    how: FitSettings,
+    results: Path,
+    hierarchical: bool,
+    workers: int,
+    folder: Path,
+) -> None:
+    """Fit a learner to recorded subjects, and write and print what was found."""
     from causal_openlock.analysis.statistics import too_few
-    from causal_openlock.comparison.console import plain_table
-    from causal_openlock.files.yaml_file import dump_yaml
-    from causal_openlock.fitting.actions import at_bound
-    from causal_openlock.fitting.marks import legend, marked, rounded
-    from causal_openlock.fitting.objective import TARGETS
-    from causal_openlock.paper.likeness_figure import CLEAR, signs
-    from causal_openlock.paper.noise_ceiling import null_curves
+    from causal_openlock.comparison.console import Terminal
+    from causal_openlock.comparison.progress_bar import shown_steps
+    from causal_openlock.files.atomic import write_text
+    from causal_openlock.files.escaping import csv_of
+    from causal_openlock.fitting.hierarchical import ROUNDS, fit_group
+    from causal_openlock.fitting.space import Plan
+    from causal_openlock.fitting.to_actions import fit_all, fit_table, jobs_of
+    from causal_openlock.scoring.scores import choices_in
+    from causal_openlock.scoring.teacher_forcing import known_learners, recorded_subjects
+    from causal_openlock.storage.store import Store
+    from causal_openlock.wording import counted
 
-    plan = fitted.plan
-    console.print(
-        "\n[bold]The nearest candidates[/bold], RMSE of means, in attempts, on what is fitted",
-        markup=True,
-    )
-    names, idle = list(plan.space.ranges), fitted.idle.get(fitted.best.number, ())
-    bounds: set[str] = set()
-    nearest = plain_table("number", *names, "RMSE", "again")
-    for row in fitted.table().head(plan.finalists).to_dict("records"):
-        again = f"{row['again']:.2f}" if row["again"] == row["again"] else ""
-        own = at_bound(plan.space.ranges, {name: row[name] for name in names})
-        bounds |= {*own}
-        values = [marked(row[name], name, own, idle) for name in names]
-        nearest.add_row(str(row["number"]), *values, f"{row['rmse']:.2f}", again)
-    console.print(nearest)
-    for sentence in legend([name for name in names if name in bounds], idle):
-        console.print_line(sentence)
-    console.print_line(plan.space.in_words)
-    if few := too_few(plan.final_subjects, "say how near the learner is to people"):
+    console, plan = Terminal(), Plan(space, how)
+    record, played = Store(results).record()
+    known_learners(how.of, played.learners)
+    parts = recorded_subjects(record, played, how.of)
+    rounds = 0
+    with resumable(), shown_steps("fit") as begin:
+        if hierarchical:
+            fits, rounds = fit_group(parts, plan, folder, workers, begin)
+        else:
+            jobs = jobs_of(parts, plan)
+            most = counted(len(jobs) * plan.candidates, "set")
+
+            def report(done: int, tried: int) -> None:
+                of_fits = f"{done} of {counted(len(jobs), 'fit')} done"
+                begin(f"{of_fits}, {tried:,} of up to {most} of parameters tried")
+
+            report(0, 0)
+            fits = fit_all(jobs, folder, workers=workers, report=report)
+    table = fit_table(fits)
+    write_text(folder / "fits.csv", csv_of(table.round(6)))
+    chance = math.log2(max(choices_in(played).values(), default=1))
+    _print_fits(table.head(MOST_ROWS), list(space.ranges), chance, console)
+    if len(table) > MOST_ROWS:
+        console.print_line(f"and {len(table) - MOST_ROWS} others")
+    console.print_line(space.in_words)
+    subjects = sum(len(part.numbers) for part in parts)
+    if few := too_few(subjects, "generalise the parameters to others"):
         console.warn(few)
-
-    console.print(
-        f"\n[bold]Distance from {TARGETS[plan.target]}[/bold], RMSE of means, in attempts, "
-        f"{plan.final_subjects} subjects on a seed that nothing was chosen by",
-        markup=True,
-    )
-    apart = plain_table("", "fitted", "held out", "all 14 points")
-    distances, to_people = {found.label: found.score}, plan.target == "people"
-    if to_people:
-        distances["published model"] = found.model
-    distances["perfect model"] = found.perfect
-    if to_people:
-        distances |= {name: plan.score(curve.points) for name, curve in null_curves().items()}
-    for name, one in distances.items():
-        numbers = [one.fitted, one.held_out, one.all]
-        apart.add_row(name, *(f"{n:.2f}" if n == n else "" for n in numbers))
-    console.print(apart)
-    console.print("\n[bold]Misfit[/bold] of means: does sampling error explain it?", markup=True)
-    misses = plain_table("", "fitted", "held out", "all 14 points")
-    for name, words in found.misfits.items():
-        misses.add_row(name, *words)
-    console.print_whole(misses)
-    console.print_line(
-        "A small p rejects a model. Fitted numbers, here "
-        f"{len(plan.space.ranges)}, each take away a degree of freedom."
-    )
-    if plan.space.learner == "bayes" and plan.hold_out != "none":
-        console.print(
-            "The default ranges of bayes were narrowed with the transfer tests in view "
-            "(evidence/likeness):\nwhat is held out is a check, not an untouched prediction.",
-            style="dim",
+    if hierarchical:
+        console.print_line(_spread(fits))
+    if rounds == ROUNDS:
+        console.print_line(
+            f"After {ROUNDS} rounds the group was not settled: its spread is uncertain; more "
+            "subjects, fewer parameters or narrower ranges help."
         )
+    if not (hierarchical or how.each):
+        chosen = space.parameters(fits[0].chosen)
+        entry = {"learner": space.learner, "name": space.fitted_name, "parameters": chosen}
+        _print_entry(entry, console)
+    console.print_line(f"{folder / 'fits.csv'} written")
 
-    console.print("\n[bold]What people show[/bold], differences in attempts", markup=True)
-    effects = plain_table("", "difference", "t", "p", "people's sign", "p < .05")
-    for row in found.effects.to_dict("records"):
-        sign = "yes" if row["like_people"] else "no"
-        clear = "yes" if row["like_people"] and row["p"] < CLEAR else "no"
-        tested = f"{row['difference']:+.2f}", f"{row['t']:.1f}", f"{row['p']:.2g}"
-        effects.add_row(row["effect"], *tested, sign, clear)
-    console.print(effects)
-    console.print(signs(found.effects))
-    console.print("\n[bold]For an experiment file[/bold], under learners:", markup=True)
-    text = dump_yaml([{**found.entry(), "parameters": rounded(found.parameters)}])
-    console.print(text, highlight=False, markup=False, soft_wrap=True, end="")
+
+def _print_fits(
+    table: pd.DataFrame, names: Sequence[str], chance: float, console: Terminal
+) -> None:
+    """The parameters of each, and how well they predict, next to the bits of random actions."""
+    from causal_openlock.comparison.console import plain_table
+    from causal_openlock.fitting.marks import legend, marked
+
+    shown = plain_table("", *names, "bits/action", "held out", "actions")
+    bounds, idle = (table[name].str.split() for name in ("at_bound", "without_effect"))
+    for place, row in enumerate(table.to_dict("records")):
+        values = [marked(row[name], name, bounds[place], idle[place]) for name in names]
+        held_out = "" if math.isnan(row["held_out_bits"]) else f"{row['held_out_bits']:.3f}"
+        worse = f" (worse than at random: {chance:.2f} bits)" if row["bits"] > chance else ""
+        bits = f"{row['bits']:.3f}"
+        shown.add_row(f"{row['who']}{worse}", *values, bits, held_out, str(row["actions"]))
+    console.print_whole(shown)
+    of_any = ([name for name in names if name in {*row.explode()}] for row in (bounds, idle))
+    for sentence in legend(*of_any):
+        console.print_line(sentence)
+
+
+def _spread(fits: Sequence[Fitted]) -> str:
+    """Between what two thirds of a group are, in a sentence."""
+    from causal_openlock.wording import joined
+
+    group = fits[0].between.items()  # of the fold without anything held out
+    ranges = [f"{name} from {low:.4g} to {high:.4g}" for name, (low, high) in group]
+    return f"Two thirds of such a group have {joined(ranges)}."
+
+
+def _print_entry(entry: dict[str, Any], console: Terminal) -> None:
+    """The fitted learner, to paste."""
+    from causal_openlock.files.yaml_file import dump_yaml
+    from causal_openlock.fitting.marks import rounded
+
+    console.print_line("for an experiment file, under learners:")
+    text = dump_yaml([{**entry, "parameters": rounded(entry["parameters"])}])
+    console.print(text, highlight=False, soft_wrap=True, end="")
+
+
+# -- to means -------------------------------------------------------------------------------------
+
+
+def _fit_to_means(space: SearchSpace, how: FitSettings, workers: int, folder: Path) -> None:
+    """Fit a learner to published means, and write and print what was found."""
+    from causal_openlock.analysis.statistics import too_few
+    from causal_openlock.comparison.console import Terminal, plain_table
+    from causal_openlock.comparison.progress_bar import shown_steps
+    from causal_openlock.fitting.marks import legend, marked
+    from causal_openlock.fitting.search import at_bound
+    from causal_openlock.fitting.to_means import (
+        PARTS,
+        TARGETS,
+        fit,
+        means_plan,
+        outcome_of,
+        write_outcome,
+    )
+    from causal_openlock.paper.likeness_figure import CLEAR, signs
+
+    plan, console = means_plan(space, how), Terminal()
+    with resumable(), shown_steps("fit") as begin:
+        fitted = fit(plan, folder, workers=workers, report=begin)
+    outcome = outcome_of(fitted)
+    write_outcome(fitted, outcome, folder)
+
+    def table(title: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+        console.print_line(f"\n{title}", "bold")
+        shown = plain_table(*heads)
+        for row in rows:
+            shown.add_row(*row)
+        console.print_whole(shown)
+
+    names, nearest = list(space.ranges), fitted.table().head(how.finalists).to_dict("records")
+    bounds = [at_bound(space.ranges, {name: row[name] for name in names}) for row in nearest]
+    table(
+        "The nearest candidates, RMSE of means, in attempts, on what is fitted",
+        ["number", *names, "RMSE", "again"],
+        [
+            [str(row["number"]), *(marked(row[name], name, own, fitted.idle) for name in names),
+             f"{row['rmse']:.2f}", f"{row['again']:.2f}"]
+            for row, own in zip(nearest, bounds, strict=True)
+        ],
+    )  # fmt: skip
+    for sentence in legend([n for n in names if any(n in own for own in bounds)], fitted.idle):
+        console.print_line(sentence)
+    console.print_line(space.in_words)
+    if few := too_few(how.final_subjects, "say how near the learner is to people"):
+        console.warn(few)
+    table(
+        f"Distance from {TARGETS[how.target]}, RMSE of means, in attempts, {how.final_subjects} "
+        "subjects on a seed that nothing was chosen by",
+        ["", *PARTS],
+        [
+            [str(name), *("" if math.isnan(rmse) else f"{rmse:.2f}" for rmse in row)]
+            for name, *row in outcome.distances.itertuples()
+        ],
+    )
+    table(
+        "Misfit of means: does sampling error explain it?", ["", *PARTS],
+        [[*map(str, row)] for row in outcome.misfits.itertuples()],
+    )  # fmt: skip
+    console.print_line(
+        f"A small p rejects a model. Fitted numbers, here {len(names)}, each take away a degree of "
+        "freedom."
+    )
+    if space.learner == "bayes" and plan.hold_out != "none":
+        console.print_line(
+            "The default ranges of bayes were narrowed with the transfer tests in view "
+            "(evidence/likeness): what is held out is a check, not an untouched prediction.",
+            "dim",
+        )
+    table(
+        "What people show, differences in attempts",
+        ["", "difference", "t", "p", "people's sign", "p < .05"],
+        [
+            [row.effect, f"{row.difference:+.2f}", f"{row.t:.1f}", f"{row.p:.2g}",
+             "yes" if row.like_people else "no",
+             "yes" if row.like_people and row.p < CLEAR else "no"]
+            for row in outcome.effects.itertuples()
+        ],
+    )  # fmt: skip
+    console.print_line(signs(outcome.effects))
+    _print_entry(outcome.entry, console)
+    console.print_line(f"to play it: causal-openlock compare {folder / 'experiment.yaml'}")
+    console.print_line(f"figure: {folder / 'fit.svg'}")

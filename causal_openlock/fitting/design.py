@@ -36,8 +36,8 @@ from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.experiment.declare import Cell, Condition, Experiment, LearnerSpec
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.digest import digest
-from causal_openlock.fitting.recovery import attributed_rows, drawn_from
-from causal_openlock.fitting.search import Range, bundled_search
+from causal_openlock.fitting.recovery import attributed_rows
+from causal_openlock.fitting.space import Range, bundled_search
 from causal_openlock.running.worker import made
 from causal_openlock.running.workers import worker_pool
 from causal_openlock.scoring import LAPSE
@@ -160,7 +160,7 @@ def drawn(theory: LearnerSpec, seed: int, what: str, numbers: Iterable[int]) -> 
         chosen = dict(theory.parameters)
         for name, one in unknown(theory).items():
             (generator,) = generators(seed, f"{what}/{name}", [number])
-            chosen[name] = drawn_from(one, generator)
+            chosen[name] = one.at(generator.random())
         found.append(replace(theory, parameters=chosen))
     return found
 

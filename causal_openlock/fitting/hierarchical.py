@@ -5,11 +5,11 @@ fitted is that of subjects and of errors together. Here parameters of subjects a
 group, whose mean and spread are estimated too (:mod:`~causal_openlock.fitting.group`): a subject
 with few actions is taken to be like the others, and one with many to be as it acted.
 
-Subjects are asked in rounds for their most probable parameters under the prior of the group
-(:mod:`~causal_openlock.fitting.subject_peak`), and the group follows from what they answer; what
-they answered is kept (:mod:`~causal_openlock.fitting.group_progress`). Parameters that are whole
-numbers have no normal distribution, and of learners without probabilities likelihoods are too rough
-for curvatures: both are refused.
+Subjects are asked in rounds for their most probable parameters under the prior of the group, and
+the group follows from what they answer. The first search for a subject's peak begins at the best of
+a number of evenly spread points, the same for all subjects; later ones at the peak of the round
+before. Parameters that are whole numbers have no normal distribution, and of learners without
+probabilities likelihoods are too rough for curvatures: both are refused.
 
 The means and spreads of the group were chosen in the light of the evidence, which has a price: that
 of the BIC, half a logarithm of the number of all actions for each, of which subjects bear equal
@@ -19,29 +19,32 @@ shares (the integrated BIC of Huys et al. 2011).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.special import expit, logit
+from scipy.stats import norm
 
 from causal_openlock.errors import LearnerError
-from causal_openlock.fitting.actions import (
+from causal_openlock.fitting.group import SETTLED, SPREADS, Group, Peak, evidence_of, group_of, peak
+from causal_openlock.fitting.search import NO_EFFECT, ON_ACTIONS, at_bound, require_effect, spread
+from causal_openlock.fitting.space import Plan
+from causal_openlock.fitting.steps import fitting_in, starting, steps
+from causal_openlock.fitting.to_actions import (
     PENALTY,
     WHOLE,
-    ActionPlan,
     Fitted,
     Predictions,
-    at_bound,
+    alone,
     check_folds,
+    held_out,
     impossible,
+    numbers_of_folds,
+    subjects_of,
+    write_fits,
 )
-from causal_openlock.fitting.effect import NO_EFFECT, ON_ACTIONS, require_effect
-from causal_openlock.fitting.group import SETTLED, Group, Peak, evidence_of, group_of
-from causal_openlock.fitting.group_progress import Progress
-from causal_openlock.fitting.kept import fitting_in
-from causal_openlock.fitting.subject_peak import PeakJob, chosen_at
-from causal_openlock.running.workers import worker_pool
 from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.scoring.teacher_forcing import Recorded
 
@@ -49,165 +52,228 @@ GROUP = "group"
 """Label of the fit of the group itself."""
 ROUNDS = 25
 """The most rounds in which subjects are asked."""
+Starts = dict[str, list[list[float]]]
+"""Starts of the search by subject, and then by fold, in log-odds."""
 
 
-class GroupFit:
-    """A hierarchical fit, which continues where it stopped.
+@dataclass(frozen=True)
+class PeakJob:
+    """The most probable parameters of one subject, without one fold."""
+
+    part: Recorded
+    plan: Plan
+    fold: int
+    group: Group
+    start: FloatArray
+
+    @property
+    def about(self) -> list[Any]:
+        """All that decides the result, as plain data."""
+        group = [self.group.mean.tolist(), self.group.spread.tolist()]
+        return [*_about(self.plan, self.part), self.fold, group, self.start.tolist()]
+
+
+def fit_group(
+    parts: Sequence[Recorded],
+    plan: Plan,
+    folder: Path,
+    workers: int = 1,
+    report: Callable[[str], None] = lambda what: None,
+) -> tuple[list[Fitted], int]:
+    """Fit a group and its subjects, or what is missing of such a fit.
 
     Args:
         parts: The subjects.
         plan: The settings of the fit.
-        folder: Where it is kept.
+        folder: Where it is stored.
+        workers: How many processes fit.
+        report: Called with each step, in words.
 
-    Attributes:
-        rounds: By fold, how many rounds it took, or :data:`ROUNDS` if it has not settled.
+    Returns:
+        The fits of the group and of all subjects, by fold; and the number of rounds that the
+        longest fold took, :data:`ROUNDS` if it has not settled.
 
     Raises:
-        LearnerError: If a parameter takes whole numbers only, or there is one subject.
+        LearnerError: If a parameter takes whole numbers only, there is one subject, the learner
+            gives no exact probabilities, a parameter makes no difference, or the learner cannot
+            have done what a subject did.
         OpenLockError: If subjects are to be held out, and a fold has none.
+        StoreError: If another process fits in the folder.
     """
+    subjects = alone(parts)
+    _check(subjects, plan)
+    check_folds(parts, plan)
+    fits, longest = [], 0
+    with fitting_in(folder, workers) as pool:
+        report("looking for where to begin")
+        jobs = [([*_about(plan, part), "start"], (part, plan)) for part in parts]
+        starts: Starts = {}
+        for of_part in steps(folder, jobs, starting(_starts, pool), Starts):
+            starts |= of_part
+        folds = numbers_of_folds(plan)
+        for place, fold in enumerate(folds):
+            group = Group.wide(len(plan.space.ranges))
+            at = [np.array(starts[who][place]) for who in subjects]
+            tried = np.full(len(subjects), _points(plan))
+            for number in range(1, ROUNDS + 1):
+                report(f"fold {place + 1} of {len(folds)}, round {number}")
+                asked = [
+                    PeakJob(part, plan, fold, group, start)
+                    for part, start in zip(subjects.values(), at, strict=True)
+                ]
+                begun = [(job.about, job) for job in asked]
+                peaks = list(steps(folder, begun, starting(_peak, pool), Peak))
+                _check_peaks(asked, peaks)
+                tried += [found.evaluations for found in peaks]
+                at = [np.array(found.at) for found in peaks]
+                before, group = group, group_of(peaks, group)
+                if group.apart(before) < SETTLED:
+                    break
+            longest = max(longest, number)
+            fits += _fitted([*subjects], plan, fold, before, peaks, tried.tolist())
+        write_fits(folder, plan, parts, fits)
+    return fits, longest
 
-    def __init__(self, parts: Sequence[Recorded], plan: ActionPlan, folder: Path) -> None:
-        for name, one in plan.space.ranges.items():
-            if one.whole:
-                raise LearnerError(
-                    f"{name} of {plan.space.learner} takes whole numbers only, and these are "
-                    f"not normal in a group; fix it: --fix {name}={one.low:g}"
-                )
-        self.plan, self._parts, self._folder = plan, parts, folder
-        self._alone = {who: own for part in parts for who, own in part.alone().items()}
-        if len(self._alone) < 2:
-            raise LearnerError("a group has two subjects at least; fit a single one with --each")
-        check_folds(parts, plan)
-        self.rounds: dict[int, int] = {}
 
-    def run(
-        self, workers: int = 1, report: Callable[[str], None] = lambda what: None
-    ) -> list[Fitted]:
-        """Fit what is missing; the fits of the group and of all subjects, by fold.
+def _about(plan: Plan, part: Recorded) -> list[Any]:
+    return [plan.as_dict(), subjects_of([part])]
 
-        Raises:
-            LearnerError: If the learner gives no exact probabilities, a parameter makes no
-                difference, or it cannot have done what a subject did.
-            StoreError: If the folder holds another fit, or another process fits there.
-        """
-        _require_exact(self.plan, next(iter(self._alone.values())))
-        fits = []
-        numbers = self.plan.numbers
-        pools = worker_pool(workers) if workers > 1 else nullcontext()
-        with fitting_in(self._folder), pools as pool:
-            steps = Progress(self._parts, self.plan, self._folder, pool.map if pool else map)
-            report("looking for where to begin")
-            starts = steps.starts()
-            for place, fold in enumerate(numbers):
 
-                def say(number: int, place: int = place) -> None:
-                    report(f"fold {place + 1} of {len(numbers)}, round {number}")
-
-                at = [np.array(starts[who][place]) for who in self._alone]
-                fits += self._fold(fold, at, steps, say)
-            steps.finish(fits)
-        return fits
-
-    def _fold(
-        self, fold: int, at: Sequence[FloatArray], steps: Progress, say: Callable[[int], None]
-    ) -> list[Fitted]:
-        """The fits without a fold."""
-        group = Group.wide(len(self.plan.space.ranges))
-        evaluations = np.full(len(self._alone), self.plan.candidates)
-        for number in range(1, ROUNDS + 1):
-            say(number)
-            subjects = zip(self._alone.values(), at, strict=True)
-            jobs = [PeakJob(part, self.plan, fold, group, start) for part, start in subjects]
-            peaks = steps.peaks(jobs)
-            for who, peak in zip(self._alone, peaks, strict=True):
-                if why := self._impossible(who, fold, peak):
-                    raise LearnerError(why)
-            if fold == WHOLE:
-                idle = [_idle(self.plan, peak) for peak in peaks if peak.actions]
-                require_effect(idle, ON_ACTIONS.format(self.plan.space.learner))
-            evaluations += [peak.evaluations for peak in peaks]
-            after = group_of(peaks, group)
-            self.rounds[fold] = number
-            if after.apart(group) < SETTLED:
-                break
-            group, at = after, [np.array(peak.at) for peak in peaks]
-        return self._fitted(fold, group, peaks, evaluations.tolist())
-
-    def _impossible(self, who: str, fold: int, peak: Peak) -> str:
-        if peak.nll < PENALTY:
-            return ""
-        chosen = chosen_at(self.plan, np.array(peak.at))
-        return impossible([self._alone[who]], self.plan, fold, chosen)
-
-    def _fitted(
-        self, fold: int, group: Group, peaks: Sequence[Peak], evaluations: Sequence[int]
-    ) -> list[Fitted]:
-        """The fit of the group, and those of its subjects."""
-        plan, ranges = self.plan, self.plan.space.ranges
-        known = [peak.actions for peak in peaks if peak.actions] or [1]
-        price = 2 * len(ranges) * np.log(sum(known)) / len(known)
-        fits = []
-        for who, peak, asked in zip(self._alone, peaks, evaluations, strict=True):
-            at = np.array(peak.at)
-            evidence, spread = evidence_of(peak, group)
-            fits.append(
-                Fitted(
-                    who,
-                    fold,
-                    chosen_at(plan, at),
-                    peak.nll,
-                    peak.actions,
-                    peak.held_out,
-                    peak.held_out_actions,
-                    0.0,
-                    asked,
-                    float(price - 2 * evidence) if peak.actions else 0.0,
-                    between=_between(plan, at, spread),
-                    at_bound=at_bound(ranges, chosen_at(plan, at)),
-                    idle=_idle(plan, peak) if peak.actions else tuple(ranges),
-                )
+def _check(subjects: dict[str, Recorded], plan: Plan) -> None:
+    """Raise LearnerError if these subjects, or this learner, cannot be fitted as a group."""
+    for name, bounds in plan.space.ranges.items():
+        if bounds.whole:
+            raise LearnerError(
+                f"{name} of {plan.space.learner} takes whole numbers only, and these are "
+                f"not normal in a group; fix it: --fix {name}={bounds.low:g}"
             )
-        of_group = Fitted(
-            GROUP,
-            fold,
-            chosen_at(plan, group.mean),
-            at_bound=at_bound(ranges, chosen_at(plan, group.mean)),
-            **_summed(fits),
-            between=_between(plan, group.mean, group.spread),
+    if len(subjects) < 2:
+        raise LearnerError(
+            "a group has two subjects at least; fit a single one with --set each=true"
         )
-        return [of_group, *fits]
-
-
-def _require_exact(plan: ActionPlan, part: Recorded) -> None:
-    """Raise LearnerError if likelihoods are from draws: these are too rough for curvatures."""
     middle = chosen_at(plan, np.zeros(len(plan.space.ranges)))
-    table = Predictions([part], plan)(middle)
+    table = Predictions([next(iter(subjects.values()))], plan)(middle)
     if (table["standard_error"] > 0).any():
         raise LearnerError(
             f"{plan.space.learner} gives no exact probabilities, and draws are too rough for a "
-            "hierarchical fit; fit each subject by itself with --each, or set it so that they are "
-            "exact (theory_based: beliefs=mean)"
+            "hierarchical fit; fit each subject by itself with --set each=true, or set it so that "
+            "they are exact (theory_based: beliefs=mean)"
         )
 
 
-def _idle(plan: ActionPlan, one: Peak) -> tuple[str, ...]:
+def _check_peaks(jobs: Sequence[PeakJob], peaks: Sequence[Peak]) -> None:
+    """Raise LearnerError if an action is impossible, or a parameter makes no difference at all."""
+    plan, fold = jobs[0].plan, jobs[0].fold
+    for job, found in zip(jobs, peaks, strict=True):
+        if found.nll >= PENALTY:
+            raise impossible([job.part], plan, fold, chosen_at(plan, np.array(found.at)))
+    if fold == WHOLE:
+        idle = [_idle(plan, found) for found in peaks if found.actions]
+        require_effect(idle, ON_ACTIONS.format(plan.space.learner))
+
+
+def _points(plan: Plan) -> int:
+    """Number of points of which the best is where the first search begins."""
+    return (plan.candidates + 1) // 2
+
+
+def _starts(job: tuple[Recorded, Plan]) -> Starts:
+    """Try the same points for all subjects; the best of each, by fold."""
+    part, plan = job
+    shares = spread(plan.space.ranges, _points(plan), plan.fit.seed)
+    points = logit(shares.clip(0.01, 0.99))
+    prior = norm.logpdf(points, scale=SPREADS[1]).sum(axis=1)
+    predicted, folds = Predictions([part], plan), numbers_of_folds(plan)
+    losses = np.zeros((len(folds), len(part.numbers), len(points)))
+    for number, point in enumerate(points):
+        table = predicted(chosen_at(plan, point))
+        for row, fold in enumerate(folds):
+            fitted = table[~held_out(table, plan, fold)]
+            sums = -fitted.groupby("subject")["log_probability"].sum()
+            losses[row, :, number] = sums.reindex(part.numbers, fill_value=0.0).clip(upper=PENALTY)
+    best = (losses - prior).argmin(axis=2)
+    return {who: points[best[:, row]].tolist() for row, who in enumerate(part.alone())}
+
+
+def _peak(job: PeakJob) -> Peak:
+    """Find the peak of one subject, and predict what is held out of its actions there."""
+    plan, predicted = job.plan, Predictions([job.part], job.plan)
+
+    def loss(x: FloatArray) -> float:
+        return predicted.loss(chosen_at(plan, x), job.fold)
+
+    out = held_out(predicted(chosen_at(plan, job.start)), plan, job.fold)
+    if out.all():
+        zero = np.zeros_like(job.start)
+        found = Peak(job.group.mean.tolist(), zero.tolist(), np.diag(zero).tolist(), 0.0)
+    else:
+        found = peak(loss, job.group, job.start)
+    there = predicted(chosen_at(plan, np.array(found.at)))
+    return replace(
+        found,
+        actions=int((~out).sum()),
+        held_out=-float(there["log_probability"][out].sum()),
+        held_out_actions=int(out.sum()),
+        evaluations=len(predicted.known),
+    )
+
+
+def chosen_at(plan: Plan, x: FloatArray) -> dict[str, float]:
+    """The parameters that have these log-odds, ``[D]``."""
+    ranges = plan.space.ranges.items()
+    return {name: bounds.at(expit(v)) for (name, bounds), v in zip(ranges, x, strict=True)}
+
+
+def _fitted(
+    names: Sequence[str],
+    plan: Plan,
+    fold: int,
+    group: Group,
+    peaks: Sequence[Peak],
+    tried: Sequence[int],
+) -> list[Fitted]:
+    """The fit of the group, and those of its subjects."""
+    ranges = plan.space.ranges
+    counts = [found.actions for found in peaks if found.actions] or [1]
+    price = 2 * len(ranges) * np.log(sum(counts)) / len(counts)
+
+    def fitted(who: str, at: FloatArray, spread: FloatArray, **rest: Any) -> Fitted:
+        chosen, low, high = (chosen_at(plan, at + sign * spread) for sign in (0, -1, 1))
+        return Fitted(
+            who,
+            fold,
+            chosen,
+            between={name: (low[name], high[name]) for name in chosen},
+            at_bound=at_bound(ranges, chosen),
+            **rest,
+        )
+
+    fits = []
+    for who, found, evaluations in zip(names, peaks, tried, strict=True):
+        evidence, spread = evidence_of(found, group)
+        fits.append(
+            fitted(
+                who,
+                np.array(found.at),
+                spread,
+                nll=found.nll,
+                actions=found.actions,
+                held_out=found.held_out,
+                held_out_actions=found.held_out_actions,
+                standard_error=0.0,
+                evaluations=evaluations,
+                bic=float(price - 2 * evidence) if found.actions else 0.0,
+                idle=_idle(plan, found) if found.actions else tuple(ranges),
+            )
+        )
+    summed = ("nll", "actions", "held_out", "held_out_actions", "standard_error", "evaluations",
+              "bic")  # fmt: skip
+    total: dict[str, Any] = {name: sum(getattr(own, name) for own in fits) for name in summed}
+    return [fitted(GROUP, group.mean, group.spread, **total), *fits]
+
+
+def _idle(plan: Plan, found: Peak) -> tuple[str, ...]:
     """The parameters that make no difference to a subject around its peak."""
-    effects = (abs(slope) + one.curvature[place][place] for place, slope in enumerate(one.slope))
+    effects = np.abs(found.slope) + np.diag(found.curvature)
     named = zip(plan.space.ranges, effects, strict=True)
     return tuple(name for name, effect in named if effect < NO_EFFECT)
-
-
-def _summed(fits: Sequence[Fitted]) -> dict[str, Any]:
-    names = (
-        *("nll", "actions", "held_out", "held_out_actions"),
-        *("standard_error", "evaluations", "bic"),
-    )
-    return {name: sum(getattr(one, name) for one in fits) for name in names}
-
-
-def _between(
-    plan: ActionPlan, mean: FloatArray, spread: FloatArray
-) -> dict[str, tuple[float, float]]:
-    low, high = (chosen_at(plan, mean + sign * spread) for sign in (-1, 1))
-    return {name: (low[name], high[name]) for name in low}

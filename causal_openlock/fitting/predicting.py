@@ -24,22 +24,24 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_origin, get_type_hints
 
 import pandas as pd
-from pydantic import TypeAdapter
 
 from causal_openlock.contract.registry import learner_class
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.declare import LearnerSpec
-from causal_openlock.fitting.actions import (
+from causal_openlock.files.validation import adapter
+from causal_openlock.fitting.space import FitSettings, Plan, Range, search_space
+from causal_openlock.fitting.steps import read_fit_file
+from causal_openlock.fitting.to_actions import (
     FILE,
+    NONE,
     WHOLE,
-    ActionPlan,
     Fitted,
+    alone,
     fits_of,
     held_out,
+    numbers_of_folds,
     subjects_of,
 )
-from causal_openlock.fitting.kept import kept_fit
-from causal_openlock.fitting.search import Range, search_space
 from causal_openlock.scoring import LAPSE
 from causal_openlock.scoring.inverse_binomial import Draws
 from causal_openlock.scoring.score_table import GROUP
@@ -70,14 +72,14 @@ class FitOfActions:
     """
 
     label: str
-    plan: ActionPlan
+    plan: Plan
     fits: Mapping[tuple[str, int], Fitted]
     subjects: Mapping[str, str]
 
     @property
     def holds_out(self) -> bool:
         """Whether actions are predicted by what was fitted without them."""
-        return self.plan.hold_out != "none"
+        return self.plan.hold_out != NONE
 
     def of(self, who: str, fold: int) -> Fitted:
         """The fit for a subject."""
@@ -87,12 +89,12 @@ class FitOfActions:
         """Difference of a subject's BIC from twice its negative log-likelihood."""
         if self.holds_out:
             return 0.0
-        found = self.of(who, WHOLE)
-        return (found.bic - 2 * found.nll) / (len(self.subjects) if found.who == "all" else 1)
+        fitted = self.of(who, WHOLE)
+        return (fitted.bic - 2 * fitted.nll) / (len(self.subjects) if fitted.who == "all" else 1)
 
 
 def read_fit(folder: Path, named: Collection[str] = ()) -> FitOfActions:
-    """A fit to actions, from its folder.
+    """A fit to actions, from its folder; those of version 0.2 are read as well.
 
     Args:
         folder: Where ``fit --to`` wrote it.
@@ -106,53 +108,44 @@ def read_fit(folder: Path, named: Collection[str] = ()) -> FitOfActions:
     if not path.exists():
         raise StoreError(f"{folder} holds no fit to actions; make one with: fit NAME --to FOLDER")
 
-    def read(kept: dict[str, Any]) -> FitOfActions:
-        plan = kept["plan"]
-        space, subjects = (
-            plan["space"],
-            TypeAdapter(dict[str, str]).validate_python(plan["subjects"]),
-        )
-        ranges = TypeAdapter(dict[str, Range]).validate_python(space["search"])
+    def read(stored: dict[str, Any]) -> FitOfActions:
+        about = stored["plan"]
+        space, names = about["space"], ("lapse", "hold_out", "folds")
+        subjects = adapter(dict[str, str]).validate_python(about["subjects"])
         _check_named(str(space["learner"]), dict(space["fixed"]), named, path)
+        ranges = adapter(dict[str, Range]).validate_python(space["search"])
         searched = search_space(space["learner"], ranges, space["fixed"])
         if space.get("code", {}) != searched.code:
             raise StoreError(
                 f"{path}: the code of its learner {searched.learner}, or a file that it uses, is "
                 "not what it was fitted with; fit it again"
             )
-        built = ActionPlan(
-            searched,
-            lapse=float(plan["lapse"]),
-            hold_out=plan["hold_out"],
-            folds=int(plan["folds"]),
-        )
-        fits = {(one.who, one.fold): one for one in fits_of(kept, ranges)}
-        return FitOfActions(folder.resolve().name, built, fits, subjects)
+        plan = Plan(searched, FitSettings.model_validate({name: about[name] for name in names}))
+        fits = {(fitted.who, fitted.fold): fitted for fitted in fits_of(stored, searched)}
+        return FitOfActions(folder.resolve().name, plan, fits, subjects)
 
-    found = kept_fit(path, read, "give the folder that fit NAME --to wrote")
-    for who in found.subjects:
-        for fold in found.plan.numbers:
-            if not {(who, fold), ("all", fold)} & set(found.fits):
+    fit = read_fit_file(path, read, "give the folder that fit NAME --to wrote")
+    for who in fit.subjects:
+        for fold in numbers_of_folds(fit.plan):
+            if not {(who, fold), ("all", fold)} & set(fit.fits):
                 raise StoreError(f"{path}: the fit is not whole; give its command again")
-    return found
+    return fit
 
 
 def _check_named(
     learner: str, fixed: Mapping[str, Any], named: Collection[str], path: Path
 ) -> None:
+    """Refuse a learner that is code, or a setting that may name a file, unless it is named."""
     if learner in named:
         return
-    free = []
-    if ":" not in learner:
+    why = "is code next to it" if ":" in learner else ""
+    if not why:
         hints = get_type_hints(learner_class(learner).Parameters)
-        free = [
-            name
-            for name, value in fixed.items()
-            if not isinstance(value, bool | int | float)
-            and get_origin(hints.get(name)) is not Literal
-        ]
-    if ":" in learner or free:
-        why = f"sets {free[0]}, which may name a file" if free else "is code next to it"
+        for name, value in fixed.items():
+            is_plain = isinstance(value, bool | int | float)
+            if not is_plain and get_origin(hints.get(name)) is not Literal:
+                why = f"sets {name}, which may name a file"
+    if why:
         raise StoreError(
             f"{path}: its learner {learner} {why}; if you trust it, name it too: "
             f"--learner {learner}"
@@ -183,70 +176,73 @@ def score_fits(
     """
     if not (fits or learners):
         raise OpenLockError("name who predicts: learners, or fits")
-    given: dict[str, Any] = {"of": of, "lapse": lapse, "draws": draws, "workers": workers}
-    others = (
-        [score_learners(record, experiment, learners, **given, report=report)] if learners else []
-    )
-    if not fits:
-        return others[0]
-    parts = recorded_subjects(record, experiment, of)
-    _check(fits, learners, parts, lapse)
-    shared = [who for who in subjects_of(parts) if all(who in one.subjects for one in fits)]
+    tables = []
+    if learners:
+        given: dict[str, Any] = {"of": of, "lapse": lapse, "draws": draws, "workers": workers}
+        scores = score_learners(record, experiment, learners, **given, report=report)
+        if not fits:
+            return scores
+        tables = [scores.actions]
+    subjects = alone(recorded_subjects(record, experiment, of))
+    _check(fits, [spec.name for spec in learners], subjects_of([*subjects.values()]), lapse)
+    shared = {who: own for who, own in subjects.items() if all(who in f.subjects for f in fits)}
     if not shared:
-        labels = joined([one.label for one in fits])
+        labels = joined([fit.label for fit in fits])
         raise StoreError(f"no subject was fitted in each of {labels}; fit to the same subjects")
-    tables = [_predicted(one, parts, set(shared), lapse, draws, workers) for one in fits]
-    tables += [one.actions[subject_names(one.actions).isin(shared)] for one in others]
-    return Scores(pd.concat(tables, ignore_index=True), choices_in(experiment))
+    tables = [table[subject_names(table).isin(shared)] for table in tables]
+    predicted = [_predicted(fit, shared, draws, workers) for fit in fits]
+    return Scores(pd.concat([*predicted, *tables], ignore_index=True), choices_in(experiment))
 
 
 def _check(
     fits: Sequence[FitOfActions],
-    learners: Sequence[LearnerSpec],
-    parts: Sequence[Recorded],
+    learners: Sequence[str],
+    subjects: Mapping[str, str],
     lapse: float,
 ) -> None:
-    known, labels = subjects_of(parts), [spec.name for spec in learners]
-    for one in fits:
-        if one.label in labels:
-            raise OpenLockError(f"{one.label} is there twice; rename the folder of a fit")
-        labels.append(one.label)
-        if one.plan.lapse != lapse:
+    """Refuse fits that cannot be compared, or that are of other actions of these subjects."""
+    labels = [*learners]
+    for fit in fits:
+        if fit.label in labels:
+            raise OpenLockError(f"{fit.label} is there twice; rename the folder of a fit")
+        labels.append(fit.label)
+        if fit.plan.fit.lapse != lapse:
             raise OpenLockError(
-                f"{one.label} was fitted with a share of lapses of {one.plan.lapse:g}; give "
-                f"--lapse {one.plan.lapse:g}"
+                f"{fit.label} was fitted with a share of lapses of {fit.plan.fit.lapse:g}; give "
+                f"--lapse {fit.plan.fit.lapse:g}"
             )
-        if one.holds_out != fits[0].holds_out:
+        if fit.holds_out != fits[0].holds_out:
             raise OpenLockError(
-                f"one of {fits[0].label} and {one.label} held something out and the other nothing, "
-                "so that they cannot be compared; fit one of them again, with --hold-out"
+                f"one of {fits[0].label} and {fit.label} held something out and the other nothing, "
+                "so that they cannot be compared; fit one of them again, with another hold_out"
             )
-        if any(one.subjects.get(who, done) != done for who, done in known.items()):
+        if any(fit.subjects.get(who, actions) != actions for who, actions in subjects.items()):
             raise StoreError(
-                f"{one.label} was fitted to other actions of these subjects; fit again"
+                f"{fit.label} was fitted to other actions of these subjects; fit again"
             )
 
 
 def _predicted(
-    fit: FitOfActions,
-    parts: Sequence[Recorded],
-    shared: Collection[str],
-    lapse: float,
-    draws: Draws,
-    workers: int,
+    fit: FitOfActions, subjects: Mapping[str, Recorded], draws: Draws, workers: int
 ) -> pd.DataFrame:
     """The scores of a fitted learner, where possible by what was fitted without the action."""
     plan = fit.plan
-    folds = [fold for fold in plan.numbers if fold != WHOLE] if fit.holds_out else [WHOLE]
-    jobs = []
-    for part in parts:
-        for who, own in part.alone().items():
-            if who in shared:
-                jobs += [(own, fold, fit.of(who, fold).chosen) for fold in folds]
-    specs = [(own, replace(plan.spec(chosen), name=fit.label)) for own, _, chosen in jobs]
-    tables = []
-    for (_, fold, _), table in zip(jobs, scored_parts(specs, lapse, draws, workers), strict=True):
-        tables.append(table[held_out(table, plan, fold)] if fit.holds_out else table)
+    folds = [fold for fold in numbers_of_folds(plan) if (fold != WHOLE) == fit.holds_out]
+    jobs = [(who, fold) for who in subjects for fold in folds]
+    specs = [plan.space.spec(fit.of(*job).chosen) for job in jobs]
+    scored = scored_parts(
+        [
+            (subjects[who], replace(spec, name=fit.label))
+            for (who, _), spec in zip(jobs, specs, strict=True)
+        ],
+        plan.fit.lapse,
+        draws,
+        workers,
+    )
+    tables = [
+        table[held_out(table, plan, fold) == fit.holds_out]
+        for (_, fold), table in zip(jobs, scored, strict=True)
+    ]
     order = [*GROUP, "subject", "trial", "attempt", "action"]
-    found = pd.concat(tables).sort_values(order, kind="stable", ignore_index=True)
-    return found.assign(price=subject_names(found).map(fit.price))
+    table = pd.concat(tables).sort_values(order, kind="stable", ignore_index=True)
+    return table.assign(price=subject_names(table).map(fit.price))

@@ -47,7 +47,7 @@ def recover(
     each: Annotated[
         int, typer.Option(min=1, help="Subjects in each condition that share a set.")
     ] = 1,
-    candidates: Annotated[int, typer.Option(min=1, help="Settings to try for each fit.")] = 40,
+    candidates: Annotated[int, typer.Option(min=1, help="Settings to try for each fit.")] = 160,
     lapse: Annotated[
         float, typer.Option(min=0, max=1, help="Share of actions that are taken to be random.")
     ] = LAPSE,

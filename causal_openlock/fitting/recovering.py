@@ -17,10 +17,15 @@ from causal_openlock.contract.registry import changed_parameters, learner_class
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.declare import Experiment, LearnerSpec
 from causal_openlock.experiment.making import make_experiment
-from causal_openlock.fitting.actions import ActionPlan, FitJob, fit_all
-from causal_openlock.fitting.candidates import require_optuna
 from causal_openlock.fitting.recovery import drawn_sets, made_with, recovered, space_of
-from causal_openlock.fitting.search import SearchSpace, parse_range, search_space
+from causal_openlock.fitting.space import (
+    FitSettings,
+    Plan,
+    SearchSpace,
+    parse_range,
+    search_space,
+)
+from causal_openlock.fitting.to_actions import WHOLE, FitJob, fit_all
 from causal_openlock.running.workers import available_cores
 from causal_openlock.scoring import LAPSE
 from causal_openlock.scoring.inverse_binomial import Draws
@@ -41,15 +46,13 @@ class ToRecover:
         sets: Sets of parameters to recover.
         each: Subjects in each condition that share a set.
         candidates: Settings to try for each fit.
-        restarts: Number of the best settings from which the fit goes downhill.
     """
 
     draws: int = 128
     lapse: float = LAPSE
     sets: int = 20
     each: int = 1
-    candidates: int = 40
-    restarts: int = 2
+    candidates: int = 160
 
 
 @dataclass(frozen=True)
@@ -130,7 +133,6 @@ def searched(spec: LearnerSpec, ranges: Sequence[str] = ()) -> SearchSpace:
     Raises:
         OpenLockError: If there are none, or they do not fit the learner.
     """
-    require_optuna()
     if ranges:
         wanted = dict(map(parse_range, ranges))
         set_to = changed_parameters(spec.learner, spec.parameters)
@@ -170,7 +172,6 @@ def parameters_recovered(
     Raises:
         CellsFailed: If some subjects could not be simulated.
         LearnerError: If the learner has no search space of its own.
-        OpenLockError: If Optuna is not installed.
     """
     space = space or searched(spec)
     truth = drawn_sets(space, size.sets, experiment.seed)
@@ -181,17 +182,17 @@ def parameters_recovered(
         seed=experiment.seed,
     )
     record, played = running.simulated(made, folder).record()
-    plan = ActionPlan(
-        space,
-        size.lapse,
-        "none",
-        candidates=size.candidates,
-        restarts=size.restarts,
-        seed=experiment.seed,
+    settings = FitSettings(
+        lapse=size.lapse, hold_out="none", candidates=size.candidates, seed=experiment.seed
     )
+    plan = Plan(space, settings)
     jobs = [
-        FitJob(one.name, tuple(recorded_subjects(record, played, [one.name])), -1, plan)
+        FitJob(one.name, tuple(recorded_subjects(record, played, [one.name])), WHOLE, plan)
         for one in made.learners
     ]
-    fits = fit_all(jobs, folder, workers=running.processes, report=running.report)
+
+    def report(done: int, _: int) -> None:
+        running.report(done, len(jobs))
+
+    fits = fit_all(jobs, folder, workers=running.processes, report=report)
     return recovered(truth, fits, space)

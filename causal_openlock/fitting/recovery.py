@@ -25,8 +25,9 @@ from causal_openlock.experiment.declare import LearnerSpec
 from causal_openlock.experiment.making import LearnerForm, learner
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.escaping import csv_of
-from causal_openlock.fitting.actions import Fitted, at_bound, of_share
-from causal_openlock.fitting.search import Range, SearchSpace, bundled_search
+from causal_openlock.fitting.search import at_bound
+from causal_openlock.fitting.space import SearchSpace, bundled_search
+from causal_openlock.fitting.to_actions import Fitted
 from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.scoring.scores import LN2, SUBJECT
 from causal_openlock.world.randomness import generators
@@ -184,14 +185,8 @@ def drawn_sets(space: SearchSpace, many: int, seed: int) -> list[dict[str, int |
     """Parameters drawn evenly from their ranges, the logarithm where that is searched."""
     drawn = []
     for generator in generators(seed, f"parameters/{space.learner}", range(many)):
-        drawn.append({name: drawn_from(one, generator) for name, one in space.ranges.items()})
+        drawn.append({name: one.at(generator.random()) for name, one in space.ranges.items()})
     return drawn
-
-
-def drawn_from(one: Range, generator: np.random.Generator) -> int | float:
-    """A value drawn evenly from a range, or its logarithm where that is searched."""
-    value = of_share(one, generator.random())
-    return round(value) if one.whole else value
 
 
 def made_with(

@@ -6,7 +6,7 @@ import pytest
 
 from causal_openlock.evidence.checking import check
 from causal_openlock.evidence.study import Selection
-from causal_openlock.fitting.kept import kept_fit, seeds_of
+from causal_openlock.fitting.steps import read_fit_file, seeds_of
 from support.shipped_studies import DECLARED, EVIDENCE, NAMES, shipped
 
 pytestmark = pytest.mark.slow
@@ -62,7 +62,7 @@ def is_result(spec, fit):
         number = min(again, key=again.__getitem__)
         return kept["plan"]["space"]["learner"], kept["done"][int(number)]["chosen"]
 
-    learner, chosen = kept_fit(fit, best)
+    learner, chosen = read_fit_file(fit, best, "make it again")
     if spec.learner != learner:
         return False
     return {name: spec.parameters[name] for name in chosen} == pytest.approx(chosen, rel=0.02)

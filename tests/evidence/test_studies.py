@@ -18,7 +18,6 @@ from causal_openlock.evidence.study import Selection, read_studies, read_study
 from causal_openlock.evidence.study_files import read_run, read_units
 from causal_openlock.evidence.units import selected
 from causal_openlock.files.checksums import json_bytes, read_json
-from causal_openlock.fitting.kept import keep_fit
 from support.command import at_once
 from support.places import ROOT
 
@@ -298,7 +297,7 @@ def test_numbers_that_no_evidence_gives_are_found():
 
 def test_a_study_with_the_seed_of_a_fit_is_at_fault(root):
     folder = root / "small"
-    keep_fit(folder / "fit.json", {"seed": 7})
+    (folder / "fit.json").write_bytes(json_bytes({"plan": {"seed": 7}}))
     (folder / "study.yaml").write_text(f"{STUDY}fits: [fit.json]\nfitted: {{orcle: 1}}\n")
     for seed, fresh in ((6, True), (7, False), (9, False), (10, True)):
         declared = f"{EXPERIMENT}learners: [oracle, random]\nseed: {seed}\n"

@@ -1,7 +1,6 @@
 """Studies that ask which learners, and which parameters, are found again."""
 
 import shutil
-from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -16,9 +15,8 @@ from causal_openlock.evidence.running import run_study
 from causal_openlock.evidence.study import Contrast, Selection, read_study
 from causal_openlock.evidence.study_files import read_run, read_units
 from causal_openlock.evidence.verdicts import compared, correlation
-from causal_openlock.fitting.actions import ActionPlan
 from causal_openlock.fitting.recovery import recovery
-from causal_openlock.fitting.search import bundled_search
+from causal_openlock.fitting.space import bundled_search
 
 EXPERIMENT = """
 name: two
@@ -90,9 +88,7 @@ def study_of(tmp_path):
     return made
 
 
-def test_a_study_of_recovery_from_the_run_to_its_page(study_of, tmp_path, monkeypatch):
-    quick = partial(ActionPlan, moves=1)  # a study has no setting for it
-    monkeypatch.setattr("causal_openlock.fitting.recovering.ActionPlan", quick)
+def test_a_study_of_recovery_from_the_run_to_its_page(study_of, tmp_path):
     study, results = study_of(RECOVERY), tmp_path / "results"
     assert not study.faults()
     run_study(study, results, Watched(workers=0))

@@ -29,10 +29,10 @@ from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.making import make_experiment
 from causal_openlock.export.as_csv import write_csv
 from causal_openlock.files.checksums import ZEROS
-from causal_openlock.fitting.actions import FILE as FITS
-from causal_openlock.fitting.actions import ActionPlan, fit_all, jobs_of
 from causal_openlock.fitting.predicting import read_fit
-from causal_openlock.fitting.search import Range, read_search, search_space
+from causal_openlock.fitting.space import FitSettings, Plan, Range, read_plan, search_space
+from causal_openlock.fitting.to_actions import FILE as FITS
+from causal_openlock.fitting.to_actions import fit_all, jobs_of
 from causal_openlock.importing.folder import import_files
 from causal_openlock.play.people import People
 from causal_openlock.running.runner import run
@@ -92,8 +92,8 @@ def readers(work):
     playing.with_suffix(".progress").write_text("0.2500 12.5")
     score_learners(*Store(work / "out").record(), made.learners).save(work / "out" / FOLDER)
     space = search_space("associative", {"temperature": Range(0.02, 2.0, log=True)})
-    plan = ActionPlan(space, candidates=2, restarts=1, moves=0)
-    fit_all(jobs_of(recorded_subjects(*Store(work / "out").record()), plan, False), work / "fit")
+    plan = Plan(space, FitSettings(candidates=2))
+    fit_all(jobs_of(recorded_subjects(*Store(work / "out").record()), plan), work / "fit")
     asked = {"learner": "person", "condition": "CC3", "subject": 0, "visit": 1, "time": 2.5}
     pairs = [asked | {"cause": 0, "effect": effect, "enables": effect == 7} for effect in (3, 7)]
     write_answers(work / "asked" / "structures" / "one.parquet", pairs)
@@ -147,7 +147,7 @@ def readers(work):
         "schemas/CC3.yaml": read_schema,
         "experiments/default.yaml": read_experiment,
         "experiments/meta_training/rl2.yaml": read_training,
-        "space.yaml": read_search,
+        "space.yaml": read_plan,
         "out/experiment.json": partial(record, up=0),
         f"out/cells/{cell.name}": record,
         f"playing/cells/{playing.stem}.progress": lambda path: status(path.parents[1]),

@@ -1,7 +1,6 @@
 """Fits to published means: what can be searched, and what a fit comes to however it is run."""
 
-import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -16,24 +15,30 @@ from causal_openlock.errors import StoreError
 from causal_openlock.experiment.declare import PROTOCOLS, find_condition
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.session import Session
-from causal_openlock.fitting.candidates import FILE, Plan, fit
-from causal_openlock.fitting.kept import keep_fit
-from causal_openlock.fitting.objective import (
-    Job,
-    conditions_to_fit,
-    held_out,
-    jobs,
-    joined,
-    play,
-    score,
-)
-from causal_openlock.fitting.outcome import fitted_learner, write_fitted_learner
-from causal_openlock.fitting.search import (
+from causal_openlock.files.checksums import json_bytes, read_json
+from causal_openlock.fitting.space import (
+    FitSettings,
     Range,
     bundled_search,
     changed,
-    read_search,
+    read_plan,
     search_space,
+)
+from causal_openlock.fitting.steps import STEPS, seeds_of
+from causal_openlock.fitting.to_means import (
+    FILE,
+    Job,
+    MeansFit,
+    conditions_to_fit,
+    fit,
+    held_out,
+    jobs,
+    joined,
+    means_plan,
+    outcome_of,
+    play,
+    score,
+    write_outcome,
 )
 from causal_openlock.paper.likeness import (
     distance,
@@ -50,7 +55,6 @@ from support.command import at_once
 from support.processes import start_prepared
 
 pytestmark = pytest.mark.slow
-pytest.importorskip("optuna")
 
 ME = "test_fit:Careless"
 
@@ -82,12 +86,12 @@ class Careless(Oracle):
 
 def plan(**changes):
     space = search_space(ME, {"lapse": Range(0.0, 1.0), "whole": Range(1, 9)})
-    usual = Plan(space, "transfer", candidates=6, subjects=4, finalists=2, final_subjects=6, seed=3)
-    return replace(usual, **changes)
+    usual = FitSettings(candidates=6, subjects=4, finalists=2, final_subjects=6, seed=3)
+    return means_plan(space, usual.model_copy(update=changes))
 
 
 def stored(folder):
-    return json.loads((folder / FILE).read_text(encoding="utf-8"))
+    return read_json((folder / FILE).read_bytes())
 
 
 def played(lapse, conditions, subjects, seed):
@@ -113,7 +117,7 @@ def test_the_command_line_replaces_ranges_and_adds_settings(tmp_path):
         f"learner: {ME}\nfixed: {{mood: bad}}\n"
         "search:\n  lapse: {low: 0, high: 1}\n  whole: {low: 1, high: 9}\n"
     )
-    space = read_search(tmp_path / "space.yaml")
+    space, _ = read_plan(tmp_path / "space.yaml")
     assert set(space.ranges) == {"lapse", "whole"}
     fewer = changed(space, ME, [], ["whole=5"])
     assert (set(fewer.ranges), dict(fewer.fixed)) == ({"lapse"}, {"mood": "bad", "whole": 5})
@@ -153,7 +157,7 @@ def test_a_candidate_plays_the_same_however_its_subjects_are_cut():
     parts = [play(Job(ME, parameters, "CC4", first, many, 1)) for first, many in ((0, 2), (2, 3))]
     cut = joined(parts).sort_values(["subject", "trial"])["attempts"].to_numpy()
     assert cut.tolist() == whole.sort_values(["subject", "trial"])["attempts"].tolist()
-    assert [job.subjects for job in jobs(ME, {}, ("CC4",), 90, 1)] == [40, 40, 10]
+    assert [job.subjects for job in jobs(ME, {}, ("CC4",), 90, 1)] == [10] * 9
 
 
 def test_the_score_takes_the_points_apart_as_they_are_held_out():
@@ -186,103 +190,84 @@ def test_a_fit_is_nearer_to_people_than_either_extreme(tmp_path):
     extremes = [
         score(played(lapse, ("CC4", "CE4"), 6, 3), "transfer").fitted for lapse in (0.0, 1.0)
     ]
-    fitted, trials = fit(plan(candidates=8, subjects=6), tmp_path)
+    fitted = fit(plan(candidates=12, subjects=6), tmp_path)
     assert fitted.table()["rmse"].min() < min(extremes) - 1
-    assert 0.2 < fitted.best.chosen["lapse"] < 0.95
-    assert set(trials["condition"]) == {"CC4", "CE4", "CC3-CC4", "CE3-CC4", "CC3-CE4", "CE3-CE4"}
-    assert set(trials["seed"]) == {5}  # neither that of the search nor that of the choice
-    assert fitted.idle == {fitted.best.number: ("whole",)}
+    assert 0.2 < fitted.tried[fitted.best].chosen["lapse"] < 0.95
+    assert {*fitted.trials["condition"]} == {*conditions_to_fit("none")}
+    assert set(fitted.trials["seed"]) == {5}  # neither that of the search nor that of the choice
+    assert 5 in seeds_of(tmp_path / FILE)
+    assert fitted.idle == ("whole",)
 
 
-@pytest.mark.parametrize("stop", [2, 5, 7, 8])
+@pytest.mark.parametrize("stop", [2, 9])
 def test_a_fit_that_was_stopped_continues_to_the_same(whole, tmp_path, stop):
     seen = []
 
-    def stopping(done, total, step):
+    def stopping(step):
         seen.append(step)
         if len(seen) == stop:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         fit(plan(), tmp_path, report=stopping)
-    before = len(stored(tmp_path)["done"])
-    assert before == min(stop - 1, 6)
-    again = []
-    fit(plan(), tmp_path, report=lambda done, total, step: again.append(step))
+    before = {path: path.stat().st_mtime_ns for path in (tmp_path / STEPS).iterdir()}
+    assert len(before) < len([*(whole / STEPS).iterdir()])
+    fit(plan(), tmp_path)
     assert stored(tmp_path) == stored(whole)
-    assert again.count("searching") == 6 - before  # what was done is not done again
-    once = []
-    fit(plan(), tmp_path, report=lambda done, total, step: once.append(step))
-    assert once == ["the best, on a fresh seed"]
+    after = {path.name: path.stat().st_mtime_ns for path in (tmp_path / STEPS).iterdir()}
+    assert {*after} == {path.name for path in (whole / STEPS).iterdir()}
+    assert before.items() <= {tmp_path / STEPS / name: at for name, at in after.items()}.items()
 
 
-def test_workers_and_rounds_of_candidates_change_nothing(whole, tmp_path, monkeypatch):
+def test_workers_change_nothing_and_what_was_played_is_not_played_again(
+    whole, tmp_path, monkeypatch
+):
     start_prepared(monkeypatch)
     fit(plan(), tmp_path / "workers", workers=2)
     assert stored(tmp_path / "workers") == stored(whole)
     fit(plan(candidates=4), tmp_path / "more")
+    played_before = {path.name for path in (tmp_path / "more" / STEPS).iterdir()}
     fit(plan(candidates=6), tmp_path / "more")
-    assert stored(tmp_path / "more")["done"] == stored(whole)["done"]
-    other, _ = fit(plan(candidates=1, seed=4), tmp_path / "seed")
-    assert other.done[0].chosen != stored(whole)["done"][0]["chosen"]
+    assert stored(tmp_path / "more") == stored(whole)
+    assert played_before & {path.name for path in (whole / STEPS).iterdir()}
+    other = fit(plan(candidates=1, seed=4), tmp_path / "more")
+    assert other.tried[0].chosen != stored(whole)["done"][0]["chosen"]
 
 
 def test_the_best_few_are_played_again_and_that_decides(tmp_path):
-    fitted, _ = fit(plan(finalists=3), tmp_path)
+    fitted = fit(plan(finalists=3), tmp_path)
     table = fitted.table()
     assert table["again"].notna().tolist() == [True] * 3 + [False] * 3
-    assert fitted.best.number == table.loc[table["again"].idxmin(), "number"]
-    fitted.again = {one: -float(rank) for rank, one in enumerate(table["number"][:3])}
-    assert fitted.best.number == table["number"][2]  # whatever it came to at first
+    assert fitted.best == table.loc[table["again"].idxmin(), "number"]
+    again = {number: -float(rank) for rank, number in enumerate(table["number"][:3])}
+    other = MeansFit(fitted.plan, fitted.tried, again, (), fitted.trials)
+    assert other.best == table["number"][2]  # whatever it came to at first
 
 
-@pytest.mark.parametrize(
-    "change",
-    [{"seed": 4}, {"subjects": 5}, {"hold_out": "none"}, {"target": "model"}],
-)
-def test_a_folder_with_another_fit_is_refused(tmp_path, change):
-    keep_fit(tmp_path / FILE, plan().as_dict(), done=[], again={})
-    with pytest.raises(StoreError, match="another fit"):
-        fit(plan(**change), tmp_path)
-
-
-RIGHT = {"lapse": 0.5, "whole": 2}
-
-
-@pytest.mark.parametrize(
-    "candidate",
-    [
-        {"chosen": None, "rmse": 1.0},
-        {"chosen": {"lapse": 0.5}, "rmse": 1.0},
-        {"chosen": {"lapse": "high", "whole": 2}, "rmse": 1.0},
-        {"chosen": {**RIGHT, "lapse": 9.0}, "rmse": 1.0},
-        {"chosen": RIGHT, "rmse": 1.0, "number": 1},
-    ],
-)
-def test_a_stored_candidate_that_cannot_be_is_refused(tmp_path, candidate):
-    keep_fit(tmp_path / FILE, plan().as_dict(), done=[{"number": 0, **candidate}], again={})
-    with pytest.raises(StoreError, match=FILE):
-        fit(plan(), tmp_path)
-    (tmp_path / FILE).write_text("[1, 2", encoding="utf-8")
-    with pytest.raises(StoreError, match=FILE):
-        fit(plan(), tmp_path)
+def test_a_stored_distance_that_cannot_be_is_refused(tmp_path):
+    fit(plan(candidates=1), tmp_path)
+    path = next((tmp_path / STEPS).iterdir())
+    for content in (json_bytes({"result": "near"}), json_bytes({}), b"[1, 2"):
+        path.write_bytes(content)
+        with pytest.raises(StoreError, match=path.name):
+            fit(plan(candidates=1), tmp_path)
 
 
 # -- what comes of it -----------------------------------------------------------------------------
 
 
 def test_the_fitted_learner_is_written_as_an_experiment_that_can_be_run(tmp_path):
-    fitted, trials = fit(plan(candidates=2), tmp_path)
-    found = fitted_learner(fitted, trials)
-    files = write_fitted_learner(fitted, found, tmp_path)
-    assert all(file.exists() for file in files)
+    fitted = fit(plan(candidates=2), tmp_path)
+    found = outcome_of(fitted)
+    write_outcome(fitted, found, tmp_path)
     experiment = read_experiment(tmp_path / "experiment.yaml")
-    assert experiment.learners[-1].parameters["lapse"] == fitted.best.chosen["lapse"]
+    assert experiment.learners[-1].parameters["lapse"] == fitted.tried[fitted.best].chosen["lapse"]
     assert experiment.seed not in (3, 4, 5)
     points = pd.read_csv(tmp_path / "points.csv")
     assert points["held_out"].tolist() == [False] * 10 + [True] * 4
     assert (points[POINT].to_numpy() == published_points()[POINT].to_numpy()).all()
-    assert found.model.all == pytest.approx(3.057, abs=1e-3)
+    far = found.distances.loc["published model", "all 14 points"]
+    assert far == pytest.approx(3.057, abs=1e-3)
 
 
 def test_the_command_fits_by_a_plan_that_options_override(tmp_path):
@@ -291,14 +276,16 @@ def test_the_command_fits_by_a_plan_that_options_override(tmp_path):
         f"learner: {ME}\nsearch: {{lapse: {{low: 0.3, high: 0.9}}}}\n"
         "fit: {candidates: 3, subjects: 2, finalists: 1, final_subjects: 2, target: model}\n"
     )
-    words = ["fit", ME, "--plan", path, "--candidates", 1, "--workers", 1, "-o", tmp_path / "f"]
+    words = ["fit", ME, "--plan", path, "--set", "candidates=1", "--workers", 1]
+    words += ["-o", tmp_path / "f"]
     done = at_once(*words)
     assert done.status == 0, done.stderr
     assert "Distance from the published model" in done.stdout
     assert len(pd.read_csv(tmp_path / "f" / "candidates.csv")) == 1
     assert "fitted to the published model" in (tmp_path / "f" / "experiment.yaml").read_text()
-    words = ["fit", ME, "--search", "lapse=0.3:0.9", "--candidates", 2, "--subjects", 2]
-    words += ["--finalists", 1, "--final-subjects", 3, "--workers", 1, "--out", tmp_path / "g"]
+    words = ["fit", ME, "--search", "lapse=0.3:0.9", "--workers", 1, "--out", tmp_path / "g"]
+    for setting in ("candidates=2", "subjects=2", "finalists=1", "final_subjects=3"):
+        words += ["--set", setting]
     done = at_once(*words)
     assert done.status == 0, done.stderr
     for named in ("held out", "0.68", "χ²(10) = 5.7, p = .843", "congruency, CE4", "lapse:"):

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -10,18 +11,18 @@ import pytest
 import causal_openlock as ol
 from causal_openlock.errors import LearnerError, OpenLockError, StoreError
 from causal_openlock.experiment.making import make_experiment
-from causal_openlock.fitting.actions import (
+from causal_openlock.files.checksums import json_bytes
+from causal_openlock.fitting.hierarchical import GROUP, fit_group
+from causal_openlock.fitting.space import FitSettings, Plan, Range, search_space
+from causal_openlock.fitting.steps import STEPS, fitting_in
+from causal_openlock.fitting.to_actions import (
     FILE,
-    ActionPlan,
     check_folds,
     fit_all,
     fit_job,
     fit_table,
     jobs_of,
 )
-from causal_openlock.fitting.hierarchical import GROUP, GroupFit
-from causal_openlock.fitting.kept import fitting_in, keep_fit
-from causal_openlock.fitting.search import Range, search_space
 from causal_openlock.running.runner import run
 from causal_openlock.scoring.teacher_forcing import recorded_subjects, score_actions
 from causal_openlock.storage.store import Store
@@ -29,10 +30,9 @@ from support.command import at_once
 
 pytestmark = pytest.mark.slow
 
-pytest.importorskip("optuna")
 SPACE = search_space("associative", {"temperature": Range(0.02, 2.0, log=True)})
-PLAN = ActionPlan(SPACE, candidates=8, restarts=1, moves=12)
-QUICK = replace(PLAN, candidates=1, moves=0)
+PLAN = Plan(SPACE, FitSettings(candidates=20))
+QUICK = PLAN.changed(candidates=1)
 
 
 @pytest.fixture(scope="module")
@@ -54,22 +54,21 @@ def parts(folder, *learners):
 
 @pytest.mark.parametrize(("learner", "true"), [("cool", 0.06), ("warm", 0.5)])
 def test_the_temperature_that_made_subjects_is_found(folder, learner, true):
-    (job,) = jobs_of(parts(folder, learner), replace(PLAN, hold_out="none"), each=False)
+    (job,) = jobs_of(parts(folder, learner), PLAN.changed(hold_out="none"))
     found = fit_job(job)
     assert found.chosen["temperature"] == pytest.approx(true, rel=0.25)
     assert found.held_out_actions == 0
-    truth = fit_job(replace(job, plan=replace(job.plan, candidates=1, moves=0, restarts=1)))
-    assert found.nll <= truth.nll
+    assert found.evaluations <= 20 + 2  # and whether the parameter makes a difference
     record, experiment = Store(folder).record()
     made = make_experiment(["CC3"], [ol.learner("associative", **found.chosen)])
-    scored = score_actions(record, experiment, made.learners, PLAN.lapse, of=[learner])
+    scored = score_actions(record, experiment, made.learners, PLAN.fit.lapse, of=[learner])
     assert found.nll == pytest.approx(-scored["log_probability"].sum())
     assert found.actions == len(scored)
 
 
 @pytest.mark.parametrize("hold_out", ["trials", "subjects"])
 def test_every_action_is_held_out_once_and_predicted_no_better(folder, hold_out):
-    jobs = jobs_of(parts(folder, "warm"), replace(PLAN, hold_out=hold_out), each=False)
+    jobs = jobs_of(parts(folder, "warm"), PLAN.changed(hold_out=hold_out))
     whole, *folds = [fit_job(job) for job in jobs]
     assert whole.actions == sum(one.held_out_actions for one in folds)
     assert all(one.actions + one.held_out_actions == whole.actions for one in folds)
@@ -79,28 +78,32 @@ def test_every_action_is_held_out_once_and_predicted_no_better(folder, hold_out)
 
 
 def test_a_fit_continues_where_it_was_stopped(folder, tmp_path):
-    jobs = jobs_of(parts(folder, "cool"), replace(PLAN, candidates=2, moves=0), each=True)
+    jobs = jobs_of(parts(folder, "cool"), PLAN.changed(candidates=2, each=True))
     assert len(jobs) == 6 * 3
 
-    def stop(done, total):
+    def stop(done, _):
         if done == 2:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         fit_all(jobs[:4], tmp_path, report=stop)
+    assert not (tmp_path / FILE).exists()
     counted = []
-    resumed = fit_all(jobs[:4], tmp_path, report=lambda done, _: counted.append(done))
-    assert counted == [3, 4]
+    resumed = fit_all(jobs[:4], tmp_path, report=lambda *both: counted.append(both))
+    assert [done for done, tried in counted if not tried] == [1, 2]  # what was stored
     assert resumed == [fit_job(job) for job in jobs[:4]]
-    with pytest.raises(StoreError, match="another fit to actions"):
-        fit_all(jobs[:3], tmp_path)
+    counted.clear()
+    fit_all(jobs[:3], tmp_path, report=lambda *both: counted.append(both))
+    assert counted == [(1, 0), (2, 0), (3, 0)]
+    assert len(json.loads((tmp_path / FILE).read_text())["done"]) == 3
 
 
 def test_one_fit_at_a_time_works_in_a_folder(folder, tmp_path):
-    words = ["fit", "associative", "--to", folder, "--of", "cool", "--hold-out", "none", "-s"]
-    words += ["temperature=0.02:2:log", "--candidates", 1, "--workers", 1, "--out", tmp_path]
+    words = ["fit", "associative", "--to", folder, "--of", "cool", "--set", "hold_out=none"]
+    words += ["-s", "temperature=0.02:2:log", "--set", "candidates=1", "--workers", 1]
+    words += ["--out", tmp_path]
     writing = tmp_path / ".fit_to_actions.json.x.partial"
-    with fitting_in(tmp_path):
+    with fitting_in(tmp_path, 1):
         writing.touch()
         for more in ([], ["--hierarchical"]):
             assert "in use" in at_once(*words, *more).stderr
@@ -110,29 +113,19 @@ def test_one_fit_at_a_time_works_in_a_folder(folder, tmp_path):
 
 
 def test_a_stored_fit_that_cannot_be_is_refused(folder, tmp_path):
-    jobs = jobs_of(parts(folder, "cool"), QUICK, each=True)[:4]
-    fits = fit_all(jobs, tmp_path)
-    path = tmp_path / FILE
+    jobs = jobs_of(parts(folder, "cool"), QUICK.changed(each=True))[:2]
+    fit_all(jobs, tmp_path)
+    path = next((tmp_path / STEPS).iterdir())
     content = path.read_bytes()
-    kept = json.loads(content)
     path.write_bytes(content.replace(b'"actions": ', b'"actions": 1', 1))
     with pytest.raises(StoreError, match="checksum"):
         fit_all(jobs, tmp_path)
-    done = kept["done"]
-    for wrong in (
-        done[1:],
-        done[::-1],
-        [*done, done[0]],
-        [{**done[0], "chosen": {"temperature": 2.5}}],
-    ):
-        keep_fit(path, kept["plan"], done=wrong)
-        with pytest.raises(StoreError, match=FILE):
-            fit_all(jobs, tmp_path)
-    # Fits of earlier versions do not say what is idle or at a bound.
-    old = [{k: v for k, v in one.items() if k not in ("idle", "at_bound")} for one in done[:3]]
-    keep_fit(path, kept["plan"], done=old)
-    expected = [*(replace(one, idle=(), at_bound=()) for one in fits[:3]), fits[3]]
-    assert fit_all(jobs, tmp_path) == expected
+    path.write_bytes(json_bytes({"result": {"who": "me"}}))
+    with pytest.raises(StoreError, match=f"{path.name}.* delete it"):
+        fit_all(jobs, tmp_path)
+    path.unlink()
+    fit_all(jobs, tmp_path)
+    assert path.read_bytes() == content
 
 
 def test_folds_need_trials_and_subjects_enough(folder):
@@ -140,27 +133,28 @@ def test_folds_need_trials_and_subjects_enough(folder):
     short = part.rows[(part.rows["subject"] != 3) | (part.rows["trial"] == 1)]
     short = replace(part, rows=short[short["phase"] == "train"])
     with pytest.raises(OpenLockError, match=r"cool/CC3/.*/3"):
-        jobs_of([short], PLAN, each=True)
-    assert len(jobs_of([short], replace(PLAN, hold_out="none"), each=True)) == 6
-    assert len(jobs_of([short], PLAN, each=False)) == 3
-    plan = replace(PLAN, hold_out="subjects", folds=7)
-    with pytest.raises(OpenLockError, match="there are 6; give --folds 6"):
-        jobs_of([part], plan, each=False)
+        jobs_of([short], PLAN.changed(each=True))
+    assert len(jobs_of([short], PLAN.changed(hold_out="none", each=True))) == 6
+    assert len(jobs_of([short], PLAN)) == 3
+    plan = PLAN.changed(hold_out="subjects", folds=7)
+    with pytest.raises(OpenLockError, match="there are 6; give --set folds=6"):
+        jobs_of([part], plan)
     one = replace(part, rows=part.rows[part.rows["subject"] == 0])
-    with pytest.raises(OpenLockError, match="there is 1; give --hold-out trials"):
-        jobs_of([one], plan, each=False)
+    with pytest.raises(OpenLockError, match="there is 1; give --set hold_out=trials"):
+        jobs_of([one], plan)
     with pytest.raises(OpenLockError, match="7 folds"):
-        GroupFit([part], plan, folder)
-    check_folds([part], replace(plan, folds=6))
-    with pytest.raises(LearnerError, match="--each"):
-        GroupFit([one], PLAN, folder)
+        fit_group([part], plan, folder)
+    check_folds([part], plan.changed(folds=6))
+    with pytest.raises(LearnerError, match="each=true"):
+        fit_group([one], PLAN, folder)
 
 
 def test_the_command_marks_an_estimate_at_a_bound(folder, tmp_path):
     """Temperatures of 10 and more fit worse and worse, so the best is at the bound."""
-    words = ["fit", "associative", "--to", folder, "--of", "warm", "--hold-out", "none"]
-    words += ["--search", "temperature=10:100:log", "--fix", "partial=0.25", "--candidates", 3]
-    done = at_once(*words, "--workers", 1, "--out", tmp_path / "fit")
+    words = ["fit", "associative", "--to", folder, "--of", "warm", "--set", "hold_out=none"]
+    words += ["--search", "temperature=10:100:log", "--fix", "partial=0.25"]
+    words += ["--set", "candidates=30", "--workers", 1]
+    done = at_once(*words, "--out", tmp_path / "fit")
     assert done.status == 0, done.stderr
     assert "* at a bound of what was searched (temperature)" in done.stdout
     for named in ("partial 0.25", "6 subjects are too few", "name: associative_fitted"):
@@ -172,20 +166,24 @@ def test_the_command_marks_an_estimate_at_a_bound(folder, tmp_path):
     assert kept["chosen"]["temperature"] == pytest.approx(10)
 
 
+def _note(seen, *both):
+    seen.append(both)
+
+
 def test_sets_of_parameters_are_counted_here_and_in_workers(folder, tmp_path):
-    jobs = jobs_of(parts(folder, "cool"), replace(PLAN, candidates=3, moves=5), each=False)[:2]
+    jobs = jobs_of(parts(folder, "cool"), PLAN.changed(candidates=6))[:2]
     counts = {1: [], 2: []}
-    fits = {
-        workers: fit_all(jobs, tmp_path / str(workers), workers=workers, tried=own.append)
-        for workers, own in counts.items()
-    }
+    fits = {}
+    for workers, seen in counts.items():
+        report = partial(_note, seen)
+        fits[workers] = fit_all(jobs, tmp_path / str(workers), workers=workers, report=report)
     assert fits[1] == fits[2]
-    every = counts[1][-1]
+    total = counts[1][-1]
     # Whether a parameter makes a difference is tried once the fit is found.
-    assert every >= sum(one.evaluations for one in fits[1])
-    assert counts[1] == [*range(1, every + 1)]
+    assert total[1] >= sum(fit.evaluations for fit in fits[1])
+    assert {tried for _, tried in counts[1]} == {*range(1, total[1] + 1)}
     assert counts[2] == sorted(counts[2])
-    assert all(number <= every for number in counts[2])
+    assert counts[2][-1] == total
 
 
 # -- what is no estimate is not shown as one ------------------------------------------------------
@@ -206,37 +204,38 @@ def doubtful(tmp_path_factory):
 
 @pytest.mark.parametrize("each", [False, True])
 def test_an_action_that_a_learner_never_takes_is_named(doubtful, tmp_path, each):
-    sure = replace(QUICK, hold_out="none", moves=3, lapse=0.0)
-    jobs = jobs_of(parts(doubtful), sure, each)
+    sure = QUICK.changed(hold_out="none", candidates=4, lapse=0.0, each=each)
+    jobs = jobs_of(parts(doubtful), sure)
     for _ in range(2):  # what is stored is not shown either
         with pytest.raises(LearnerError, match=NEVER):
             fit_all(jobs, tmp_path)
-        assert json.loads((tmp_path / FILE).read_text())["done"][-1]["nll"] >= 1e6
+        assert not (tmp_path / FILE).exists()
     with pytest.raises(LearnerError, match=NEVER):
-        GroupFit(parts(doubtful), sure, tmp_path / "group").run()
+        fit_group(parts(doubtful), sure, tmp_path / "group")
 
 
 def test_a_parameter_without_effect_is_refused_and_marked(doubtful, tmp_path):
-    plan = replace(QUICK, hold_out="none", moves=3)
+    plan = QUICK.changed(hold_out="none", candidates=4)
     nothing = dict.fromkeys(("lever", "position", "colour"), 0.0)
-    idle = replace(plan, space=search_space("associative", dict(SPACE.ranges), nothing))
+    idle = Plan(search_space("associative", SPACE.ranges, nothing), plan.fit)
     for each in (False, True):
         for _ in range(2):
             with pytest.raises(LearnerError, match="temperature makes no difference"):
-                fit_all(jobs_of(parts(doubtful), idle, each), tmp_path / str(each))
+                fit_all(jobs_of(parts(doubtful), idle.changed(each=each)), tmp_path / str(each))
     # Who acted once had learnt nothing, so that the temperature was all the same.
     (part,) = parts(doubtful, "own")
     brief = replace(part, rows=part.rows[(part.rows["subject"] == 1) | (part.rows["attempt"] == 1)])
     brief.rows["actions"] = [own[:1] for own in brief.rows["actions"]]
-    jobs = [*jobs_of([part], plan, each=True)[1:], *jobs_of([brief], plan, each=True)[:1]]
+    each = plan.changed(each=True)
+    jobs = [*jobs_of([part], each)[1:], *jobs_of([brief], each)[:1]]
     table = fit_table(fit_all(jobs, tmp_path / "one"))
     assert table["without_effect"].tolist() == ["none", "temperature"]
 
 
 def test_a_group_at_its_bound_is_marked(doubtful, tmp_path):
     low = search_space("associative", {"temperature": Range(3.0, 4.0)})
-    plan = replace(QUICK, hold_out="none", space=low)
-    fits = GroupFit(parts(doubtful, "own"), plan, tmp_path).run()
+    plan = Plan(low, FitSettings(candidates=1, hold_out="none"))
+    fits, _ = fit_group(parts(doubtful, "own"), plan, tmp_path)
     assert fits[0].who == GROUP
     assert fits[0].at_bound == ("temperature",)
 

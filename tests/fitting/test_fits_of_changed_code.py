@@ -5,16 +5,13 @@ import sys
 import pytest
 
 import causal_openlock as ol
-from causal_openlock.errors import StoreError
 from causal_openlock.experiment.making import make_experiment
-from causal_openlock.fitting.candidates import FILE, Plan, fit
-from causal_openlock.fitting.kept import keep_fit
-from causal_openlock.fitting.search import Range, bundled_search, search_space
+from causal_openlock.fitting.space import Range, bundled_search, search_space
+from causal_openlock.fitting.steps import STEPS
 from causal_openlock.running.runner import run
 from causal_openlock.usercode.own_files import look_beside
 from support.command import at_once, modules_of
 
-pytest.importorskip("optuna")
 MINE = """\
 from a_fitted_helper import AWAY
 from openlock_learners.associative import Associative
@@ -28,10 +25,10 @@ class Mine(Associative):
         found = super().probabilities(view)
         return (1 - AWAY) * found + AWAY / found.shape[1]
 """
-WORDS = ("--hold-out", "none", "--candidates", "1", "--workers", "1")
+WORDS = ("--set", "hold_out=none", "--set", "candidates=1", "--workers", "1")
 WAYS = {
     "all": (),
-    "each": ("--each",),
+    "each": ("--set", "each=true"),
     "hierarchical": ("--hierarchical",),
 }
 
@@ -55,40 +52,41 @@ def folder(made, monkeypatch):
     return made
 
 
-def fault_of(folder, way, out):
-    """The refusal of a fit; empty if it is made."""
+def steps_of(folder, way, out):
+    """Make a fit; the steps that are stored afterwards."""
     words = "fit", "a_fitted:Mine", "--to", "made", "-s", "temperature=0.1:2", *WORDS, "-o", out
     with modules_of(folder):
-        return at_once(*words, *WAYS[way]).stderr
+        assert at_once(*words, *WAYS[way]).status == 0
+    return {path.name for path in (folder / out / STEPS).iterdir()}
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_a_fit_of_other_code_is_not_continued(folder, way):
-    assert fault_of(folder, way, way) == ""
-    assert fault_of(folder, way, way) == ""
+def test_a_fit_of_other_code_is_made_anew(folder, way):
+    first = steps_of(folder, way, way)
+    assert steps_of(folder, way, way) == first
     (folder / "a_fitted_helper.py").write_text("AWAY = 0.25\n")
-    assert "another fit" in fault_of(folder, way, way)
+    second = steps_of(folder, way, way) - first
+    assert second
     (folder / "a_fitted_helper.py").write_text("AWAY = 0.1\n")
     (folder / "a_table.txt").write_text("2")
-    assert "the learner's code" in fault_of(folder, way, way)
+    assert steps_of(folder, way, way) - first - second
 
 
-def test_a_fit_to_points_of_other_code_is_not_continued(folder):
-    def plan():
-        return Plan(search_space("a_fitted:Mine", {"temperature": Range(0.1, 2.0)}))
+def test_the_code_of_a_learner_decides_a_fit(folder):
+    def about():
+        with modules_of(folder):
+            return search_space("a_fitted:Mine", {"temperature": Range(0.1, 2.0)}).as_dict()
 
     look_beside()
-    with modules_of(folder):
-        keep_fit(folder / "points" / FILE, plan().as_dict(), done=[], again={})
+    before = about()
     (folder / "a_fitted_helper.py").write_text("AWAY = 0.25\n")
-    with modules_of(folder), pytest.raises(StoreError, match="the learner's code"):
-        fit(plan(), folder / "points")
+    assert before["code"] != about()["code"]
     assert "code" not in bundled_search("bayes").as_dict()  # that is known by its version
 
 
 def test_a_fit_of_other_code_does_not_predict(folder):
     words = "score", "made", "--fits", "scored", "-l", "a_fitted:Mine", "--lapse", "0.01"
-    assert fault_of(folder, "all", "scored") == ""
+    steps_of(folder, "all", "scored")
     (folder / "a_fitted_helper.py").write_text("AWAY = 0.25\n")
     with modules_of(folder):
         done = at_once(*words)

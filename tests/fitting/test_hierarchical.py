@@ -1,8 +1,5 @@
 """Hierarchical fits: against direct maximisation, and on simulated subjects of cheap learners."""
 
-import json
-from dataclasses import replace
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -13,12 +10,12 @@ from scipy.stats import norm
 import causal_openlock as ol
 from causal_openlock.errors import LearnerError, StoreError
 from causal_openlock.experiment.making import make_experiment
-from causal_openlock.fitting.actions import WHOLE, ActionPlan, fit_table, of_share, share_of
+from causal_openlock.files.checksums import json_bytes
 from causal_openlock.fitting.group import Group, Peak, derivatives, evidence_of, group_of, peak
-from causal_openlock.fitting.group_progress import PROGRESS
-from causal_openlock.fitting.hierarchical import GroupFit
-from causal_openlock.fitting.kept import fitting_in, keep_fit
-from causal_openlock.fitting.search import Range, search_space
+from causal_openlock.fitting.hierarchical import fit_group
+from causal_openlock.fitting.space import FitSettings, Plan, Range, search_space
+from causal_openlock.fitting.steps import STEPS, fitting_in
+from causal_openlock.fitting.to_actions import FILE, fit_table
 from causal_openlock.running.runner import run
 from causal_openlock.scoring.teacher_forcing import recorded_subjects
 from causal_openlock.storage.store import Store
@@ -28,7 +25,7 @@ pytestmark = pytest.mark.slow
 
 HEAT = Range(0.02, 2.0, log=True)
 SPACE = search_space("associative", {"temperature": HEAT})
-PLAN = ActionPlan(SPACE, candidates=4, hold_out="none")
+PLAN = Plan(SPACE, FitSettings(candidates=8, hold_out="none"))
 DRAWN = np.array([-1.2, -0.4, 0.4, 1.2])
 """Log-odds of the temperatures of four subjects."""
 
@@ -122,7 +119,7 @@ def play(folder, kinds, attempts, subjects):
 def folder(tmp_path_factory):
     """Four subjects of different temperatures."""
     kinds = [
-        ol.learner("associative", label=f"one{number}", temperature=of_share(HEAT, expit(x)))
+        ol.learner("associative", label=f"one{number}", temperature=HEAT.at(expit(x)))
         for number, x in enumerate(DRAWN)
     ]
     return play(tmp_path_factory.mktemp("group"), kinds, 6, 1)
@@ -132,14 +129,14 @@ def parts(folder):
     return recorded_subjects(*Store(folder).record())
 
 
-WORDS = ["-s", "temperature=0.02:2:log", "--candidates", 4, "--workers", 1]
+WORDS = ["-s", "temperature=0.02:2:log", "--set", "candidates=8", "--workers", 1]
 
 
 @pytest.fixture(scope="module")
 def fitted(folder, tmp_path_factory):
     """The table of a hierarchical fit by the command."""
     out = tmp_path_factory.mktemp("fitted") / "fit"
-    words = ["fit", "associative", "--to", folder, "--hierarchical", "--hold-out", "none"]
+    words = ["fit", "associative", "--to", folder, "--hierarchical", "--set", "hold_out=none"]
     done = at_once(*words, *WORDS, "--out", out)
     assert done.status == 0, done.stderr
     assert "temperature from" in " ".join(done.stdout.split())
@@ -151,10 +148,10 @@ def test_a_group_of_subjects_is_fitted(fitted):
         "group",
         *(f"one{n}/CC3/brief/comparison/5/0" for n in range(4)),
     ]
-    at = logit([share_of(HEAT, one) for one in fitted["temperature"]])
+    at = logit([HEAT.share(one) for one in fitted["temperature"]])
     assert at[0] == pytest.approx(at[1:].mean(), abs=0.05)
     assert np.corrcoef(at[1:], DRAWN)[0, 1] > 0.9
-    assert at[1:].std() < logit(share_of(HEAT, fitted["temperature_high"][0])) - at[0]
+    assert at[1:].std() < logit(HEAT.share(fitted["temperature_high"][0])) - at[0]
     assert (fitted["temperature_low"] < fitted["temperature"]).all()
     assert fitted["bic"][0] == pytest.approx(fitted["bic"][1:].sum(), rel=1e-5)
 
@@ -168,43 +165,36 @@ def stopped(folder, tmp_path):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        GroupFit(parts(folder), PLAN, tmp_path).run(report=stop)
-    return GroupFit(parts(folder), PLAN, tmp_path)
+        fit_group(parts(folder), PLAN, tmp_path, report=stop)
+    assert not (tmp_path / FILE).exists()
+    return [*(tmp_path / STEPS).iterdir()]
 
 
 def test_a_hierarchical_fit_that_was_stopped_continues_to_the_same(
     folder, fitted, stopped, tmp_path
 ):
-    again = fit_table(stopped.run())
-    pd.testing.assert_frame_equal(again.round(6), fitted, check_dtype=False)
-    assert stopped.rounds[WHOLE] >= 2
-    with pytest.raises(StoreError, match="another fit to actions"):
-        GroupFit(parts(folder)[:3], PLAN, tmp_path).run()
-    with fitting_in(tmp_path), pytest.raises(StoreError, match="another fit"):
-        stopped.run()
+    before = {path: path.stat().st_mtime_ns for path in stopped}
+    fits, rounds = fit_group(parts(folder), PLAN, tmp_path)
+    pd.testing.assert_frame_equal(fit_table(fits).round(6), fitted, check_dtype=False)
+    assert rounds >= 2
+    assert before == {path: path.stat().st_mtime_ns for path in stopped}
+    fewer, _ = fit_group(parts(folder)[:3], PLAN, tmp_path)
+    assert len(fewer) == 1 + 3
+    with fitting_in(tmp_path, 1), pytest.raises(StoreError, match="another fit"):
+        fit_group(parts(folder), PLAN, tmp_path)
 
 
-def test_stored_progress_that_cannot_be_is_refused(stopped, tmp_path):
-    stopped.run()
-    path = tmp_path / PROGRESS
-    kept = json.loads(path.read_text())
-    first = kept["peaks"][0]
-    for spoiled in (
-        {"starts": kept["starts"][::-1]},
-        {"peaks": [{**first, "at": "far"}]},
-        {"peaks": [{**first, "actions": 0}]},
-        {"peaks": kept["peaks"] * 2},
-    ):
-        changed = {"starts": kept["starts"], "peaks": kept["peaks"], **spoiled}
-        keep_fit(path, kept["plan"], **changed)
-        with pytest.raises(StoreError, match=PROGRESS):
-            stopped.run()
+def test_a_stored_peak_that_cannot_be_is_refused(folder, stopped, tmp_path):
+    for path in stopped:
+        path.write_bytes(json_bytes({"result": {"at": "far"}}))
+    with pytest.raises(StoreError, match="this is not a fit"):
+        fit_group(parts(folder), PLAN, tmp_path)
 
 
 def test_a_subject_that_is_held_out_is_predicted_by_the_group(tmp_path):
     play(tmp_path / "played", ["associative"], 4, 2)
-    plan = replace(PLAN, hold_out="subjects", candidates=2)
-    fits = GroupFit(parts(tmp_path / "played"), plan, tmp_path).run()
+    plan = PLAN.changed(hold_out="subjects", candidates=4)
+    fits, _ = fit_group(parts(tmp_path / "played"), plan, tmp_path)
     fold = {one.who[-2:]: one for one in fits if one.fold == 0}
     assert (fold["/0"].actions, fold["/1"].held_out_actions) == (0, 0)
     assert fold["/0"].chosen == fold["up"].chosen != fold["/1"].chosen
@@ -214,9 +204,7 @@ def test_a_subject_that_is_held_out_is_predicted_by_the_group(tmp_path):
 
 
 def test_a_learner_without_exact_probabilities_is_not_fitted_hierarchically(folder, tmp_path):
-    asked = replace(
-        PLAN, space=search_space("posterior_sampling", {"concentration": Range(0.1, 1.0)})
-    )
+    space = search_space("posterior_sampling", {"concentration": Range(0.1, 1.0)})
     with pytest.raises(LearnerError, match="posterior_sampling"):
-        GroupFit(parts(folder), asked, tmp_path / "asked").run()
+        fit_group(parts(folder), Plan(space, PLAN.fit), tmp_path / "asked")
     assert not (tmp_path / "asked").exists()

@@ -1,7 +1,6 @@
 """Fits read back as learners that predict."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,20 +8,19 @@ import pytest
 import causal_openlock as ol
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.making import make_experiment
-from causal_openlock.fitting.actions import FILE, WHOLE, ActionPlan, fit_all, jobs_of
-from causal_openlock.fitting.hierarchical import GroupFit
-from causal_openlock.fitting.kept import keep_fit
+from causal_openlock.files.checksums import json_bytes
+from causal_openlock.fitting.hierarchical import fit_group
 from causal_openlock.fitting.predicting import read_fit, score_fits
-from causal_openlock.fitting.search import Range, search_space
+from causal_openlock.fitting.space import FitSettings, Plan, Range, search_space
+from causal_openlock.fitting.to_actions import FILE, WHOLE, fit_all, jobs_of
 from causal_openlock.running.runner import run
 from causal_openlock.scoring.scores import followed
 from causal_openlock.scoring.teacher_forcing import recorded_subjects
 from causal_openlock.storage.store import Store
 from support.command import at_once
 
-pytest.importorskip("optuna")
 SPACE = search_space("associative", {"temperature": Range(0.02, 2.0, log=True)})
-PLAN = ActionPlan(SPACE, candidates=2, restarts=1, moves=0)
+PLAN = Plan(SPACE, FitSettings(candidates=2))
 WAYS = ("all", "each", "group", "all_held", "each_held")
 
 
@@ -35,11 +33,12 @@ def folder(tmp_path_factory):
     run(made, folder, workers=0)
     parts = recorded_subjects(*Store(folder).record())
     for way in WAYS:
-        plan = replace(PLAN, hold_out="trials" if way.endswith("held") else "none")
+        held_out = "trials" if way.endswith("held") else "none"
+        plan = PLAN.changed(hold_out=held_out, each=way.startswith("each"))
         if way == "group":
-            GroupFit(parts, plan, folder / way).run()
+            fit_group(parts, plan, folder / way)
         else:
-            fit_all(jobs_of(parts, plan, way.startswith("each")), folder / way)
+            fit_all(jobs_of(parts, plan), folder / way)
     return folder
 
 
@@ -91,7 +90,8 @@ def changed(folder, tmp_path):
         kept = json.loads((folder / "all" / FILE).read_text())
         done = plan.pop("done", kept["done"])
         (tmp_path / name).mkdir()
-        keep_fit(tmp_path / name / FILE, {**kept["plan"], **plan}, done=done)
+        about = {"plan": {**kept["plan"], **plan}, "done": done}
+        (tmp_path / name / FILE).write_bytes(json_bytes(about))
         return tmp_path / name
 
     return store
@@ -124,6 +124,14 @@ def test_fits_that_do_not_compare_are_named(folder, changed):
     ):
         with pytest.raises(OpenLockError, match=named):
             scored(folder, *fits)
+
+
+def test_a_fit_of_the_release_before_is_read(folder, changed):
+    (fit, *_) = json.loads((folder / "all" / FILE).read_text())["done"]
+    old = {name: value for name, value in fit.items() if name not in ("idle", "at_bound")}
+    more = {"draws": {"most": 1500}, "restarts": 2, "moves": 60, "version": "0.2.0+1"}
+    found = read_fit(changed("old", done=[old], **more))
+    assert scored(folder, found).subjects["nll"].sum() == pytest.approx(fit["nll"])
 
 
 def test_a_fit_runs_no_code_and_opens_no_file_unasked(tmp_path, changed):

@@ -5,9 +5,9 @@ import pandas as pd
 import pytest
 
 from causal_openlock.experiment.making import learner, make_experiment
-from causal_openlock.fitting.actions import Fitted
 from causal_openlock.fitting.recovery import drawn_sets, made_with, recovered, recovery, space_of
-from causal_openlock.fitting.search import Range, bundled_search
+from causal_openlock.fitting.space import Range, bundled_search
+from causal_openlock.fitting.to_actions import Fitted
 from support.command import at_once
 
 pytestmark = pytest.mark.slow
@@ -72,7 +72,6 @@ def test_correlations_are_on_the_scale_that_is_searched():
 
 
 def test_the_command_recovers_learners_and_parameters(tmp_path):
-    pytest.importorskip("optuna")
     (tmp_path / "two.yaml").write_text(
         "name: two\nseed: 4\nsubjects: 3\nprotocol: brief\nconditions: [CC3]\n"
         "protocols: {brief: {attempt_limit: 8, stop_when_solved: true, baseline_trials: 2}}\n"

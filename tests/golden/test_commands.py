@@ -26,7 +26,7 @@ protocols: {short: {based_on: human, attempt_limit: 8, baseline_trials: 2, train
     "noise.yaml": """\
 learner: associative
 search: {lever: {low: 0.1, high: 0.9}}
-fit: {candidates: 3, hold_out: none}
+fit: {candidates: 12, hold_out: none}
 """,
     "vault.yaml": """\
 name: vault

@@ -9,7 +9,7 @@ from causal_openlock.analysis.measures import attempts_to_solve
 from causal_openlock.contract.registry import create
 from causal_openlock.experiment.declare import PAPER_CONDITIONS
 from causal_openlock.experiment.session import Session
-from causal_openlock.fitting.objective import joined, score
+from causal_openlock.fitting.to_means import joined, score
 from causal_openlock.paper.likeness import points_of
 from openlock_learners.theory.chains import chains_of, edit_distances, schemas_of
 from openlock_learners.theory_based import TheoryBased

@@ -103,8 +103,8 @@ def on_results(command: str) -> None:
 
 def searched(learner: str, fixed: Any = None, /, **ranges: tuple[float, ...]) -> Any:
     """The search of a learner's parameters within ranges ``(low, high)``, perhaps logarithmic."""
-    span = of("causal_openlock.fitting.search", "Range")
-    space = of("causal_openlock.fitting.search", "search_space")
+    span = of("causal_openlock.fitting.space", "Range")
+    space = of("causal_openlock.fitting.space", "search_space")
     return space(learner, {name: span(*ends) for name, ends in ranges.items()}, fixed or {})
 
 

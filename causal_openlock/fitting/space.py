@@ -1,0 +1,394 @@
+"""Plans of fits: which parameters of a learner are searched, between what bounds, and how.
+
+A plan is a YAML file; options of the command line can replace any part of it::
+
+    learner: bayes
+    fixed: {policy: thompson}
+    search:
+      forgetting: {low: 0.5, high: 0.95}
+      concentration: {low: 1.0, high: 200.0, log: true}
+    fit: {candidates: 120, hold_out: none, seed: 7}
+
+``fixed`` holds parameters that are set and not searched; all others keep their defaults. Names and
+bounds are checked against the learner's parameters before anything is played. ``fit`` has the
+settings of :class:`FitSettings`, which are also what ``--set`` changes and what a fit stores.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cache, cached_property
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+
+from causal_openlock.contract.parameters import Count
+from causal_openlock.contract.registry import is_ours, parameter_table, parse_parameters
+from causal_openlock.errors import LearnerError, OpenLockError
+from causal_openlock.experiment.declare import LearnerSpec
+from causal_openlock.experiment.making import learner as with_parameters
+from causal_openlock.experiment.making import make_experiment
+from causal_openlock.experiment.origin import origin_of
+from causal_openlock.files.validation import Part, StrictModel, part, read
+from causal_openlock.files.yaml_file import Document, read_document
+from causal_openlock.scoring import LAPSE
+from causal_openlock.version import RESULTS_VERSION
+from causal_openlock.wording import joined, nearest, significant
+
+BUNDLED = Path(__file__).parent
+FORM = "name=low:high, or name=low:high:log"
+
+Chosen = Mapping[str, float]
+"""A value for each parameter that is searched."""
+
+
+@part()
+class Range(Part):
+    """The bounds of a parameter.
+
+    ``log``: its logarithm is searched evenly; ``whole``: it takes whole numbers only.
+    """
+
+    low: float
+    high: float
+    log: bool = False
+    whole: bool = False
+
+    def share(self, value: float) -> float:
+        """Position of a value between the bounds, from 0 to 1.
+
+        >>> Range(1.0, 100.0, log=True).share(10.0)
+        0.5
+        """
+        low, high, x = (np.log(v) if self.log else v for v in (self.low, self.high, value))
+        return float((x - low) / (high - low))
+
+    def at(self, share: float) -> int | float:
+        """Value at a position between the bounds, from 0 to 1.
+
+        >>> Range(0.0, 4.0).at(0.25), Range(1, 9, whole=True).at(0.3)
+        (1.0, 3)
+        """
+        low, high = (np.log(v) if self.log else v for v in (self.low, self.high))
+        value = low + (high - low) * float(share)
+        value = float(np.exp(value)) if self.log else float(value)
+        value = min(max(value, self.low), self.high)
+        return round(value) if self.whole else value
+
+
+@dataclass(frozen=True)
+class SearchSpace:
+    """The parameters of a learner that are searched, and those that are set to a fixed value."""
+
+    learner: str
+    fixed: Mapping[str, Any]
+    ranges: Mapping[str, Range]
+
+    @cached_property
+    def code(self) -> dict[str, str]:
+        """Code and files by learner; none of the toolkit's, which have their version.
+
+        Once known it stays: what is fitted while files are edited was begun with the old ones.
+        """
+        lowest = self.parameters({name: bounds.low for name, bounds in self.ranges.items()})
+        origin = origin_of(self.learner, lowest)
+        code = f"{origin.package} {origin.artifact_hash}".strip()
+        if is_ours(self.learner):
+            named = any(isinstance(value, str) for value in lowest.values())
+            code = origin.artifact_hash if named else ""
+        return {self.learner: code} if code else {}
+
+    def as_dict(self) -> dict[str, Any]:
+        """The space as plain data, with the code of its learner."""
+        data = {
+            "learner": self.learner,
+            "fixed": dict(self.fixed),
+            "search": {name: asdict(bounds) for name, bounds in self.ranges.items()},
+        }
+        return {**data, "code": self.code} if self.code else data
+
+    @property
+    def in_words(self) -> str:
+        """Form of the learner that is fitted: what is fixed, and what is chosen by default.
+
+        >>> SearchSpace("bayes", {"policy": "thompson"}, {}).in_words
+        'bayes was fitted with policy thompson (fixed) and forgets everything (default).'
+        """
+        by_default = {
+            info.name: info.default
+            for info in parameter_table(self.learner)
+            if isinstance(info.default, str) and info.name not in {*self.fixed, *self.ranges}
+        }
+        parts = [
+            f"{', '.join(f'{name} {_plain(value)}' for name, value in values.items())} ({how})"
+            for values, how in ((self.fixed, "fixed"), (by_default, "default"))
+            if values
+        ]
+        return f"{self.learner} was fitted with {joined(parts) or 'its defaults'}."
+
+    @property
+    def fitted_name(self) -> str:
+        """Name of the fitted learner in an experiment file."""
+        return f"{self.learner.rpartition(':')[2]}_fitted"
+
+    def parameters(self, chosen: Chosen) -> dict[str, Any]:
+        """All parameters that differ from the defaults, for a choice of those searched."""
+        searched = {
+            name: int(chosen[name]) if bounds.whole else float(chosen[name])
+            for name, bounds in self.ranges.items()
+        }
+        return {**self.fixed, **searched}
+
+    def spec(self, chosen: Chosen) -> LearnerSpec:
+        """The learner with the parameters of a choice."""
+        made = with_parameters(self.learner, **self.parameters(chosen))
+        return make_experiment(["CC4"], [made]).learners[0]
+
+    def check(self, chosen: Chosen) -> None:
+        """Raise a ValueError unless there is a value for each range, within its bounds."""
+        if set(chosen) != set(self.ranges):
+            raise ValueError("other parameters are searched")
+        if not all(own.low <= chosen[name] <= own.high for name, own in self.ranges.items()):
+            raise ValueError("a parameter is outside its bounds")
+
+
+def _plain(value: Any) -> str:
+    """A parameter as an experiment file has it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return str(significant(value)) if isinstance(value, float) else str(value)
+
+
+class FitSettings(StrictModel):
+    """Settings of a fit, whatever is searched."""
+
+    candidates: Annotated[
+        Count | None,
+        Field(
+            description="Sets of parameters to try: half of them spread evenly, half downhill from "
+            "the best; by default 60 for means, 160 for actions."
+        ),
+    ] = None
+    seed: Annotated[
+        int,
+        Field(
+            ge=0,
+            le=2**62,
+            description="Seed of the search and of all play; three are used. Play what was fitted "
+            "with another.",
+        ),
+    ] = 31
+    hold_out: Annotated[
+        str | None,
+        Field(
+            description="What is not fitted to but predicted, of people's points: transfer (the "
+            "four tests; the default) or none; of recorded actions: trials (the default), "
+            "subjects or none."
+        ),
+    ] = None
+    # To published means:
+    target: Annotated[
+        str, Field(description="Whose means are fitted to: people, or model (of AAAI 2020).")
+    ] = "people"
+    subjects: Annotated[
+        int, Field(ge=2, description="Subjects that a candidate plays in each condition.")
+    ] = 40
+    finalists: Annotated[
+        Count, Field(description="Number of best candidates that play again; the closest is taken.")
+    ] = 5
+    final_subjects: Annotated[
+        int, Field(ge=2, description="Subjects in each condition then, and in the end.")
+    ] = 200
+    # To recorded actions:
+    of: Annotated[list[str], Field(description="Whose subjects are fitted to; by default all.")] = (
+        Field(default_factory=list)
+    )
+    each: Annotated[bool, Field(description="Whether each subject is fitted by itself.")] = False
+    lapse: Annotated[
+        float, Field(ge=0, le=1, description="Share of actions taken to be random.")
+    ] = LAPSE
+    folds: Annotated[int, Field(ge=2, description="Parts, of which each is held out once.")] = 2
+
+    def changed(self, settings: Sequence[str]) -> FitSettings:
+        """These settings with others, each written ``name=value``.
+
+        >>> FitSettings().changed(["candidates=8", "hold_out=none"]).candidates
+        8
+        """
+        given = dict(parse_setting(text, "--set") for text in settings)
+        changed: FitSettings = read(FitSettings, {**self.model_dump(), **given})
+        return changed
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is searched, and how.
+
+    Attributes:
+        space: The parameters that are searched.
+        fit: The settings.
+        hold_outs: What can be held out of fits of this kind, the default first.
+        tries: Sets of parameters that are tried by default.
+    """
+
+    space: SearchSpace
+    fit: FitSettings
+    hold_outs: tuple[str, ...] = ("trials", "subjects", "none")
+    tries: int = 160
+
+    def __post_init__(self) -> None:
+        if self.hold_out not in self.hold_outs:
+            raise OpenLockError(
+                f"{self.hold_out!r} cannot be held out of this fit (hold_out); "
+                f"{nearest(self.hold_out, self.hold_outs)}"
+            )
+
+    @property
+    def hold_out(self) -> str:
+        """What is held out."""
+        return self.fit.hold_out or self.hold_outs[0]
+
+    @property
+    def candidates(self) -> int:
+        """Sets of parameters that are tried, at most."""
+        return self.fit.candidates or self.tries
+
+    def changed(self, **settings: Any) -> Plan:
+        """This plan with other settings."""
+        return replace(self, fit=self.fit.model_copy(update=settings))
+
+    def as_dict(self) -> dict[str, Any]:
+        """All that determines what is fitted, as plain data."""
+        chosen = {"hold_out": self.hold_out, "candidates": self.candidates}
+        settings = {**self.fit.model_dump(), **chosen}
+        return {"space": self.space.as_dict(), **settings, "version": RESULTS_VERSION}
+
+
+class PlanFile(StrictModel):
+    """A plan: a search space, and perhaps how the fit is made."""
+
+    learner: Annotated[str, Field(description="Registered name of a learner.")]
+    fixed: Annotated[dict[str, Any], Field(description="Parameters that are set.")] = Field(
+        default_factory=dict
+    )
+    search: Annotated[dict[str, Range], Field(description="Parameters that are searched.")]
+    fit: Annotated[FitSettings, Field(description="How the fit is made.")] = Field(
+        default_factory=FitSettings
+    )
+
+
+def search_space(
+    learner: str,
+    ranges: Mapping[str, Range],
+    fixed: Mapping[str, Any] | None = None,
+) -> SearchSpace:
+    """A search space, checked.
+
+    Raises:
+        LearnerError: If a parameter is unknown, is not a number, is both fixed and searched, or has
+            bounds that it cannot take.
+    """
+    fixed = dict(fixed or {})
+    if not ranges:
+        raise LearnerError(f"nothing is searched; choose parameters of {learner}: {FORM}")
+    defaults = {info.name: info.default for info in parameter_table(learner)}
+    checked = {}
+    for name, bounds in ranges.items():
+        if name not in defaults:
+            raise LearnerError(
+                f"the learner {learner} has no parameter {name!r}; {nearest(name, defaults)}"
+            )
+        default = defaults[name]
+        if isinstance(default, bool) or not isinstance(default, int | float):
+            raise LearnerError(
+                f"the parameter {name} of {learner} is not a number, so it cannot be searched; "
+                f"fix it: {name}={default}"
+            )
+        if name in fixed:
+            raise LearnerError(f"{name} is both fixed and searched; take one of them out")
+        finite = math.isfinite(bounds.low) and math.isfinite(bounds.high)
+        if not (finite and bounds.low < bounds.high) or (bounds.log and bounds.low <= 0):
+            above = ", and low above 0 for a logarithm" if bounds.log else ""
+            raise LearnerError(
+                f"{name} cannot be searched from {bounds.low:g} to {bounds.high:g}; low must be "
+                f"below high, and both finite{above}"
+            )
+        whole = isinstance(default, int)
+        if whole and not (bounds.low.is_integer() and bounds.high.is_integer()):
+            raise LearnerError(f"the bounds of {name} must be whole numbers, as {name} is one")
+        checked[name] = replace(bounds, whole=whole)
+    space = SearchSpace(learner, fixed, checked)
+    for share in (0, 1):
+        corner = {name: bounds.at(share) for name, bounds in checked.items()}
+        parse_parameters(learner, space.parameters(corner))
+    return space
+
+
+def read_plan(path: Path | str) -> tuple[SearchSpace, FitSettings]:
+    """What is searched and how, from a file.
+
+    Raises:
+        FileError: If it is not a plan.
+        LearnerError: If it does not fit the learner.
+    """
+    content = read_document(path).validate(PlanFile)
+    return search_space(content.learner, content.search, content.fixed), content.fit
+
+
+@cache
+def bundled_search(learner: str) -> SearchSpace | None:
+    """The search space that comes with the toolkit, if there is one for the learner."""
+    path = BUNDLED / f"{learner}.yaml"
+    return read_plan(path)[0] if learner.isidentifier() and path.is_file() else None
+
+
+def parse_range(text: str) -> tuple[str, Range]:
+    """A range as written on the command line: ``name=low:high`` or ``name=low:high:log``.
+
+    Raises:
+        OpenLockError: If it has another form.
+    """
+    name, equals, bounds = text.partition("=")
+    low, high, *log = [*bounds.split(":"), ""]
+    try:
+        if equals and log in ([""], ["log", ""]):
+            return name.strip(), Range(float(low), float(high), log=len(log) == 2)
+    except ValueError:
+        pass
+    raise OpenLockError(f"{text!r} is not a range; write {FORM}")
+
+
+def parse_setting(text: str, option: str) -> tuple[str, Any]:
+    """A setting as written on the command line: ``name=value``, the value as in a YAML file.
+
+    Raises:
+        OpenLockError: If it has another form.
+    """
+    name, equals, value = text.partition("=")
+    if not equals or not value.strip():
+        raise OpenLockError(f"{text!r} is not a setting; write name=value")
+    return name.strip(), Document(f"value: {value}", option).data["value"]
+
+
+def changed(
+    space: SearchSpace | None, learner: str, ranges: Sequence[str], fixed: Sequence[str]
+) -> SearchSpace:
+    """A space with the command line's ranges and settings.
+
+    Ranges given there replace all those of the space; settings are added to it, and what is fixed
+    is searched no more.
+
+    Raises:
+        OpenLockError: If they cannot be read, or do not fit the learner.
+    """
+    known = space or SearchSpace(learner, {}, {})
+    settings = dict(parse_setting(text, "--fix") for text in fixed)
+    wanted = dict(map(parse_range, ranges)) or {
+        name: bounds for name, bounds in known.ranges.items() if name not in settings
+    }
+    kept = {name: value for name, value in known.fixed.items() if name not in wanted}
+    return search_space(learner, wanted, {**kept, **settings})

@@ -1,0 +1,119 @@
+"""The steps of a fit, each stored in a file that is named after what decides its result.
+
+A fit that was stopped, or is made anew, asks for the same steps again, and those that are stored
+are not repeated. With other settings, subjects or code, a step has another name.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
+from contextlib import contextmanager, nullcontext
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeVar
+
+from causal_openlock.errors import OpenLockError, StoreError
+from causal_openlock.files.atomic import sweep, unwritable, write_bytes
+from causal_openlock.files.checksums import ChecksumError, json_bytes, read_json
+from causal_openlock.files.digest import digest
+from causal_openlock.files.validation import adapter
+from causal_openlock.running.workers import worker_pool
+from causal_openlock.storage.folder_lock import locked
+from causal_openlock.version import RESULTS_VERSION
+
+Job = TypeVar("Job")
+T = TypeVar("T")
+Start = Callable[[Job], Callable[[], T]]
+"""Begins a job; what it returns waits for the result."""
+
+STEPS = "steps"
+"""Folder of the steps of a fit."""
+SEEDS = 3
+"""Seeds of a fit to means: of the search, of the best candidates, and of what is reported."""
+
+
+@contextmanager
+def fitting_in(folder: Path, workers: int, prepare: Any = None) -> Iterator[Executor | None]:
+    """A block in which no other fit works in a folder; files of killed fits are removed.
+
+    Yields:
+        Processes to work in; with one worker none, as this process works.
+
+    Raises:
+        StoreError: If another fit works there, or the folder cannot be written to.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise unwritable(folder, error) from None
+    pools = worker_pool(workers, prepare) if workers > 1 else nullcontext()
+    with locked(folder, "fit"), pools as pool:
+        sweep(folder / STEPS)
+        sweep(folder)
+        yield pool
+
+
+def starting(work: Callable[[Job], T], pool: Executor | None) -> Start[Job, T]:
+    """Begin jobs in a pool, or do them in this process once their results are asked for."""
+    if pool is None:
+        return lambda job: partial(work, job)
+    return lambda job: pool.submit(work, job).result
+
+
+def steps(
+    folder: Path, jobs: Sequence[tuple[Any, Job]], start: Start[Job, T], kind: Any
+) -> Iterator[T]:
+    """Results of steps, in order: as they are stored, or else done now and then stored.
+
+    Args:
+        folder: The folder of the fit.
+        jobs: All that decides the result of a step, as plain data, and its job.
+        start: Begins a job; all that are not stored begin before the first is waited for.
+        kind: Type of the results, which Pydantic reads and writes.
+
+    Raises:
+        StoreError: If a file is not a step.
+    """
+    begun = []
+    for about, job in jobs:
+        text = json.dumps([RESULTS_VERSION, about], sort_keys=True, default=str)
+        path = folder / STEPS / f"{digest(text)}.json"
+        begun.append((path, None if path.exists() else start(job)))
+    for path, wait in begun:
+        if wait:
+            result = adapter(kind).dump_python(wait(), mode="json")
+            write_bytes(path, json_bytes({"result": result}))
+        yield read_fit_file(
+            path,
+            lambda stored: adapter(kind).validate_python(stored["result"]),
+            "delete it and give the command again",
+        )
+
+
+def read_fit_file(path: Path, read: Callable[[dict[str, Any]], T], remedy: str) -> T:
+    """Read a file of a fit with ``read``.
+
+    Raises:
+        StoreError: If the file is not of a fit: it cannot be read, is not what was written, or
+            ``read`` raises what is raised of data of another form.
+    """
+    try:
+        return read(read_json(path.read_bytes()))
+    except ChecksumError as error:
+        raise StoreError(f"{path}: this is not a fit ({error}); {remedy}") from None
+    except OpenLockError:
+        raise
+    except (ValueError, OSError, TypeError, LookupError, ArithmeticError, RecursionError):
+        raise StoreError(f"{path}: this is not a fit; {remedy}") from None
+
+
+def seeds_of(path: Path) -> range:
+    """Return the seeds that a stored fit to means played with.
+
+    Raises:
+        StoreError: If the file is not a fit.
+    """
+    first = read_fit_file(path, lambda fit: int(fit["plan"]["seed"]), "make the fit again")
+    return range(first, first + SEEDS)
