@@ -51,7 +51,8 @@ def record_schema() -> pa.Schema:
     """The columns of a record, each with its meaning."""
     import pyarrow as pa
 
-    text = pa.dictionary(pa.int32(), pa.string())
+    text = pa.dictionary(pa.int16(), pa.string())
+    layouts = pa.dictionary(pa.int32(), pa.string())  # of which there can be many
     return schema_of(
         ("experiment", text, "name of the experiment"),
         ("learner", text, "label of the learner in the experiment"),
@@ -63,7 +64,7 @@ def record_schema() -> pa.Schema:
         ("loop", "int32", "how often the phase's trials have been gone through, from 1"),
         ("trial", "int32", "number of the trial within the loop, from 1"),
         ("schema", text, "name of the schema that governs the room"),
-        ("layout", text, "name of the layout, or the positions of its levers"),
+        ("layout", layouts, "name of the layout, or the positions of its levers"),
         ("attempt", "int32", "number of the attempt within the trial, from 1"),
         ("actions", pa.list_(pa.uint8()), "what was done, by action index"),
         ("moved", pa.list_(pa.bool_()), "whether each action moved something"),
@@ -77,24 +78,6 @@ def record_schema() -> pa.Schema:
         ("category", text, "else, unlock, open1, open2 or open3"),
         ("wall_time", "float", "seconds since the cell began"),
     )
-
-
-def compact(record: pa.Table) -> pa.Table:
-    """The same values with most names coded in two bytes, for an analysis of many cells.
-
-    Which columns have them does not depend on the values, so that compact records of any cells can
-    be concatenated. There can be many layouts; they keep four bytes.
-    """
-    import pyarrow as pa
-
-    short = pa.dictionary(pa.int16(), pa.string())
-    fields = [
-        field.with_type(short)
-        if pa.types.is_dictionary(field.type) and field.name != "layout"
-        else field
-        for field in record.schema
-    ]
-    return record.cast(pa.schema(fields))
 
 
 def with_times(record: pa.Table, seconds: Sequence[float | None]) -> pa.Table:

@@ -283,20 +283,15 @@ class Store:
         if lines:
             write_bytes(self.transcript(self.path(cell)), "".join(lines).encode())
 
-    def record(
-        self, columns: Sequence[str] | None = None, *, small: bool = False
-    ) -> tuple[pa.Table, StoredExperiment]:
+    def record(self, columns: Sequence[str] | None = None) -> tuple[pa.Table, StoredExperiment]:
         """The records of all cells in order, as one, and :meth:`experiment` with their state.
 
-        It has these columns, by default all; ``small`` codes names as
-        :func:`~causal_openlock.experiment.record.compact` does.
+        It has these columns, by default all.
 
         Raises:
             StoreError: If there is no cell, or one is damaged.
         """
         import pyarrow as pa
-
-        from causal_openlock.experiment.record import compact
 
         experiment = self.experiment()
         listed = {
@@ -316,7 +311,7 @@ class Store:
                         f"{self.folder} holds cells of the {column} {min(strange)!r}, which its "
                         "experiment.json does not list; give compare another --out"
                     )
-            tables.append(compact(table) if small else table)
+            tables.append(table)
         reasons = {path.stem: failures_of(path)[1] or None for path in missing}
         return pa.concat_tables(tables), replace(
             experiment,

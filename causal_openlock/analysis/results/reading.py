@@ -47,8 +47,7 @@ def read_results(
         exclude: The rule by which people are left out.
 
     Returns:
-        As :meth:`~causal_openlock.storage.store.Store.record`, with names coded by as few bytes
-        as they need.
+        As :meth:`~causal_openlock.storage.store.Store.record`.
 
     Raises:
         StoreError: If there is no cell, one is damaged, or the rule leaves nobody.
@@ -58,7 +57,7 @@ def read_results(
             f"no rule {exclude!r} leaves people out; {joined(get_args(Exclusion))} does"
         )
     wanted = [name for name in record_schema().names if name in columns or name not in UNREAD]
-    found = store.record(wanted, small=True)
+    found = store.record(wanted)
     people = [spec.name for spec in found[1].learners if spec.learner == PERSON]
     return found if exclude is None else without_excluded(*found, people)
 
