@@ -19,7 +19,7 @@ from causal_openlock.files.checksums import ChecksumError, read_table
 from causal_openlock.play.log import Forgotten, Joined, Line, read_log, write_log
 from causal_openlock.play.people import dealt
 from causal_openlock.play.person import LEARNER
-from causal_openlock.play.recruiting import RECRUITED, Recruited
+from causal_openlock.play.recruiting import RECRUITED, read_identifiers, write_identifiers
 from causal_openlock.storage.folder_lock import locked
 from causal_openlock.storage.store import LOG, Store
 from causal_openlock.storage.stored import StoredExperiment
@@ -83,7 +83,9 @@ def forget_person(
         listed = [file for file in experiment.files if file not in files]
         store.declare(replace(experiment, conditions=conditions), listed)
         for number in numbers:
-            Recruited(store.folder, ()).forget(number)
+            identifiers = read_identifiers(store.folder)
+            if identifiers.pop(number, None):
+                write_identifiers(store.folder, identifiers)
             write_log(store.folder / LOG, _without(lines, number))
     return deleted, left
 

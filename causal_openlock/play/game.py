@@ -2,13 +2,14 @@
 
 A game is the state of a person and nothing else; it knows neither files nor the network. Every
 change of it is a *turn*, numbered from 0, and the same turns lead to the same game, which is how a
-server that was killed restores it. What a game shows (:meth:`Game.view`, :meth:`Game.act`) is what
-a learner gets: observations, console and budgets. A shown room is a film: the page takes the
-actions that it is given, one after the other.
+server that was killed restores it. What a game shows (:meth:`Game.view`) is what a learner gets:
+observations, console and budgets. A shown room is a film: the page takes the actions that it is
+given, one after the other.
 """
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -16,9 +17,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from causal_openlock.contract.learner import View
+from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.declare import Cell, Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
+from causal_openlock.play.log import Joined, Turn
 from causal_openlock.play.person import LABEL
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.room import Layout
@@ -34,19 +36,30 @@ PRACTICE_PLACE = 2
 """Position of the only grey lever of the practice room."""
 
 
+class Refused(OpenLockError):  # noqa: N818 - an answer to the page
+    """A request that changes nothing.
+
+    Args:
+        status: Its status in HTTP.
+        title: What the page shows, as a heading.
+        why: What the page shows below.
+        advice: What the researcher is told; empty where there is nothing for them to do.
+        now: Where the request is not meant for the person's turn: what they may know now.
+    """
+
+    def __init__(
+        self, status: int, title: str, why: str, advice: str = "", now: Answer | None = None
+    ) -> None:
+        super().__init__(why)
+        self.status, self.title, self.advice, self.now = status, title, advice, now
+
+
 @dataclass(frozen=True)
 class PlayedAction:
-    """An action of a trial that counts, for the record of reaction times.
+    """An action of a trial that counts.
 
-    Attributes:
-        visit: Number of the trial in the whole condition, from 1.
-        attempt: Number of the attempt in the trial, from 1.
-        action: Its index.
-        moved: Whether it moved something.
-        reaction: Seconds from when the person could act to the click, by the page's clock.
-        time: Seconds since the person joined, by the server's clock; not always known of data from
-            elsewhere.
-        attempt_over: Whether the attempt ended with it.
+    See :func:`~causal_openlock.experiment.beside_record.reactions_schema`; ``attempt_over`` says
+    whether the attempt ended with it.
     """
 
     visit: int
@@ -62,28 +75,30 @@ class Game:
     """One person's game.
 
     Args:
-        cell: Which rooms are visited, with what budgets and seed, and the number of the person.
-        practice: Whether a practice room comes first.
-        ask: Whether the person is asked after each trial that they play which lever enables which.
+        joined: When the person joined, as which number, and what for.
+        cell: Which rooms are visited, with what budgets and seed.
 
     Attributes:
+        lock: To be held while the game is used.
         turn: How many turns have been taken.
         done: The actions of the trials that count, in order.
         answers: What the person said of the rooms that they left, a row for each pair of levers.
     """
 
-    def __init__(self, cell: Cell, practice: bool, ask: bool = False) -> None:
-        self._subject = cell.first_subject
+    def __init__(self, joined: Joined, cell: Cell) -> None:
+        self.number, self.cell = joined.join, cell
+        self.lock = threading.Lock()
         self.session = Session(
             cell.condition,
             cell.spec.protocol,
-            [self._subject],
+            [cell.first_subject],
             seed=cell.seed,
             learner=LABEL,
             experiment=EXPERIMENT,
         )
-        self._practice = _practice_room(self.session) if practice else None
-        self._ask = ask
+        self._joined, self._seconds = joined.at, 0.0
+        self._practice = _practice_room(self.session) if joined.practice else None
+        self._ask = joined.ask
         self._question: tuple[int, ...] | None = None  # the levers that are asked about
         self._ended: list[Answer] = []  # what came of each trial
         self.turn = 0
@@ -104,29 +119,6 @@ class Game:
             return "question"
         return "end" if self.session.over else "room"
 
-    def allows(self, action: int | None) -> bool:
-        """Whether an action is possible now; ``None`` leaves the practice room.
-
-        In a shown room only the action that comes next is possible; the page takes it.
-        """
-        if action is None:
-            return self._practice is not None
-        session = self._practice or self.session
-        if session.over or self._question is not None:
-            return False
-        if session.shown is not None:
-            return action == int(session.shown[0])
-        return 0 <= action < session.brief.actions
-
-    def allows_answer(self, edges: Sequence[tuple[int, int]]) -> bool:
-        """Whether an answer is possible now: pairs of a lever asked about and what it enables."""
-        return self._question is not None and set(edges) <= {*self._pairs(self._question)}
-
-    def _pairs(self, levers: Sequence[int]) -> list[tuple[int, int]]:
-        """Each of these levers with each other one and the door, in order."""
-        door = self.session.brief.positions
-        return [pair for pair in product(levers, (*levers, door)) if pair[0] != pair[1]]
-
     def view(self) -> Answer:
         """State of the game that the person may know now."""
         brief, stage = self.session.brief, self.stage
@@ -137,82 +129,104 @@ class Game:
             "trials": brief.trials,
             "ended": self._ended,
         }
-        if stage == "question":
-            shown["levers"] = list(self._question or ())
+        if self._question is not None:
+            shown["levers"] = list(self._question)
         elif stage != "end":
             shown["room"] = _room(self._practice or self.session)
         return shown
 
-    def proceed(self) -> Answer:
-        """Leave the practice room; one turn."""
-        self._practice = None
+    def allows(self, turn: Turn) -> bool:
+        """Whether a turn is the next one, and possible.
+
+        In a shown room only the action that comes next is possible; the page takes it.
+        """
+        if turn.turn != self.turn:
+            return False
+        if turn.edges is not None:
+            return self._question is not None and set(turn.edges) <= {
+                *_pairs(self._question, self._door)
+            }
+        if turn.action is None:
+            return self._practice is not None
+        session = self._practice or self.session
+        if session.over or self._question is not None:
+            return False
+        if session.shown is not None:
+            return turn.action == int(session.shown[0])
+        return turn.action < session.brief.actions
+
+    def take(self, turn: Turn) -> Answer:
+        """Take a turn that is possible.
+
+        Returns:
+            :meth:`view`; after an action what came of it, with that as ``next``: ``outcome``, the
+            observation before any reset; whether it ``moved`` something, ended the attempt or the
+            trial, and found a new solution.
+        """
         self.turn += 1
+        self._seconds = max(self._seconds, turn.at - self._joined)  # clocks are set back
+        if turn.edges is not None:
+            self._answer(turn.edges)
+        elif turn.action is None:
+            self._practice = None
+        else:
+            reaction = None if turn.reaction is None else turn.reaction / 1000
+            return {**self._act(turn.action, reaction), "next": self.view()}
         return self.view()
 
-    def answer(self, edges: Sequence[tuple[int, int]], time: float) -> Answer:
-        """Take what the person says of the room that they have left; one turn."""
+    def _answer(self, edges: Sequence[tuple[int, int]]) -> None:
         about = {
             "learner": LABEL,
             "condition": self.session.condition.name,
-            "subject": self._subject,
+            "subject": self.cell.first_subject,
             "visit": self.trials_over,
-            "time": time,
+            "time": self._seconds,
         }
-        for cause, effect in self._pairs(self._question or ()):
+        for cause, effect in _pairs(self._question or (), self._door):
             pair = {"cause": cause, "effect": effect, "enables": (cause, effect) in edges}
             self.answers.append(about | pair)
         self._question = None
-        self.turn += 1
-        return self.view()
 
-    def act(self, action: int, reaction: float | None, time: float) -> Answer:
-        """Take an action; one turn.
-
-        Args:
-            action: Its index.
-            reaction: Seconds that the person took, if the page says.
-            time: Seconds since the person joined.
-
-        Returns:
-            ``outcome``, the observation before any reset; whether it ``moved`` something, ended
-            the attempt or the trial, and found a new solution; and what comes next.
-        """
+    def _act(self, action: int, reaction: float | None) -> Answer:
         session = self._practice or self.session
         step = session.step(np.array([action]))
-        moved = bool((step.outcome != step.view.observation).any())
-        attempt_over, trial_over = bool(step.attempt_over[0]), bool(step.trial_over[0])
-        new = bool(step.new_solution[0])
         console = step.view.console
-        left = int(console.solutions_left[0]) - new
+        new = bool(step.new_solution[0])
+        said = {
+            "outcome": step.outcome[0].tolist(),
+            "moved": bool((step.outcome != step.view.observation).any()),
+            "attempt_over": bool(step.attempt_over[0]),
+            "trial_over": bool(step.trial_over[0]),
+            "new_solution": new,
+            "solutions_left": int(console.solutions_left[0]) - new,
+        }
         if session is self.session:
             visit, attempt = int(step.view.trial[0]), int(step.view.attempt[0])
-            self.done.append(
-                PlayedAction(visit, attempt, action, moved, reaction, time, attempt_over)
-            )
-            if trial_over:
+            done = action, said["moved"], reaction, self._seconds, said["attempt_over"]
+            self.done.append(PlayedAction(visit, attempt, *done))
+            if said["trial_over"]:
                 found = int(console.solutions_found[0]) + new
-                ended: Answer = {"attempts": attempt, "found": found, "left": left}
+                ended = {"attempts": attempt, "found": found, "left": said["solutions_left"]}
                 watched = visit <= session.shown_trials
                 self._ended.append(ended | {"shown": True} if watched else ended)
                 if self._ask and not watched:
-                    positions = session.brief.positions
-                    grey = np.flatnonzero(step.view.observation[0, positions : 2 * positions])
-                    self._question = tuple(grey.tolist())
-        self.turn += 1
-        return {
-            "outcome": step.outcome[0].tolist(),
-            "moved": moved,
-            "attempt_over": attempt_over,
-            "trial_over": trial_over,
-            "new_solution": new,
-            "solutions_left": left,
-            "next": self.view(),
-        }
+                    grey = step.view.observation[0, self._door : 2 * self._door]
+                    self._question = tuple(np.flatnonzero(grey).tolist())
+        return said
+
+    @property
+    def _door(self) -> int:
+        """The number that answers give the door: that of the positions of levers."""
+        return self.session.brief.positions
+
+
+def _pairs(levers: Sequence[int], door: int) -> list[tuple[int, int]]:
+    """Each of these levers with each other one and the door, in order."""
+    return [pair for pair in product(levers, (*levers, door)) if pair[0] != pair[1]]
 
 
 def _room(session: Session) -> Answer:
-    view: View = session.view
-    console = view.console
+    view, console = session.view, session.view.console
     room: Answer = {
         "over": session.over,
         "observation": view.observation[0].tolist(),

@@ -60,31 +60,19 @@ class Forgotten(StrictModel):
 
 
 class Turn(StrictModel):
-    """A person takes a turn; one that says no more leaves the practice room."""
+    """A person acts, says which lever enables which, or, with neither, leaves the practice room."""
 
     of: Number
     turn: Number
     at: Time
+    action: Number | None = None
+    reaction: Number | None = None  # milliseconds
+    edges: list[tuple[Number, Number]] | None = None
 
 
-class Acted(Turn):
-    """A person acts; ``reaction`` is in milliseconds."""
-
-    action: Number
-    reaction: Number | None
-
-
-class Answered(Turn):
-    """A person says which lever, or the door, each lever enables."""
-
-    edges: list[tuple[Number, Number]]
-
-
-Line = Began | Joined | Returned | Forgotten | Acted | Answered | Turn
-_FORMS = Annotated[  # no line has more than one form
-    Acted | Turn | Answered | Joined | Returned | Forgotten | Began,
-    Field(union_mode="left_to_right"),
-]
+Line = Annotated[
+    Turn | Joined | Returned | Forgotten | Began, Field(union_mode="left_to_right")
+]  # no line has two forms
 
 
 def read_log(path: Path) -> list[Line]:
@@ -97,13 +85,11 @@ def read_log(path: Path) -> list[Line]:
     try:
         content = path.read_bytes() if path.exists() else b""
     except OSError as error:
-        raise StoreError(
-            f"{path} cannot be read ({error.strerror}); check its permissions"
-        ) from None
-    for number, line in enumerate(content.split(b"\n")[:-1], start=1):
+        raise _inaccessible(path, error) from None
+    for number, text in enumerate(content.split(b"\n")[:-1], start=1):
         try:
             # Until 0.2 a tab and a checksum followed the JSON.
-            lines.append(adapter(_FORMS).validate_json(line.partition(b"\t")[0]))
+            lines.append(adapter(Line).validate_json(text.partition(b"\t")[0]))
         except ValidationError:
             raise fault(path, number, "this line is damaged") from None
     return lines
@@ -118,6 +104,10 @@ def write_log(path: Path, lines: Iterable[Line]) -> None:
 def fault(path: Path, line: int, what: str) -> StoreError:
     """An error that names the file and the line."""
     return StoreError(f"{path}:{line}: {what}; restore the file, or choose another folder")
+
+
+def _inaccessible(path: Path, error: OSError) -> StoreError:
+    return StoreError(f"{path} cannot be opened ({error.strerror}); check its permissions")
 
 
 def _bytes(line: Line) -> bytes:
@@ -140,9 +130,7 @@ class Log:
             self._size = path.read_bytes().rfind(b"\n") + 1
             os.ftruncate(self._file, self._size)  # a last line that was cut short
         except OSError as error:
-            raise StoreError(
-                f"{path} cannot be opened ({error.strerror}); check its permissions"
-            ) from None
+            raise _inaccessible(path, error) from None
 
     def append(self, line: Line) -> None:
         """Add a line, which from then on outlives this process.

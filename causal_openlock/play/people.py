@@ -22,19 +22,24 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from causal_openlock.errors import StoreError
-from causal_openlock.experiment.beside_record import REACTIONS, STRUCTURES
+from causal_openlock.experiment.beside_record import (
+    REACTIONS,
+    STRUCTURES,
+    write_answers,
+    write_reactions,
+)
 from causal_openlock.experiment.declare import Cell, Condition, Experiment, LearnerSpec, Protocol
 from causal_openlock.experiment.plan import plan
+from causal_openlock.experiment.record import with_times
 from causal_openlock.files.atomic import sweep, write_text
 from causal_openlock.files.digest import digest
-from causal_openlock.play.game import EXPERIMENT, Answer
+from causal_openlock.play.game import EXPERIMENT, Answer, Game, Refused
 from causal_openlock.play.log import (
-    Acted,
-    Answered,
     Began,
     Forgotten,
     Joined,
@@ -45,10 +50,8 @@ from causal_openlock.play.log import (
     fault,
     read_log,
 )
-from causal_openlock.play.participant import Participant
 from causal_openlock.play.person import LABEL, LEARNER
-from causal_openlock.play.recruiting import Recruited
-from causal_openlock.play.refusals import Refused
+from causal_openlock.play.recruiting import identified, read_identifiers, write_identifiers
 from causal_openlock.storage.store import LOG, Store
 from causal_openlock.world.rewards import PAPER_REWARD, find_reward
 
@@ -114,8 +117,9 @@ class People:
         self.recruiting = tuple(recruiting)
         self.consent_mark = digest(consent) if consent else ""
         self.store = Store(folder)
-        self._sessions: dict[str, Participant] = {}  # by the hash of the session id
-        self._order: list[Participant | None] = []  # None: their data were deleted
+        self._sessions: dict[str, Game] = {}  # by the hash of the session id
+        self._order: list[Game | None] = []  # None: their data were deleted
+        self._written: dict[int, tuple[int, int, int]] = {}  # what of each game is in the files
         self._joining, self._keeping = threading.Lock(), threading.Lock()
         # Loaded now, and not while a person waits for an answer.
         import pyarrow.parquet  # noqa: F401
@@ -123,7 +127,7 @@ class People:
         self.store.open(self.experiment, changed=False)
         with ExitStack() as opened:
             opened.callback(self.store.close)
-            self._recruited = Recruited(self.store.folder, self.recruiting)
+            self._identifiers = read_identifiers(self.store.folder)
             lines = read_log(self.store.folder / LOG)
             self._log = Log(self.store.folder / LOG)
             opened.callback(self._log.close)
@@ -154,12 +158,12 @@ class People:
         if agreed != self.consent_mark and self.consent:
             title = "What you agree to has changed"
             raise Refused(403, title, "Please read it before you begin.")
-        identifiers = self._recruited.identifiers(recruited or {})
+        given = identified(recruited or {}, self.recruiting)
         name = name or secrets.token_urlsafe(24)
         key, at, consent = _key(name), self._clock(), self.consent_mark
         with self._joining:
             if key not in self._sessions:  # else the answer to a first call was lost
-                before, number = self._recruited.number(identifiers), self.number
+                before, number = self._number(given), self.number
                 if before is None and number >= MOST_PEOPLE:
                     title = "No more people can join now"
                     why = "As many have joined as can; please tell the person who invited you."
@@ -176,64 +180,66 @@ class People:
                 self._log.append(line)
                 self._repeat(line)
             # Not before the log: no other person may get a number that has an identifier.
-            self._recruited.add(self._sessions[key].number, identifiers)
+            number = self._sessions[key].number
+            if given.items() - self._identifiers.get(number, {}).items():
+                self._identifiers[number] = self._identifiers.get(number, {}) | given
+                write_identifiers(self.store.folder, self._identifiers)
         return name
 
-    def view(self, name: str) -> Answer:
-        """State of a person's game that the person may know now.
+    def _number(self, given: Mapping[str, str]) -> int | None:
+        """The number of the person who has joined with the first of these identifiers."""
+        for name in self.recruiting[:1]:
+            for number, identifiers in self._identifiers.items():
+                if identifiers.get(name) == given[name]:
+                    return number
+        return None
 
-        Raises:
-            Refused: If there is no such session.
-        """
-        person = self._find(name)
-        with person.lock:
-            return person.game.view()
-
-    def proceed(self, name: str, turn: int) -> Answer:
-        """Let a person leave the practice room; refused as :meth:`act` is."""
-        return self._turn(name, Turn, turn)
-
-    def answer(self, name: str, turn: int, edges: Sequence[Sequence[int]]) -> Answer:
-        """Take what a person says of a room; refused as :meth:`act` is."""
-        return self._turn(name, Answered, turn, edges=[(cause, effect) for cause, effect in edges])
-
-    def act(self, name: str, turn: int, action: int, reaction: int | None) -> Answer:
-        """Carry out a person's action, with its reaction time in milliseconds if the page sends it.
-
-        Raises:
-            Refused: If there is no such session, this is not the turn, there is no such action, or
-                the person has finished.
-            StoreError: If it cannot be written to the log; nothing has changed then.
-        """
-        return self._turn(name, Acted, turn, action=action, reaction=reaction)
-
-    def identifiers(self, name: str) -> dict[str, str]:
-        """The identifiers that a recruiting service has given a person; empty without one."""
-        given = self._recruited.of(self._find(name).number)
-        return {key: given.get(key, "") for key in self.recruiting}
-
-    def _turn(self, name: str, kind: type[Turn], turn: int, **what: object) -> Answer:
-        person = self._find(name)
-        with person.lock:
-            line = kind(of=person.number, turn=turn, at=self._clock(), **what)
-            if not person.allows(line):
-                why = "This is not the turn that the session is at."
-                raise Refused(409, "This does not fit", why, now=person.game.view())
-            self._log.append(line)  # first it is on file, then it is done, then it is answered
-            return person.take(line)
-
-    def _find(self, name: str) -> Participant:
-        person = self._sessions.get(_key(name))
-        if person is None:
+    def game(self, name: str) -> Game:
+        """The game in a session; :class:`Refused` if there is none."""
+        game = self._sessions.get(_key(name))
+        if game is None:
             raise Refused(
                 404,
                 "This session is not known here",
                 "The page was opened with an address that belongs to no session, or to one that is "
                 "kept elsewhere.",
             )
-        return person
+        return game
 
-    # -- joining and coming back ----------------------------------------------------------------
+    def view(self, name: str) -> Answer:
+        """State of a person's game that the person may know now; refused as :meth:`game` is."""
+        game = self.game(name)
+        with game.lock:
+            return game.view()
+
+    def take(self, name: str, turn: int, **what: Any) -> Answer:
+        """Take a person's turn.
+
+        Args:
+            name: The session id.
+            turn: The number of the turn.
+            what: ``action`` and ``reaction``, or ``edges``, as in
+                :class:`~causal_openlock.play.log.Turn`.
+
+        Raises:
+            Refused: If there is no such session, this is not the turn, or it is not possible.
+            StoreError: If it cannot be written to the log; nothing has changed then.
+        """
+        game = self.game(name)
+        with game.lock:
+            line = Turn(of=game.number, turn=turn, at=self._clock(), **what)
+            if not game.allows(line):
+                why = "This is not the turn that the session is at."
+                raise Refused(409, "This does not fit", why, now=game.view())
+            self._log.append(line)  # first it is on file, then it is done, then it is answered
+            return game.take(line)
+
+    def identifiers(self, name: str) -> dict[str, str]:
+        """The identifiers that a recruiting service has given a person; empty without one."""
+        given = self._identifiers.get(self.game(name).number, {})
+        return {key: given.get(key, "") for key in self.recruiting}
+
+    # -- what the log holds ---------------------------------------------------------------------
 
     def _cell(self, number: int) -> Cell:
         """Cell that a person plays."""
@@ -255,32 +261,35 @@ class People:
             if not self._repeat(line):
                 raise fault(self._log.path, number, "this was not possible then")
         # A power cut can take the end of the log, and leave the identifiers.
-        for number in self._recruited.numbers - {person.number for person in self._there}:
-            self._recruited.forget(number)
+        numbers = {game.number for game in self._games}
+        there = {number: given for number, given in self._identifiers.items() if number in numbers}
+        if there != self._identifiers:
+            self._identifiers = there
+            write_identifiers(self.store.folder, there)
 
-    def _repeat(self, line: object) -> bool:
+    def _repeat(self, line: Line) -> bool:
         """Do again what a line of the log says; whether it was possible."""
         people = len(self._order)
         match line:
             case Joined(join=number) if number == people < MOST_PEOPLE:
-                joined = self._sessions[line.key] = Participant(line, self._cell(number))
+                joined = self._sessions[line.key] = Game(line, self._cell(number))
                 self._order.append(joined)
             case Forgotten(join=number) if number == people < MOST_PEOPLE:
                 self._order.append(None)
-            case Returned(of=number) if number < people and (person := self._order[number]):
-                self._sessions[line.key] = person
-            case Turn(of=number) if number < people and (person := self._order[number]):
-                if not person.allows(line):
+            case Returned(of=number) if number < people and (game := self._order[number]):
+                self._sessions[line.key] = game
+            case Turn(of=number) if number < people and (game := self._order[number]):
+                if not game.allows(line):
                     return False
-                person.take(line)
+                game.take(line)
             case _:
                 return False
         return True
 
     @property
-    def _there(self) -> list[Participant]:
-        """People whose data have not been deleted."""
-        return [person for person in self._order if person is not None]
+    def _games(self) -> list[Game]:
+        """The games of the people whose data have not been deleted."""
+        return [game for game in self._order if game is not None]
 
     # -- the record -----------------------------------------------------------------------------
 
@@ -292,7 +301,7 @@ class People:
     @property
     def finished(self) -> int:
         """How many of them have played to the end, apart from those whose data were deleted."""
-        return sum(person.game.stage == "end" for person in self._there)
+        return sum(game.stage == "end" for game in self._games)
 
     def sync(self) -> None:
         """Flush the log to the disk."""
@@ -310,16 +319,37 @@ class People:
             for data in (REACTIONS, STRUCTURES):
                 sweep(self.store.folder / data)
             written = False
-            for person in self._there:
-                if person.keep(self.store, ended_only):
+            for game in self._games:
+                if self._write(game, ended_only):
                     written = True
                     time.sleep(pause)
             if written:
                 self._declare()
 
+    def _write(self, game: Game, ended_only: bool) -> bool:
+        """Write the tables of one game, if it has gone on or ended a trial; whether it has."""
+        before = self._written.get(game.number, (0, 0, 0))
+        with game.lock:
+            now = game.trials_over, len(game.answers), len(game.done)
+            if now == before or (ended_only and now[:2] == before[:2]):
+                return False
+            done, answers, record = [*game.done], [*game.answers], game.session.record()
+        # The trial that a person is in, or has left for good, is no trial of the record.
+        ends = [action.time for action in done if action.attempt_over and action.visit <= now[0]]
+        cell, folder = game.cell, self.store.folder
+        write_reactions(
+            folder / REACTIONS / cell.file_name, cell.condition.name, cell.first_subject, done
+        )
+        if answers:
+            write_answers(folder / STRUCTURES / cell.file_name, answers)
+        if ends:
+            self.store.write(cell, with_times(record.slice(0, len(ends)), ends))
+        self._written[game.number] = now
+        return True
+
     def _declare(self) -> None:
         """List in ``experiment.json`` the cells that there are."""
-        cells = [person.cell for person in self._there if self.store.path(person.cell).exists()]
+        cells = [game.cell for game in self._games if self.store.path(game.cell).exists()]
         cells.sort(key=lambda cell: cell.name)
         many = max((cell.first_subject + 1 for cell in cells), default=1)
         (spec,) = self.experiment.learners

@@ -56,12 +56,11 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from causal_openlock.files.escaping import printable
-from causal_openlock.play.game import Answer
+from causal_openlock.play.game import Answer, Refused
 from causal_openlock.play.pages import as_html, geometry
 from causal_openlock.play.people import People
 from causal_openlock.play.recruiting import completion as checked_completion
 from causal_openlock.play.recruiting import filled, web_page
-from causal_openlock.play.refusals import Refused
 from causal_openlock.world.room import positions_for
 
 MOST_BYTES = 4096
@@ -192,11 +191,9 @@ class PlayServer:
                 _get("/state", lambda request: self._told(request, people.view(_session(request)))),
                 _post("/join", _Join, lambda request, sent: {
                     "id": people.join(sent.agreed, sent.recruited, sent.id)}),
-                _post("/answer", _Answer, lambda request, sent: self._told(request, people.answer(
-                    _session(request), sent.turn, sent.edges))),
-                _post("/proceed", _Turn, lambda request, sent: self._told(request, people.proceed(
-                    _session(request), sent.turn))),
-                _post("/act", _Action, self._act),
+                _post("/answer", _Answer, self._turn),
+                _post("/proceed", _Turn, self._turn),
+                _post("/act", _Action, self._turn),
                 Mount("/", StaticFiles(packages=[("causal_openlock.play", "static")], html=True)),
             ],
             middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=names, www_redirect=False)],
@@ -221,16 +218,17 @@ class PlayServer:
             "recruiting": self.people.recruiting,
         }
 
-    def _act(self, request: Request, sent: _Action) -> Answer:
-        done = self.people.act(_session(request), sent.turn, sent.action, sent.reaction)
-        return {**done, "next": self._told(request, done["next"])}
+    def _turn(self, request: Request, sent: _Turn) -> Answer:
+        return self._told(request, self.people.take(_session(request), **dict(sent)))
 
-    def _told(self, request: Request, now: Answer) -> Answer:
-        """State that a person may know now; the link, which may be worth money, only at the end."""
-        if self.completion and now["stage"] == "end":
+    def _told(self, request: Request, said: Answer) -> Answer:
+        """What a person may know now; the link, which may be worth money, only at the end."""
+        if "next" in said:
+            return {**said, "next": self._told(request, said["next"])}
+        if self.completion and said["stage"] == "end":
             identifiers = self.people.identifiers(_session(request))
-            return {**now, "completion": filled(self.completion, identifiers)}
-        return now
+            return {**said, "completion": filled(self.completion, identifiers)}
+        return said
 
     async def _refused(self, request: Request, error: Exception) -> Response:
         if isinstance(error, HTTPException):

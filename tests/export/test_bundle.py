@@ -282,7 +282,7 @@ def test_a_bundle_of_people_has_their_data_and_nobodys_identity(tmp_path):
         name = home.join(agreed=home.consent_mark, recruited={"PID": f"pid{number}"})
         walk_through(home, name, 1)
         view = home.view(name)
-        home.answer(name, view["turn"], [[view["levers"][0], 7]])
+        home.take(name, view["turn"], edges=[(view["levers"][0], 7)])
     home.close()
     write_bundle(Store(tmp_path / "people"), tmp_path / "bundle.zip", "CC-BY-4.0")
     zipfile.ZipFile(tmp_path / "bundle.zip").extractall(tmp_path / "unpacked")

@@ -107,7 +107,7 @@ def readers(work):
     opened = people(0)
     name = opened.join(recruited={"PID": "person"})
     for turn in range(4):
-        opened.act(name, turn, turn, 500)
+        opened.take(name, turn, action=turn, reaction=500)
     opened.close()
     write_csv(Store(work / "played"), work / "data.csv")
     with (work / "data.csv").open(newline="") as file:

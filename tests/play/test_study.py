@@ -12,9 +12,9 @@ from causal_openlock.experiment.beside_record import read_answers
 from causal_openlock.experiment.declare import PROTOCOLS, Experiment, find_condition
 from causal_openlock.experiment.session import Session
 from causal_openlock.play.forgetting import forget_person
+from causal_openlock.play.game import Refused
 from causal_openlock.play.people import dealt
 from causal_openlock.play.person import LEARNER
-from causal_openlock.play.refusals import Refused
 from causal_openlock.storage.store import Store
 from support.command import at_once
 from support.made_up_experiments import spec
@@ -24,13 +24,13 @@ WORDS = ("status", "report", "bundle")
 
 
 def room_of(home, name):
-    truth = home._find(name).game.session.truth
+    truth = home.game(name).session.truth
     return truth.rooms[int(truth.room[0])]
 
 
 def true_edges(room):
     place = {**dict(zip(room.schema.levers, room.layout.places, strict=True)), "door": 7}
-    return [[place[cause], place[effect]] for cause, effect in room.schema.graph.edges]
+    return [(place[cause], place[effect]) for cause, effect in room.schema.graph.edges]
 
 
 def solve_and_answer(home, name, rooms=99):
@@ -44,7 +44,7 @@ def solve_and_answer(home, name, rooms=99):
         assert view["stage"] == "question"
         assert view["levers"] == sorted(room.layout.places)
         assert "room" not in view
-        home.answer(name, view["turn"], true_edges(room))
+        home.take(name, view["turn"], edges=true_edges(room))
 
 
 def content_of(folder):
@@ -63,12 +63,12 @@ def test_people_are_asked_after_each_room_and_what_they_say_is_scored(tmp_path):
     impossible = (white, 7), (grey[0], grey[0]), (grey[0], white), (grey[0], 8), (7, grey[0])
     for edges in ([edge] for edge in impossible):
         with pytest.raises(Refused):
-            home.answer(name, turn, edges)
+            home.take(name, turn, edges=edges)
     with pytest.raises(Refused):
-        home.act(name, turn, grey[0], None)
+        home.take(name, turn, action=grey[0])
     home.close()
     again = people(tmp_path, "CC3-CE4", practice=False, ask=False, seed=2)  # who joined is asked on
-    again.answer(name, turn, [])
+    again.take(name, turn, edges=[])
     solve_and_answer(again, name)
     assert again.view(name)["stage"] == "end"
     again.close()
@@ -89,7 +89,7 @@ def test_nobody_joins_without_agreeing_to_the_text_that_is_shown_now(tmp_path):
     (text,) = tmp_path.glob("consent_*.md")
     assert text.read_text() == "# Yes\n*Really*"
     assert text.stem == f"consent_{first}"
-    assert (tmp_path / "recruited.csv").read_text() == "join,PID,STUDY\n0,abc123,\n"
+    assert (tmp_path / "recruited.csv").read_text() == "join,PID\n0,abc123\n"
     log = (tmp_path / "log.jsonl").read_text()
     assert first in log
     assert "abc123" not in log
@@ -116,14 +116,14 @@ def test_who_comes_again_with_an_identifier_goes_on_where_they_stopped(tmp_path)
     assert home.identifiers(first) == {"PID": "ann", "SESSION": "2"}
     assert home.identifiers(other) == {"PID": "ben", "SESSION": ""}
     assert home.number == 2
-    home.act(again, home.view(again)["turn"], 1, 5)
+    home.take(again, home.view(again)["turn"], action=1, reaction=5)
     assert home.view(again) == home.view(first)  # both windows know of it
     before = home.view(first)
     home.close()
     home = people(tmp_path, **options)
     assert [home.view(name) for name in (first, again)] == [before] * 2
     for action in (0, 0):  # the attempt is over
-        home.act(again, home.view(again)["turn"], action, 5)
+        home.take(again, home.view(again)["turn"], action=action, reaction=5)
     walk_through(home, again)
     assert home.view(home.join(mark, {"PID": "ann"})) == home.view(first)
     assert home.view(first)["stage"] == "end"
@@ -161,8 +161,8 @@ def test_what_a_killed_server_left_in_the_log_is_told_of(tmp_path):
     home = people(tmp_path / "played", command="causal-openlock play --out played")
     name = home.join()
     for turn in range(2):
-        home.act(name, turn, 2, None)  # in the practice room
-    home.proceed(name, 2)
+        home.take(name, turn, action=2)  # in the practice room
+    home.take(name, 2)
     told = []
     for _ in range(2):
         walk_through(home, name, 1)

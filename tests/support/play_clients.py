@@ -23,7 +23,7 @@ def people(folder, *conditions, **options):
 
 def solving(home, name):
     """The actions of each solution of the room that a person is in."""
-    truth = home._find(name).game.session.truth
+    truth = home.game(name).session.truth
     room = truth.rooms[int(truth.room[0])]
     return [room.action_of(levers) for levers in room.schema.solutions]
 
@@ -34,7 +34,7 @@ def walk_through(home, name, trials=None):
     while (state := home.view(name))["stage"] == "room" and trials != 0:
         for actions in solving(home, name):
             for action in actions:
-                state = home.act(name, state["turn"], action, 700)["next"]
+                state = home.take(name, state["turn"], action=action, reaction=700)["next"]
                 done.append(action)
         trials = None if trials is None else trials - 1
     return done
