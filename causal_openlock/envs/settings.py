@@ -116,11 +116,11 @@ def check_options(options: Any, name: str) -> Any:
     """The option of this name of a reset; None if it is not given.
 
     Raises:
-        OpenLockError: If the options are not a mapping.
+        OpenLockError: If the options are not a mapping, or there are others.
     """
     if options is None:
         return None
-    if not isinstance(options, Mapping):
+    if not isinstance(options, Mapping) or {*options} - {name}:
         raise OpenLockError(f"options is a dictionary such as {{{name!r}: ...}}, not {options!r}")
     return options.get(name)
 

@@ -19,7 +19,7 @@ from gymnasium import spaces
 from gymnasium.error import InvalidAction, ResetNeeded
 
 from causal_openlock.contract.learner import Brief, Console, Step, View
-from causal_openlock.envs.settings import ATTEMPT_LIMIT, Checked
+from causal_openlock.envs.settings import ATTEMPT_LIMIT, Checked, check_options
 from causal_openlock.envs.single import OpenLockEnv
 from causal_openlock.render.words import ANY, StoryName, Wording, feedback, room_now
 from causal_openlock.world.rewards import BASIC_REWARD, RewardForm
@@ -96,8 +96,9 @@ class OpenLockTextEnv(Checked, gymnasium.Env[str, str]):
 
         Args:
             seed: Seeds the environment and draws another wording.
-            options: None are known.
+            options: ``{"new_trial": True}``, which it does anyway.
         """
+        check_options(options, "new_trial")
         super().reset(seed=seed)
         if seed is not None or not self._text:
             self._words = Wording.draw(self._positions, self.np_random, self._story)

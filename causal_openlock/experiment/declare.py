@@ -316,9 +316,10 @@ class Trials(Part):
         schema = info.data.get("schema")
         if schema is None or layouts is None or layouts in ("published", "random"):
             return layouts
-        if not isinstance(layouts, list | tuple):
+        is_empty = not layouts and not _context(info).get("recorded")
+        if is_empty or not isinstance(layouts, list | tuple):
             raise ExperimentError(
-                f"layouts are 'published', 'random' or a list, not {layouts!r:.200}"
+                f"layouts are 'published', 'random' or a list of one or more, not {layouts!r:.200}"
             )
         return adapter(tuple[LayoutOfSchema, ...]).validate_python(layouts, context=schema)
 
@@ -483,6 +484,8 @@ def _once(part: Any, info: ValidationInfo) -> Any:
                 f"the {kind} {named.name} is listed twice; remove one of them, or give it another "
                 "name (name: in a file; in Python learner(..., label=...), schema(..., name=...))"
             )
+        if named.name == "people" and kind == "learner" and named.learner != PERSON:
+            raise LearnerError("people are those of the paper in tables; choose another label")
         context[kind][named.name] = named
     for schema in part.schemas if isinstance(part, Condition) else ():
         if context.setdefault("schema", {}).setdefault(schema.name, schema) != schema:
@@ -644,7 +647,8 @@ def _learner(value: Any, info: ValidationInfo) -> Any:
 
 def _family(spec: LearnerSpec, info: ValidationInfo) -> list[LearnerSpec]:
     """The learners of a sweep, one for each combination of values; without one, the learner."""
-    sweep, learners = spec.sweep, []
+    sweep = spec.sweep
+    learners: list[LearnerSpec] = []
     if not sweep:
         return [spec]
     if (size := prod(map(len, sweep.values()))) > MOST_SWEPT:
@@ -656,6 +660,12 @@ def _family(spec: LearnerSpec, info: ValidationInfo) -> list[LearnerSpec]:
         raise LearnerError(f"{key} is in parameters and in sweep; leave one out", ("sweep", key))
     faults: dict[Any, OpenLockError] = {}
     for point in points({key: getattr(spec, key) for key in spec.__dataclass_fields__}):
+        if any(point["name"] == learner.name for learner in learners):
+            raise LearnerError(
+                f"two learners of this sweep are called {point['name']}; leave one out, or list "
+                "them one by one, each with a name",
+                ("sweep",),
+            )
         try:
             learners.append(read(LearnerSpec, point, info.context))
         except OpenLockError as error:

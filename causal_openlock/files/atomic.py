@@ -59,8 +59,10 @@ def move_into(made: Path, folder: Path) -> None:
 
 def unwritable(path: Path, error: OSError) -> StoreError:
     """The error of a file or folder that cannot be written."""
-    why = error.strerror or error
-    return StoreError(f"{path}: cannot be written ({why}); free some space or choose another place")
+    why, remedy = error.strerror or error, "free some space or choose another place"
+    if isinstance(error, FileExistsError | IsADirectoryError | NotADirectoryError):
+        path, remedy = error.filename2 or error.filename or path, "move what is there"
+    return StoreError(f"{path}: cannot be written ({why}); {remedy}")
 
 
 @contextmanager

@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING, Any
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.beside_record import unwritten_actions
 from causal_openlock.experiment.declare import Cell, Experiment
+from causal_openlock.experiment.plan import trials_of
 from causal_openlock.files.atomic import folder_at, is_empty, unwritable, write_bytes
 from causal_openlock.files.checksums import (
     ChecksumError,
@@ -118,6 +119,10 @@ class Store:
             # The names of cells end with their identities.
             if done.intersection(files) or (not done and self._declared.exists()):
                 return True
+            if not self.cells.exists():
+                raise StoreError(
+                    f"{self.folder} holds other files, and no results; choose another folder"
+                ) from None
             raise
         if stored.identity == experiment.identity:
             return stored.not_applicable != experiment.not_applicable
@@ -216,7 +221,9 @@ class Store:
         if not path.exists():
             return "missing"
         try:
-            self.read(path)
+            begun = self.read(path)["attempt"].to_numpy() == 1
+            if begun.sum() != cell.subjects * trials_of(cell.condition, cell.spec.protocol):
+                raise _damaged(path, "trials are missing")
         except StoreError as error:
             return str(error).rpartition("; ")[0]  # the remedy: its cell is run again anyway
         return None

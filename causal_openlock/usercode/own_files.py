@@ -183,8 +183,10 @@ def load_named(name: str, role: str, fits: Callable[[Any], bool]) -> Any:
             nearest that ``fits``. For a reward, an ExperimentError.
     """
     kind, example, refusal = _ROLES[role]
-    if not MODULE_AND_NAME.fullmatch(name):
-        raise refusal(f"{name!r} names no {role}; write it like my_module:{example}")
+    if not MODULE_AND_NAME.fullmatch(name) or ".py:" in name:
+        file, is_file, attribute = name.rpartition(".py:")
+        meant = f"did you mean {Path(file).name}:{attribute}? " if is_file else ""
+        raise refusal(f"{name!r} names no {role}; {meant}write it like my_module:{example}")
     look_beside()
     entry = EntryPoint(name, name, "")
     try:

@@ -209,6 +209,8 @@ def test_tables_of_another_form_are_named_and_their_cells_played_again(experimen
         assert str(path) in warnings[0]
         assert len(warnings) == 1
         assert contents(store).equals(before)
+    path.write_bytes(table_bytes(table.slice(1), metadata))
+    assert "trials are missing" in store.check(first)
     # Names coded by more bytes, as in results of 0.2, are the same names.
     codes = pa.dictionary(pa.int32(), pa.string())
     where = table.schema.get_field_index("learner")
