@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from causal_openlock.analysis.topics.reward_study import BEST_OF_PAPER, reward_terms, rewards_of
+from causal_openlock.analysis.topics.reward_study import BEST_OF_PAPER, reward_terms
 from causal_openlock.experiment.declare import PAPER_CONDITIONS, PROTOCOLS
 from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.plan import plan
@@ -46,7 +46,7 @@ def test_reward_study_has_every_reward_and_the_papers_combinations():
     full = "authors_2018_negative_immovable_partial_action_seq_solution_multiplier"
     played = {spec.reward.name for spec in experiment.learners}
     assert {*TERMS, *(ladders - {full}), "authors_2018"} <= played
-    terms = [reward_terms(reward) for reward in rewards_of(experiment).values()]
+    terms = [reward_terms(spec.reward) for spec in experiment.learners]
     assert BEST_OF_PAPER in terms
     assert BEST_OF_PAPER | {"unique_solutions"} in terms
     assert set(actions.values()) == {9_000}
