@@ -52,6 +52,9 @@ OUTCOMES = ("neither", *CATEGORIES[1:])
 START = 10
 """The first tenth of a trial's attempts, and at least one attempt, are its start."""
 
+BLOCKS = 5
+"""Shares of a phase in which categories are counted, as in the paper's Figure 6."""
+
 AT_ONCE = 1_000_000
 """Attempts that :func:`count` counts at once, or those of one cell where it has more."""
 
@@ -110,41 +113,23 @@ def attempts_to_solve(record: pa.Table) -> pd.DataFrame:
     return _trials(_attempts(_named(played(record))))[0]
 
 
-def category_counts(record: pa.Table, blocks: int = 5) -> pd.DataFrame:
-    """Outcomes of attempts over the course of a phase (the paper's Figures 6 and 7).
-
-    Every subject's attempts in a phase are cut, in the order of time, into ``blocks`` equal
-    shares (equal up to one attempt); the counts of the subjects are added up.
-
-    Args:
-        record: As in :func:`attempts_to_solve`.
-        blocks: How many shares; 1 counts the whole phase.
-
-    Returns:
-        One row for each ``learner``, ``condition``, ``protocol``, ``phase``, ``block`` (from 1)
-        and ``category`` (every one of :data:`~causal_openlock.experiment.record.CATEGORIES`), with
-
-        - ``count``: attempts of all subjects, and ``subjects``: how many these are.
-        - ``until``: attempts of one subject from the phase's first to the block's last, averaged
-          over subjects.
-
-    Raises:
-        StoreError: If a trial has attempts missing or twice.
-        ValueError: If ``blocks`` is not positive.
-    """
-    if blocks < 1:
-        raise ValueError(f"blocks is {blocks}; it must be at least 1")
-    return count(record, record.num_rows, blocks).blocks
-
-
 class Counts(NamedTuple):
-    """Counts of a record: :func:`attempts_to_solve` and :func:`category_counts`."""
+    """Counts of a record.
+
+    Attributes:
+        trials: From :func:`attempts_to_solve`.
+        blocks: Outcomes of attempts over the course of a phase (the paper's Figures 6 and 7). Every
+            subject's attempts in a phase are cut, in the order of time, into :data:`BLOCKS` equal
+            shares (equal up to one attempt). A row for each ``learner``, ``condition``,
+            ``protocol``, ``phase``, ``block`` (from 1) and ``category``: their ``count`` over all
+            ``subjects``, and ``until``, a subject's mean attempts up to the block's last.
+    """
 
     trials: pd.DataFrame
     blocks: pd.DataFrame
 
 
-def count(record: pa.Table, at_once: int = AT_ONCE, blocks: int = 5) -> Counts:
+def count(record: pa.Table, at_once: int = AT_ONCE) -> Counts:
     """Count the trials of a record and the categories of its attempts, in little memory.
 
     A few cells are counted at a time, roughly ``at_once`` attempts, since a trial is within one
@@ -156,9 +141,9 @@ def count(record: pa.Table, at_once: int = AT_ONCE, blocks: int = 5) -> Counts:
     """
     record = _named(played(record))
     try:
-        return _together([_count(piece, blocks) for piece in _pieces(record, at_once)], blocks)
+        return _together([_count(piece) for piece in _pieces(record, at_once)])
     except StoreError:  # a trial in several pieces has attempts missing in each
-        return _together([_count(record, blocks)], blocks)
+        return _together([_count(record)])
 
 
 def _pieces(record: pa.Table, at_once: int) -> Iterator[pa.Table]:
@@ -235,16 +220,16 @@ def _trials(frame: pd.DataFrame) -> tuple[pd.DataFrame, IntArray]:
     return trials[COLUMNS].astype(_WHOLE), trial
 
 
-def _count(record: pa.Table, blocks: int) -> Counts:
+def _count(record: pa.Table) -> Counts:
     """Trials, and how many attempts of each category each block has, where it has some."""
     frame = _attempts(record)
     trials, trial = _trials(frame)
     lengths = trials.groupby(PHASE, observed=True, sort=False)["last_attempt"]
     before = (lengths.cumsum() - trials["last_attempt"]).to_numpy()
     total = lengths.transform("sum").to_numpy()
-    # In the order of time, attempt i of n is in block floor(i * blocks / n).
+    # In the order of time, attempt i of n is in block floor(i * BLOCKS / n).
     time = before[trial] + frame["attempt"].to_numpy() - 1
-    frame = frame.assign(block=time * blocks // total[trial] + 1)
+    frame = frame.assign(block=time * BLOCKS // total[trial] + 1)
     outcomes = frame.groupby([*CELL, "phase", "block", "category"], observed=True).size()
     return Counts(trials, outcomes)
 
@@ -261,7 +246,7 @@ def _check_complete(trials: pd.DataFrame) -> None:
         )
 
 
-def _together(pieces: Sequence[Counts], blocks: int) -> Counts:
+def _together(pieces: Sequence[Counts]) -> Counts:
     """The counts of pieces of a record, added up."""
     trials = pd.concat([piece.trials for piece in pieces], ignore_index=True)
     trials = trials.sort_values([*CELL, *SUBJECT, *VISIT], kind="stable", ignore_index=True)
@@ -274,14 +259,14 @@ def _together(pieces: Sequence[Counts], blocks: int) -> Counts:
     outcomes = outcomes.groupby([*by, "block", "category"], observed=True).sum()
     wide = outcomes.unstack(["block", "category"], fill_value=0)
     every = pd.MultiIndex.from_product(
-        [range(1, blocks + 1), pd.CategoricalIndex(CATEGORIES, CATEGORIES)],
+        [range(1, BLOCKS + 1), pd.CategoricalIndex(CATEGORIES, CATEGORIES)],
         names=["block", "category"],
     )
     counts = wide.reindex(columns=every, fill_value=0).stack(["block", "category"])
     table = counts.rename("count").reset_index()
     lengths = phases.groupby(by, observed=True).agg(subjects="size", until="mean").reset_index()
     table = table.merge(lengths, on=by)
-    return Counts(trials, table.assign(until=table["until"] * table["block"] / blocks))
+    return Counts(trials, table.assign(until=table["until"] * table["block"] / BLOCKS))
 
 
 def by_subject(trials: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:

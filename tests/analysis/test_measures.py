@@ -17,7 +17,6 @@ from causal_openlock.analysis.measures import (
     SOLUTIONS,
     attempts_to_solve,
     by_subject,
-    category_counts,
     count,
     mean_by_trial,
     ordered,
@@ -92,7 +91,7 @@ def test_order_of_rows_and_cells_makes_no_difference(shuffle):
     shuffle.shuffle(rows)
     for other in (pa.concat_tables(cells), record.take(rows)):
         pd.testing.assert_frame_equal(attempts_to_solve(record), attempts_to_solve(other))
-        pd.testing.assert_frame_equal(category_counts(record), category_counts(other))
+        pd.testing.assert_frame_equal(count(record).blocks, count(other).blocks)
 
 
 def test_tables_follow_the_papers_order_and_time():
@@ -114,7 +113,7 @@ def test_text_columns_need_not_be_dictionaries(random_record):
         }
     )
     pd.testing.assert_frame_equal(attempts_to_solve(plain), attempts_to_solve(random_record))
-    pd.testing.assert_frame_equal(category_counts(plain), category_counts(random_record))
+    pd.testing.assert_frame_equal(count(plain).blocks, count(random_record).blocks)
 
 
 def test_subjects_of_different_seeds_are_different_subjects():
@@ -133,14 +132,13 @@ def test_broken_records_are_refused_whole_and_in_pieces():
     rows = trial_rows([1, 2, 3])
     rows[0]["category"] = "open9"
     with pytest.raises(StoreError, match="'open9', which is not one of else, unlock"):
-        category_counts(table(rows))
-    with pytest.raises(ValueError, match="at least 1"):
-        category_counts(cell, 0)
+        count(table(rows))
 
 
 def test_an_empty_record_has_empty_tables():
     record = table([])
-    for made in (attempts_to_solve, category_counts, summary_table, headline_table):
+    tables = (attempts_to_solve, lambda of: count(of).blocks, summary_table, headline_table)
+    for made in tables:
         assert made(record).empty
         assert len(made(record).columns) == len(made(table(trial_rows([1]))).columns)
 
@@ -167,7 +165,7 @@ def test_counts_of_ten_attempts_in_blocks_worked_by_hand():
         trial_rows([0, 1, 1, 2], trial=1)  # else open1 | else open2
         + trial_rows([1, 1, 1, 1, 1, 1], trial=2, otherwise="unlock")  # open1 unlock | ...
     )
-    counts = category_counts(record, blocks=5)
+    counts = count(record).blocks
     assert counts["block"].tolist() == [block for block in range(1, 6) for _ in CATEGORIES]
     assert counts["count"].to_numpy().reshape(5, 5).tolist() == [
         [1, 0, 1, 0, 0],
@@ -180,17 +178,16 @@ def test_counts_of_ten_attempts_in_blocks_worked_by_hand():
     assert set(counts["subjects"]) == {1}
 
 
-@pytest.mark.parametrize("blocks", [1, 3, 5])
-def test_counts_agree_with_plain_loops(random_record, blocks):
+def test_counts_agree_with_plain_loops(random_record):
     sequence, expected = defaultdict(list), Counter()
     for row in random_record.to_pylist():
         key = (row["learner"], row["condition"], row["protocol"], row["phase"], row["subject"])
         sequence[key].append((row["loop"], row["trial"], row["attempt"], row["category"]))
     for key, attempts in sequence.items():
         for index, attempt in enumerate(sorted(attempts)):
-            block = 1 + math.floor(index * blocks / len(attempts) + 1e-9)
+            block = 1 + index * 5 // len(attempts)
             expected[*key[:4], block, attempt[-1]] += 1
-    counts = category_counts(random_record, blocks)
+    counts = count(random_record).blocks
     names = ["learner", "condition", "protocol", "phase", "block", "category"]
     found = {tuple(row[name] for name in names): row["count"] for row in counts.to_dict("records")}
     assert {key: many for key, many in found.items() if many} == dict(expected)
@@ -201,11 +198,7 @@ def test_counts_agree_with_plain_loops(random_record, blocks):
 
 
 def same_as_whole(record, at_once):
-    counts = count(record, at_once)
-    for ours, whole in (
-        (counts.trials, attempts_to_solve(record)),
-        (counts.blocks, category_counts(record)),
-    ):
+    for ours, whole in zip(count(record, at_once), count(record, record.num_rows), strict=True):
         pd.testing.assert_frame_equal(ours, whole, check_column_type=False)
 
 
@@ -234,7 +227,7 @@ def test_a_hundred_times_as_many_attempts_are_as_many_calls():
         record = pa.concat_tables(cells)
 
         def measured(record=record):
-            trials, counts = attempts_to_solve(record), category_counts(record)
+            trials, counts = count(record, record.num_rows)
             assert counts["count"].sum() == record.num_rows
             assert trials["last_attempt"].sum() == record.num_rows
 

@@ -18,7 +18,7 @@ from matplotlib.patches import Patch
 from matplotlib.text import Text
 
 import causal_openlock as ol
-from causal_openlock.analysis.measures import TRANSFERS, category_counts
+from causal_openlock.analysis.measures import TRANSFERS, count
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.style import WIDTH, PlotStyle
 from causal_openlock.analysis.plots.sweep import plot_sweep, sweep_table
@@ -215,7 +215,7 @@ def test_figures_3_and_4_begin_with_people_and_the_published_model():
 
 def test_figures_6_and_7_are_logarithms_of_counts():
     results = played_results.fabricated()
-    counts = category_counts(results.record)
+    counts = count(results.record).blocks
     published = RESULTS["cogsci2018"]["ddqn"]
     panels = draw("categories", results)
     first = panels[0].patches

@@ -38,7 +38,7 @@ def counts_like_ddqn(
     """Counts of categories that can be compared with those of the paper's DDQN; perhaps none.
 
     Returns:
-        As :func:`~causal_openlock.analysis.measures.category_counts`.
+        As ``blocks`` of :class:`~causal_openlock.analysis.measures.Counts`.
 
     Raises:
         OpenLockError: If ``kind`` is neither ``baseline`` nor ``transfer``, or a learner or a
