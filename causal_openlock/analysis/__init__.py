@@ -14,6 +14,4 @@ it is of, one step after the other:
 ``topics``      The topics, a file for each.
 ``report``      All of it in one page, and as files; two reports against each other.
 =============== =================================================================================
-
-``section`` is what topics are written with.
 """

@@ -7,20 +7,91 @@ a :class:`Topic` called ``TOPIC``. Those of the toolkit are in
     [project.entry-points."causal_openlock.topics"]
     pay = "my_package.pay:TOPIC"
 
-The tests of one question, such as which pairs of learners differ, are corrected together where they
-are made, in a column ``p_corrected``: what else is in the report changes no answer that is not
-about it.
+A :class:`Section` is data: sentences beside the numbers that they tell, tables and plots. The
+report lays it out and knows nothing of what is in it. The tests of one question, such as which
+pairs of learners differ, are corrected together where they are made: ``p_corrected``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from importlib import import_module
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.section import Section
+from causal_openlock.analysis.table import Table
 from causal_openlock.files.plugins import TOPICS, loaded, registered
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class SectionPlot:
+    """A figure that is shown; its files, where they are wanted, are called ``name``.
+
+    The caption says what is seen and what the error bars are; the call is the line of Python that
+    makes it again. One that is ``folded`` is closed on the page until it is opened; the page opens
+    with the one that is ``opening``.
+    """
+
+    name: str
+    title: str
+    caption: str
+    figure: Figure
+    call: str = ""
+    folded: bool = False
+    opening: bool = False
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the report: paragraphs that say what was found, then tables, then plots.
+
+    Its name is its anchor within the page. The ``answer`` is its sentence on the first screen. A
+    section is closed on the page until it is opened, unless it ``is_open``.
+    """
+
+    name: str
+    title: str
+    text: tuple[str, ...] = ()
+    tables: tuple[Table, ...] = ()
+    plots: tuple[SectionPlot, ...] = ()
+    answer: str = ""
+    is_open: bool = False
+
+
+def sentences(*parts: str) -> str:
+    """Join sentences, or captions, that are not empty, into a paragraph.
+
+    >>> sentences("Means over subjects.", "" if True else "Bands: intervals.", "n = 3.")
+    'Means over subjects. n = 3.'
+    """
+    return " ".join(filter(None, parts))
+
+
+def drawn(
+    name: str,
+    function: Callable[..., Any],
+    data: Any,
+    title: str,
+    caption: str,
+    call: str | None = None,
+    **options: Any,
+) -> SectionPlot:
+    """Draw a figure for a section, by a function that takes the data and an empty figure as ``ax``.
+
+    The ``call``, which makes the figure again, is by default that of ``results.plot``.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure()
+    function(data, **options, ax=figure)
+    if call is None:
+        given = ", ".join(f"{key}={value!r}" for key, value in options.items())
+        call = f"results.plot.{function.__name__.removeprefix('plot_')}({given})"
+    return SectionPlot(name, title, caption, figure, call)
 
 
 class Topic(NamedTuple):
@@ -61,12 +132,14 @@ def sections_of(
     sections = []
     for topic in topics:
         begin(topic.name)
-        section = topic.section(material)
-        sections += [] if section is None else [section]
-    tables = [table for section in sections for table in section.tables]
-    plots = [plot for section in sections for plot in section.plots]
-    for what, made in (("sections", sections), ("tables", tables), ("plots", plots)):
-        names = [one.name for one in made]
-        if twice := {name for name in names if names.count(name) > 1}:
+        if section := topic.section(material):
+            sections.append(section)
+    names = {
+        "sections": [section.name for section in sections],
+        "tables": [table.name for section in sections for table in section.tables],
+        "plots": [plot.name for section in sections for plot in section.plots],
+    }
+    for what, given in names.items():
+        if twice := {name for name in given if given.count(name) > 1}:
             raise ValueError(f"two {what} of the report are called {min(twice)}")
     return sections

@@ -18,10 +18,9 @@ import pandas as pd
 
 from causal_openlock.analysis.measures import BASELINES, SUBJECT, TRANSFERS
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.section import Section
 from causal_openlock.analysis.statistics import mean_interval
 from causal_openlock.analysis.table import Table
-from causal_openlock.analysis.topic import Topic
+from causal_openlock.analysis.topic import Section, Topic
 from causal_openlock.analysis.topics.learning import (
     ELSE,
     FINDS_ALL,

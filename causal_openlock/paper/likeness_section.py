@@ -13,9 +13,8 @@ import pandas as pd
 
 from causal_openlock.analysis.effects import ALPHA
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.section import Section, SectionPlot, drawn
 from causal_openlock.analysis.table import Table
-from causal_openlock.analysis.topic import Topic
+from causal_openlock.analysis.topic import Section, SectionPlot, Topic, drawn
 from causal_openlock.paper.likeness import (
     EFFECTS,
     PUBLISHED_MODEL,

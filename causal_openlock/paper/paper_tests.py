@@ -19,9 +19,8 @@ import pandas as pd
 from causal_openlock.analysis.effects import ALPHA
 from causal_openlock.analysis.measures import at_places, by_subject
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.section import Section
 from causal_openlock.analysis.table import Table, p_value
-from causal_openlock.analysis.topic import Topic
+from causal_openlock.analysis.topic import Section, Topic
 from causal_openlock.paper.published import people
 from causal_openlock.paper.references import people_beside
 from causal_openlock.paper.significance import (

@@ -13,9 +13,8 @@ import pandas as pd
 
 from causal_openlock.analysis.effects import ALPHA, holm
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.section import Section, drawn, sentences
 from causal_openlock.analysis.table import Table
-from causal_openlock.analysis.topic import Topic
+from causal_openlock.analysis.topic import Section, Topic, drawn, sentences
 from causal_openlock.scoring.on_record import scores_on_record
 from causal_openlock.scoring.scores import SUBJECT, Scores
 from causal_openlock.wording import counted, file_names, joined

@@ -17,7 +17,7 @@ from typing import Literal
 import pytest
 
 from causal_openlock.analysis.report import writing
-from causal_openlock.analysis.section import Section
+from causal_openlock.analysis.topic import Section
 from causal_openlock.cli import main
 from causal_openlock.comparison import progress_bar
 from causal_openlock.running import workers

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.section import Section
-from causal_openlock.analysis.topic import Topic, all_topics, sections_of
+from causal_openlock.analysis.topic import Section, Topic, all_topics, sections_of
 
 
 def topics_called(*names: str) -> list[Topic]:

@@ -8,7 +8,7 @@ from causal_openlock.analysis.plots.categories import KINDS, counts_like_ddqn, p
 from causal_openlock.analysis.plots.course import course_of, plot_course
 from causal_openlock.analysis.results.bounds import bounds_in_words
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.section import SectionPlot, drawn
+from causal_openlock.analysis.topic import SectionPlot, drawn
 from causal_openlock.wording import file_names
 
 CATEGORIES = {

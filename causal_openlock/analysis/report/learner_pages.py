@@ -12,8 +12,8 @@ from dataclasses import replace
 from causal_openlock.analysis.plots.subjects import plot_subjects
 from causal_openlock.analysis.report.means import means
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.section import Section, drawn
 from causal_openlock.analysis.statistics import sizes
+from causal_openlock.analysis.topic import Section, drawn
 from causal_openlock.wording import file_names, joined
 
 

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.section import Section, SectionPlot
 from causal_openlock.analysis.table import write_table
+from causal_openlock.analysis.topic import Section, SectionPlot
 from causal_openlock.files.atomic import write_text
 from causal_openlock.wording import counted
 

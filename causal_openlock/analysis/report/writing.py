@@ -26,10 +26,9 @@ from causal_openlock.analysis.report.warnings import not_applicable, warnings_of
 from causal_openlock.analysis.results.by_condition import condition_tables
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.missing import missing_cells, unfinished, with_missing
-from causal_openlock.analysis.section import Section
 from causal_openlock.analysis.statistics import sizes
 from causal_openlock.analysis.table import Table, write_table
-from causal_openlock.analysis.topic import Topic, all_topics, sections_of
+from causal_openlock.analysis.topic import Section, Topic, all_topics, sections_of
 from causal_openlock.analysis.topics.leaderboard import (
     answers,
     leaderboard,

@@ -13,9 +13,8 @@ import pandas as pd
 
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.traces import believers, replayed
-from causal_openlock.analysis.section import Section, SectionPlot, drawn, sentences
 from causal_openlock.analysis.table import Table
-from causal_openlock.analysis.topic import Topic
+from causal_openlock.analysis.topic import Section, SectionPlot, Topic, drawn, sentences
 from causal_openlock.errors import OpenLockError
 from causal_openlock.wording import counted, file_names, joined
 

@@ -14,9 +14,8 @@ from pydantic import BaseModel, Field, NonNegativeInt, ValidationError
 
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.missing import beginnings
-from causal_openlock.analysis.section import Section
 from causal_openlock.analysis.table import Table
-from causal_openlock.analysis.topic import Topic
+from causal_openlock.analysis.topic import Section, Topic
 from causal_openlock.storage.store import Store
 from causal_openlock.wording import counted
 

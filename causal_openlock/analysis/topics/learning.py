@@ -21,7 +21,6 @@ import pandas as pd
 from causal_openlock.analysis.measures import CELL, START, SUBJECT, at_places
 from causal_openlock.analysis.results.chance import chance_of_finding_all, chance_of_opening
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.section import Section
 from causal_openlock.analysis.statistics import (
     LEAST_UNITS,
     LEVEL,
@@ -30,7 +29,7 @@ from causal_openlock.analysis.statistics import (
     student,
 )
 from causal_openlock.analysis.table import Table
-from causal_openlock.analysis.topic import Topic
+from causal_openlock.analysis.topic import Section, Topic
 from causal_openlock.experiment.declare import Experiment, default_action_limit
 from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.world.room import positions_for

@@ -24,10 +24,9 @@ from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT, ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.section import Section, drawn
 from causal_openlock.analysis.statistics import median_interval
 from causal_openlock.analysis.table import Table
-from causal_openlock.analysis.topic import Topic
+from causal_openlock.analysis.topic import Section, Topic, drawn
 from causal_openlock.errors import NothingToDrawError
 from causal_openlock.schemas.fsm import FloatArray
 

@@ -24,9 +24,8 @@ from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT, judged, orde
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, panels, set_size, trials_under
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.section import Section, drawn, sentences
 from causal_openlock.analysis.table import Table, printed
-from causal_openlock.analysis.topic import Topic
+from causal_openlock.analysis.topic import Section, Topic, drawn, sentences
 from causal_openlock.errors import NothingToDrawError
 from causal_openlock.wording import counted, file_names, some
 

@@ -15,10 +15,9 @@ import pandas as pd
 
 from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.section import Section
 from causal_openlock.analysis.statistics import mean_interval
 from causal_openlock.analysis.table import Table
-from causal_openlock.analysis.topic import Topic
+from causal_openlock.analysis.topic import Section, Topic
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.record import played
 from causal_openlock.world.room import Layout, positions_for

@@ -15,9 +15,8 @@ from dataclasses import asdict
 import pandas as pd
 
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.section import Section
 from causal_openlock.analysis.table import Table
-from causal_openlock.analysis.topic import Topic
+from causal_openlock.analysis.topic import Section, Topic
 from causal_openlock.analysis.topics.learning import (
     FALLS,
     FINDS_ALL,

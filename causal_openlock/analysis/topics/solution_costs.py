@@ -11,10 +11,9 @@ import pandas as pd
 
 from causal_openlock.analysis.measures import CELL, SOLUTIONS, SUBJECT, judged
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.section import Section
 from causal_openlock.analysis.statistics import mean_intervals
 from causal_openlock.analysis.table import Table
-from causal_openlock.analysis.topic import Topic
+from causal_openlock.analysis.topic import Section, Topic
 
 
 def solution_costs(trials: pd.DataFrame) -> pd.DataFrame:

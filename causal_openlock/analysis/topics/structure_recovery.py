@@ -25,10 +25,9 @@ from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.structure_errors import structure_distance
-from causal_openlock.analysis.section import Section, drawn
 from causal_openlock.analysis.statistics import mean_intervals, sizes
 from causal_openlock.analysis.table import Table
-from causal_openlock.analysis.topic import Topic
+from causal_openlock.analysis.topic import Section, Topic, drawn
 from causal_openlock.contract.checks import failures_of
 from causal_openlock.contract.learner import Learner, Structure
 from causal_openlock.contract.registry import create, learner_class, parse_parameters

@@ -19,9 +19,8 @@ from causal_openlock.analysis.measures import CELL, SUBJECT, judged, ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, in_rows, panels, trials_under
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.section import Section, drawn, sentences
 from causal_openlock.analysis.statistics import share_interval, sizes
-from causal_openlock.analysis.topic import Topic
+from causal_openlock.analysis.topic import Section, Topic, drawn, sentences
 from causal_openlock.wording import file_names, joined
 
 MOST_LINES = 6

@@ -27,9 +27,8 @@ from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, panels, set_size, trials_under
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import Reference, gap_column
-from causal_openlock.analysis.section import Section, drawn, sentences
 from causal_openlock.analysis.table import Table, p_value, printed
-from causal_openlock.analysis.topic import Topic
+from causal_openlock.analysis.topic import Section, Topic, drawn, sentences
 from causal_openlock.errors import NothingToDrawError
 from causal_openlock.experiment.declare import HUMAN_PROTOCOL
 from causal_openlock.wording import counted, file_names, joined

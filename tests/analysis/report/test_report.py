@@ -16,9 +16,8 @@ from matplotlib.figure import Figure
 import causal_openlock as ol
 from causal_openlock.analysis.report.writing import make_report
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.section import Section, SectionPlot
 from causal_openlock.analysis.table import Table, printed
-from causal_openlock.analysis.topic import Topic, all_topics, sections_of
+from causal_openlock.analysis.topic import Section, SectionPlot, Topic, all_topics, sections_of
 from causal_openlock.analysis.topics.belief_traces import TOPIC as BELIEFS
 from causal_openlock.errors import OpenLockError
 from causal_openlock.version import RESULTS_VERSION
