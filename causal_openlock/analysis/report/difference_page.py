@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 
 from causal_openlock.analysis.effects import ALPHA, contrast, holm, weighted_difference
 from causal_openlock.analysis.measures import (
@@ -31,8 +30,8 @@ from causal_openlock.analysis.plots.panels import in_rows, panels
 from causal_openlock.analysis.report.described import in_words
 from causal_openlock.analysis.report.page import write_page
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.section import Section, drawn
 from causal_openlock.analysis.table import Table
+from causal_openlock.analysis.topic import Section, drawn
 from causal_openlock.storage.stored import StoredExperiment
 from causal_openlock.wording import counted, some
 
@@ -45,7 +44,6 @@ FORMATS = {
     **dict.fromkeys(("difference", "ci_low", "ci_high"), "+.2f"),
     **dict.fromkeys(("p", "p_holm"), ".2g"),
 }
-COLUMNS = ["learner", "condition", "protocol", "measured", *FORMATS, "verdict"]
 SAME, UNDECIDED, DIFFERENT, UNKNOWN = "the same", "undecided", "different", "too few subjects"
 _IN_WORDS = {
     UNDECIDED: "may differ or not: undecided",
@@ -109,30 +107,29 @@ def compared(first: Material, second: Material) -> pd.DataFrame:
         :data:`SAME` where every subject has the same value, :data:`DIFFERENT` where ``p_holm`` is
         below 5%, otherwise :data:`UNDECIDED`, or :data:`UNKNOWN` for too few subjects.
     """
-    groups = [_groups(results.trials) for results in (first, second)]
-    keys = [key for key in groups[0] if key in groups[1]]
-    conditions = ordered({key[1] for key in keys}, first.conditions)
-    keys.sort(
-        key=lambda key: (first.learners.index(key[0]), key[2], conditions.index(key[1]), key[3])
-    )
+    groups = first.once(_groups), second.once(_groups)
+    conditions = ordered([key[1] for key in groups[0]], first.conditions)
     rows: list[tuple[Any, ...]] = []
-    for key in keys:
+    for key in sorted(
+        groups[0].keys() & groups[1].keys(),
+        key=lambda key: (first.learners.index(key[0]), key[2], conditions.index(key[1]), key[3]),
+    ):
         before, after = groups[0][key], groups[1][key]
         found = weighted_difference(contrast(after, before))
         same = np.array_equal(before, after)
         verdict = SAME if same else UNKNOWN if np.isnan(found.p) else ""
         sizes, means = (len(before), len(after)), (before.mean(), after.mean())
         rows.append((*key, *sizes, *means, *found, np.nan, verdict))
-    table = pd.DataFrame(rows, columns=COLUMNS)
-    asked = table["p"].where(table["verdict"] != SAME)
-    table["p_holm"] = holm(asked.to_numpy(float))
+    columns = ["learner", "condition", "protocol", "measured", *FORMATS, "verdict"]
+    table = pd.DataFrame(rows, columns=columns)
+    table["p_holm"] = holm(table["p"].where(table["verdict"] != SAME).to_numpy(float))
     decided = np.where(table["p_holm"] < ALPHA, DIFFERENT, UNDECIDED)
     return table.assign(verdict=np.where(table["verdict"] == "", decided, table["verdict"]))
 
 
-def _groups(trials: pd.DataFrame) -> dict[tuple[str, str, str, str], Any]:
+def _groups(results: Material) -> dict[tuple[str, str, str, str], Any]:
     """``[n]`` values of the subjects of each learner, condition and protocol, by their rooms."""
-    rows = judged(trials)
+    rows = judged(results.trials)
     values = by_subject(rows, ["phase", "trial"])
     rooms = rows.groupby([*CELL, "phase", "trial", *SUBJECT], observed=True)["layout"].first()
     names = [values["seed"], values["subject"], rooms.astype(str).reset_index(drop=True)]
@@ -166,21 +163,51 @@ def write_difference(
     """
     path = Path(path)
     label = re.sub(r"\W+", "_", path.stem, flags=re.ASCII)
-    changed = changes(first.experiment, second.experiment)
-    table = compared(first, second)
-    opening, cells = [], []
-    for place, name, results in (("First", names[0], first), ("Second", names[1], second)):
+    changed, table = changes(first.experiment, second.experiment), compared(first, second)
+    text = [sentence_on_differences(table)]
+    opening = []
+    for place, name, results, other in (
+        ("First", names[0], first, second),
+        ("Second", names[1], second, first),
+    ):
         missing = counted(len(results.experiment.missing), "cell")
         opening.append(
             f"{place}: {name}. {counted(results.record.num_rows, 'attempt')} in "
             f"{counted(len(results.trials), 'trial')}, seed {results.experiment.seed}"
             f"{f', {missing} missing' if results.experiment.missing else ''}."
         )
-        cells.append(set(_groups(results.trials)))
-    alone = cells[0] - cells[1], cells[1] - cells[0]
-    sections = [_changes(changed, names, label), _differences(table, alone, names, label)]
+        if alone := sorted(results.once(_groups).keys() - other.once(_groups).keys()):
+            only = [f"{key[0]} in {key[1]} ({key[2]}, {key[3]})" for key in alone]
+            text.append(f"Only in {name}: {some(only)}.")
+    shown = changed.rename(columns={"first": names[0], "second": names[1]})
+    differ = Table(f"{label}_changes", "Differences of the experiments", shown)
+    caption = (
+        f"Mean attempts over subjects in {names[0]} (first) and {names[1]} (second); difference: "
+        "second less first, so negative is better, with its 95% interval (Student’s over pairs of "
+        "subjects where rooms are the same, otherwise Welch’s); p holm is p after Holm’s "
+        f"correction for all rows that are not the same, and below {ALPHA} it is different; the "
+        "others are undecided, which does not show that they are equal."
+    )
+    means = Table(f"{label}_means", "Differences of the results", table, FORMATS, caption)
+    parts = [
+        ("changes", "What changed", (sentence_on_changes(changed),), differ),
+        ("noise", "Do the results differ?", tuple(text), means),
+    ]
+    sections = [
+        Section(name, title, text, (table,) if len(table.frame) else (), is_open=True)
+        for name, title, text, table in parts
+    ]
     if len(table):
-        sections.append(_intervals(table, names, label))
+        title = f"Attempts in {names[1]} less those in {names[0]}"
+        caption = (
+            "Difference of mean attempts with its 95% interval; filled and orange: different after "
+            "Holm’s correction."
+        )
+        if len(table) > MOST_DRAWN:
+            caption += f" The first {MOST_DRAWN} of {len(table)}."
+        plot = drawn(f"{label}_means", plot_differences, table, title, caption, "", names=names)
+        title = "Differences with their intervals"
+        sections.append(Section("intervals", title, plots=(plot,), is_open=True))
     title = f"{names[0]} and {names[1]}"
     write_page(path, "page.html.j2", sections, figures, title=title, opening=opening)
     return changed, table
@@ -213,75 +240,20 @@ def sentence_on_differences(table: pd.DataFrame) -> str:
     return f"{', '.join(told)}."
 
 
-def _changes(changed: pd.DataFrame, names: tuple[str, str], label: str) -> Section:
-    shown = changed.rename(columns=dict(zip(("first", "second"), names, strict=True)))
-    table = Table(f"{label}_changes", "Differences of the experiments", shown)
-    tables = (table,) if len(changed) else ()
-    text = (sentence_on_changes(changed),)
-    return Section("changes", "What changed", text, tables, is_open=True)
-
-
-def _differences(
-    table: pd.DataFrame,
-    alone: Sequence[set[tuple[str, str, str, str]]],
-    names: tuple[str, str],
-    label: str,
-) -> Section:
-    text = [sentence_on_differences(table)]
-    for name, cells in zip(names, alone, strict=True):
-        if cells:
-            only = [f"{key[0]} in {key[1]} ({key[2]}, {key[3]})" for key in sorted(cells)]
-            text.append(f"Only in {name}: {some(only)}.")
-    caption = (
-        f"Mean attempts over subjects in {names[0]} (first) and {names[1]} (second); difference: "
-        "second less first, so negative is better, with its 95% interval (Student’s over pairs of "
-        "subjects where rooms are the same, otherwise Welch’s); p holm is p after Holm’s "
-        f"correction for all rows that are not the same, and below {ALPHA} it is different; the "
-        "others are undecided, which does not show that they are equal."
-    )
-    means = Table(f"{label}_means", "Differences of the results", table, FORMATS, caption)
-    tables = (means,) if len(table) else ()
-    return Section("noise", "Do the results differ?", tuple(text), tables, is_open=True)
-
-
-def _intervals(table: pd.DataFrame, names: tuple[str, str], label: str) -> Section:
-    caption = (
-        "Difference of mean attempts with its 95% interval; filled and orange: different after "
-        "Holm’s correction."
-    )
-    if len(table) > MOST_DRAWN:
-        caption += f" The first {MOST_DRAWN} of {len(table)}."
-    title = f"Attempts in {names[1]} less those in {names[0]}"
-    rows = table.assign(sure=table["verdict"] == DIFFERENT)
-    plot = drawn(f"{label}_means", plot_differences, rows, title, caption, "", names=names)
-    return Section("intervals", "Differences with their intervals", plots=(plot,), is_open=True)
-
-
-def plot_differences(table: pd.DataFrame, names: Sequence[str], ax: Any = None) -> Axes:
-    """Differences between two results with their intervals, a line each.
-
-    The table has ``learner``, ``condition``, ``difference``, ``ci_low``, ``ci_high`` and whether a
-    difference is ``sure``; names are those of the two results.
-    """
-    rows: list[Mapping[Any, Any]] = table.head(MOST_DRAWN).to_dict("records")
-    with panels(ax, 1, in_rows(1, 1, 0.19 * len(rows) + 0.5, style.WIDTH / 0.62)) as at:
+def plot_differences(table: pd.DataFrame, names: Sequence[str], ax: Any = None) -> Any:
+    """Draw differences between two results of these names, from :func:`compared`, a line each."""
+    table = table.head(MOST_DRAWN)
+    y = np.arange(len(table))
+    differs = [verdict == DIFFERENT for verdict in table["verdict"]]
+    colours = [style.current().other(2) if sure else "#666666" for sure in differs]
+    with panels(ax, 1, in_rows(1, 1, 0.19 * len(table) + 0.5, style.WIDTH / 0.62)) as at:
         (axes,) = at.axes
-        for place, row in enumerate(rows):
-            colour = style.current().other(2) if row["sure"] else "#666666"
-            axes.plot([row["ci_low"], row["ci_high"]], [place] * 2, color=colour, lw=1.6)
-            face = colour if row["sure"] else "white"
-            axes.plot(row["difference"], place, "o", color=colour, mfc=face, ms=4.5, zorder=3)
-        labels = [
-            f"{style.label(row['learner'], 24)}  {style.label(row['condition'], 24)}"
-            for row in rows
-        ]
-        axes.set_yticks(range(len(rows)), labels, fontsize="small")
-        axes.set_ylim(len(rows) - 0.4, -0.6)
+        axes.hlines(y, table["ci_low"], table["ci_high"], colors=colours, lw=1.6)
+        faces = [colour if sure else "white" for colour, sure in zip(colours, differs, strict=True)]
+        axes.scatter(table["difference"], y, 20, faces, edgecolors=colours, zorder=3)
+        style.name_rows(axes, [*(table["learner"] + "  " + table["condition"])])
         axes.axvline(0, color="black", lw=0.8, zorder=1)
-        most = max([1.0, *(abs(x) for x in axes.get_xlim())])
-        axes.set_xlim(-most, most)
-        axes.grid(True, axis="x")
         axes.grid(False, axis="y")
         first, second = (style.label(name, 24) for name in names)
         axes.set_xlabel(f"Attempts, {second} less {first}")
-    return axes
+    return at.returned
