@@ -1,7 +1,7 @@
 """Pictures of schemas and rooms, and films of trials.
 
 ================ ==================================================================================
-``graph``        A schema as a figure or as text; ``arrange`` places its parts.
+``graph``        A schema as a figure or as text.
 ``room``         A room as pixels, text or a file, also after actions; ``svg`` for papers.
 ``scene``        What a picture consists of; ``raster`` makes pixels of it, ``panel`` the console.
 ``filmed_trial`` The trial that a film shows, played now or recorded.

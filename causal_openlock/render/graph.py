@@ -1,8 +1,12 @@
 """A schema as a figure in the style of the paper's Figure 1, or as text.
 
-The figure is drawn with matplotlib's objects and without pyplot, so drawing leaves no state
-behind. Where things go is worked out in :mod:`causal_openlock.render.arrange`, in units; the size
-of the axes decides how large a unit is drawn, and type and lines grow with it.
+Causes stand above their effects: a lever's row is the length of the longest path to it, and the
+door has the last row for itself. In a row, nodes stand close to their causes and effects, so that
+few edges cross; an edge bends as little as keeps it clear of other nodes.
+
+Lengths are in units of which a lever's circle has 0.72 in diameter. The size of the axes decides
+how large a unit is drawn, and type and lines grow with it. The figure is drawn with matplotlib's
+objects and without pyplot, so drawing leaves no state behind.
 """
 
 from __future__ import annotations
@@ -12,16 +16,24 @@ from typing import TYPE_CHECKING, Any
 
 import networkx as nx
 import numpy as np
+from numpy.typing import NDArray
 
 from causal_openlock.files.atomic import replacing
-from causal_openlock.render.arrange import RADIUS, Arrangement, arrange
 from causal_openlock.render.suffixes import path_of_picture
 from causal_openlock.schemas.schema import DOOR, Schema
 from causal_openlock.wording import counted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.patches import Patch
 
+Points = NDArray[np.float64]
+Places = dict[str, Points]
+Edge = tuple[str, str]
+
+RADIUS, GAP = 0.36, 0.34  # half the height of a node, and the space between neighbours in a row
+CLEARANCE = 0.1  # between an edge and a node that it does not belong to
+LABEL = np.array([0.24, 0.1])  # half the size of a strength written at an edge
 INCHES, LARGEST = 0.62, 18.0  # a unit in a figure of its own; the widest and highest such figure
 MOST_SOLUTIONS = 12  # in a text
 
@@ -39,9 +51,18 @@ def draw_schema(schema: Schema, ax: Axes | None = None) -> Axes:
     Returns:
         The axes.
     """
-    drawing = arrange(schema)
-    left, right, bottom, top = drawing.limits
-    width, height = right - left, top - bottom
+    from matplotlib.patches import FancyArrowPatch
+
+    places = _places(schema)
+    bends = {edge: _bend(edge, places) for edge in schema.graph.edges}
+    curves = {edge: _curve(edge, places, bend) for edge, bend in bends.items()}
+    labels = _labels(schema, curves)
+    boxes = [(centre, _half_size(node)) for node, centre in places.items()]
+    boxes += [(centre, LABEL) for centre in labels.values()]
+    corners = [centre + side * half for centre, half in boxes for side in (-1, 1)]
+    outline = np.vstack([*corners, *curves.values()])
+    (left, bottom), (right, top) = outline.min(axis=0) - 0.12, outline.max(axis=0) + 0.12
+    width, height = float(right - left), float(top - bottom)
     if ax is None:
         from matplotlib.figure import Figure
 
@@ -49,10 +70,32 @@ def draw_schema(schema: Schema, ax: Axes | None = None) -> Axes:
         ax = Figure(figsize=(width * inches, height * inches)).add_axes((0, 0, 1, 1))
     ax.set_axis_off()
     ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
-    box = ax.get_window_extent()
-    points = min(box.width / width, box.height / height) * 72 / ax.get_figure(root=True).dpi  # type: ignore[union-attr]
-    _draw_edges(ax, schema, drawing, points)
-    _draw_nodes(ax, schema, drawing, points)
+    extent = ax.get_window_extent()
+    points = min(extent.width / width, extent.height / height) * 72 / ax.get_figure(root=True).dpi  # type: ignore[union-attr]
+    outlines = {node: _draw_node(ax, schema, node, places[node], points) for node in places}
+    for (cause, effect), bend in bends.items():
+        inert = effect in schema.inert
+        arrow = FancyArrowPatch(
+            tuple(places[cause]),
+            tuple(places[effect]),
+            patchA=outlines[cause],
+            patchB=outlines[effect],
+            shrinkA=0,
+            shrinkB=0.04 * points,
+            connectionstyle=f"arc3,rad={bend}",
+            arrowstyle="-|>,head_width=0.2,head_length=0.4",
+            mutation_scale=0.32 * points,
+            linewidth=0.028 * points,
+            linestyle=(0, (4, 2.5)) if inert else "-",
+            color="0.35" if inert else "black",
+            joinstyle="miter",
+            zorder=1,
+        )
+        ax.add_patch(arrow)
+    small: Any = {"ha": "center", "va": "center", "fontsize": 0.19 * points, "zorder": 2}
+    box = {"boxstyle": "square,pad=0.08", "facecolor": "white", "edgecolor": "none"}
+    for edge, (x, y) in labels.items():
+        ax.text(x, y, f"{schema.graph.edges[edge]['strength']:.2g}", bbox=box, **small)
     return ax
 
 
@@ -80,80 +123,109 @@ def save_schema_figure(schema: Schema, path: Path | str) -> None:
         figure.savefig(file, format=suffix[1:], dpi=200, metadata=dates.get(suffix))
 
 
+# -- where things stand ---------------------------------------------------------------------------
+
+
+def _places(schema: Schema) -> Places:
+    """The centre of each node, y up."""
+    graph, order = schema.graph, [*schema.levers, DOOR]
+    generations = [set(generation) - {DOOR} for generation in nx.topological_generations(graph)]
+    rows = [sorted(levers, key=order.index) for levers in generations if levers] + [[DOOR]]
+    x = {node: i - (len(row) - 1) / 2 for row in rows for i, node in enumerate(row)}
+    # Down, up, and down again: each row follows the one before it.
+    for neighbours, sweep in ((graph.pred, rows), (graph.succ, rows[::-1]), (graph.pred, rows)):
+        for row in sweep:
+            wish = {
+                node: float(np.mean([x[n] for n in neighbours[node]] or x[node])) for node in row
+            }
+            row.sort(key=wish.__getitem__)
+            halves = np.array([_half_size(node)[0] for node in row])
+            offsets = np.concatenate([[0.0], np.cumsum(halves[:-1] + halves[1:] + GAP)])
+            free = np.array([wish[node] for node in row]) - offsets
+            # Where neighbours would overlap, halfway between pushing them right and pushing left.
+            right, left = np.maximum.accumulate(free), np.minimum.accumulate(free[::-1])[::-1]
+            x |= dict(zip(row, ((left + right) / 2 + offsets).tolist(), strict=True))
+    widest = max(abs(x[cause] - x[effect]) for cause, effect in graph.edges)
+    height = max(1.25 if schema.deterministic else 1.6, 0.35 * widest)
+    return {node: np.array([x[node], -height * i]) for i, row in enumerate(rows) for node in row}
+
+
+def _half_size(node: str) -> Points:
+    """Half the width and half the height of a node; levers with long names are wider than high."""
+    return np.array([RADIUS if node == DOOR else max(RADIUS, 0.09 * len(node) + 0.09), RADIUS])
+
+
+def _curve(edge: Edge, places: Places, bend: float) -> Points:
+    """``[21, 2]`` points along an edge from centre to centre, as matplotlib's style arc3 bends."""
+    start, end = places[edge[0]], places[edge[1]]
+    dx, dy = end - start
+    middle = (start + end) / 2 + bend * np.array([dy, -dx])
+    t = np.linspace(0.0, 1.0, 21)[:, None]
+    return np.asarray((1 - t) ** 2 * start + 2 * t * (1 - t) * middle + t**2 * end)
+
+
+def _bend(edge: Edge, places: Places) -> float:
+    """The least bend with which an edge keeps clear of the nodes that it does not belong to."""
+    outward = -1 if places[edge[0]][0] >= places[DOOR][0] else 1
+    others = set(places) - set(edge)
+    for size in np.arange(0.0, 1.0, 0.05).tolist():
+        for bend in (outward * size, -outward * size):
+            curve = _curve(edge, places, bend)
+            if all(_distance(curve, places[node], node) > CLEARANCE for node in others):
+                return bend
+    return 0.0
+
+
+def _distance(points: Points, centre: Points, node: str) -> float:
+    """The least distance from points to the border of a node with round ends."""
+    away = np.abs(points - centre)
+    away[:, 0] = np.maximum(away[:, 0] - (_half_size(node)[0] - RADIUS), 0.0)
+    return float(np.hypot(*away.T).min()) - RADIUS
+
+
+def _labels(schema: Schema, curves: dict[Edge, Points]) -> dict[Edge, Points]:
+    """The place of each strength: on its edge, and where it covers least of others."""
+    labels: dict[Edge, Points] = {}
+    for edge, curve in curves.items():
+        if schema.graph.edges[edge]["strength"] == 1.0:
+            continue
+        others = [other[5:-5] for name, other in curves.items() if name != edge]
+        points = np.vstack([*others, *(np.tile(label, (20, 1)) for label in labels.values())])
+        candidates = curve[[10, 9, 11, 8, 12, 7, 13]]
+        near = np.abs(candidates[:, None] - points) < 1.5 * LABEL
+        labels[edge] = candidates[near.all(axis=-1).sum(axis=-1).argmin()]
+    return labels
+
+
 # -- drawing --------------------------------------------------------------------------------------
 
 
-def _draw_edges(ax: Axes, schema: Schema, drawing: Arrangement, points: float) -> None:
-    from matplotlib.patches import FancyArrowPatch
-    from matplotlib.path import Path as Line
+def _draw_node(ax: Axes, schema: Schema, node: str, centre: Points, points: float) -> Patch:
+    """Draw a node, its name and its gate; return its outline, at which edges end."""
+    from matplotlib.patches import Polygon
 
-    for (_, effect), line in drawing.edges.items():
-        inert = effect in schema.inert
-        ax.add_patch(
-            FancyArrowPatch(
-                path=Line(line),
-                arrowstyle="-|>,head_width=0.2,head_length=0.4",
-                mutation_scale=0.32 * points,
-                linewidth=0.028 * points,
-                linestyle=(0, (4, 2.5)) if inert else "-",
-                color="0.35" if inert else "black",
-                shrinkA=0,
-                shrinkB=0,
-                joinstyle="miter",
-                zorder=1,
-            )
-        )
-    for edge, at in drawing.labels.items():
-        ax.text(
-            at[0],
-            at[1],
-            f"{schema.graph.edges[edge]['strength']:.2g}",
-            fontsize=0.19 * points,
-            ha="center",
-            va="center",
-            zorder=2,
-            bbox={"boxstyle": "square,pad=0.08", "facecolor": "white", "edgecolor": "none"},
-        )
-
-
-def _draw_nodes(ax: Axes, schema: Schema, drawing: Arrangement, points: float) -> None:
-    from matplotlib.patches import FancyBboxPatch, Polygon
-
-    for node, half in drawing.half_width.items():
-        x, y = drawing.centre[node]
-        inert = node in schema.inert
-        style: Any = {
-            "edgecolor": "0.35" if inert else "black",
-            "linewidth": 0.032 * points,
-            "linestyle": (0, (3, 2)) if inert else "-",
-            "zorder": 3,
-        }
-        if node == DOOR:
-            corner, side = (x - RADIUS, y - RADIUS), 2 * RADIUS
-            box = f"round,pad=0,rounding_size={0.25 * RADIUS}"
-            ax.add_patch(
-                FancyBboxPatch(corner, side, side, boxstyle=box, facecolor="0.88", **style)
-            )
-        else:
-            # A circle, pulled apart in the middle where the name is long.
-            angle = np.linspace(0, 2 * np.pi, 121)
-            outline = RADIUS * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-            outline[:, 0] += np.sign(outline[:, 0].round(9)) * (half - RADIUS)
-            outline += drawing.centre[node]
-            ax.add_patch(Polygon(outline, facecolor="white", **style))
-        gate = _gate_mark(schema, node)
-        text: Any = {"ha": "center", "zorder": 4, "color": "0.35" if inert else "black"}
-        size = (0.235 if node == DOOR else 0.28) * points
-        # Set by the baseline, so that names with and without descenders are level.
-        ax.text(x, y - 0.095 + (0.09 if gate else 0), node, fontsize=size, va="baseline", **text)
-        if gate:
-            style = {"fontsize": 0.185 * points, "style": "italic", "va": "baseline"}
-            ax.text(x, y - 0.235, gate, **style, **text)
-
-
-def _gate_mark(schema: Schema, node: str) -> str:
+    (x, y), half, inert = centre, _half_size(node), node in schema.inert
+    # A circle, pulled apart as far as the node is wider or higher.
+    corner, angle = RADIUS * (0.25 if node == DOOR else 1.0), np.linspace(0, 2 * np.pi, 121)
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1).round(9)
+    outline = Polygon(
+        centre + corner * circle + np.sign(circle) * (half - corner),
+        facecolor="0.88" if node == DOOR else "white",
+        edgecolor="0.35" if inert else "black",
+        linewidth=0.032 * points,
+        linestyle=(0, (3, 2)) if inert else "-",
+        zorder=3,
+    )
+    ax.add_patch(outline)
     gate = schema.gate(node)
-    return {"any": "", "all": "all"}.get(gate.kind, f"≥{gate.k}")
+    mark = {"any": "", "all": "all"}.get(gate.kind, f"≥{gate.k}")
+    text: Any = {"ha": "center", "va": "baseline", "zorder": 4, "color": outline.get_edgecolor()}
+    size = (0.235 if node == DOOR else 0.28) * points
+    # Set by the baseline, so that names with and without descenders are level.
+    ax.text(x, y - (0.005 if mark else 0.095), node, fontsize=size, **text)
+    if mark:
+        ax.text(x, y - 0.235, mark, fontsize=0.185 * points, style="italic", **text)
+    return outline
 
 
 # -- text -----------------------------------------------------------------------------------------
