@@ -85,7 +85,7 @@ def test_a_click_is_answered_with_what_is_seen(server, caller):
 
 def test_nothing_latent_is_in_any_answer(server, caller):
     name = caller.join()
-    for path in ("/", "/play.js", "/room.js", "/play.css", "/icon.svg", "/brief"):
+    for path in ("/", "/play.js", "/room.js", "/play.css", "/figure.svg", "/brief"):
         assert caller.call(path)[0] == 200
     caller.call("/geometry/7")
     random = np.random.default_rng(0)
@@ -111,7 +111,7 @@ def test_nothing_latent_is_in_any_answer(server, caller):
 
 
 def test_the_page_loads_nothing_from_elsewhere_and_says_so(caller):
-    for path in ("/", "/play.js", "/room.js", "/play.css", "/icon.svg"):
+    for path in ("/", "/play.js", "/room.js", "/play.css", "/figure.svg"):
         text = caller.call(path)[1]
         assert not set(re.findall(r"https?://[\w.]+", text)) - {"http://www.w3.org"}
         assert not re.search(r"(src|href)=\"(?!/\w|#)", text)

@@ -37,10 +37,8 @@ async function call(path, body) {
         $("offline").hidden = true;
         return said ? { status: answer.status, said } : { status: 0, said: { error: `no answer of the study's server (HTTP status ${answer.status})` } };
       }
-      $("offline-why").textContent = "The server cannot answer now.";
     } catch (error) {
       if (!(error instanceof TypeError)) throw error; // that is how fetch tells of no connection
-      $("offline-why").textContent = "The connection is lost.";
     }
     $("offline").hidden = false;
     await wait(pause);
@@ -102,17 +100,12 @@ function screen(name) {
   }
 }
 
-async function geometry(positions) {
-  return got(`/geometry/${positions}`);
-}
-
-async function intro() {
+function intro() {
   $("where").textContent = "";
   const budgets = { levers: count(brief.positions, "lever"), actions: count(brief.action_limit, "action"), attempts: count(brief.attempt_limit, "attempt") };
   for (const node of document.querySelectorAll("[data-brief]")) node.textContent = budgets[node.dataset.brief];
   $("identified").hidden = brief.recruiting.length === 0;
   $("begin").textContent = state ? "Back to the room" : brief.practice ? "Go to the practice room" : "Go to the first room";
-  if (!$("figure").childElementCount) drawFigure($("figure"), await geometry(brief.positions));
   screen("intro");
 }
 
@@ -126,7 +119,7 @@ function consent() {
 
 // What the person thinks of the room that they have left: a box for each pair of levers.
 async function question() {
-  const names = (await geometry(state.positions)).names, door = state.positions;
+  const { names } = await got(`/geometry/${state.positions}`), door = state.positions;
   const called = (place) => place === door ? "the lock of the door" : `lever ${place + 1} (${names[place]})`;
   $("where").textContent = `Room ${state.ended.length} of ${state.trials}`;
   $("ask-levers").replaceChildren(...state.levers.map((lever) => {
@@ -142,21 +135,6 @@ async function question() {
     return group;
   }));
   screen("ask");
-}
-
-// The room with a word at everything that the instructions name.
-function drawFigure(figure, plan) {
-  const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
-  svg.setAttribute("class", "room");
-  svg.setAttribute("role", "img");
-  svg.setAttribute("aria-label", "A room: levers around the arm, the door on the right with its lock at the lower end, the green button above it");
-  figure.append(svg);
-  const drawn = new Room(svg, plan);
-  const many = plan.tracks.length, bits = new Array(2 * many + 2).fill(0);
-  bits[2 * many] = 1;
-  drawn.show(bits);
-  drawn.number(false);
-  drawn.annotate();
 }
 
 function console_(now) {
@@ -210,8 +188,7 @@ async function enter() {
   uncover();
   if (state.stage === "question") return question();
   if (state.stage === "end") return end();
-  const plan = await geometry(state.positions);
-  room = new Room($("room"), plan, act);
+  room = new Room($("room"), await got(`/geometry/${state.positions}`), act);
   room.number($("keys").checked);
   $("last-key").textContent = "1234567890-="[state.positions - 1];
   $("practice").hidden = state.stage !== "practice";

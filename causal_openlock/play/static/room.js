@@ -43,7 +43,7 @@ function animate(duration, frame) {
 
 export class Room {
   // svg: the element to draw into. geometry: as the server describes it. act(action): called when
-  // something is clicked; without it, the drawing is only to be looked at.
+  // something is clicked.
   constructor(svg, geometry, act) {
     Object.assign(this, { svg, geometry, act });
     this.many = geometry.tracks.length;
@@ -67,7 +67,7 @@ export class Room {
     this.drawDoor();
     this.arm = make("g", { "aria-hidden": "true", "pointer-events": "none" }, svg);
     // What can be clicked lies above everything that is drawn.
-    if (this.act) this.drawTargets();
+    this.drawTargets();
   }
 
   drawLever(track, place) {
@@ -96,9 +96,6 @@ export class Room {
     this.door = make("rect", { x: x - thickness / 2, y: -y, width: thickness, height: length, class: "door" }, group);
     make("circle", { cx: x, cy: -y, r: 0.11, class: "hinge" }, group);
     this.lock = make("circle", { cx: x, cy: -(y - length), r: 0.15 }, group);
-    const { centre: [bx, by], side } = this.geometry.button;
-    this.square = { x: bx - side / 2, y: -by - side / 2, width: side, height: side, class: "square" };
-    if (!this.act) make("rect", this.square, group);
   }
 
   // For each lever the outer part of its track and the inner one, and the green button.
@@ -130,33 +127,11 @@ export class Room {
       }
     });
     const group = make("g", { "aria-label": "Push the door" }, this.svg);
-    make("rect", this.square, group);
-    const [x, y] = g.button.centre, { side } = this;
-    make("rect", { x: x - side / 2, y: -y - side / 2, width: side, height: side, class: "hit" }, group);
-    target(2 * this.many, group);
-  }
-
-  // Write beside a lever, the door, its lock and the button what they are.
-  annotate() {
-    const g = this.geometry;
-    const upright = ({ outward: [x, y] }) => y - Math.abs(x);
-    const place = g.tracks.reduce((best, track, i) => (upright(track) > upright(g.tracks[best]) ? i : best), 0);
-    const { at } = this.levers[place], [x, y] = g.tracks[place].start;
-    const zones = make("g", { transform: at }, this.svg), middle = -g.tracks[place].travel / 2;
-    make("rect", { x: -0.3, y: middle - 0.46, width: 0.6, height: 0.46, class: "zone" }, zones);
-    make("rect", { x: -0.3, y: middle, width: 0.6, height: 0.46, class: "zone" }, zones);
-    const { hinge, length } = g.door, [bx, by] = g.button.centre;
-    const notes = [
-      [x + 0.45, y + 0.5, "outer part: push", "start"],
-      [x, y - 0.62, "inner part: pull", "middle"],
-      [hinge[0] + 0.3, hinge[1] - length / 2, "door", "start"],
-      [hinge[0] + 0.3, hinge[1] - length, "lock", "start"],
-      [bx + 0.45, by, "button", "start"],
-    ];
-    for (const [nx, ny, text, anchor] of notes) {
-      const note = make("text", { x: nx, y: -ny, class: "note", "text-anchor": anchor }, this.svg);
-      note.textContent = text;
+    const [x, y] = g.button.centre;
+    for (const [side, name] of [[g.button.side, "square"], [this.side, "hit"]]) {
+      make("rect", { x: x - side / 2, y: -y - side / 2, width: side, height: side, class: name }, group);
     }
+    target(2 * this.many, group);
   }
 
   // Show the numbers of the levers, or do not.
@@ -180,7 +155,6 @@ export class Room {
   }
 
   label() {
-    if (!this.act) return;
     const n = this.many, bits = this.seen;
     this.geometry.names.forEach((name, place) => {
       const described = `lever ${place + 1}, ${name}, ${bits[n + place] ? "grey" : "white"}, ${bits[place] ? "pushed" : "pulled"}`;
