@@ -9,9 +9,8 @@ to the statistics that the paper prints. Their p values are not corrected.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -19,7 +18,7 @@ import pandas as pd
 from causal_openlock.analysis.effects import ALPHA
 from causal_openlock.analysis.measures import at_places, by_subject
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.table import Table, p_value
+from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Section, Topic
 from causal_openlock.paper.published import people
 from causal_openlock.paper.references import people_beside
@@ -46,30 +45,14 @@ FAMILIES = {
     "training": "Training trials",
     "transfer": "Transfer test",
 }
-_OF_TRIALS = "Of trials: multivariate test of repeated measures,"
-_OF_INTERACTION = "Of the interaction: 2 × 2 analysis of variance,"
-_CAPTIONS = {
-    "baseline": (_OF_TRIALS, "CE4 − CC4: means of all trials; last: of the last trial."),
-    "training": (
-        _OF_TRIALS,
-        "CE3 − CC3: means of all trials; CC3, last: last trial of CC3 training, of those to be "
-        "tested in CC4 and in CE4.",
-    ),
-    "transfer": (
-        _OF_INTERACTION,
-        "CC4: CE3 − CC3: the test of CC4, after training with CE3 and with CC3; CE4 − CC4: the "
-        "tests, whatever the training was.",
-    ),
-}
-_NUMBERS = {
+_FORMATS = {
     "p": ".2g",
     **dict.fromkeys(("value", "hedges_g", "effect_size"), ".2f"),
     **{"difference": "+.2f", "subjects": ","},
 }
 
 
-@dataclass(frozen=True)
-class PaperTest:
+class PaperTest(NamedTuple):
     """One of the paper's tests.
 
     Attributes:
@@ -217,27 +200,6 @@ def _tests_of(means: pd.DataFrame, learner: str) -> list[dict[str, object]]:
     return rows
 
 
-def outcome_text(row: Mapping[Any, Any]) -> str:
-    """A row as a paper prints it, with the effect's size."""
-    if np.isnan(row["value"]):
-        return "not defined"
-    p = p_value(row["p"])
-    parts = [
-        _statistic(row),
-        f"p {p if p.startswith('<') else f'= {p}'}",
-        f"{row['effect']} = {_number(row['effect_size'])}",
-    ]
-    return ", ".join(part.replace(" ", "\u00a0") for part in parts)  # lines break at commas alone
-
-
-def _statistic(row: Mapping[Any, Any]) -> str:
-    return f"{row['statistic']}({row['df']}) = {_number(row['value'])}"
-
-
-def _number(value: float) -> str:
-    return f"{value + 0.0:.2f}".replace("-", "−")
-
-
 def _matrices(means: pd.DataFrame) -> dict[str, FloatArray]:
     """``[n, T]`` attempts of the subjects of each condition that played all of its trials."""
     held = {}
@@ -273,25 +235,29 @@ def section(material: Material) -> Section | None:
     tests = paper_tests(played, material.learners)
     if tests.empty:
         return None
-    own = tests[tests["learner"] != PEOPLE]
-    rows = [finding(test, own) for test in TESTS]
+    key = ["family", "test"]
+    rows = [(test, tests[(tests[key] == [test.family, test.name]).all(axis=1)]) for test in TESTS]
+    asked = [(test, own) for test, own in rows if len(own) > 1]  # not of people alone
+    frame = pd.DataFrame([finding(test, own.iloc[0], own.iloc[1:]) for test, own in asked])
     caption = (
         "Printed: the paper's statistic. Not defined: subjects do not differ, or no trial was "
         "solved within the limit."
     )
-    shown = pd.DataFrame([row for row in rows if row])
     title = "What people do, and which learners"
-    tables = [Table("paper_tests_found", title, shown, caption=caption)]
-    tables += [
-        _family_table(family, tests[tests["family"] == family], material)
-        for family in FAMILIES
-        if (own["family"] == family).any()
-    ]
+    summary = Table("paper_tests_found", title, frame, caption=caption)
     caption = (
-        "Difference: of means, in attempts; of trials the first less the last, of the interaction "
-        "what training with the structure of the test saves, the mean over both."
+        "Of people statistics are as printed; p and sizes of effects follow from them, and t of "
+        "training has no sign. Test: the first minus the second; t is negative where the second "
+        "needed more attempts. Of trials: multivariate test of repeated measures; of the "
+        "interaction: 2 × 2 analysis of variance; F of two groups: one-way analysis of variance; "
+        "t: two independent groups, two-sided. Differences of means of all trials, or of the last "
+        "alone, in attempts; of trials the first less the last, of the interaction what training "
+        "with the structure of the test saves, the mean over both. d: Cohen's; ηp²: partial eta "
+        "squared. Subjects: in all groups together."
     )
-    tables.append(Table("paper_tests_all", "Every test, as numbers", tests, _NUMBERS, caption))
+    title = "Every test, as numbers"
+    by_test = pd.concat([own for _, own in asked])
+    numbers = Table("paper_tests_all", title, by_test, _FORMATS, caption)
     text = (
         "The paper's tests, in the paper's order, on the trials of every learner that did what "
         f"people did. Each is a question of its own, judged at p < {ALPHA} for people and learners "
@@ -299,63 +265,27 @@ def section(material: Material) -> Section | None:
         "significant. A test that is not significant may miss an effect that is too small for its "
         "number of subjects."
     )
-    return Section("paper_tests", "The paper's tests", (text,), tuple(tables))
+    return Section("paper_tests", "The paper's tests", (text,), (summary, numbers))
 
 
-def _family_table(family: str, rows: pd.DataFrame, material: Material) -> Table:
-    asked = [test for test in TESTS if test.family == family]
-    shown = []
-    for name in (PEOPLE, *material.learners):
-        cells = {row["test"]: row for row in rows[rows["learner"] == name].to_dict("records")}
-        if not cells:
-            continue
-        played = [test for test in asked if test.name in cells]
-        n = sorted({round(cells[test.name]["subjects"] / len(test.conditions)) for test in played})
-        outcomes = {test.name: "not played" for test in asked}
-        outcomes |= {test.name: outcome_text(cells[test.name]) for test in played}
-        shown.append(
-            {
-                "learner": f"{PEOPLE} (printed)" if name == PEOPLE else name,
-                "n": " to ".join(dict.fromkeys(map(str, (n[0], n[-1])))),
-                **outcomes,
-            }
-        )
-    test, differences = _CAPTIONS[family]
-    no_sign = ", t has no sign" if family == "training" else ""
-    caption = (
-        f"n: subjects in each condition. {test} F of two groups: one-way analysis of variance; t: "
-        f"two independent groups, two-sided. {differences} A difference is the first minus the "
-        "second, and t is negative where the second needed more attempts. d: Cohen's; ηp²: partial "
-        "eta squared. Of people statistics are as printed, p and the size of the effect follow "
-        f"from them{no_sign}."
-    )
-    name = f"paper_tests_{family}"
-    return Table(name, f"{FAMILIES[family]}: tests", pd.DataFrame(shown), caption=caption)
-
-
-def finding(test: PaperTest, rows: pd.DataFrame) -> dict[str, str]:
-    """Say what came of a test in people and in learners, of which all rows are given.
+def finding(test: PaperTest, people: pd.Series, learners: pd.DataFrame) -> dict[str, str]:
+    """Say what came of a test, from its rows of :func:`paper_tests`.
 
     Returns:
         What ``people`` do (or not), the ``printed`` statistic, and the learners in which the effect
-        is ``significant``, its ``opposite`` is, neither is, or the test is ``not defined``; empty
-        if no learner played it.
+        is ``significant``, its ``opposite`` is, neither is, or the test is ``not defined``.
     """
-    rows = rows[(rows["family"] == test.family) & (rows["test"] == test.name)]
-    if rows.empty:
-        return {}
-    defined = rows[rows["value"].notna()]
+    defined = learners[learners["value"].notna()]
     significant = defined["p"] < ALPHA
     with_sign = (defined["difference"] > 0) | (not test.directed)
-    people = printed_tests().set_index(["family", "test"]).loc[(test.family, test.name)]
-    in_people = f"p {'<' if people['p'] < ALPHA else '>'} {ALPHA:g}"
+    statistic = f"{people['statistic']}({people['df']}) = {people['value']:.2f}"
     return {
         "people": f"{FAMILIES[test.family]}: they {test.claim}",
-        "printed": f"{_statistic(people)}, {in_people}",
+        "printed": f"{statistic}, p {'<' if people['p'] < ALPHA else '>'} {ALPHA:g}",
         "significant in": _listed(defined[significant & with_sign]),
         "opposite significant in": _listed(defined[significant & ~with_sign]),
         "not significant in": _listed(defined[~significant]),
-        "not defined for": _listed(rows[rows["value"].isna()]),
+        "not defined for": _listed(learners[learners["value"].isna()]),
     }
 
 
