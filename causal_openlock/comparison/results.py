@@ -232,11 +232,11 @@ class Results(Material):
     def scores(self) -> Scores:
         """Scores of learners on these subjects, as ``causal-openlock score`` stored them.
 
-        See :func:`~causal_openlock.scoring.on_record.scores`.
+        See :func:`~causal_openlock.scoring.scores.scores_on_record`.
         """
-        from causal_openlock.scoring.on_record import scores
+        from causal_openlock.scoring.scores import scores_on_record
 
-        return scores(self)
+        return scores_on_record(self)
 
     def score(self, learners: LearnerForm | Sequence[LearnerForm] = (), **options: Any) -> Scores:
         """Let learners predict every action of these subjects: who predicts best?

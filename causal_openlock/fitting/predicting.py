@@ -45,7 +45,7 @@ from causal_openlock.fitting.to_actions import (
 from causal_openlock.scoring import LAPSE
 from causal_openlock.scoring.inverse_binomial import Draws
 from causal_openlock.scoring.score_table import GROUP
-from causal_openlock.scoring.scores import Scores, choices_in, score_learners
+from causal_openlock.scoring.scores import Scores, score_learners, scores_of
 from causal_openlock.scoring.teacher_forcing import (
     EXACT,
     Recorded,
@@ -191,7 +191,8 @@ def score_fits(
         raise StoreError(f"no subject was fitted in each of {labels}; fit to the same subjects")
     tables = [table[subject_names(table).isin(shared)] for table in tables]
     predicted = [_predicted(fit, shared, draws, workers) for fit in fits]
-    return Scores(pd.concat([*predicted, *tables], ignore_index=True), choices_in(experiment))
+    actions = pd.concat([*predicted, *tables], ignore_index=True)
+    return scores_of(record, experiment, actions)
 
 
 def _check(

@@ -32,8 +32,8 @@ from causal_openlock.scoring.inverse_binomial import Draws
 from causal_openlock.scoring.teacher_forcing import recorded_subjects, score_actions
 from causal_openlock.storage.store import Store
 
-SIMULATED, SCORES = "simulated", "scores"
-"""Folders of the subjects, and of what is scored."""
+SIMULATED = "simulated"
+"""Folder of the subjects."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,6 @@ def predicted(
         size.lapse,
         draws=Draws(most=size.draws),
         workers=running.processes,
-        keep=folder / SCORES,
         report=running.report,
     )
 

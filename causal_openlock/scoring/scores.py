@@ -7,6 +7,7 @@ is the mean of subjects, and two learners are compared on the same subjects.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -17,6 +18,8 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.effects import Group, weighted_difference
+from causal_openlock.analysis.measures import ordered
+from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.statistics import mean_intervals
 from causal_openlock.contract.registry import changed_parameters
 from causal_openlock.errors import OpenLockError, StoreError
@@ -26,10 +29,11 @@ from causal_openlock.files.escaping import csv_of
 from causal_openlock.scoring import LAPSE
 from causal_openlock.scoring.inverse_binomial import Draws
 from causal_openlock.scoring.model_selection import frequencies_of, select_models
-from causal_openlock.scoring.score_table import GROUP, PLAYED, read_scores, write_scores
-from causal_openlock.scoring.teacher_forcing import EXACT, score_actions
+from causal_openlock.scoring.score_table import GROUP, read_scores, write_scores
+from causal_openlock.scoring.teacher_forcing import ATTEMPT, EXACT, record_digest, score_actions
+from causal_openlock.storage.store import Store
 from causal_openlock.storage.stored import StoredExperiment
-from causal_openlock.wording import nearest
+from causal_openlock.wording import joined, nearest
 from causal_openlock.world.room import action_names, positions_for
 
 if TYPE_CHECKING:
@@ -52,54 +56,168 @@ class Scores:
             :func:`~causal_openlock.scoring.teacher_forcing.score_actions`; all else follows.
         choices: By condition, among how many actions subjects choose; empty where the experiment
             is not known.
+        record: Digest of what was scored, from
+            :func:`~causal_openlock.scoring.teacher_forcing.record_digest`.
     """
 
     actions: pd.DataFrame
     choices: Mapping[str, int] = field(default_factory=dict)
+    record: str = ""
 
     @cached_property
     def subjects(self) -> pd.DataFrame:
-        """A row for each subject and learner, see :func:`by_subject`."""
-        return by_subject(self.actions)
+        """The score of each learner on each subject.
+
+        A row for each ``scored`` learner and subject: how many ``actions``; ``nll``, the negative
+        log-likelihood in nats, and its ``standard_error`` (0 where it is exact); ``bits`` per
+        action; ``expected``, the bits per action that it would need for its own actions; ``bic``,
+        with the price of parameters that were chosen to fit the subject; ``impossible``, how many
+        actions it would never do; and ``at_limit``, for how many draws stopped before a hit.
+        """
+        table = (
+            self.actions.assign(
+                nll=-self.actions["log_probability"], variance=self.actions["standard_error"] ** 2
+            )
+            .groupby(["scored", *SUBJECT], observed=True, sort=False)
+            .agg(
+                actions=("nll", "size"),
+                nll=("nll", "sum"),
+                standard_error=("variance", "sum"),
+                expected=("entropy", "mean"),
+                impossible=("impossible", "sum"),
+                at_limit=("at_limit", "sum"),
+                bic=("price", "first"),
+            )
+            .reset_index()
+        )
+        return table.assign(
+            standard_error=np.sqrt(table["standard_error"]),
+            expected=table["expected"] / LN2,
+            bits=table["nll"] / table["actions"] / LN2,
+            bic=table["bic"] + 2.0 * table["nll"],
+        )
 
     @cached_property
     def ranking(self) -> pd.DataFrame:
-        """The learners, the one that predicts best first; see :func:`ranking`."""
-        return ranking(self.subjects)
+        """The learners, the one that predicts best first.
+
+        A row for each ``scored`` learner: ``subjects``, the mean ``bits`` per action with its 95%
+        interval ``low`` and ``high``; ``worse``, how much more it needs than the best, on the same
+        subjects, with its interval ``worse_low`` and ``worse_high`` and the ``p`` of a paired test
+        (NaN of the best, and where one cannot do what was done); and ``best_of``, for how many
+        subjects none is better.
+
+        Raises:
+            OpenLockError: If no subject was scored by all of them.
+        """
+        wide = self._by_learner("bits")
+        if wide.empty:
+            raise OpenLockError(
+                "none of these subjects was scored by all of these learners; score all subjects "
+                "with the same learners"
+            )
+        means = wide.mean().sort_values(kind="stable")
+        best = means.index[0]
+        rows = []
+        for name in means.index:
+            more = _interval((wide[name] - wide[best]).to_numpy(float))
+            rows.append(
+                (
+                    *(name, len(wide), *_interval(wide[name].to_numpy(float))[:3]),
+                    *(more if name != best else [np.nan] * 4),
+                    int((wide[name] == wide.min(axis=1)).sum()),
+                )
+            )
+        columns = ["scored", "subjects", "bits", "low", "high", "worse", "worse_low", "worse_high"]
+        return pd.DataFrame(rows, columns=[*columns, "p", "best_of"])
 
     @cached_property
     def followed(self) -> pd.DataFrame:
-        """Frequencies of learners, if each subject follows one; see :func:`followed`."""
-        return followed(self.subjects)
+        """Frequencies of learners, if each subject follows one.
+
+        A row for each ``scored`` learner: its expected ``frequency`` among subjects, its
+        ``exceedance`` probability and the ``protected`` one. They are those of
+        :func:`~causal_openlock.scoring.model_selection.select_models`, with -BIC/2 for the log
+        evidence; a learner that never does what a subject did is taken to be very unlikely for it.
+        """
+        evidence = self._evidence
+        found = select_models(evidence.to_numpy(float))
+        return pd.DataFrame(
+            {
+                "scored": evidence.columns,
+                "frequency": found.frequencies,
+                "exceedance": found.exceedance,
+                "protected": found.protected,
+            }
+        )
 
     @cached_property
     def attributed(self) -> pd.DataFrame:
-        """The learner that each subject follows, if each follows one; see :func:`attributed`."""
-        return attributed(self.subjects)
+        """The learner that each subject follows, if each follows one.
 
-    @classmethod
-    def read(cls, folder: Path) -> Scores:
-        """The scores that :meth:`save` wrote into a folder.
-
-        Raises:
-            OutdatedError: If an earlier version made them.
-            StoreError: If there are none, or they are damaged.
+        A row for each subject: the learner that it most probably ``follows`` and the
+        ``probability`` that it does, in the light of how frequent learners are among all; and how
+        far its evidence, as :attr:`followed` takes it, is ``ahead`` of the best of the others, in
+        nats (negative where another one is more frequent; NaN if there is no other).
         """
-        try:
-            return cls(read_scores(folder / ACTIONS))
-        except FileNotFoundError:
-            raise StoreError(
-                f"{folder} holds no scores; make them with: causal-openlock score {folder.parent} "
-                "--learner NAME"
-            ) from None
+        evidence = self._evidence
+        _, shares = frequencies_of(evidence.to_numpy(float))
+        which, rows = shares.argmax(axis=1), np.arange(len(shares))
+        others = evidence.to_numpy(float, copy=True)
+        own = others[rows, which]
+        others[rows, which] = -np.inf
+        ahead = own - others.max(axis=1)
+        return evidence.index.to_frame(index=False).assign(
+            follows=evidence.columns[which],
+            probability=shares[rows, which],
+            ahead=np.where(np.isfinite(ahead), ahead, np.nan),
+        )
+
+    @property
+    def _evidence(self) -> pd.DataFrame:
+        """-BIC/2 by subject, and learner that predicts it."""
+        return (-0.5 * self._by_learner("bic")).clip(lower=-1e6)
+
+    def _by_learner(self, column: str) -> pd.DataFrame:
+        """A number by subject that all learners predict, and learner."""
+        each = self.subjects
+        wide = each.pivot_table(index=SUBJECT, columns="scored", values=column, observed=True)
+        return wide[list(dict.fromkeys(each["scored"]))].dropna()
 
     def of(self, learner: str) -> Scores:
         """Scores of the subjects of one learner."""
         return replace(self, actions=self.actions[self.actions["learner"] == learner])
 
+    def by_subject(self, *columns: str) -> pd.DataFrame:
+        """Mean ``bits`` and ``expected``, and actions ``done``, of each subject in each part."""
+        table = self.actions.assign(
+            bits=-self.actions["log_probability"] / LN2,
+            expected=self.actions["entropy"] / LN2,
+            done=1,
+        )
+        each = table.groupby([*dict.fromkeys(["scored", *columns, *SUBJECT])], observed=True)
+        return each.agg({"bits": "mean", "expected": "mean", "done": "sum"}).reset_index()
+
     def over(self, *columns: str) -> pd.DataFrame:
-        """Scores on parts of what was done; see :func:`over`."""
-        return over(self.actions, columns)
+        """Scores on parts of what was done, such as each trial; subjects count alike.
+
+        Args:
+            columns: What distinguishes the parts: ``trial``, ``attempt``, ...
+
+        Returns:
+            A row for each ``scored`` learner and part: the mean ``bits`` per action, with its 95%
+            interval over subjects, ``ci_low`` and ``ci_high``; what the learner itself
+            ``expected`` to need (NaN where it gives no probabilities); of how many ``actions`` of
+            how many ``subjects``. What one does that the learner takes for impossible needs
+            infinitely many, and has no interval.
+        """
+        by, own = ["scored", *columns], self.by_subject(*columns)
+        found = own.groupby(by, observed=True).agg(
+            subjects=("bits", "size"), actions=("done", "sum"), bits=("bits", "mean"),
+            expected=("expected", "mean"),
+        )  # fmt: skip
+        known = own[np.isfinite(own.groupby(by, observed=True)["bits"].transform("max"))]
+        return found.reset_index().merge(mean_intervals(known, by, "bits"), on=by, how="left")
 
     def plot(
         self, *, of: str | None = None, learners: Sequence[str] | None = None, ax: Any = None
@@ -130,8 +248,24 @@ class Scores:
         own = self.of(whose)
         names = [str(name) for name in own.ranking["scored"]]
         names = [name for name in names if learners is None or name in learners]
-        each, means = _of_each(own.actions, ["condition", "trial"]), own.over("condition", "trial")
-        return draw_scores(means, each, names, self.choices, ax)
+        parts = "condition", "trial"
+        return draw_scores(own.over(*parts), own.by_subject(*parts), names, self.choices, ax)
+
+    @classmethod
+    def read(cls, folder: Path) -> Scores:
+        """The scores that :meth:`save` wrote into a folder.
+
+        Raises:
+            StoreError: If there are none, they are damaged, or another version made them.
+        """
+        try:
+            actions, record = read_scores(folder / ACTIONS)
+        except FileNotFoundError:
+            raise StoreError(
+                f"{folder} holds no scores; make them with: causal-openlock score {folder.parent} "
+                "--learner NAME"
+            ) from None
+        return cls(actions, record=record)
 
     def save(self, folder: Path) -> list[Path]:
         """Write ``actions.parquet``, ``subjects.csv`` and ``followed.csv``; returns where.
@@ -140,7 +274,7 @@ class Scores:
             OSError: If they cannot be written.
         """
         files = [folder / ACTIONS, folder / BY_SUBJECT, folder / FOLLOWED]
-        write_scores(files[0], self.actions)
+        write_scores(files[0], self.actions, self.record)
         write_text(files[1], csv_of(self.subjects.round(6)))
         write_text(files[2], csv_of(self.attributed.round(6)))
         return files
@@ -168,7 +302,13 @@ def score_learners(
     chosen = {one.name: len(changed_parameters(one.learner, one.parameters)) for one in learners}
     done = actions.groupby(["scored", *SUBJECT], observed=True)["action"].transform("size")
     price = actions["scored"].map(chosen).to_numpy(float) * np.log(done)
-    return Scores(actions.assign(price=price), choices_in(experiment))
+    return scores_of(record, experiment, actions.assign(price=price))
+
+
+def scores_of(record: pa.Table, experiment: Experiment, actions: pd.DataFrame) -> Scores:
+    """Scores of actions on record, with what is known of the record."""
+    digest = record_digest(record, experiment, set(actions["learner"]))
+    return Scores(actions, choices_in(experiment), digest)
 
 
 def choices_in(experiment: Experiment) -> dict[str, int]:
@@ -179,170 +319,64 @@ def choices_in(experiment: Experiment) -> dict[str, int]:
     }
 
 
-def by_subject(actions: pd.DataFrame) -> pd.DataFrame:
-    """The score of each learner on each subject.
-
-    Args:
-        actions: From :func:`~causal_openlock.scoring.teacher_forcing.score_actions`, of one learner
-            or several.
+def stored_scores(material: Material) -> tuple[dict[str, Scores], list[str]]:
+    """Read the scores in the folders of results.
 
     Returns:
-        A row for each ``scored`` learner and subject: how many ``actions``; ``nll``, the negative
-        log-likelihood in nats, and its ``standard_error`` (0 where it is exact); ``bits`` per
-        action; ``expected``, the bits per action that it would need for its own actions; ``bic``,
-        with the price of parameters that were chosen to fit the subject; ``impossible``, how many
-        actions it would never do; ``at_limit``, for how many draws stopped before a hit; and the
-        digest of what the subject ``played``.
+        The scores of the subjects of each learner, by its label; and a sentence on each part that
+        is left out, as its subjects have been played again since, or cannot be compared.
     """
-    surprise = actions["log_probability"]
-    table = (
-        actions.assign(nll=-surprise, variance=actions["standard_error"] ** 2)
-        .groupby(["scored", *SUBJECT], observed=True, sort=False)
-        .agg(
-            actions=("nll", "size"),
-            nll=("nll", "sum"),
-            standard_error=("variance", lambda of_all: float(np.sqrt(of_all.sum()))),
-            expected=("entropy", "mean"),
-            impossible=("impossible", "sum"),
-            at_limit=("at_limit", "sum"),
-            price=("price", "first"),
-            played=(PLAYED, "first"),
+    parts, notes = [], []
+    for folder in material.folders:
+        if not (folder / FOLDER).is_dir():
+            continue
+        left_out = f"The scores in {folder.name}/{FOLDER} are left out:"
+        try:
+            scores = Scores.read(folder / FOLDER)
+        except StoreError:
+            notes.append(f"{left_out} this version cannot read them. Score these subjects again.")
+            continue
+        record, experiment = Store(folder).record(ATTEMPT)
+        if scores.record == record_digest(record, experiment, set(scores.actions["learner"])):
+            parts.append(scores)
+        else:
+            notes.append(f"{left_out} they are of other actions than those on record. Score these "
+                         "subjects again.")  # fmt: skip
+    if not parts:
+        return {}, notes
+    actions = pd.concat([scores.actions for scores in parts], ignore_index=True)
+    record = parts[0].record if len(parts) == 1 else ""
+    scores = Scores(actions, choices_in(material.experiment), record)
+    by_learner = {
+        name: scores.of(name) for name in ordered(actions["learner"].unique(), material.learners)
+    }
+    if apart := [name for name, own in by_learner.items() if own._by_learner("bits").empty]:
+        notes.append(
+            f"Scores of the subjects of {joined(apart)} are left out: none of these subjects was "
+            "scored by all of the learners that scored some. Score all subjects with the same "
+            "learners."
         )
-        .reset_index()
-    )
-    return table.drop(columns="price").assign(
-        bits=table["nll"] / table["actions"] / LN2,
-        expected=table["expected"] / LN2,
-        bic=2.0 * table["nll"] + table["price"],
-    )
+    return {name: own for name, own in by_learner.items() if name not in apart}, notes
 
 
-def ranking(subjects: pd.DataFrame) -> pd.DataFrame:
-    """The learners, the one that predicts best first.
-
-    Args:
-        subjects: From :func:`by_subject`.
-
-    Returns:
-        A row for each ``scored`` learner: ``subjects``, the mean ``bits`` per action with its 95%
-        interval ``low`` and ``high``; ``worse``, how much more it needs than the best, on the same
-        subjects, with its interval ``worse_low`` and ``worse_high`` and the ``p`` of a paired test
-        (NaN of the best, and where one cannot do what was done); and ``best_of``, for how many
-        subjects none is better.
+def scores_on_record(results: Material) -> Scores:
+    """Scores of learners on these subjects, as ``causal-openlock score`` stored them.
 
     Raises:
-        OpenLockError: If no subject was scored by all of them.
+        StoreError: If they were not scored as they are on record, or the scores are damaged.
     """
-    wide = subjects.pivot_table(index=SUBJECT, columns="scored", values="bits", observed=True)
-    wide = wide[list(dict.fromkeys(subjects["scored"]))].dropna()
-    if wide.empty:
-        raise OpenLockError(
-            "none of these subjects was scored by all of these learners; score all subjects with "
-            "the same learners"
+    by_learner, notes = stored_scores(results)
+    if not by_learner:
+        where = results.folders[0] if results.folders else "FOLDER"
+        why = " ".join(notes) or "these subjects are not scored"
+        raise StoreError(
+            f"{why.rstrip('.')}; do it with: causal-openlock score {where} "
+            "--learner NAME, or in Python results.score(NAMES)"
         )
-    means = wide.mean().sort_values(kind="stable")
-    best = means.index[0]
-    rows = []
-    for name in means.index:
-        bits, low, high, _ = _interval(wide[name].to_numpy(float))
-        worse, worse_low, worse_high, p = _interval((wide[name] - wide[best]).to_numpy(float))
-        row = {"scored": name, "subjects": len(wide), "bits": bits, "low": low, "high": high}
-        if name != best:
-            row |= {"worse": worse, "worse_low": worse_low, "worse_high": worse_high, "p": p}
-        row["best_of"] = int((wide[name] == wide.min(axis=1)).sum())
-        rows.append(row)
-    columns = ["scored", "subjects", "bits", "low", "high", "worse", "worse_low", "worse_high"]
-    return pd.DataFrame(rows, columns=[*columns, "p", "best_of"])
-
-
-def followed(subjects: pd.DataFrame) -> pd.DataFrame:
-    """Frequencies of learners, if each subject follows one.
-
-    Args:
-        subjects: From :func:`by_subject`.
-
-    Returns:
-        A row for each ``scored`` learner: its expected ``frequency`` among subjects, its
-        ``exceedance`` probability and the ``protected`` one. They are those of
-        :func:`~causal_openlock.scoring.model_selection.select_models`, with -BIC/2 for the log
-        evidence; a learner that never does what a subject did is taken to be very unlikely for it.
-    """
-    evidence = _evidence(subjects)
-    found = select_models(evidence.to_numpy(float))
-    return pd.DataFrame(
-        {
-            "scored": evidence.columns,
-            "frequency": found.frequencies,
-            "exceedance": found.exceedance,
-            "protected": found.protected,
-        }
-    )
-
-
-def attributed(subjects: pd.DataFrame) -> pd.DataFrame:
-    """The learner that each subject follows, if each follows one.
-
-    Args:
-        subjects: From :func:`by_subject`.
-
-    Returns:
-        A row for each subject: the learner that it most probably ``follows`` and the
-        ``probability`` that it does, in the light of how frequent learners are among all; and how
-        far its evidence, as :func:`followed` takes it, is ``ahead`` of the best of the others, in
-        nats (negative where another one is more frequent; NaN if there is no other).
-    """
-    evidence = _evidence(subjects)
-    _, shares = frequencies_of(evidence.to_numpy(float))
-    which, rows = shares.argmax(axis=1), np.arange(len(shares))
-    others = evidence.to_numpy(float, copy=True)
-    own = others[rows, which]
-    others[rows, which] = -np.inf
-    ahead = own - others.max(axis=1)
-    return evidence.index.to_frame(index=False).assign(
-        follows=evidence.columns[which],
-        probability=shares[rows, which],
-        ahead=np.where(np.isfinite(ahead), ahead, np.nan),
-    )
-
-
-def _evidence(subjects: pd.DataFrame) -> pd.DataFrame:
-    """-BIC/2 by subject, and learner that predicts it."""
-    wide = subjects.pivot_table(index=SUBJECT, columns="scored", values="bic", observed=True)
-    wide = wide[list(dict.fromkeys(subjects["scored"]))].dropna()
-    return (-0.5 * wide).clip(lower=-1e6)
-
-
-def over(actions: pd.DataFrame, columns: Sequence[str]) -> pd.DataFrame:
-    """Scores on parts of what was done, such as each trial; subjects count alike.
-
-    Args:
-        actions: From :func:`~causal_openlock.scoring.teacher_forcing.score_actions`.
-        columns: What distinguishes the parts: ``trial``, ``attempt``, ...
-
-    Returns:
-        A row for each ``scored`` learner and part: the mean ``bits`` per action, with its 95%
-        interval over subjects, ``ci_low`` and ``ci_high``; what the learner itself
-        ``expected`` to need (NaN where it gives no probabilities); of how many ``actions`` of how
-        many ``subjects``. What one does that the learner takes for impossible needs infinitely
-        many, and has no interval.
-    """
-    by, own = ["scored", *columns], _of_each(actions, columns)
-    found = own.groupby(by, observed=True).agg(
-        subjects=("bits", "size"), actions=("done", "sum"), bits=("bits", "mean"),
-        expected=("expected", "mean"),
-    )  # fmt: skip
-    known = own[np.isfinite(own.groupby(by, observed=True)["bits"].transform("max"))]
-    return found.reset_index().merge(mean_intervals(known, by, "bits"), on=by, how="left")
-
-
-def _of_each(actions: pd.DataFrame, columns: Sequence[str]) -> pd.DataFrame:
-    """Mean ``bits`` and ``expected``, and actions ``done``, of each subject in each part."""
-    table = actions.assign(
-        bits=-actions["log_probability"] / LN2, expected=actions["entropy"] / LN2, done=1
-    )
-    each = table.groupby([*dict.fromkeys(["scored", *columns, *SUBJECT])], observed=True)
-    own = each.agg(bits=("bits", "mean"), expected=("expected", "mean"), done=("done", "sum"))
-    return own.reset_index()
+    for note in notes:
+        warnings.warn(note, stacklevel=4)
+    first, *_ = by_learner.values()
+    return replace(first, actions=pd.concat([own.actions for own in by_learner.values()]))
 
 
 def _interval(values: np.ndarray) -> tuple[float, float, float, float]:

@@ -6,7 +6,7 @@ It is made of what ``causal-openlock score`` left in a results folder. Statistic
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
@@ -15,10 +15,10 @@ from causal_openlock.analysis.effects import ALPHA, holm
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Section, Topic, drawn, sentences
-from causal_openlock.scoring.on_record import scores_on_record
-from causal_openlock.scoring.scores import SUBJECT, Scores
+from causal_openlock.scoring.scores import SUBJECT, Scores, stored_scores
 from causal_openlock.wording import counted, file_names, joined
 
+TITLE = "Who predicts what was done"
 MOST_PLOTS = 4
 """Maximum number of learners that get a figure; tables list all."""
 MOST_SUBJECTS = 200
@@ -26,12 +26,12 @@ MOST_SUBJECTS = 200
 SURE = 0.9
 """Probability from which a subject is said to follow a learner."""
 _NAMES = {
-    **{"scored": "predicted by", "low": "ci_low", "high": "ci_high", "worse": "more than best"},
-    **{"worse_low": "low", "worse_high": "high", "p_corrected": "p corrected"},
-    **{"best_of": "best of", "frequency": "followed", "protected": "most frequent"},
+    **{"scored": "predicted by", "worse": "more than best", "worse_low": "low"},
+    **{"worse_high": "high", "p_corrected": "p corrected", "best_of": "best of"},
+    **{"frequency": "followed"},
 }
 _FORMATS = {
-    **dict.fromkeys(("bits", "ci_low", "ci_high", "most frequent", "probability"), ".2f"),
+    **dict.fromkeys(("bits", "probability"), ".2f"),
     **dict.fromkeys(("more than best", "low", "high"), "+.2f"),
     **{"p corrected": ".2g", "followed": ".0%", "subjects": ",", "ahead": ",.1f"},
 }
@@ -39,42 +39,38 @@ _FORMATS = {
 
 def section(material: Material) -> Section | None:
     """Section: the best predictor, and the learners that subjects follow; or None."""
-    on_record = scores_on_record(material)
-    each = on_record.each
-    if not (each or on_record.notes):
-        return None
-    ranked = {of: _ranked(one).assign(of=of) for of, one in each.items()}
-    followed = [one.attributed.assign(of=of) for of, one in each.items() if len(ranked[of]) > 1]
-    text = list(on_record.notes)
-    tables = []
-    if each:
-        text.insert(0, _about(material, each))
-        text += [_predicted(of, one, ranked[of]) for of, one in [*each.items()][:8]]
-        caption = (
-            "Bits: mean of subjects, with its 95% interval over subjects (none where a subject did "
-            "what the learner takes for impossible). More than best: on the same subjects, with "
-            "its 95% interval; p: paired, corrected for the learners that are compared; best of: "
-            "subjects that no learner predicts better. The best was chosen by the same subjects, "
-            "which favours it. Followed: the share of subjects that follow a learner if each "
-            "follows one of these, and most frequent the probability that it is the most frequent, "
-            "which allows for all being equally frequent (random-effects model selection with "
-            "−BIC/2 for the log evidence)."
-        )
-        title = "Bits per action, and who follows whom"
-        tables.append(Table("scores", title, _joined(ranked.values()), _FORMATS, caption))
-    if 0 < sum(map(len, followed)) <= MOST_SUBJECTS:
+    by_learner, notes = stored_scores(material)
+    if not by_learner:
+        return Section("scores", TITLE, tuple(notes)) if notes else None
+    ranked = {of: _ranked(scores) for of, scores in by_learner.items()}
+    text = [_about(material, by_learner), *notes]
+    text += [_predicted(of, scores, ranked[of]) for of, scores in [*by_learner.items()][:8]]
+    caption = (
+        "Bits: mean of subjects. More than best: on the same subjects, with its 95% interval over "
+        "subjects (none where a subject did what the learner takes for impossible); p: paired, "
+        "corrected for the learners that are compared; best of: subjects that no learner predicts "
+        "better. The best was chosen by the same subjects, which favours it. Followed: the share "
+        "of subjects that follow a learner if each follows one of these (random-effects model "
+        "selection with −BIC/2 for the log evidence)."
+    )
+    columns = ["of", "scored", "subjects", "bits", *[*_NAMES][1:]]
+    frame = _of_each(ranked)[columns].rename(columns=_NAMES)
+    tables = [Table("scores", "Bits per action, and who follows whom", frame, _FORMATS, caption)]
+    followed = _of_each({of: by_learner[of].attributed for of in ranked if len(ranked[of]) > 1})
+    if 0 < len(followed) <= MOST_SUBJECTS:
         caption = (
             "If each subject follows one of these: the learner that it most probably follows, with "
             "what probability, and by how many nats its evidence (−BIC/2) is ahead of the best of "
             "the others. The probability takes into account how many others follow each learner."
         )
+        frame = followed[["of", "condition", "subject", "follows", "probability", "ahead"]]
         title = "Which learner each subject follows"
-        tables.append(Table("attributed", title, _joined(followed), _FORMATS, caption))
+        tables.append(Table("attributed", title, frame, _FORMATS, caption))
     plots = [
         drawn(
             f"scores_{part}",
             Scores.plot,
-            each[of],
+            by_learner[of],
             f"Bits per action over trials: what {of} did",
             "How many bits per action each learner needs in each trial, the fewer the better: mean "
             f"of subjects{', with 95% intervals over subjects' if len(ranked[of]) <= 4 else ''}. "
@@ -83,10 +79,9 @@ def section(material: Material) -> Section | None:
             f"results.scores.plot(of={of!r})",
             of=of,
         )
-        for of, part in [*file_names(each).items()][:MOST_PLOTS]
+        for of, part in [*file_names(by_learner).items()][:MOST_PLOTS]
     ]
-    title = "Who predicts what was done"
-    return Section("scores", title, tuple(text), tuple(tables), tuple(plots))
+    return Section("scores", TITLE, tuple(text), tuple(tables), tuple(plots))
 
 
 def _ranked(scores: Scores) -> pd.DataFrame:
@@ -97,14 +92,9 @@ def _ranked(scores: Scores) -> pd.DataFrame:
     )
 
 
-def _joined(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
-    """Join tables; whose subjects they are is first, if there are several."""
-    table = pd.concat(tables, ignore_index=True).rename(columns=_NAMES)
-    first = [name for name in ("of", "predicted by") if name in table]
-    if table["of"].nunique() == 1:
-        first.remove("of")
-    left_out = ("of", "predicted by", "p", "learner", "protocol", "experiment", "seed")
-    return table[[*first, *(name for name in table if name not in left_out)]]
+def _of_each(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
+    """Join tables about the subjects of several learners, who are in the column ``of``."""
+    return pd.concat([table.assign(of=of) for of, table in tables.items()] or [pd.DataFrame()])
 
 
 def _about(material: Material, each: Mapping[str, Scores]) -> str:

@@ -11,10 +11,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,19 +26,11 @@ from causal_openlock.contract.registry import create
 from causal_openlock.errors import LearnerError, StoreError
 from causal_openlock.experiment.declare import SHOWN, Experiment, LearnerSpec
 from causal_openlock.experiment.session import AT_ONCE, Session, padded
-from causal_openlock.files.digest import digest
 from causal_openlock.running.workers import worker_pool
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.scoring.inverse_binomial import Draws, Replays, by_draws
-from causal_openlock.scoring.score_table import (
-    COLUMNS,
-    GROUP,
-    PLAYED,
-    read_scores,
-    write_scores,
-)
+from causal_openlock.scoring.score_table import COLUMNS, GROUP
 from causal_openlock.storage.stored import StoredExperiment
-from causal_openlock.version import RESULTS_VERSION
 from causal_openlock.wording import nearest
 
 if TYPE_CHECKING:
@@ -111,13 +102,7 @@ class Recorded:
             "attempt": np.repeat(trials["attempt"].to_numpy(), each),
             "action": np.array([place for one in each for place in range(1, one + 1)], np.int64),
             "action_index": actions[who, moment],
-            PLAYED: np.array(self.played)[who],
         }
-
-    @cached_property
-    def played(self) -> list[str]:
-        """Digest of what each subject did and met; see :func:`digests_of`."""
-        return digests_of(self.rows, self.experiment)[PLAYED].tolist()
 
     def session(
         self, scored: LearnerSpec | None = None, places: Sequence[int] | None = None
@@ -165,45 +150,38 @@ class Recorded:
             )
 
 
-def setting_of(scored: LearnerSpec) -> str:
-    """A digest of who predicts: the learner, its code, parameters and reward."""
-    about = scored.as_dict()
-    names = ("learner", "class", "package", "material", "parameters", "reward")
-    return digest(json.dumps([about.get(name) for name in names], sort_keys=True, default=str))
-
-
 def subject_names(table: pd.DataFrame) -> pd.Series:
     """Name of the subject of each row, unique among all subjects."""
     first, *others = (table[name].astype(str) for name in (*GROUP, "subject"))
     return first.str.cat(others, sep="/")
 
 
-def digests_of(attempts: pd.DataFrame, experiment: Experiment) -> pd.DataFrame:
-    """Digests of what subjects did and met, which show whether scores belong to it.
+def record_digest(record: pa.Table, experiment: Experiment, learners: Collection[str]) -> str:
+    """Return a digest of what the subjects of some learners did and met.
 
     Args:
-        attempts: A record's columns :data:`ATTEMPT`, in its order.
-        experiment: The experiment that it is of.
-
-    Returns:
-        A row for each subject, in the order of their numbers in each group: :data:`GROUP`,
-        ``subject`` and the digest ``played``.
+        record: Attempts, as :meth:`~causal_openlock.storage.store.Store.record` gives them.
+        experiment: The experiment that they are of.
+        learners: Labels; subjects of others may come and go.
     """
-    # Rooms of other subjects, where they are on record, are not part of what this one met.
-    declared = {one.name: replace(one, rooms={}).as_dict() for one in experiment.conditions}
-    budgets = {one.protocol.name: one.protocol.as_dict() for one in experiment.learners}
-    rows = []
-    for who, own in attempts.groupby([*GROUP, "subject"], observed=True, sort=True):
-        about = dict(zip([*GROUP, "subject"], who, strict=True))
-        met = [declared[about["condition"]], budgets[about["protocol"]]]
-        rooms = [own[name].astype(str).tolist() for name in ("schema", "layout")]
-        lengths = own["actions"].map(len).tolist()
-        found = hashlib.sha256(json.dumps([met, rooms, lengths], sort_keys=True).encode())
-        for name in ("actions", "moved"):
-            found.update(np.concatenate([*own[name]]).astype(np.uint8).tobytes())
-        found.update(own["opened"].to_numpy(bool).tobytes())
-        rows.append({**about, PLAYED: found.hexdigest()[:16]})
-    return pd.DataFrame(rows, columns=[*GROUP, "subject", PLAYED])
+    attempts = record.select(ATTEMPT).to_pandas()
+    attempts = attempts[attempts["learner"].isin(learners)]
+    attempts = attempts.sort_values([*GROUP, "subject"], kind="stable")
+    declared = [
+        # Rooms that are on record stand in the rows of those who met them.
+        *(replace(one, rooms={}).as_dict() for one in experiment.conditions),
+        *(one.protocol.as_dict() for one in experiment.learners),
+    ]
+    met = {*attempts["condition"], *attempts["protocol"]}
+    whole = hashlib.sha256(
+        json.dumps([one for one in declared if one["name"] in met], sort_keys=True).encode()
+    )
+    actions = ["actions", "moved"]
+    scalars = attempts.drop(columns=actions).assign(length=attempts["actions"].map(len))
+    whole.update(pd.util.hash_pandas_object(scalars, index=False).to_numpy().tobytes())
+    for name in actions:
+        whole.update(b"".join(np.asarray(row, np.uint8).tobytes() for row in attempts[name]))
+    return whole.hexdigest()
 
 
 def recorded_subjects(
@@ -247,7 +225,6 @@ def score_actions(
     of: Sequence[str] = (),
     draws: Draws = EXACT,
     workers: int = 1,
-    keep: Path | None = None,
     report: Callable[[int, int], None] = lambda done, total: None,
 ) -> pd.DataFrame:
     """Score how likely learners find each action of each subject of a record.
@@ -261,7 +238,6 @@ def score_actions(
         of: Labels of the learners whose subjects are predicted; by default all.
         draws: How those are asked that give no probabilities.
         workers: How many processes work; with one it is this process.
-        keep: A folder for finished parts, from which scoring continues after an interruption.
         report: Called with how many parts of the work are done, of how many.
 
     Returns:
@@ -273,8 +249,6 @@ def score_actions(
         finds likeliest (both NaN where it gives none); ``impossible``, whether it would never do
         what was done, but for lapses; ``at_limit``, whether draws stopped before it was hit, so
         that its estimate is biased; ``price``, what the subject's BIC has for parameters (here 0).
-        ``played`` is a digest of what the subject did and met, and ``setting`` one of the
-        learner and its settings.
 
     Raises:
         LearnerError: If a learner cannot be put in another's place, or does not give
@@ -284,10 +258,10 @@ def score_actions(
     specs = [scored] if isinstance(scored, LearnerSpec) else list(scored)
     jobs = [(part, spec) for part in recorded_subjects(record, experiment, of) for spec in specs]
     tables = []
-    for table in scored_parts(jobs, lapse, draws, workers, keep):
+    for table in scored_parts(jobs, lapse, draws, workers):
         tables.append(table)
         report(len(tables), len(jobs))
-    return pd.concat(tables, ignore_index=True)[COLUMNS]
+    return pd.concat(tables, ignore_index=True)[[*COLUMNS]]
 
 
 def scored_parts(
@@ -295,40 +269,16 @@ def scored_parts(
     lapse: float,
     draws: Draws,
     workers: int,
-    keep: Path | None = None,
 ) -> Iterator[pd.DataFrame]:
     """The scores of learners on parts of a record, in the order of the jobs."""
     if workers == 1:
         for part, spec in jobs:
-            yield _kept(part, spec, lapse, draws, keep)
+            yield score_part(part, spec, lapse, draws)
         return
     with worker_pool(workers) as pool:
-        waiting = [pool.submit(_kept, part, spec, lapse, draws, keep) for part, spec in jobs]
-        for one in waiting:
-            yield one.result()
-
-
-def _kept(
-    part: Recorded, scored: LearnerSpec, lapse: float, draws: Draws, folder: Path | None
-) -> pd.DataFrame:
-    """The scores of a part, from a file if they are there already."""
-    if folder is None:
-        return score_part(part, scored, lapse, draws)
-    about = [
-        RESULTS_VERSION,
-        "predicting",
-        scored.as_dict(),
-        part.group,
-        part.numbers,
-        lapse,
-        asdict(draws),
-    ]
-    about += [part.played, COLUMNS]
-    name = hashlib.sha256(json.dumps(about, sort_keys=True, default=str).encode()).hexdigest()[:24]
-    path = folder / f"{name}.parquet"
-    if not path.exists():
-        write_scores(path, score_part(part, scored, lapse, draws))
-    return read_scores(path)
+        waiting = [pool.submit(score_part, part, spec, lapse, draws) for part, spec in jobs]
+        for job in waiting:
+            yield job.result()
 
 
 def score_part(part: Recorded, scored: LearnerSpec, lapse: float, draws: Draws) -> pd.DataFrame:
@@ -361,7 +311,6 @@ def _scored(part: Recorded, scored: LearnerSpec, lapse: float, draws: Draws) -> 
             **part.about,
             **{name: values[asked] for name, values in found.items()},
             "price": 0.0,
-            "setting": setting_of(scored),
         }
     )
 

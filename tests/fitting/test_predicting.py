@@ -14,7 +14,6 @@ from causal_openlock.fitting.predicting import read_fit, score_fits
 from causal_openlock.fitting.space import FitSettings, Plan, Range, search_space
 from causal_openlock.fitting.to_actions import FILE, WHOLE, fit_all, jobs_of
 from causal_openlock.running.runner import run
-from causal_openlock.scoring.scores import followed
 from causal_openlock.scoring.teacher_forcing import recorded_subjects
 from causal_openlock.storage.store import Store
 from support.command import at_once
@@ -58,7 +57,7 @@ def test_a_fit_predicts_as_it_did_and_its_parameters_have_a_price(folder):
         own = [fit.of(who, WHOLE) for who in fit.subjects]
         assert table.loc[label, "nll"] == pytest.approx([one.nll for one in own])
         assert table.loc[label, "bic"] == pytest.approx([one.bic for one in own])
-    assert followed(found.subjects)["frequency"].sum() == pytest.approx(1)
+    assert found.followed["frequency"].sum() == pytest.approx(1)
 
 
 @pytest.mark.parametrize("way", ["all_held", "each_held"])

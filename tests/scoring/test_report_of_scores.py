@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+import pyarrow.compute as pc
 import pytest
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
@@ -16,9 +17,9 @@ from causal_openlock.analysis.topic import sections_of
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.declare import find_condition
 from causal_openlock.files.checksums import read_table, table_bytes
-from causal_openlock.scoring.score_table import PLAYED, write_scores
-from causal_openlock.scoring.scores import FOLDER, FOLLOWED, SUBJECT, Scores, attributed, over
-from causal_openlock.scoring.teacher_forcing import ATTEMPT, digests_of
+from causal_openlock.scoring.score_table import RECORD
+from causal_openlock.scoring.scores import FOLDER, FOLLOWED, SUBJECT, Scores
+from causal_openlock.scoring.teacher_forcing import record_digest
 from causal_openlock.storage.store import Store
 from support.topics import topics_called
 
@@ -88,9 +89,9 @@ def test_each_subject_is_attributed_to_the_learner_that_acted(folder, shown):
     ordered = np.sort(wide.xs("win_stay", level="learner"))
     assert table["ahead"][6:].tolist() == pytest.approx((ordered[:, 1] - ordered[:, 0]) / 2)
     assert pd.read_csv(folder / FOLDER / FOLLOWED)["subject"].tolist() == [*range(6)] * 2
-    both = scores.subjects.assign(learner="person")
-    both["subject"] += 6 * (scores.subjects["learner"] == "win_stay")
-    assert attributed(both)["follows"].tolist() == table["follows"].tolist()
+    both = scores.actions.assign(learner="person")
+    both["subject"] += 6 * (scores.actions["learner"] == "win_stay")
+    assert Scores(both).attributed["follows"].tolist() == table["follows"].tolist()
 
 
 def test_ps_are_corrected_for_the_learners_that_are_compared(folder, shown):
@@ -100,58 +101,61 @@ def test_ps_are_corrected_for_the_learners_that_are_compared(folder, shown):
         assert each.get_group(name).iloc[1:].tolist() == holm(p.to_numpy(float)).tolist()
 
 
-def test_scores_of_subjects_that_are_not_on_record_are_left_out(folder, other):
-    actions = ol.open_results(folder).scores.actions
-    kept = actions[actions["subject"] != 2]
-    odd = kept.assign(subject=kept["subject"] + 900)
-    Scores(pd.concat([kept, odd])).save(other / FOLDER)
-    assert ol.open_results(other).scores.subjects["subject"].max() == 5
+def test_subjects_that_are_not_scored_are_counted(folder, other):
+    scores = ol.open_results(folder).scores
+    replace(scores, actions=scores.actions.query("subject != 2")).save(other / FOLDER)
     text = section_of(other).text[0]
     assert "10 subjects" in text
     assert "2 more" in text
 
 
-@pytest.mark.parametrize("damage", ["cut", "gap", "twice", "above 1", "empty", "a word"])
-def test_damaged_scores_are_refused_by_their_file(folder, tmp_path, damage):
-    path = tmp_path / "actions.parquet"
-    table = read_table((folder / FOLDER / path.name).read_bytes()).to_pandas()
+@pytest.mark.parametrize("damage", ["cut", "gap", "empty", "a word", "a column less", "no digest"])
+def test_damaged_scores_are_refused_by_their_file_and_not_shown(other, damage):
+    path = other / FOLDER / "actions.parquet"
+    stored = read_table(path.read_bytes())
+    table = stored.to_pandas()
     if damage == "gap":
         table.loc[3, "log_probability"] = np.nan
-    elif damage == "twice":
-        table = pd.concat([table, table.head(1)])
-    elif damage == "above 1":
-        table.loc[3, "log_probability"] = 0.1
     elif damage == "empty":
         table = table.head(0)
     elif damage == "a word":
         table["trial"] = "first"
-    content = table_bytes(pa.Table.from_pandas(table))
+    elif damage == "a column less":
+        del table["entropy"]
+    metadata = {} if damage == "no digest" else {RECORD: stored.schema.metadata[RECORD]}
+    content = table_bytes(pa.Table.from_pandas(table, preserve_index=False), metadata)
     path.write_bytes(content[:200] if damage == "cut" else content)
     with pytest.raises(StoreError, match=r"actions.parquet"):
-        Scores.read(tmp_path)
-
-
-def test_scores_of_an_earlier_version_are_not_shown(other):
-    path = other / FOLDER / "actions.parquet"
-    table = read_table(path.read_bytes()).drop(["entropy"])
-    path.write_bytes(table_bytes(table))
+        Scores.read(other / FOLDER)
     assert section_of(other).tables == ()
-    with pytest.raises(StoreError, match="an earlier version"):
+    with pytest.raises(StoreError, match="other/scores are left out"):
         _ = ol.open_results(other).scores
 
 
-def test_scores_of_actions_that_were_played_again_are_left_out(folder, other):
+def test_scores_of_actions_that_were_played_again_are_left_out(other):
+    thompson, results = compared(other)
+    assert section_of(other).tables  # another comparison of the same subjects changes nothing
     _, results = compared(other, lapse=0.2)
     (section,) = sections_of(results, topics_called("scores"))
-    assert [plot.name for plot in section.plots] == ["scores_win_stay"]
-    assert "6 subjects of thompson" in " ".join(section.text)
-    with pytest.warns(UserWarning, match="6 subjects of thompson"):
-        scores = results.scores
-    assert set(scores.subjects["learner"]) == {"win_stay"}
-    record, experiment = Store(folder).record(ATTEMPT)  # and where the rooms alone are others
-    condition = replace(find_condition("CE3"), name="CC3")
-    moved = digests_of(record.to_pandas(), replace(experiment, conditions=(condition,)))
-    assert not {*moved[PLAYED]} & {*digests_of(record.to_pandas(), experiment)[PLAYED]}
+    assert section.tables == section.plots == ()
+    with pytest.raises(StoreError, match="are of other actions than those on record"):
+        _ = results.scores
+    results.score([thompson, "random"]).save(other / FOLDER)
+    assert section_of(other).tables
+
+
+def test_a_record_is_known_by_its_rooms_and_by_those_who_were_scored(folder):
+    record, experiment = Store(folder).record()
+    both, one = ({"thompson", "win_stay"}, {"win_stay"})
+    known = record_digest(record, experiment, both)
+    elsewhere = replace(find_condition("CE3"), name="CC3")
+    assert record_digest(record, replace(experiment, conditions=(elsewhere,)), both) != known
+    alone = record.filter(pc.equal(record["learner"].cast("string"), "win_stay"))
+    assert record_digest(alone, experiment, one) == record_digest(record, experiment, one) != known
+    for name in ("attempt", "opened", "layout"):
+        column = record[name].to_pylist()[::-1]
+        changed = record.set_column(record.schema.get_field_index(name), name, pa.array(column))
+        assert record_digest(changed, experiment, both) != known
 
 
 def test_subjects_that_different_learners_scored_are_not_compared(folder, other):
@@ -159,7 +163,8 @@ def test_subjects_that_different_learners_scored_are_not_compared(folder, other)
     first = (actions["learner"] != "win_stay") | (
         (actions["subject"] < 3) == (actions["scored"] == "random")
     )
-    write_scores(other / FOLDER / "actions.parquet", actions[first])
+    stored = Scores.read(other / FOLDER)
+    replace(stored, actions=actions[first]).save(other / FOLDER)
     assert [plot.name for plot in section_of(other).plots] == ["scores_thompson"]
     with pytest.raises(OpenLockError, match="same learners"):
         _ = Scores(actions[first]).of("win_stay").ranking
@@ -184,10 +189,10 @@ def made_up(bits):
 
 def test_subjects_count_alike_and_an_impossible_action_has_no_interval():
     table = made_up([[1, 1, 1, 1, 1, 4], [2, 2, 2]])
-    whole = over(table, ["trial"]).iloc[0]
+    whole = Scores(table).over("trial").iloc[0]
     assert (whole["bits"], whole["subjects"], whole["actions"]) == (1.75, 2, 9)
     assert whole["expected"] == pytest.approx(1.0)
-    never = over(made_up([[1, 1], [np.inf, 1]]), ["trial"]).iloc[0]
+    never = Scores(made_up([[1, 1], [np.inf, 1]])).over("trial").iloc[0]
     assert np.isinf(never["bits"])
     assert np.isnan(never["ci_low"])
 
