@@ -12,8 +12,7 @@ from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.confusions import confusion
 from causal_openlock.evidence.study import Study
 from causal_openlock.evidence.study_files import COSTS, read_units
-from causal_openlock.fitting.to_means import score
-from causal_openlock.paper.likeness import Likeness, likeness
+from causal_openlock.paper.likeness import Likeness, distance, likeness, points_of_model
 from causal_openlock.paper.noise_ceiling import beside_null_models
 from causal_openlock.paper.references import people
 
@@ -33,7 +32,8 @@ def distances_from_people(study: Study, units: pd.DataFrame) -> pd.DataFrame:
     table = beside_null_models(like, played, study.file.fitted)
     effects = like.table[["learner", "shown"]].rename(columns={"shown": "effects"})
     table = table.merge(effects.astype({"effects": "Int64"}), on="learner", how="left")
-    far = {name: score(own, "none", target="model").all for name, own in like.points.items()}
+    model = points_of_model()["mean"].to_numpy()
+    far = {name: distance(own.assign(people_mean=model))[0] for name, own in like.points.items()}
     return table.assign(model=table["learner"].map(far))
 
 

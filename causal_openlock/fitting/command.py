@@ -253,61 +253,45 @@ def _fit_to_means(space: SearchSpace, how: FitSettings, workers: int, folder: Pa
     from causal_openlock.comparison.progress_bar import shown_steps
     from causal_openlock.fitting.marks import legend, marked
     from causal_openlock.fitting.search import at_bound
-    from causal_openlock.fitting.to_means import (
-        PARTS,
-        TARGETS,
-        fit,
-        means_plan,
-        outcome_of,
-        write_outcome,
-    )
+    from causal_openlock.fitting.to_means import TARGETS, fit, means_plan
     from causal_openlock.paper.likeness_figure import CLEAR, signs
 
     plan, console = means_plan(space, how), Terminal()
-    with resumable(), shown_steps("fit") as begin:
-        fitted = fit(plan, folder, workers=workers, report=begin)
-    outcome = outcome_of(fitted)
-    write_outcome(fitted, outcome, folder)
+    with resumable(), shown_steps("fit") as report:
+        fitted = fit(plan, folder, workers=workers, report=report)
+    fitted.write(folder)
 
-    def table(title: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    def show(title: str, frame: pd.DataFrame, index: str = "") -> None:
         console.print_line(f"\n{title}", "bold")
-        shown = plain_table(*heads)
-        for row in rows:
-            shown.add_row(*row)
-        console.print_whole(shown)
+        table = plain_table(index, *frame.columns)
+        for name, *row in frame.itertuples():
+            texts = [cell if isinstance(cell, str) else f"{cell:.2f}" for cell in row]
+            table.add_row(str(name), *("" if text == "nan" else text for text in texts))
+        console.print_whole(table)
 
-    names, nearest = list(space.ranges), fitted.table().head(how.finalists).to_dict("records")
-    bounds = [at_bound(space.ranges, {name: row[name] for name in names}) for row in nearest]
-    table(
-        "The nearest candidates, RMSE of means, in attempts, on what is fitted",
-        ["number", *names, "RMSE", "again"],
-        [
-            [str(row["number"]), *(marked(row[name], name, own, fitted.idle) for name in names),
-             f"{row['rmse']:.2f}", f"{row['again']:.2f}"]
-            for row, own in zip(nearest, bounds, strict=True)
-        ],
-    )  # fmt: skip
-    for sentence in legend([n for n in names if any(n in own for own in bounds)], fitted.idle):
+    nearest, bounds = fitted.table().set_index("number").head(how.finalists), set[str]()
+    shown = nearest.astype(object)
+    for number, chosen in nearest[[*space.ranges]].iterrows():
+        own = at_bound(space.ranges, chosen)
+        bounds |= {*own}
+        for name, value in chosen.items():
+            shown.loc[number, name] = marked(value, name, own, fitted.idle)
+    show("The nearest candidates, RMSE of means, in attempts, on what is fitted", shown, "number")
+    for sentence in legend([name for name in space.ranges if name in bounds], fitted.idle):
         console.print_line(sentence)
     console.print_line(space.in_words)
     if few := too_few(how.final_subjects, "say how near the learner is to people"):
         console.warn(few)
-    table(
+    distances, misfits = fitted.compared()
+    show(
         f"Distance from {TARGETS[how.target]}, RMSE of means, in attempts, {how.final_subjects} "
         "subjects on a seed that nothing was chosen by",
-        ["", *PARTS],
-        [
-            [str(name), *("" if math.isnan(rmse) else f"{rmse:.2f}" for rmse in row)]
-            for name, *row in outcome.distances.itertuples()
-        ],
+        distances,
     )
-    table(
-        "Misfit of means: does sampling error explain it?", ["", *PARTS],
-        [[*map(str, row)] for row in outcome.misfits.itertuples()],
-    )  # fmt: skip
+    show("Misfit of means: does sampling error explain it?", misfits)
     console.print_line(
-        f"A small p rejects a model. Fitted numbers, here {len(names)}, each take away a degree of "
-        "freedom."
+        f"A small p rejects a model. Fitted numbers, here {len(space.ranges)}, each take away a "
+        "degree of freedom."
     )
     if space.learner == "bayes" and plan.hold_out != "none":
         console.print_line(
@@ -315,17 +299,16 @@ def _fit_to_means(space: SearchSpace, how: FitSettings, workers: int, folder: Pa
             "(evidence/likeness): what is held out is a check, not an untouched prediction.",
             "dim",
         )
-    table(
-        "What people show, differences in attempts",
-        ["", "difference", "t", "p", "people's sign", "p < .05"],
-        [
-            [row.effect, f"{row.difference:+.2f}", f"{row.t:.1f}", f"{row.p:.2g}",
-             "yes" if row.like_people else "no",
-             "yes" if row.like_people and row.p < CLEAR else "no"]
-            for row in outcome.effects.itertuples()
-        ],
-    )  # fmt: skip
-    console.print_line(signs(outcome.effects))
-    _print_entry(outcome.entry, console)
+    effects = fitted.effects.set_index("effect")
+    clear = effects["like_people"] & (effects["p"] < CLEAR)
+    effects = effects[["difference", "t", "p", "like_people"]].assign(clear=clear)
+    effects["p"] = effects["p"].map("{:.2g}".format)
+    effects[["like_people", "clear"]] = effects[["like_people", "clear"]].replace(
+        {True: "yes", False: "no"}
+    )
+    names = {"like_people": "people's sign", "clear": f"p < {CLEAR:g}"}
+    show("What people show, differences in attempts", effects.rename(columns=names))
+    console.print_line(signs(fitted.effects))
+    _print_entry(fitted.entry, console)
     console.print_line(f"to play it: causal-openlock compare {folder / 'experiment.yaml'}")
     console.print_line(f"figure: {folder / 'fit.svg'}")

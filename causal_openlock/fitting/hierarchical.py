@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,7 @@ from causal_openlock.errors import LearnerError
 from causal_openlock.fitting.group import SETTLED, SPREADS, Group, Peak, evidence_of, group_of, peak
 from causal_openlock.fitting.search import NO_EFFECT, ON_ACTIONS, at_bound, require_effect, spread
 from causal_openlock.fitting.space import Plan
-from causal_openlock.fitting.steps import fitting_in, starting, steps
+from causal_openlock.fitting.steps import begin, fitting_in, steps
 from causal_openlock.fitting.to_actions import (
     PENALTY,
     WHOLE,
@@ -108,7 +109,7 @@ def fit_group(
         report("looking for where to begin")
         jobs = [([*_about(plan, part), "start"], (part, plan)) for part in parts]
         starts: Starts = {}
-        for of_part in steps(folder, jobs, starting(_starts, pool), Starts):
+        for of_part in steps(folder, jobs, partial(begin, pool, _starts), Starts):
             starts |= of_part
         folds = numbers_of_folds(plan)
         for place, fold in enumerate(folds):
@@ -122,7 +123,7 @@ def fit_group(
                     for part, start in zip(subjects.values(), at, strict=True)
                 ]
                 begun = [(job.about, job) for job in asked]
-                peaks = list(steps(folder, begun, starting(_peak, pool), Peak))
+                peaks = list(steps(folder, begun, partial(begin, pool, _peak), Peak))
                 _check_peaks(asked, peaks)
                 tried += [found.evaluations for found in peaks]
                 at = [np.array(found.at) for found in peaks]

@@ -25,9 +25,6 @@ from causal_openlock.version import RESULTS_VERSION
 
 Job = TypeVar("Job")
 T = TypeVar("T")
-Start = Callable[[Job], Callable[[], T]]
-"""Begins a job; what it returns waits for the result."""
-
 STEPS = "steps"
 """Folder of the steps of a fit."""
 SEEDS = 3
@@ -55,22 +52,24 @@ def fitting_in(folder: Path, workers: int, prepare: Any = None) -> Iterator[Exec
         yield pool
 
 
-def starting(work: Callable[[Job], T], pool: Executor | None) -> Start[Job, T]:
-    """Begin jobs in a pool, or do them in this process once their results are asked for."""
-    if pool is None:
-        return lambda job: partial(work, job)
-    return lambda job: pool.submit(work, job).result
+def begin(pool: Executor | None, work: Callable[..., T], *args: Any) -> Callable[[], T]:
+    """Begin a job in a pool, or do it in this process once its result is asked for."""
+    return pool.submit(work, *args).result if pool else partial(work, *args)
 
 
 def steps(
-    folder: Path, jobs: Sequence[tuple[Any, Job]], start: Start[Job, T], kind: Any
+    folder: Path,
+    jobs: Sequence[tuple[Any, Job]],
+    start: Callable[[Job], Callable[[], T]],
+    kind: Any,
 ) -> Iterator[T]:
     """Results of steps, in order: as they are stored, or else done now and then stored.
 
     Args:
         folder: The folder of the fit.
         jobs: All that decides the result of a step, as plain data, and its job.
-        start: Begins a job; all that are not stored begin before the first is waited for.
+        start: Begins a job, and returns what waits for its result; all that are not stored begin
+            before the first is waited for.
         kind: Type of the results, which Pydantic reads and writes.
 
     Raises:

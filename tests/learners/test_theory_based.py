@@ -3,14 +3,15 @@
 from itertools import combinations, permutations, product
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from causal_openlock.analysis.measures import attempts_to_solve
 from causal_openlock.contract.registry import create
 from causal_openlock.experiment.declare import PAPER_CONDITIONS
 from causal_openlock.experiment.session import Session
-from causal_openlock.fitting.to_means import joined, score
-from causal_openlock.paper.likeness import points_of
+from causal_openlock.paper.likeness import distance, points_of
+from causal_openlock.paper.published import model
 from openlock_learners.theory.chains import chains_of, edit_distances, schemas_of
 from openlock_learners.theory_based import TheoryBased
 from support.session_play import HUMAN, named, one_room, play
@@ -212,4 +213,4 @@ def test_it_does_what_was_published_of_the_model():
         session = Session(named(name), HUMAN, 12, seed=7, learner="theory_based")
         played.append(attempts_to_solve(session.play(create("theory_based"))))
     # Means of so few subjects are off by about one attempt; the fit has more.
-    assert score(points_of(joined(played)), "none", target="model").all < 2.0
+    assert distance(points_of(pd.concat(played), model()))[0] < 2.0
