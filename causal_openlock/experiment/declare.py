@@ -791,12 +791,6 @@ class Experiment(Part):
                 reasons.setdefault(spec.name, {})[condition.name] = why
         return reasons
 
-    def without_any(self, protocol: str) -> list[str]:
-        """Labels of the learners under a protocol that can play none of the conditions."""
-        labels = [spec.name for spec in self.learners if spec.protocol.name == protocol]
-        impossible = {name: len(reasons) for name, reasons in self.not_applicable.items()}
-        return [name for name in labels if impossible.get(name) == len(self.conditions)]
-
     @property
     def reasons(self) -> tuple[str, ...]:
         """Each reason in :attr:`not_applicable`, once."""

@@ -28,10 +28,6 @@ from causal_openlock.storage.beside_cell import CHECKPOINT
 MOST_TIME = 0.02  # share of the time that checkpoints may take: slow ones are taken less often
 
 
-class CheckpointError(OpenLockError):
-    """A checkpoint that cannot be used."""
-
-
 class Checkpoint:
     """The checkpoint of one cell, beside its record, which depends on what it is ``made_with``."""
 
@@ -45,25 +41,25 @@ class Checkpoint:
     def resume(self, session: Session, learner: Learner) -> bool:
         """Give a new session and a new learner the state of the checkpoint, if there is one.
 
-        Raises:
-            CheckpointError: If it cannot be used; session and learner are to be discarded then.
+        If it cannot be used, there is a warning, and session and learner are to be discarded.
         """
         try:
             file = io.BytesIO(unsealed(self.path.read_bytes()))
             for name, other in pickle.load(file).items():
                 if other != (here := self.made_with.get(name, other)):
-                    raise CheckpointError(f"it was made with {name} {other}, and here is {here}")
+                    raise OpenLockError(f"it was made with {name} {other}, and here is {here}")
             state, of_learner, randomness = pickle.load(file)
             session.resume(state)
             session.begin(learner, of_learner)
             if threading.current_thread() is threading.main_thread():
                 randomness.restore()  # others may draw from these generators in a thread
+            return True
         except FileNotFoundError:
-            return False
-        # Code may have changed since, and a learner can fail in any way.
-        except Exception as error:
-            raise CheckpointError(f"{self.path} cannot be used ({in_short(error)})") from None
-        return True
+            pass
+        except Exception as error:  # code may have changed, and a learner can fail in any way
+            why = f"{self.path} cannot be used ({in_short(error)})"
+            self.warnings.append(f"{why}; its cell begins again")
+        return False
 
     def keep(self, session: Session, learner: Learner, *, now: bool = False) -> None:
         """Take a checkpoint if one is due, or now; called after every step.

@@ -47,7 +47,7 @@ def in_cluster(
             warn("there is no worker at the moment; the cells wait for one")
         return number
 
-    files = own_files(name.partition(":")[0] for name in names if ":" in name).files
+    files = own_files(name.partition(":")[0] for name in names if ":" in name)
     code = folder / "code" / digest_of(files)
     for inside, path in files.items():
         write_bytes(code / inside, path.read_bytes())

@@ -21,7 +21,7 @@ from causal_openlock.contract.registry import create, is_ours, origin
 from causal_openlock.errors import LearnerError, NotAvailableError, OpenLockError, in_short
 from causal_openlock.experiment.declare import Cell, LearnerSpec
 from causal_openlock.experiment.session import Session
-from causal_openlock.running.checkpoint import Checkpoint, CheckpointError, unresumable
+from causal_openlock.running.checkpoint import Checkpoint, unresumable
 from causal_openlock.running.tensorboard import curves
 from causal_openlock.storage.beside_cell import keep_failure, report_progress
 from causal_openlock.storage.store import Store
@@ -75,7 +75,11 @@ def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = 
             if in_main_thread:  # beside a thread, others may draw from these generators
                 seeded = GlobalRandomness.seeded(int(cell.identity, 16) % 2**63)
                 start = stack.enter_context(seeded)
-            session, learner = _begun(cell, checkpoint)
+            session, learner = made(cell)
+            if not checkpoint.resume(session, learner):
+                if checkpoint.warnings:  # they may have a part of its state
+                    session, learner = made(cell)
+                session.begin(learner)
             if is_ours(cell.spec.learner) and (torch := sys.modules.get("torch")):
                 stack.callback(torch.set_num_threads, torch.get_num_threads())
                 torch.set_num_threads(1)
@@ -131,19 +135,6 @@ def _users_line(error: BaseException) -> str:
         if path.is_file() and is_users_own(path.resolve()):  # a notebook's cells are in no file
             line = f" ({path.name}:{number})"
     return line
-
-
-def _begun(cell: Cell, checkpoint: Checkpoint) -> tuple[Session, Learner]:
-    """A session and its learner that have begun, from the checkpoint if there is one."""
-    session, learner = made(cell)
-    try:
-        if checkpoint.resume(session, learner):
-            return session, learner
-    except CheckpointError as error:
-        checkpoint.warnings.append(f"{error}; its cell begins again")
-        session, learner = made(cell)
-    session.begin(learner)
-    return session, learner
 
 
 def _cautions(start: GlobalRandomness | None, learner: Learner, spec: LearnerSpec) -> list[str]:

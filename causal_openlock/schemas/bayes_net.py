@@ -8,16 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from causal_openlock.errors import OpenLockError
 from causal_openlock.schemas.fsm import FloatArray, gate_chance
-from causal_openlock.schemas.schema import DOOR, Schema
+from causal_openlock.schemas.schema import Schema
 
 if TYPE_CHECKING:
     from pgmpy.factors.discrete import TabularCPD
     from pgmpy.models import DiscreteBayesianNetwork
 
 
-def to_bayesian_network(schema: Schema, push_probability: float = 1.0) -> DiscreteBayesianNetwork:
+def to_bayesian_network(schema: Schema) -> DiscreteBayesianNetwork:
     """The causal model of one push per lever, causes before effects, then of the door.
 
     A lever's state is 1 if it moved: it was pushed and as many of its causes transmitted as its
@@ -25,15 +24,9 @@ def to_bayesian_network(schema: Schema, push_probability: float = 1.0) -> Discre
     the model and condition on the state that was set, in pgmpy
     ``VariableElimination(model.do(["L0"])).query(["door"], evidence={"L0": 1})``;
     its ``CausalInference.query`` is wrong where levers that cause one another are set together.
-
-    Args:
-        schema: The levers and the door.
-        push_probability: Probability that a lever is pushed, independent of the others.
     """
     from pgmpy.models import DiscreteBayesianNetwork
 
-    if not 0.0 <= push_probability <= 1.0:
-        raise OpenLockError(f"push_probability is {push_probability}; give a number from 0 to 1")
     network = DiscreteBayesianNetwork()
     network.name = schema.name
     network.add_nodes_from(schema.graph.nodes)
@@ -43,9 +36,7 @@ def to_bayesian_network(schema: Schema, push_probability: float = 1.0) -> Discre
         # pgmpy counts through the causes' states with the first cause slowest.
         states = product((0, 1), repeat=len(causes))
         moved = np.array([schema.mask(compress(causes, state)) for state in states])
-        chance = gate_chance(schema, node, moved)
-        chance = chance if node == DOOR else chance * push_probability
-        network.add_cpds(binary_cpd(node, chance, causes))
+        network.add_cpds(binary_cpd(node, gate_chance(schema, node, moved), causes))
     network.check_model()
     return network
 

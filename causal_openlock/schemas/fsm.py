@@ -43,7 +43,7 @@ class FSM:
     Example:
         >>> from causal_openlock import find_schema
         >>> fsm = compile_schema(find_schema("CC3"))
-        >>> fsm.describe(fsm.next_state[fsm.state(("L0",)), 1])  # action 1 pushes L1
+        >>> fsm.describe(fsm.next_state[0b001, 1])  # action 1 pushes L1
         'L0 L1 pushed, unlocked'
     """
 
@@ -72,10 +72,6 @@ class FSM:
     def opened(self) -> BoolArray:
         """``[S]`` whether the door is open."""
         return np.arange(self.states) >> self.levers == 1
-
-    def state(self, pushed: tuple[str, ...] = (), opened: bool = False) -> int:
-        """The state in which these levers are pushed and the door is open or closed."""
-        return self.schema.mask(pushed) | opened << self.levers
 
     def describe(self, state: int) -> str:
         """A state in words, such as ``L0 L1 pushed, unlocked``."""

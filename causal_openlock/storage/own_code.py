@@ -36,7 +36,7 @@ def store_code(experiment: Experiment, folder: Path) -> None:
                 if not place.exists():
                     write_text(place, session_source(name))
             elif _is_own(name):
-                files = own_files({name.partition(":")[0], *modules}).files
+                files = own_files({name.partition(":")[0], *modules})
                 for inside, path in files.items():
                     if not (copy := place.with_suffix("") / inside).exists():
                         write_bytes(copy, path.read_bytes())

@@ -19,7 +19,7 @@ from importlib.metadata import EntryPoint
 from importlib.util import find_spec, resolve_name
 from pathlib import Path
 from pkgutil import iter_modules
-from typing import Any, NamedTuple
+from typing import Any
 
 from causal_openlock.errors import ExperimentError, LearnerError, OpenLockError, in_short
 from causal_openlock.files.digest import digest
@@ -37,20 +37,14 @@ _ROLES = {
 }
 
 
-class OwnFiles(NamedTuple):
-    """Files, by their paths from the folders that they are imported from, and other imports."""
-
-    files: dict[str, Path]
-    others: set[str]
-
-
-def own_files(modules: Iterable[str], beside: Iterable[Path] = (), text: str = "") -> OwnFiles:
+def own_files(modules: Iterable[str], text: str = "") -> dict[str, Path]:
     """The user's files that modules or a source text are made of; of an installed one, its own.
 
-    The folders ``beside`` are searched after all others.
+    Returns:
+        Them, by their paths from the folders that they are imported from.
     """
     files: dict[str, Path] = {}
-    named, own, others, seen = set(modules), set(), set(), {""}
+    named, seen = set(modules), {""}
     waiting = [*named, *_imports(text, "text", "")]
     while waiting:
         name = waiting.pop()
@@ -58,25 +52,21 @@ def own_files(modules: Iterable[str], beside: Iterable[Path] = (), text: str = "
         if name in seen or (top in _NOT_FOLLOWED and name not in named):
             continue
         seen.add(name)
-        source = module_source(name, beside)
+        source = module_source(name)
         if source is None:
             waiting.append(parent)
-            others.add(top)
             continue
         is_package = source.name == "__init__.py"
         folder = source.parents[name.count(".") + is_package]
         inside = source.relative_to(folder)
         # With pip install --target, packages are in a folder of any name.
         if is_users_own(folder / inside) and not any(folder.glob("*.dist-info")):
-            own.add(top)
             files[inside.as_posix()] = source
             imports = _imports(source.read_bytes(), str(source), name if is_package else parent)
             waiting += [parent, *imports]
         elif name in named:
             files[source.name] = source
-        else:
-            others.add(top)
-    return OwnFiles(files, others - own)
+    return files
 
 
 def _imports(content: bytes | str, file: str, package: str) -> set[str]:
@@ -121,7 +111,7 @@ def code_digest(modules: Iterable[str], *, imported: bool = False) -> str:
     same = specs and all(present[name] is spec for name, spec in specs.items())
     if imported and same:
         return before
-    files = own_files(names).files
+    files = own_files(names)
     code = digest_of(files)
     if not same:
         inside = (name.removesuffix(".py").removesuffix("/__init__") for name in files)

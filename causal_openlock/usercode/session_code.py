@@ -121,7 +121,7 @@ def session_source(name: str) -> str:
         else:
             lines.append(_constant(known, value))
     text = "\n\n\n".join(["\n".join(sorted(lines)), *definitions]) + "\n"
-    if files := own_files((), text=text).files:
+    if files := own_files((), text):
         text += f"# The hash of {', '.join(sorted(files))}: {digest_of(files)}\n"
     return text
 

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from causal_openlock.errors import ExperimentError
-from causal_openlock.schemas.fsm import FSM, BoolArray, FloatArray, IntArray, compile_schema
+from causal_openlock.schemas.fsm import FSM, BoolArray, IntArray, compile_schema
 from causal_openlock.schemas.schema import MAX_LEVERS, Schema
 from causal_openlock.wording import counted, nearest
 from causal_openlock.world.facts import room_facts
@@ -274,12 +274,6 @@ class Room:
         """``[S, 2P + 1]`` the state after an action that takes effect."""
         stay = np.arange(self.fsm.states)[:, None]
         return np.hstack([self.fsm.next_state, stay])[:, self.layout.role_actions()]
-
-    @cached_property
-    def chance(self) -> FloatArray:
-        """``[S, 2P + 1]`` the probability that the action takes effect."""
-        never = np.zeros((self.fsm.states, 1))
-        return np.hstack([self.fsm.chance, never])[:, self.layout.role_actions()]
 
     @cached_property
     def observation(self) -> NDArray[np.int8]:

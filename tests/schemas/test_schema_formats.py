@@ -154,7 +154,7 @@ def test_dagitty_as_its_web_page_writes_it():
         assert word in text
 
 
-def chance_of_the_door(rules, do, push):
+def chance_of_the_door(rules, do):
     """P(door opens), summed over what each lever does, causes before effects."""
     order, total = [], 0.0
     while len(order) < len(rules.levers):
@@ -163,16 +163,16 @@ def chance_of_the_door(rules, do, push):
         moved = {lever for lever, yes in zip(order, moves, strict=True) if yes}
         weight = rules.chance(DOOR, moved)
         for lever, yes in zip(order, moves, strict=True):
-            chance = do[lever] if lever in do else push * rules.chance(lever, moved)
+            chance = do[lever] if lever in do else rules.chance(lever, moved)
             weight *= chance if yes else 1 - chance
         total += weight
     return total
 
 
-def chance_by_network(schema, do, push):
+def chance_by_network(schema, do):
     from pgmpy.inference import VariableElimination
 
-    network = to_bayesian_network(schema, push)
+    network = to_bayesian_network(schema)
     assert network.check_model()
     cut = network.do(list(do)) if do else network
     answer = VariableElimination(cut).query([DOOR], evidence=do, show_progress=False)
@@ -180,10 +180,10 @@ def chance_by_network(schema, do, push):
 
 
 @settings(max_examples=60, deadline=None)
-@given(data=st.data(), push=st.sampled_from([1.0, 0.7]))
-def test_interventions_on_any_schema(data, push):
+@given(data=st.data())
+def test_interventions_on_any_schema(data):
     drawn = schemas(max_levers=4, stochastic=True) | st.sampled_from([*BUNDLED.values(), FULL])
     schema = data.draw(drawn)
     do = data.draw(st.dictionaries(st.sampled_from(schema.levers), st.integers(0, 1)))
-    expected = chance_of_the_door(Rules.of(schema), do, push)
-    assert chance_by_network(schema, do, push) == pytest.approx(expected, abs=1e-9)
+    expected = chance_of_the_door(Rules.of(schema), do)
+    assert chance_by_network(schema, do) == pytest.approx(expected, abs=1e-9)

@@ -56,7 +56,10 @@ def _table(results: Material, protocol: str, name: str, rows: pd.DataFrame) -> T
     if any(ideal):
         texts = ["–" if attempts is None else f"{attempts:.2f}" for attempts in ideal]
         add("Ideal observer", "schema known", texts, "ideal")
-    absent = results.experiment.without_any(protocol)
+    asked = {spec.name: spec.protocol.name for spec in results.experiment.learners}
+    reasons = results.experiment.not_applicable  # of a learner that plays nothing, one for each
+    absent = [name for name in reasons if len(reasons[name]) == len(results.experiment.conditions)]
+    absent = [name for name in absent if asked.get(name) == protocol]
     for learner in ordered([*rows["learner"], *absent], results.learners):
         own = rows[rows["learner"] == learner]
         texts = [_in_cell(cells.get((learner, condition))) for condition in conditions]
