@@ -90,7 +90,7 @@ def watched_html(watched: WatchedTrial) -> str:
 def _moment(watched: WatchedTrial, shot: Shot) -> str:
     """A moment of a trial: the room, and what the learner believes."""
     from causal_openlock.belief.trace import belief_in_words
-    from causal_openlock.render.svg import room_svg
+    from causal_openlock.render.paint import room_svg
     from causal_openlock.render.watch import belief_svg, in_words
 
     words = in_words(shot)
@@ -215,8 +215,8 @@ def _left(table: str) -> str:
 
 def _room(title: str, observation: Any, panel: Any, *below: str) -> str:
     """A room as an observation shows it, with or without its console."""
+    from causal_openlock.render.paint import room_svg
     from causal_openlock.render.scene import Look
-    from causal_openlock.render.svg import room_svg
 
     look = Look.of_observation(observation, len(observation) // 2 - 1)
     return _card(title, _inline(room_svg(look, panel, title)), *below)

@@ -18,7 +18,7 @@ from causal_openlock.envs.settings import ATTEMPT_LIMIT
 from causal_openlock.envs.single import OpenLockEnv
 from causal_openlock.errors import OpenLockError
 from causal_openlock.files.validation import whole_number
-from causal_openlock.render.panel import Panel, ShownAction
+from causal_openlock.render.paint import Panel, ShownAction
 from causal_openlock.render.room import room_text
 from causal_openlock.schemas.finding import schema as declared
 from causal_openlock.schemas.schema import Schema

@@ -41,7 +41,7 @@ from causal_openlock.world.rooms import RoomTables, events_of
 if TYPE_CHECKING:
     from causal_openlock.physics.room import PhysicalRoom
     from causal_openlock.physics.world import Pose
-    from causal_openlock.render.panel import Panel
+    from causal_openlock.render.paint import Panel
     from causal_openlock.schemas.schema import Schema
 
 
@@ -369,7 +369,7 @@ class OpenLockEnv(Checked, gymnasium.Env[NDArray[np.int8], int]):
             from causal_openlock.render.room import room_text
 
             return room_text(seen, positions)
-        from causal_openlock.render.panel import draw
+        from causal_openlock.render.paint import draw
         from causal_openlock.render.scene import Look
 
         if self._bodies is None:
@@ -380,7 +380,7 @@ class OpenLockEnv(Checked, gymnasium.Env[NDArray[np.int8], int]):
         return draw(look, self._render_size, self._panel(row) if self._render_console else None)
 
     def _panel(self, row: int) -> Panel:
-        from causal_openlock.render.panel import Panel
+        from causal_openlock.render.paint import Panel
 
         found = len(self._found)
         return Panel(

@@ -17,8 +17,7 @@ from causal_openlock.files.atomic import replacing
 from causal_openlock.physics.room import PhysicalRoom
 from causal_openlock.physics.world import STEP, Pose
 from causal_openlock.render.filmed_trial import FilmedAttempt, FilmedTrial
-from causal_openlock.render.panel import Panel, ShownAction, draw
-from causal_openlock.render.raster import Bytes
+from causal_openlock.render.paint import Bytes, Panel, ShownAction, draw
 from causal_openlock.render.room import save_still
 from causal_openlock.render.scene import Look
 from causal_openlock.render.suffixes import STILLS

@@ -1,8 +1,4 @@
-"""A room as a picture after the paper's Figure 2a, as a picture file, or as a few lines of text.
-
-The picture and the text of an observation show nothing else: which levers are pushed, which are
-grey, whether the door is locked, whether it is open. The arm is drawn at rest.
-"""
+"""A room after actions, as a picture file, and as a few lines of text."""
 
 from __future__ import annotations
 
@@ -17,39 +13,10 @@ from numpy.typing import ArrayLike
 from causal_openlock.files.atomic import replacing, write_text
 from causal_openlock.physics.room import PhysicalRoom
 from causal_openlock.physics.world import Pose
-from causal_openlock.render.panel import Panel, draw
-from causal_openlock.render.raster import Bytes
+from causal_openlock.render.paint import Panel, draw, room_svg
 from causal_openlock.render.scene import Look, bits_of
 from causal_openlock.render.suffixes import STILLS, path_of_picture
-from causal_openlock.render.svg import room_svg
 from causal_openlock.world.room import Room, position_coordinates
-
-
-def draw_room(
-    observation: ArrayLike, positions: int = 7, size: int = 600, panel: Panel | None = None
-) -> Bytes:
-    """A picture of a room.
-
-    A lever's bar is across its track. Pulled, it rests on the end toward the arm; pushed, it has
-    slid to the outer end. Active levers are grey, inactive ones light. A closed door is a vertical
-    bar on the right, with a black circle at its lower end while it is locked; an open one has
-    swung outward.
-
-    Args:
-        observation: ``[2P + 2]`` bits: levers pushed, levers grey, door locked, door open.
-        positions: P, 7 to 12.
-        size: Height of the picture in pixels; it is about a quarter wider, and with a console
-            five sixths.
-        panel: The console to show next to the room, if any.
-
-    Returns:
-        ``[size, width, 3]`` red, green, blue; a new array each time.
-
-    Raises:
-        ValueError: If the observation has another length.
-        ExperimentError: If no room has this number of positions.
-    """
-    return draw(Look.of_observation(observation, positions), size, panel)
 
 
 def look_after(room: Room, actions: Sequence[int] = (), part: float = 1.0) -> Look:

@@ -232,11 +232,6 @@ def door(positions: int, angle: float, locked: bool) -> list[Shape]:
     return shapes
 
 
-def resting_arm(positions: int) -> list[Shape]:
-    """The arm before it has moved."""
-    return arm(resting(positions))
-
-
 def arm(joints: Sequence[Point]) -> list[Shape]:
     """The arm: its links, red joints, and a free end without one."""
     grey = colour("active_lever_arm_door")

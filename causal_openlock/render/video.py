@@ -20,8 +20,7 @@ from PIL import Image, ImageChops
 from PIL.GifImagePlugin import getdata, getheader
 
 from causal_openlock.errors import OpenLockError
-from causal_openlock.render.panel import BACKGROUND, DONE, FAINT, INK
-from causal_openlock.render.raster import Bytes
+from causal_openlock.render.paint import BACKGROUND, DONE, FAINT, INK, Bytes
 from causal_openlock.render.scene import Colour, colour
 
 APART = 8

@@ -17,7 +17,7 @@ from causal_openlock.experiment.making import Changes
 from causal_openlock.physics.room import PhysicalRoom
 from causal_openlock.render.film import AFTER, BEFORE, BETWEEN, END, save_film, shots, stills
 from causal_openlock.render.filmed_trial import play_trial, recorded_trial
-from causal_openlock.render.panel import draw
+from causal_openlock.render.paint import draw
 from causal_openlock.render.scene import frame
 from causal_openlock.world.room import Layout
 from support.command import at_once

@@ -12,10 +12,9 @@ from hypothesis import strategies as st
 
 from causal_openlock.physics.geometry import RoomGeometry, along
 from causal_openlock.physics.room import PhysicalRoom
-from causal_openlock.render.panel import Panel, ShownAction, draw
-from causal_openlock.render.room import draw_room, look_after, room_text
+from causal_openlock.render.paint import Panel, ShownAction, draw, room_svg
+from causal_openlock.render.room import look_after, room_text
 from causal_openlock.render.scene import Look, frame
-from causal_openlock.render.svg import room_svg
 from causal_openlock.world.facts import room_facts
 from causal_openlock.world.room import position_names
 from support.cc4_in_trial7 import DOOR, L0, L1
@@ -26,6 +25,10 @@ GREY, LIGHT, RED = RGB["active_lever_arm_door"], RGB["inactive_lever"], RGB["joi
 WHITE, BLACK = [255, 255, 255], [0, 0, 0]
 SVG = "{http://www.w3.org/2000/svg}"
 each_size = pytest.mark.parametrize("positions", range(7, 13))
+
+
+def draw_room(bits, positions, size):
+    return draw(Look.of_observation(bits, positions), size)
 
 
 def observed(positions, pushed=(), grey=(), locked=True, opened=False):
@@ -135,7 +138,7 @@ def test_other_observations_give_other_pictures_and_texts(data):
 
 
 def test_an_observation_of_another_room_is_refused():
-    for draw_it in (draw_room, room_text):
+    for draw_it in (Look.of_observation, room_text):
         with pytest.raises(ValueError, match="16 bits"):
             draw_it(observed(8), 7)
 
@@ -232,18 +235,16 @@ def written(panel):
 
 def test_the_console_says_what_was_found_done_and_is_left():
     assert written(PANEL) == [
-        *("bayes", "CC3", "Solutions found: 1 of 2", "LEFT, UPPER"),
-        *("Attempts left: 29", "Actions left: 2", "This attempt", "1", "push UPPER", "it & so"),
+        *("bayes", "CC3", "Solutions found: 1 of 2", "☑ LEFT, UPPER", "☐"),
+        *("Attempts left: 29, actions left: 2", "This attempt", "1  push UPPER", "    it & so"),
     ]
-    assert "Attempts left: –" in written(Panel(("",), None, 0))  # solved and over
+    assert "Attempts left: –, actions left: 0" in written(Panel(("",), None, 0))  # solved and over
     texts = written(FULL)
     assert texts[-1] == "All solutions found"
-    shown = [text for text in texts if text.startswith("push")]
+    shown = [text for text in texts if "push" in text]
     assert len(shown) >= 2
-    assert shown == [f"push LEFT{i}" for i in range(12 - len(shown), 12)]  # the latest ones
-    assert [text for text in texts if text.isdigit()] == [
-        str(i + 1) for i in range(12 - len(shown), 12)
-    ]
+    assert shown == [f"{i + 1}  push LEFT{i}" for i in range(12 - len(shown), 12)]  # the latest
+    assert "☑ UPPERLEFT, LOWERRIGHT," in " ".join(texts)
 
 
 @pytest.mark.parametrize("panel", [PANEL, FULL])
