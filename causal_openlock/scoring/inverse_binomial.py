@@ -15,7 +15,7 @@ a share of actions that are random, bounds p from below: p >= lapse / actions. H
 took the action. Where none did, that is the lapse alone, and the estimate is too low: with 256
 copies, a lapse of .01 and 15 actions by up to .43 nats in the mean, where p is about .003, and with
 the default limit, as many draws as a lapse needs in the mean to do an action (1,500 there), by .03
-at most (:func:`largest_bias`). Without lapses there is no such bound. Actions that reached the
+at most. Without lapses there is no such bound. Actions that reached the
 limit are marked.
 
 Here many copies of the learner are shown, side by side, what the subject did. Each has random
@@ -29,19 +29,24 @@ Subjects are played again with more copies until every action has been hit, or t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from math import ceil
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.special import digamma, hyperu, polygamma
 
-from causal_openlock.contract.learner import InformedLearner, Learner, Truth
+from causal_openlock.contract.learner import InformedLearner, Truth
+from causal_openlock.contract.registry import create
+from causal_openlock.experiment.declare import LearnerSpec
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.world.randomness import unrelated_generators
+
+if TYPE_CHECKING:
+    from causal_openlock.scoring.teacher_forcing import Recorded
 
 FIRST_COPIES = 16
 """Copies of a subject when it is first played; then as many again, twice as many, and so on."""
@@ -81,51 +86,6 @@ class Draws:
         if self.most is not None:
             return self.most
         return self.hits * (ceil(actions / lapse) if lapse else WITHOUT_LAPSES)
-
-
-def largest_bias(draws: float, lapse: float, actions: int) -> float:
-    """Return the most, in nats, by which an estimate is too low in the mean if draws are limited.
-
-    All n draws miss an action of the probability p with exp(-np). The rest of the sum, exp(np)
-    E1(np), is then computed with lapse / actions in the place of p.
-
-    >>> [round(largest_bias(draws, 0.01, 15), 2) for draws in (128, 256, 1500)]
-    [0.74, 0.43, 0.03]
-
-    Args:
-        draws: How many there are, n.
-        lapse: Share of actions that are taken to be random; without any the bias has no bound.
-        actions: Number of actions to choose from.
-    """
-    least = draws * lapse / actions
-    if least == 0:
-        return np.inf
-    expected = least + np.geomspace(1e-3, 50.0, 2000)
-    lost = np.exp(-expected) * (hyperu(1.0, 1.0, least) - hyperu(1.0, 1.0, expected))
-    return float(lost.max())
-
-
-@dataclass(frozen=True)
-class Replays:
-    """Recorded subjects, to be played again.
-
-    Attributes:
-        session: A new session of the subjects with these places among all, as it began.
-        learner: A new learner.
-        done: ``[B, T]`` the actions of each subject.
-        exists: ``[B, T]`` which of them there are.
-        starts: ``[B, T]`` whether an action is the first one of its attempt.
-        key: Texts that distinguish these subjects and this learner from others.
-        numbers: ``[B]`` numbers of the subjects.
-    """
-
-    session: Callable[[Sequence[int]], Session]
-    learner: Callable[[], Learner]
-    done: IntArray
-    exists: BoolArray
-    starts: BoolArray
-    key: str
-    numbers: Sequence[int]
 
 
 class Tally:
@@ -271,22 +231,30 @@ def tiled(given: Any, copies: int) -> Any:
     )
 
 
-def by_draws(replays: Replays, draws: Draws, lapse: float, actions: int) -> Estimates:
+def by_draws(
+    part: Recorded, scored: LearnerSpec, draws: Draws, lapse: float, actions: int
+) -> Estimates:
     """Log-probabilities of what subjects did, by asking copies of a learner.
 
     Args:
-        replays: The subjects.
+        part: The subjects.
+        scored: The learner.
         draws: How often to ask.
         lapse: The share of a subject's actions that are taken to be random.
         actions: How many actions there are to choose from.
     """
-    attempt = replays.starts.cumsum(axis=1)
-    tally = Tally(replays.exists, attempt, draws, lapse, actions)
+    tally = Tally(part.asked, part.starts.cumsum(axis=1), draws, lapse, actions)
     for asked, copies in _rounds(draws.limit(lapse, actions)):
         left = np.flatnonzero(tally.open.any(axis=1)).tolist()
         together = max(1, MOST_COPIES // copies)
         for first in range(0, len(left), together):
-            _ask(replays, left[first : first + together], copies, asked, tally, draws)
+            places = left[first : first + together]
+            numbers = [
+                part.numbers[place] * 10**6 + asked + copy
+                for place in places
+                for copy in range(copies)
+            ]
+            _ask(part, scored, places, numbers, draws.seed, tally)
     return tally.estimates()
 
 
@@ -300,23 +268,22 @@ def _rounds(most: int) -> Iterator[tuple[int, int]]:
 
 
 def _ask(
-    replays: Replays,
+    part: Recorded,
+    scored: LearnerSpec,
     places: Sequence[int],
-    copies: int,
-    asked: int,
+    numbers: Sequence[int],
+    seed: int,
     tally: Tally,
-    draws: Draws,
 ) -> None:
-    """Replay some subjects with copies of the learner, and note what the copies do."""
-    session, learner = replays.session(places), replays.learner()
-    numbers = [replays.numbers[place] * 10**6 + asked + copy
-               for place in places for copy in range(copies)]  # fmt: skip
+    """Replay subjects with copies of the learner, each of a number, and note what they do."""
+    session, learner = part.session(scored, places), create(scored.learner, scored.parameters)
+    copies = len(numbers) // len(places)
     wanted, done, starts = (
-        part[np.array(places)] for part in (tally.wanted(), replays.done, replays.starts)
+        array[np.array(places)] for array in (tally.wanted(), part.actions, part.starts)
     )
+    key = "/".join([scored.name, *map(str, part.group.values())])
     own, luck = (
-        unrelated_generators(draws.seed, f"{use}/{replays.key}", numbers)
-        for use in ("copies", "lapses")
+        unrelated_generators(seed, f"{use}/{key}", numbers) for use in ("copies", "lapses")
     )
     chance = np.stack([generator.random(done.shape[1]) for generator in luck])
     learner.begin(replace(session.brief, subjects=len(numbers), generators=own))

@@ -27,8 +27,8 @@ from causal_openlock.errors import LearnerError, StoreError
 from causal_openlock.experiment.declare import SHOWN, Experiment, LearnerSpec
 from causal_openlock.experiment.session import AT_ONCE, Session, padded
 from causal_openlock.running.workers import worker_pool
-from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
-from causal_openlock.scoring.inverse_binomial import Draws, Replays, by_draws
+from causal_openlock.schemas.fsm import BoolArray, IntArray
+from causal_openlock.scoring.inverse_binomial import Draws, by_draws
 from causal_openlock.scoring.score_table import COLUMNS, GROUP
 from causal_openlock.storage.stored import StoredExperiment
 from causal_openlock.wording import nearest
@@ -74,6 +74,11 @@ class Recorded:
         return [np.concatenate(own) for own in self.attempts]
 
     @cached_property
+    def actions(self) -> IntArray:
+        """``[B, T]`` all actions of each subject, one after the other."""
+        return padded(self.done())[0]
+
+    @cached_property
     def asked(self) -> BoolArray:
         """``[B, T]`` which actions there are that the subjects chose: none that they were shown."""
         chose = self.rows["phase"].ne(SHOWN).groupby(self.rows["subject"], sort=True)
@@ -81,6 +86,14 @@ class Recorded:
         for row, own, (_, each) in zip(exists, self.attempts, chose, strict=True):
             row[: row.sum()] = np.repeat(each.to_numpy(), [len(one) for one in own])
         return exists
+
+    @cached_property
+    def starts(self) -> BoolArray:
+        """``[B, T]`` whether an action is the first one of its attempt."""
+        starts = np.zeros(self.asked.shape, dtype=bool)
+        for row, attempts in zip(starts, self.attempts, strict=True):
+            row[np.cumsum([0, *map(len, attempts)])[:-1]] = True
+        return starts
 
     def alone(self) -> dict[str, Recorded]:
         """Each subject by itself, by its name; see :func:`subject_names`."""
@@ -92,7 +105,7 @@ class Recorded:
     @cached_property
     def about(self) -> dict[str, NDArray[Any]]:
         """Columns of scores that no learner changes, with a row for each action that is scored."""
-        actions, (who, moment) = padded(self.done())[0], np.nonzero(self.asked)
+        who, moment = np.nonzero(self.asked)
         trials = self.rows.sort_values("subject", kind="stable")
         trials = trials.assign(number=_trial_numbers(trials))[trials["phase"] != SHOWN]
         each = trials["actions"].map(len).to_numpy(np.int64)
@@ -101,7 +114,7 @@ class Recorded:
             "trial": np.repeat(trials["number"].to_numpy(), each),
             "attempt": np.repeat(trials["attempt"].to_numpy(), each),
             "action": np.array([place for one in each for place in range(1, one + 1)], np.int64),
-            "action_index": actions[who, moment],
+            "action_index": self.actions[who, moment],
         }
 
     def session(
@@ -299,17 +312,23 @@ def _scored(part: Recorded, scored: LearnerSpec, lapse: float, draws: Draws) -> 
             "a subject that did others; leave it out"
         )
     session.begin(learner)
-    actions, asked = padded(part.done())[0], part.asked
     if learner.probabilities(session.view) is None:
-        found = _asked(part, scored, lapse, draws, session.brief.actions, actions, asked)
+        drawn = by_draws(part, scored, draws, lapse, session.brief.actions)
+        scores = {
+            "log_probability": drawn.log_probability,
+            "standard_error": np.sqrt(drawn.variance),
+            **dict.fromkeys(("entropy", "highest"), np.full(part.asked.shape, np.nan)),
+            "impossible": drawn.impossible,
+            "at_limit": drawn.at_limit,
+        }
     else:
-        found = _told(session, learner, actions, asked, scored.name, lapse)
+        scores = _told(part, session, learner, scored.name, lapse)
     return pd.DataFrame(
         {
             "scored": scored.name,
             **part.group,
             **part.about,
-            **{name: values[asked] for name, values in found.items()},
+            **{name: values[part.asked] for name, values in scores.items()},
             "price": 0.0,
         }
     )
@@ -323,38 +342,32 @@ def _trial_numbers(rows: pd.DataFrame) -> IntArray:
 
 
 def _told(
-    session: Session,
-    learner: Learner,
-    actions: IntArray,
-    asked: BoolArray,
-    name: str,
-    lapse: float,
+    part: Recorded, session: Session, learner: Learner, name: str, lapse: float
 ) -> dict[str, NDArray[Any]]:
     """``[B, T]`` scores of a learner that gives its probabilities."""
-    shape = asked.shape
+    shape, choices = part.asked.shape, session.brief.actions
     own, entropy, highest = (np.zeros(shape) for _ in range(3))
     for moment in range(shape[1]):
-        acts = asked[:, moment]
+        acts, action = part.asked[:, moment], part.actions[:, moment]
         found = learner.probabilities(session.view)
         if not (
             isinstance(found, np.ndarray)
             and len(found) == len(acts)
-            and are_probabilities(found[acts], session.brief.actions)
+            and are_probabilities(found[acts], choices)
         ):
             raise LearnerError(
-                f"the probabilities of {name} are not an array of {session.brief.actions} for each "
-                "subject, none below 0 and 1 in sum; its contract tests say more"
+                f"the probabilities of {name} are not an array of {choices} for each subject, none "
+                "below 0 and 1 in sum; its contract tests say more"
             )
-        own[:, moment] = found[np.arange(len(found)), actions[:, moment]]
+        own[:, moment] = found[np.arange(len(found)), action]
         surprise = -np.log(found, where=found > 0, out=np.zeros_like(found, dtype=float))
         entropy[:, moment], highest[:, moment] = (found * surprise).sum(axis=1), found.max(axis=1)
-        step = session.step(actions[:, moment])
+        step = session.step(action)
         learner.learn(step)
         if isinstance(learner, InformedLearner) and step.trial_over.any():
             learner.inform(session.truth)
-    mixed = (1.0 - lapse) * own + lapse / session.brief.actions
     with np.errstate(divide="ignore"):
-        log_probability = np.log(mixed)
+        log_probability = np.log((1.0 - lapse) * own + lapse / choices)
     return {
         "log_probability": log_probability,
         "standard_error": np.zeros(shape),
@@ -362,40 +375,6 @@ def _told(
         "highest": highest,
         "impossible": own == 0,
         "at_limit": np.zeros(shape, dtype=bool),
-    }
-
-
-def _asked(
-    part: Recorded,
-    scored: LearnerSpec,
-    lapse: float,
-    draws: Draws,
-    choices: int,
-    actions: IntArray,
-    asked: BoolArray,
-) -> dict[str, FloatArray | BoolArray]:
-    """``[B, T]`` scores of a learner that can only act."""
-    starts = np.zeros(asked.shape, dtype=bool)
-    for row, attempts in zip(starts, part.attempts, strict=True):
-        row[np.cumsum([0, *map(len, attempts)])[:-1]] = True
-    replays = Replays(
-        session=lambda places: part.session(scored, places),
-        learner=lambda: create(scored.learner, scored.parameters),
-        done=actions,
-        exists=asked,
-        starts=starts,
-        key="/".join([scored.name, *map(str, part.group.values())]),
-        numbers=part.numbers,
-    )
-    found = by_draws(replays, draws, lapse, choices)
-    unknown = np.full(asked.shape, np.nan)
-    return {
-        "log_probability": found.log_probability,
-        "standard_error": np.sqrt(found.variance),
-        "entropy": unknown,
-        "highest": unknown,
-        "impossible": found.impossible,
-        "at_limit": found.at_limit,
     }
 
 
