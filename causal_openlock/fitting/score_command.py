@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
+from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -12,9 +12,16 @@ from causal_openlock.cli.options import Workers
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.scoring import LAPSE
 
-if TYPE_CHECKING:
-    import pandas as pd
-    from rich.table import Table
+_HEADS = {
+    **{"scored": "", "bits": "bits/action", "worse": "more than the best", "worse_low": "low"},
+    **{"worse_high": "high", "best_of": "best of", "frequency": "followed by"},
+    "protected": "most frequent",
+}
+_FORMATS = {
+    **dict.fromkeys(("bits/action", "most frequent"), ".2f"),
+    **dict.fromkeys(("more than the best", "low", "high"), "+.2f"),
+    "followed by": ".0%",
+}
 
 
 def score(
@@ -64,14 +71,15 @@ def score(
     ranking, in bits per action.
     """
     from causal_openlock.analysis.statistics import too_few
-    from causal_openlock.comparison.console import Terminal
+    from causal_openlock.analysis.table import Table
+    from causal_openlock.comparison.console import Terminal, plain_table
     from causal_openlock.comparison.progress_bar import counting, shown_steps
     from causal_openlock.experiment.file import find_experiment, read_experiment
     from causal_openlock.experiment.making import make_experiment
     from causal_openlock.fitting.predicting import read_fit, score_fits
     from causal_openlock.running.workers import available_cores
     from causal_openlock.scoring.inverse_binomial import Draws
-    from causal_openlock.scoring.scores import FOLDER
+    from causal_openlock.scoring.scores import FOLDER, Scores
     from causal_openlock.scoring.teacher_forcing import known_learners
     from causal_openlock.storage.store import Store
     from causal_openlock.wording import counted, joined
@@ -88,8 +96,7 @@ def score(
     else:
         raise OpenLockError("name who predicts, with --learner, --from or --fits")
     known_learners(of or (), played.learners)
-    named = [one.learner for one in predicting]
-    fitted = [read_fit(one, named) for one in fits or ()]
+    fitted = [read_fit(one, [spec.learner for spec in predicting]) for one in fits or ()]
     with shown_steps("score") as begin:
         begin("no part is scored yet")
         scores = score_fits(
@@ -103,76 +110,49 @@ def score(
             workers=workers or available_cores(),
             report=counting(begin, "parts are scored"),
         )
-    subjects, ranked = scores.subjects, scores.ranking
-    before = _names_in(out := out or folder / FOLDER)
+    out, before = out or folder / FOLDER, []
+    with suppress(StoreError):
+        before = Scores.read(out).actions["scored"].unique().tolist()
     files = scores.save(out)
-    console.print_whole(_table(ranked, scores.followed))
+    ranked = scores.ranking.merge(scores.followed, on="scored")
+    printed = Table("scores", "Scores", ranked[[*_HEADS]].rename(columns=_HEADS), _FORMATS)
+    shown = plain_table(*printed.heads)
+    for row in printed.rows:
+        shown.add_row(*row)
+    console.print_whole(shown)
+    subjects, number = scores.subjects, int(ranked["subjects"].iloc[0])
     who = [counted(subjects[name].nunique(), name) for name in ("learner", "condition")]
     console.print_line(
-        f"n = {ranked['subjects'].iloc[0]} subjects, of {who[0]} in {who[1]}; {lapse:g} of all "
-        "actions are taken to be random; a learner that knows nothing needs log2 of the "
-        "number of actions"
+        f"n = {number} subjects, of {who[0]} in {who[1]}; {lapse:g} of all actions are taken to be "
+        "random; a learner that knows nothing needs log2 of the number of actions; low and high: "
+        "the 95% interval of more than the best"
     )
-    if few := too_few(int(ranked["subjects"].iloc[0])):
+    if few := too_few(number):
         console.warn(few)
-    for one in fitted:
+    for fit in fitted:
         by = (
             "each action by what was fitted without it"
-            if one.holds_out
-            else 'what it was fitted to; parameters have a price only in "followed by"'
+            if fit.holds_out
+            else "what it was fitted to; parameters have a price only in “followed by”"
         )
-        console.print_line(f"{one.label} predicts {by}")
+        console.print_line(f"{fit.label} predicts {by}")
     drawn = subjects[subjects["standard_error"] > 0]
     for name, own in drawn.groupby("scored", observed=True):
         error = f"with a standard error of {own['standard_error'].mean():.1f} nats for a subject"
-        if own["expected"].isna().all():
-            console.print_line(
-                f"{name} gives no probabilities: it was asked by inverse binomial sampling, "
-                f"{error}; --hits makes it smaller"
-            )
-            if at_limit := own["at_limit"].sum():
-                console.print_line(
-                    f"of {own['actions'].sum():,} actions, {at_limit:,} were not hit before the "
-                    "limit of draws, so their log-probabilities are biased, mostly too low; "
-                    "--draws raises the limit"
-                )
-        else:
+        if not own["expected"].isna().all():
             console.print_line(f"{name} estimates its probabilities from draws, {error}")
+            continue
+        console.print_line(
+            f"{name} gives no probabilities: it was asked by inverse binomial sampling, {error}; "
+            "--hits makes it smaller"
+        )
+        if at_limit := own["at_limit"].sum():
+            console.print_line(
+                f"of {own['actions'].sum():,} actions, {at_limit:,} were not hit before the limit "
+                "of draws, so their log-probabilities are biased, mostly too low; --draws raises "
+                "the limit"
+            )
     if gone := [name for name in before if name not in set(ranked["scored"])]:
         console.print_line(f"the scores of {joined(gone)}, which were there, are replaced")
     console.print_line(f"which of them each subject follows: {files[2]}")
     console.print_line(f"{files[0]} and subjects.csv written")
-
-
-def _names_in(folder: Path) -> list[str]:
-    """The learners whose scores are in a folder."""
-    from causal_openlock.scoring.scores import Scores
-
-    try:
-        return list(dict.fromkeys(Scores.read(folder).subjects["scored"]))
-    except StoreError:
-        return []
-
-
-def _table(ranked: pd.DataFrame, followed: pd.DataFrame) -> Table:
-    from causal_openlock.comparison.console import plain_table
-
-    table = plain_table("", "bits/action", "95% interval", "more than the best", "", "best of",
-                        "followed by", "most frequent")  # fmt: skip
-    shares = followed.set_index("scored")
-    for row in ranked.itertuples():
-        table.add_row(
-            str(row.scored),
-            f"{row.bits:.2f}",
-            _range(row.low, row.high),
-            "" if math.isnan(row.worse) else f"{row.worse:+.2f}",
-            _range(row.worse_low, row.worse_high),
-            str(row.best_of),
-            f"{shares.loc[row.scored, 'frequency']:.0%}",
-            f"{shares.loc[row.scored, 'protected']:.2f}",
-        )
-    return table
-
-
-def _range(low: float, high: float) -> str:
-    return "" if math.isnan(low) else f"{low:.2f} to {high:.2f}"
