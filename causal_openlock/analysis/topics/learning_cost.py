@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
@@ -32,7 +31,6 @@ from causal_openlock.schemas.fsm import FloatArray
 
 WITHIN = 1.5
 """A room is solved well in at most this multiple of the ideal observer's attempts."""
-_NEVER = "#F2F2F2"  # behind subjects that never came so far
 
 
 def learning_costs(results: Material, within: float = WITHIN) -> pd.DataFrame:
@@ -126,9 +124,9 @@ def plot_cost(
     Well is within ``within`` times the attempts of the ideal observer; see
     :func:`~causal_openlock.analysis.topics.learning_cost.learning_costs`. A row for each learner, a
     dot for each subject of all conditions, on a logarithmic axis; black: the median with its 95%
-    interval. On the right, in grey, are subjects that never came so far, with how many there are,
-    and the most attempts that one of them made. What a learner was trained with before the
-    experiment, such as the meta-training of ``rl2``, counts.
+    interval. On the right is how many subjects never came so far, and the most attempts that one of
+    them made. What a learner was trained with before the experiment, such as the meta-training of
+    ``rl2``, counts.
 
     >>> axes = plot_cost(results, conditions=["CC4"])
     >>> [label.get_text() for label in axes.get_yticklabels()]
@@ -161,64 +159,45 @@ def draw_costs(table: pd.DataFrame, learners: Sequence[str], ax: Any = None) -> 
     names = [name for learner in learners
              for name in ordered(table.loc[table["learner"] == learner, "row"])]  # fmt: skip
     finite = table.loc[np.isfinite(table["cost"]), "cost"]
-    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (1.0, 10.0)
-    edge = max(high, 3 * low) * 1.6
-    end = edge * max(edge / low, 20) ** 0.55  # of the grey part
+    low, high = (finite.min() / 1.5, finite.max() * 1.5) if len(finite) else (1.0, 10.0)
+    dots: Any = {"ls": "", "marker": "o", "mec": "#1F6F9F"}
+    line: Any = {"color": "black", "lw": 1.6}
+    mark: Any = {"marker": "|", "ms": 9, "mew": 2}
     with panels(ax, 1, in_rows(1, 1, 0.27 * len(names) + 0.75, style.WIDTH / 0.62)) as at:
         (axes,) = at.axes
-        _scale(axes, names, (low / 1.5, edge, end))
+        axes.set(xscale="log", xlim=(low, high), xlabel="Attempts, all training counted")
+        subs = (1, 2, 5) if high < 1000 * low else (1,)
+        axes.xaxis.set_major_locator(LogLocator(subs=subs, numticks=8))
+        axes.xaxis.set_major_formatter("{x:,.0f}")
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        style.name_rows(axes, names)
+        axes.grid(False, axis="y")
         for place, name in enumerate(names):
-            _row(axes, place, table[table["row"] == name], (edge, end))
-        dots: Any = {"ls": "", "marker": "o", "ms": 4, "mec": "#1F6F9F", "label": "subjects"}
-        line: Any = {"color": "black", "lw": 1.6, "marker": "|", "ms": 9, "mew": 2}
+            own = table[table["row"] == name]
+            cost = np.sort(own["cost"].to_numpy(float))
+            reached = cost[np.isfinite(cost)]
+            # Subjects stand a little above and below one another, the same ones in every drawing.
+            y = place + 0.22 * np.sin(2.4 * np.arange(len(reached)))
+            colour = style.current().colors.get(own["learner"].iloc[0], style.current().other(3))
+            axes.plot(reached, y, **dots, ms=3.5, color=colour, mew=0.4, alpha=0.8, zorder=2)
+            middle, *ends = median_cost(cost)
+            if np.isfinite(ends[0]):
+                axes.plot(np.minimum(ends, high), [place] * 2, **line, zorder=3)
+            if np.isfinite(middle):
+                axes.plot(middle, place, **line, **mark, zorder=3)
+            if missed := len(cost) - len(reached):
+                asked = int(own.loc[np.isinf(own["cost"]), "asked"].max())
+                axes.annotate(
+                    f"{missed} of {len(cost)} not within {asked:,}", (1, place), (5, 0),
+                    axes.get_yaxis_transform(), "offset points", va="center",
+                )  # fmt: skip
         at.legend(
             [
-                Line2D([], [], color=style.current().other(3), **dots),
-                Line2D([], [], label="median, 95% interval", **line),
+                Line2D([], [], color=style.current().other(3), **dots, ms=4, label="subjects"),
+                Line2D([], [], label="median, 95% interval", **line, **mark),
             ]
         )
     return at.returned
-
-
-def _scale(axes: Axes, names: Sequence[str], limits: tuple[float, float, float]) -> None:
-    low, edge, end = limits
-    axes.set_xscale("log")
-    axes.set_xlim(low, end)
-    few = end < 1000 * low
-    for subs, minor in (((1, 2, 5) if few else (1,), False), (range(1, 10), True)):
-        ticks = np.asarray(LogLocator(subs=subs, numticks=8).tick_values(low, edge))
-        within = ticks[(low <= ticks) & (ticks <= edge)]  # the grey part has no attempts
-        axes.xaxis.set_ticks(within, minor=minor)
-    axes.xaxis.set_major_formatter("{x:,.0f}")
-    axes.xaxis.set_minor_formatter(NullFormatter())
-    axes.set_xlabel("Attempts, all training counted")
-    style.name_rows(axes, names)
-    axes.grid(False, axis="y")
-    axes.axvspan(edge, end, color=_NEVER, zorder=0.6)
-
-
-def _row(axes: Axes, place: int, own: pd.DataFrame, never: tuple[float, float]) -> None:
-    cost = np.sort(own["cost"].to_numpy(float))
-    reached = cost[np.isfinite(cost)]
-    edge, end = never
-    # Subjects stand a little above and below one another, the same ones in every drawing.
-    aside = 0.22 * np.sin(2.4 * np.arange(len(reached)))
-    colour = style.current().colors.get(own["learner"].iloc[0], style.current().other(3))
-    axes.plot(
-        reached, place + aside, "o", ms=3.5, color=colour, mec="#1F6F9F", mew=0.4,
-        alpha=0.8, zorder=2,
-    )  # fmt: skip
-    middle, low, high = median_cost(cost)
-    if np.isfinite(low):
-        axes.plot([low, min(high, edge)], [place] * 2, color="black", lw=1.6, zorder=3)
-    if np.isfinite(middle):
-        axes.plot(middle, place, "|", color="black", ms=9, mew=2, zorder=3)
-    if missed := len(cost) - len(reached):
-        asked = int(own.loc[np.isinf(own["cost"]), "asked"].max())
-        axes.text(
-            (edge * end) ** 0.5, place, f"{missed} of {len(cost)} not within {asked:,}",
-            ha="center", va="center", fontsize="small",
-        )  # fmt: skip
 
 
 def section(material: Material) -> Section | None:
@@ -242,8 +221,8 @@ def section(material: Material) -> Section | None:
     costs = Table("learning_cost", title, shown(table), {"reached": ".0%", "n": ","}, caption)
     plot = drawn(
         "cost_of_learning", plot_cost, material, title,
-        "A dot is a subject; the axis is logarithmic; black: the median with its 95% interval. In "
-        "grey: subjects that never did, and the most attempts that one of them had.",
+        "A dot is a subject; the axis is logarithmic; black: the median with its 95% interval. On "
+        "the right: subjects that never did, and the most attempts that one of them had.",
     )  # fmt: skip
     return Section("learning_cost", "The cost of learning", (text,), (costs,), (plot,))
 
