@@ -78,7 +78,7 @@ def test_a_package_registers_one(played, tmp_path, monkeypatch):
     ranked = ol.open_results(played).leaderboard.set_index("learner")
     assert ranked.loc["novices", ["conditions", "subjects"]].tolist() == [1, 9]
     frame = ol.open_results(played).by_condition[0].frame.set_index("Learner")
-    assert frame.loc["novices\nn = 9", "CC4\ntrial 5"] == "12.50\n± 0.50"
+    assert frame.loc["novices\nn = 9", "CC4\ntrial 5"] == "≥ 12.50\n± 0.50"
 
 
 def test_a_folder_that_is_none_is_refused_before_anything_is_played(tmp_path):

@@ -8,7 +8,6 @@ from scipy import stats
 
 from causal_openlock.analysis.effects import Group
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.references import references_beside
 from causal_openlock.analysis.topic import sections_of
 from causal_openlock.paper.likeness import (
     EFFECTS,
@@ -22,10 +21,9 @@ from causal_openlock.paper.likeness import (
     published_points,
 )
 from causal_openlock.paper.likeness_figure import MOST_DRAWN, draw_points, plot_likeness, signs
-from causal_openlock.paper.references import people
 from causal_openlock.paper.significance import contrast_test
 from support.fabricated_records import table
-from support.made_up_experiments import NOBODY
+from support.made_up_experiments import BESIDE_ALL, NOBODY
 from support.made_up_people import made_up
 from support.topics import topics_called
 
@@ -36,7 +34,7 @@ def material(*trials, references=None):
     whole = pd.concat(trials, ignore_index=True)
     names = tuple(dict.fromkeys(whole["learner"]))
     if references is None:
-        references = references_beside(None)
+        references = BESIDE_ALL
     return Material(table([]), NOBODY, whole, names, references, {})
 
 
@@ -153,7 +151,7 @@ def test_the_nearest_stands_first_and_a_learner_with_fewer_points_is_left_out():
     part = made_up("part").query("condition == 'CC4'")
     assert effects_of(points_of(part))["effect"].tolist() == ["learning, CC4"]
     trials = pd.concat([made_up("far", off=-4.0), part, made_up("near", off=0.5)])
-    like = likeness(trials, people().beside(None), ["far", "part", "near"])
+    like = likeness(trials, BESIDE_ALL[1], ["far", "part", "near"])
     assert [*like.points] == like.table["learner"].tolist() == ["near", PUBLISHED_MODEL, "far"]
     assert like.table["rmse"].tolist() == pytest.approx([0.5, 3.057, 4.0], abs=1e-3)
     assert like.table["shown"].tolist() == [len(EFFECTS), len(EFFECTS) - 1, len(EFFECTS)]

@@ -23,7 +23,7 @@ from causal_openlock.paper.noise_ceiling import (
     null_curves,
     rmse_difference,
 )
-from causal_openlock.paper.references import people
+from support.made_up_experiments import BESIDE_ALL
 from support.made_up_people import made_up
 
 # -- training, published elsewhere ----------------------------------------------------------------
@@ -187,7 +187,7 @@ def test_subjects_are_resampled_with_all_their_trials():
 def test_every_distance_stands_beside_its_ceiling_and_the_null_curves():
     near, far = made_up("near", off=1.0), made_up("far", off=6.0)
     trials = pd.concat([near, far, training().assign(learner="near")], ignore_index=True)
-    like = likeness(trials, people().beside(None), ["near", "far"])
+    like = likeness(trials, BESIDE_ALL[1], ["near", "far"])
     found = beside_null_models(like, trials, {"near": 4}).set_index("learner")
     assert set(NULL_CURVES) < set(found.index)
     assert found["rmse"].dropna().is_monotonic_increasing

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ import pyarrow as pa
 
 from causal_openlock.analysis.results.bounds import ideal_bounds
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.references import references_beside
+from causal_openlock.analysis.results.references import Beside, references_beside
 from causal_openlock.analysis.results.summary import headline, summarise
 from causal_openlock.experiment.declare import (
     PAPER_CONDITIONS,
@@ -105,11 +104,21 @@ def edit_stored(folder: Path, change: Callable[[dict[str, Any]], Any]) -> None:
     path.write_bytes(json_bytes(held))
 
 
-NO_ONE_BESIDE = tuple(replace(one, cells=frozenset()) for one in references_beside(None))
-"""References that stand beside nobody."""
-
 NOBODY = experiment_of(table([]))
 """An experiment that nobody plays."""
+
+NO_ONE_BESIDE = references_beside(NOBODY)
+"""References that stand beside nobody."""
+
+
+class BesideAll(Beside):
+    """A reference that stands beside whoever played as people did by the protocol's name."""
+
+    def stands(self, rows: pd.DataFrame) -> Any:
+        return (rows["protocol"] == "human").to_numpy(bool)
+
+
+BESIDE_ALL = tuple(BesideAll(one.reference, frozenset({("", "", "")})) for one in NO_ONE_BESIDE)
 
 
 def summary_table(record: pa.Table, experiment: Any = None) -> pd.DataFrame:
@@ -126,7 +135,8 @@ def _beside(record: pa.Table, experiment: Any) -> tuple[Any, ...]:
     from causal_openlock.analysis.measures import attempts_to_solve
 
     bounds = ideal_bounds(experiment) if experiment else {}
-    return attempts_to_solve(record), references_beside(experiment), bounds
+    beside = references_beside(experiment) if experiment else BESIDE_ALL
+    return attempts_to_solve(record), beside, bounds
 
 
 def material_of(record: pa.Table, experiment: StoredExperiment, **values: Any) -> Material:

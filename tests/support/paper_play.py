@@ -11,10 +11,9 @@ import pyarrow as pa
 from causal_openlock.analysis.measures import attempts_to_solve
 from causal_openlock.analysis.results.bounds import Bound
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.references import references_beside
 from causal_openlock.experiment.declare import PAPER_CONDITIONS
 from support.fabricated_records import Row, table, trial_rows
-from support.made_up_experiments import experiment_of
+from support.made_up_experiments import BESIDE_ALL, experiment_of
 
 Attempts = Callable[[str, str, int, int], int]
 """From condition, phase, trial and subject to how many attempts a trial takes."""
@@ -82,6 +81,6 @@ def material(rows: list[Row], learners: tuple[str, ...], **values: Any) -> Mater
         experiment=values.get("experiment") or experiment_of(record),
         trials=attempts_to_solve(record),
         learners=learners,
-        references=values.get("references", references_beside(None)),
+        references=values.get("references", BESIDE_ALL),
         bounds=bounds,
     )

@@ -11,9 +11,10 @@ import pandas as pd
 from causal_openlock.analysis.measures import CELL
 from causal_openlock.analysis.report.about_people import exclusions
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.references import Beside, beside_any
+from causal_openlock.analysis.results.references import beside_any
 from causal_openlock.analysis.statistics import FEW_SUBJECTS
 from causal_openlock.analysis.table import share
+from causal_openlock.experiment.declare import HUMAN_PROTOCOL
 from causal_openlock.wording import some
 
 
@@ -65,8 +66,8 @@ def _called_alike(results: Material) -> list[str]:
     summary = results.summary
     named = np.zeros(len(summary), bool)
     for one in results.references:
-        called = summary["condition"].isin(one.reference.points["condition"]).to_numpy()
-        named |= called & Beside(one.reference, None).stands(summary)
+        named |= summary["condition"].isin(one.reference.points["condition"]).to_numpy()
+    named &= (summary["protocol"] == HUMAN_PROTOCOL).to_numpy()
     others = summary.loc[named & ~beside_any(summary, results.references), CELL].drop_duplicates()
     return [_label(key) for key in others.itertuples(index=False)]
 

@@ -93,7 +93,7 @@ def _of_reference(one: Beside, condition: str, cells: Sequence[Mapping[str, Any]
     same = {(cell["measured"], cell[f"{one.reference.prefix}_attempts"]) for cell in cells}
     if mean is None or len(same) > 1:
         return "–"
-    least = "≥ " if one.solved(condition) < 1 else ""
+    least = "≥ " if one.reference.in_leaderboard and one.solved(condition) != 1 else ""
     return f"{least}{mean:.2f}" + ("" if error is None else f"\n± {error:.2f}")
 
 

@@ -21,7 +21,7 @@ import pandas as pd
 
 from causal_openlock.analysis.measures import CELL
 from causal_openlock.errors import OpenLockError
-from causal_openlock.experiment.declare import HUMAN_PROTOCOL, Condition, Experiment, LearnerSpec
+from causal_openlock.experiment.declare import Condition, Experiment, LearnerSpec
 from causal_openlock.files.plugins import REFERENCES, loaded, registered
 from causal_openlock.schemas.fsm import BoolArray
 from causal_openlock.wording import counted
@@ -44,7 +44,7 @@ class Reference:
         name: What tables and sentences call it.
         points: Means of attempts, a row for each ``condition``, ``phase`` and ``trial``, with
             ``subjects``, ``mean``, ``se`` (population SD / √n; NaN if it is not known) and perhaps
-            ``share_solved``, without which all trials count as solved; perhaps no rows.
+            ``share_solved``, which is not known of all; perhaps no rows.
         comparable: Whether a learner did what the reference did in a condition.
         title: What panels of figures call it; by default its name.
         detail: What it is, for small type: ``published``.
@@ -80,10 +80,8 @@ class Reference:
         """Name of the reference, and its number of means."""
         return f"<Reference {self.name}: {counted(len(self.points), 'mean')}>"
 
-    def beside(self, experiment: Experiment | None) -> Beside:
+    def beside(self, experiment: Experiment) -> Beside:
         """Return the reference with the learners of an experiment that it is comparable with."""
-        if experiment is None:
-            return Beside(self, None)
         cells = frozenset(
             (spec.name, condition.name, spec.protocol.name)
             for spec in experiment.learners
@@ -95,21 +93,13 @@ class Reference:
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """A reference, and the learners that it is comparable with.
-
-    Attributes:
-        reference: The reference.
-        cells: Learners with conditions and protocols; None where names of conditions decide.
-    """
+    """A reference, and the learners with conditions and protocols that it is comparable with."""
 
     reference: Reference
-    cells: Cells | None
+    cells: Cells
 
     def stands(self, table: pd.DataFrame) -> BoolArray:
         """``[N]`` whether it is comparable with each row: its learner, condition and protocol."""
-        if self.cells is None:
-            found: BoolArray = (table["protocol"] == HUMAN_PROTOCOL).to_numpy(dtype=bool)
-            return found
         played = zip(*(table[name] for name in CELL), strict=True)
         return np.array([cell in self.cells for cell in played], dtype=bool)
 
@@ -127,14 +117,13 @@ class Beside:
         }
 
     def solved(self, condition: str) -> float:
-        """The share of trials solved where a condition is judged; 1 if it is not known."""
+        """The share of trials solved where a condition is judged; NaN if it is not known."""
         points = self.reference.points
-        own = points[points["condition"] == condition]
-        known = "share_solved" in own and len(own)
-        return float(own["share_solved"].iloc[-1]) if known else 1.0
+        own = points[points["condition"] == condition].reindex(columns=["share_solved"])
+        return float(own["share_solved"].iloc[-1]) if len(own) else np.nan
 
 
-def references_beside(experiment: Experiment | None) -> tuple[Beside, ...]:
+def references_beside(experiment: Experiment) -> tuple[Beside, ...]:
     """Return the registered references, with the learners of an experiment that each suits."""
     known = _registered(tuple(registered(REFERENCES).values()))
     return tuple(one.beside(experiment) for one in known)

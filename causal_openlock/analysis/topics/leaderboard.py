@@ -101,9 +101,8 @@ def _rows(results: Material, protocol: str) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     for one in results.leading:
         if known := _published(one, headline):
-            is_known = "share_solved" in one.reference.points
             row = {**common, "learner": one.reference.name, "reference": True, "informed": False}
-            row["solved"] = np.mean([one.solved(name) for name in known]) if is_known else np.nan
+            row["solved"] = np.mean([one.solved(name) for name in known])
             gap = _against(known, _groups(of_best))
             rows.append({**row, **_means(known, ends), **_gap("to_best", gap)})
     for name, own in held.items():
