@@ -7,6 +7,7 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from importlib import import_module
 from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -31,13 +32,10 @@ from causal_openlock.experiment.making import listed
 from causal_openlock.files.atomic import folder_at, is_empty, move_into, unwritable
 from causal_openlock.storage.folder_lock import LOCK
 from causal_openlock.storage.store import Store
-from causal_openlock.storage.stored import StoredExperiment
 from causal_openlock.wording import counted
 from causal_openlock.world.room import action_names, positions_for
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from causal_openlock.analysis.report.methods import Methods
     from causal_openlock.analysis.report.writing import Report
     from causal_openlock.comparison.plotting import Plots
@@ -48,6 +46,19 @@ SUBJECTS = [*CELL, *SUBJECT]
 """Columns that identify a subject."""
 ROOM = [*VISIT, "schema", "layout"]
 """Columns that identify a trial of a subject, and its room."""
+
+
+def _table_of(topic: str, about: str) -> cached_property[pd.DataFrame]:
+    """A table of results, which the function of the same name in a topic computes."""
+
+    def table(results: Results) -> pd.DataFrame:
+        # Topics draw, and what draws takes half a second to load.
+        module = import_module(f"causal_openlock.analysis.topics.{topic}")
+        found: pd.DataFrame = results.once(getattr(module, topic))
+        return found
+
+    table.__doc__ = f"{about} See :func:`causal_openlock.analysis.topics.{topic}.{topic}`."
+    return cached_property(table)
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -68,31 +79,19 @@ class Results(Material):
     def read(cls, *folders: Path | str, exclude: Exclusion | None = None) -> Results:
         """The results in these folders together; see :func:`open_results`."""
         found = [read_results(Store(folder), ["actions"], exclude) for folder in folders]
-        return cls._together(found, tuple(Path(one).resolve() for one in folders))
-
-    @classmethod
-    def _together(
-        cls,
-        parts: Sequence[tuple[pa.Table, StoredExperiment]],
-        folders: tuple[Path, ...],
-    ) -> Results:
-        made = cls.of(*beside(parts))
-        object.__setattr__(made, "folders", folders)
-        return made
+        return cls.of(*beside(found), tuple(Path(folder).resolve() for folder in folders))
 
     # -- tables ---------------------------------------------------------------------------------
 
-    # Topics draw, and what draws takes half a second to load: they are loaded when asked for.
-
-    @cached_property
-    def leaderboard(self) -> pd.DataFrame:
-        """The leaderboard: a row for each learner and protocol.
-
-        See :func:`~causal_openlock.analysis.topics.leaderboard.leaderboard`.
-        """
-        from causal_openlock.analysis.topics.leaderboard import leaderboard
-
-        return leaderboard(self)
+    leaderboard = _table_of("leaderboard", "The leaderboard: a row for each learner and protocol.")
+    transfer = _table_of("transfer", "What training saves in the test of each transfer condition.")
+    regret = _table_of(
+        "regret", "Worth of each attempt, by the ideal observer in the subject's place."
+    )
+    structure_recovery = _table_of(
+        "structure_recovery",
+        "Structure that subjects believed each room to have when they left it, and the true one.",
+    )
 
     @property
     def by_condition(self) -> list[Table]:
@@ -149,37 +148,6 @@ class Results(Material):
             name=names,
             moved=np.concatenate([*whole["moved"]]).astype(bool),
         )
-
-    @cached_property
-    def regret(self) -> pd.DataFrame:
-        """Worth of each attempt, by the ideal observer in the subject's place.
-
-        See :func:`~causal_openlock.analysis.topics.regret.regret`.
-        """
-        from causal_openlock.analysis.topics.regret import regret
-
-        return regret(self)
-
-    @cached_property
-    def structure_recovery(self) -> pd.DataFrame:
-        """Structure that subjects believed each room to have when they left it, and the true one.
-
-        See :func:`~causal_openlock.analysis.topics.structure_recovery.structure_recovery`. People
-        were asked where ``play --ask-structure`` was used.
-        """
-        from causal_openlock.analysis.topics.structure_recovery import structure_recovery
-
-        return structure_recovery(self)
-
-    @cached_property
-    def transfer(self) -> pd.DataFrame:
-        """What training saves in the test of each transfer condition, by learner.
-
-        See :func:`~causal_openlock.analysis.topics.transfer.transfer`.
-        """
-        from causal_openlock.analysis.topics.transfer import transfer
-
-        return transfer(self)
 
     @cached_property
     def pairs(self) -> pd.DataFrame:
@@ -325,7 +293,7 @@ class Results(Material):
             (one.record, replace(one.experiment, title=", and ".join(titles)))
             for one in (self, other)
         ]
-        return self._together(parts, self.folders + other.folders)
+        return self.of(*beside(parts), self.folders + other.folders)
 
     def __repr__(self) -> str:
         """The leaderboard as text, and the warnings."""

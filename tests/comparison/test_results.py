@@ -91,7 +91,7 @@ def test_tables_by_condition_have_people_where_they_played_the_same(results):
     assert [*table.frame] == ["Learner", "CE4\ntrial 5", "CC4\ntrial 5", "pair\ntrial 5"]
     rows = {name.partition("\n")[0]: row for name, *row in table.frame.values.tolist()}
     assert [*rows] == ["People", "Published model", "Ideal observer", "random", "oracle"]
-    assert [text.partition("\n")[0] for text in rows["People"]] == ["9.43", "6.45", "–"]
+    assert [text.partition("\n")[0] for text in rows["People"]] == ["≥ 9.43", "≥ 6.45", "–"]
     assert rows["Ideal observer"][2] == "1.00"
 
 

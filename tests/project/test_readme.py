@@ -68,7 +68,7 @@ def test_the_python_runs(folder, monkeypatch):
     assert results.learners == ("bayes", "rl2")
     assert len(results.trials) == 2 * (5 + 7 + 5)
     (table,) = results.by_condition
-    assert table.frame.iloc[0, 1:3].tolist() == ["6.45\n± 1.00", "5.53\n± 0.49"]
+    assert table.frame.iloc[0, 1:3].tolist() == ["≥ 6.45\n± 1.00", "≥ 5.53\n± 0.49"]
     for named in re.findall(r"(?<= )\.(\w+)\(", block):  # in the comment
         assert hasattr(results.plot, named), named
     (line,) = (line for line in README.split("`") if line.startswith("gymnasium.make"))

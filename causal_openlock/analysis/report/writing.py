@@ -86,7 +86,7 @@ def make_report(
     missing = missing_cells(experiment)
     write_table(with_missing(material.summary, missing), folder / "summary.csv")
     begin("computing leaderboard")
-    ranked = leaderboard(material)
+    ranked = material.once(leaderboard)
     if figures:
         write_table(ranked, folder / "tables" / "leaderboard.csv")
     about = {spec.name: spec.origin.about for spec in experiment.learners}

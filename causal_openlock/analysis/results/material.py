@@ -70,7 +70,9 @@ class Material:
         return dict(found) if isinstance(found, dict) else found
 
     @classmethod
-    def of(cls, record: pa.Table, experiment: StoredExperiment) -> Self:
+    def of(
+        cls, record: pa.Table, experiment: StoredExperiment, folders: tuple[Path, ...] = ()
+    ) -> Self:
         """The results of an experiment: its learners in its order, people before them.
 
         Raises:
@@ -80,7 +82,7 @@ class Material:
         specs = sorted(experiment.learners, key=lambda spec: spec.learner != PERSON)
         learners = ordered(counts.trials["learner"], [spec.name for spec in specs])
         beside, bounds = references_beside(experiment), ideal_bounds(experiment)
-        return cls(record, experiment, counts.trials, learners, beside, bounds, counted=counts)
+        return cls(record, experiment, counts.trials, learners, beside, bounds, folders, counts)
 
     @property
     def conditions(self) -> tuple[str, ...]:
