@@ -24,13 +24,14 @@ class OpenedRoom:
         folder: Where what people do is kept.
     """
 
-    def __init__(self, server: PlayServer, folder: Path, kept: TemporaryDirectory[str] | None):
+    def __init__(self, people: People, temporary: TemporaryDirectory[str] | None) -> None:
         # Records are written with it, and when Python ends it can no longer be imported.
         import pandas  # noqa: F401
 
-        self.url, self.folder = server.url, folder
-        self._server, self._kept, self._open = server, kept, True
-        self._thread = threading.Thread(target=server.serve_forever, name="play", daemon=True)
+        self._people, self._server, self._temporary = people, PlayServer(people), temporary
+        self.url, self.folder = self._server.url, people.store.folder
+        self._open = True
+        self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
         self._thread.start()
         atexit.register(self.close)
 
@@ -42,9 +43,9 @@ class OpenedRoom:
         atexit.unregister(self.close)
         self._server.shutdown()
         self._thread.join()
-        self._server.finish()
-        if self._kept is not None:
-            self._kept.cleanup()
+        self._people.close()
+        if self._temporary is not None:
+            self._temporary.cleanup()
 
     def __enter__(self) -> OpenedRoom:
         return self
@@ -89,10 +90,10 @@ def play_room(
     """
     found, seed = declared(schema), whole_number(seed, "seed")
     condition, budgets = Condition(found.name, (Trials(found),)), find_protocol(protocol)
-    kept = TemporaryDirectory(prefix="causal_openlock_") if out is None else None
-    folder = Path(kept.name if kept else out or "")
+    temporary = TemporaryDirectory(prefix="causal_openlock_") if out is None else None
+    folder = temporary.name if temporary else out or ""
     people = People(folder, [condition], budgets, seed=seed, practice=practice)
-    opened = OpenedRoom(PlayServer(people), folder, kept)
+    opened = OpenedRoom(people, temporary)
     if browser:
         webbrowser.open(opened.url)
     return opened

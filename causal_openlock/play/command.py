@@ -7,6 +7,7 @@ import shlex
 import signal
 import sys
 import webbrowser
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -109,35 +110,24 @@ def play(
     def standing() -> str:
         return f"joined: {people.number}, finished: {people.finished}"
 
-    try:
+    with closing(people):
         server = PlayServer(
             people, host, port, address, completion, lambda: console.print_line(standing())
         )
-    except BaseException:
-        people.close()
-        raise
-
-    def stop(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    signal.signal(signal.SIGTERM, stop)
-    sys.setswitchinterval(0.001)  # so that no click waits for a record that is being written
-    console.print_line(f"play at {server.url}")
-    if server.address:
-        console.print_line(f"people reach it at {server.address}, through the proxy")
-    if people.number:
-        console.print_line(f"{standing()}; they continue where they stopped")
-    if not server.loopback:
-        console.print_line("warning: everybody who can reach this machine can play")
-    console.print_line(f"what people do is kept in {out}; stop with Ctrl-C")
-    try:
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C
+        sys.setswitchinterval(0.001)  # so that no click waits for a record that is being written
+        console.print_line(f"play at {server.url}")
+        if server.address:
+            console.print_line(f"people reach it at {server.address}, through the proxy")
+        if people.number:
+            console.print_line(f"{standing()}; they continue where they stopped")
+        if not server.loopback:
+            console.print_line("warning: everybody who can reach this machine can play")
+        console.print_line(f"what people do is kept in {out}; stop with Ctrl-C")
         if browser:
             webbrowser.open(server.url)
-        server.serve_forever()
-    except KeyboardInterrupt:
-        pass
-    finally:
-        server.finish()
+        with suppress(KeyboardInterrupt):
+            server.serve_forever()
     report = f"; to see the results: causal-openlock report {out}" if people.finished else ""
     console.print_line(f"{standing()}{report}")
 

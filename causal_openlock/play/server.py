@@ -30,7 +30,6 @@ import socket
 import sys
 import threading
 from collections.abc import Callable
-from functools import lru_cache
 from typing import Annotated, Any, TypeVar
 from urllib.parse import urlsplit
 
@@ -117,9 +116,6 @@ class PlayServer:
         self.host, self.port = host, int(self._socket.getsockname()[1])
         self.loopback = host in LOOPBACK
         self._stopped = threading.Event()
-        self._keeper = threading.Thread(target=self._keep, name="keeper", daemon=True)
-        # What happens to one participant may happen to all, and again and again.
-        self._warn_once = lru_cache(maxsize=100)(_warn)
         self._server = uvicorn.Server(
             uvicorn.Config(
                 self._application(),
@@ -141,21 +137,19 @@ class PlayServer:
         return f"http://{f'[{host}]' if ':' in host else host}:{self.port}/"
 
     def serve_forever(self) -> None:
-        """Serve until :meth:`shutdown`, SIGINT or SIGTERM."""
-        self._keeper.start()
-        self._server.run(sockets=[self._socket])
+        """Serve until :meth:`shutdown`, SIGINT or SIGTERM; then people can be closed."""
+        keeper = threading.Thread(target=self._keep, name="keeper", daemon=True)
+        keeper.start()
+        try:
+            self._server.run(sockets=[self._socket])
+        finally:
+            self._stopped.set()
+            self._socket.close()
+            keeper.join()
 
     def shutdown(self) -> None:
         """Make :meth:`serve_forever` return soon; for another thread."""
         self._server.should_exit = True
-
-    def finish(self) -> None:
-        """Stop listening, write the record and release the folder."""
-        self._stopped.set()
-        self._socket.close()
-        if self._keeper.is_alive():
-            self._keeper.join()
-        self.people.close()
 
     def _keep(self) -> None:
         # The first time at once: a server that was killed may have left something to write.
@@ -174,7 +168,7 @@ class PlayServer:
                     waited, ended_only = 0.0, True
             except (OpenLockError, OSError) as error:
                 _warn(error)
-            except RuntimeError:  # Python ends: `finish` writes what is left
+            except RuntimeError:  # Python ends: closing people writes what is left
                 if threading.main_thread().is_alive():
                     raise
                 return
@@ -235,7 +229,7 @@ class PlayServer:
             return JSONResponse({"error": "there is nothing at this address"}, error.status_code)
         if isinstance(error, Refused):
             if error.advice:
-                self._warn_once(error.advice)
+                _warn(error.advice)
             said: Answer = {"title": error.title, "error": str(error)}
             if error.now:
                 said["now"] = self._told(request, error.now)

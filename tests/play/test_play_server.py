@@ -45,7 +45,7 @@ def in_a_thread(server):
     finally:
         server.shutdown()
         thread.join()
-        server.finish()
+        server.people.close()
 
 
 @pytest.fixture
