@@ -17,7 +17,6 @@ from causal_openlock.experiment.session import Session
 from causal_openlock.play.game import Refused
 from causal_openlock.play.people import dealt
 from causal_openlock.storage.store import Store
-from support.command import at_once
 from support.play_clients import people, solving, walk_through
 
 
@@ -56,30 +55,20 @@ def test_the_record_of_a_person_is_that_of_a_learner_who_does_the_same(tmp_path)
     assert record["wall_time"].to_pylist() == [3.0 * k for k in range(1, record.num_rows + 1)]
 
 
-def test_reaction_times_stand_beside_the_record(tmp_path):
+def test_reaction_times_also_hold_a_trial_that_is_not_over(tmp_path):
     home = people(tmp_path, "CC3", practice=False, clock=itertools.count().__next__)
     name = home.join()
-    for turn, (action, reaction) in enumerate([(0, 250), (14, None), (9, 12_345), (3, 1)]):
-        home.take(name, turn, action=action, reaction=reaction)
-    home.close()
-    rows = read_reactions(tmp_path).to_pylist()
-    assert [row["reaction"] for row in rows] == [0.25, None, 12.345, 0.001]
-    told = [(row["attempt"], row["moment"], row["action"]) for row in rows]
-    assert told == [(1, 1, 0), (1, 2, 14), (1, 3, 9), (2, 1, 3)]
-    assert [row["time"] for row in rows] == [1.0, 2.0, 3.0, 4.0]
-
-
-def test_a_trial_that_is_not_over_is_no_trial_of_the_record_yet(tmp_path):
-    home = people(tmp_path, "CC3", practice=False)
-    name = home.join()
     walk_through(home, name, trials=1)
-    turn = home.view(name)["turn"]
-    for action in range(3):
-        home.take(name, turn + action, action=7 + action)
+    for turn, (action, reaction) in enumerate([(7, 250), (14, None), (9, 12_345), (3, 1)], start=6):
+        home.take(name, turn, action=action, reaction=reaction)
     home.keep(ended_only=True)
     home.close()
     assert set(Store(tmp_path).record()[0]["trial"].to_pylist()) == {1}
-    assert read_reactions(tmp_path).num_rows == 6 + 3
+    rows = read_reactions(tmp_path).to_pylist()[6:]
+    assert [row["reaction"] for row in rows] == [0.25, None, 12.345, 0.001]
+    told = [(row["attempt"], row["moment"], row["action"]) for row in rows]
+    assert told == [(1, 1, 7), (1, 2, 14), (1, 3, 9), (2, 1, 3)]
+    assert [row["time"] for row in rows] == [7.0, 8.0, 9.0, 10.0]
     again = people(tmp_path, "CC3", practice=False)
     assert again.view(name)["room"]["attempt"] == 2
     again.close()
@@ -110,19 +99,6 @@ def test_who_is_shown_a_room_can_only_watch_and_is_not_asked_about_it(tmp_path):
     assert results.trials["phase"].tolist() == ["test"]
     assert results.structure_recovery["shd"].tolist() == [6]
     assert read_reactions(tmp_path)["reaction"].to_pylist()[: 6 * 2 * 3] == [None] * 36
-
-
-def test_a_report_shows_a_person_beside_learners(tmp_path):
-    home = people(tmp_path / "people", "CC4", practice=False)
-    walk_through(home, home.join())
-    home.close()
-    experiment = "name: e\nsubjects: 3\nconditions: [CC4]\nlearners: [random]\n"
-    (tmp_path / "e.yaml").write_text(experiment)
-    assert at_once("compare", "e.yaml", "--out", "learners", cwd=tmp_path).status == 0
-    assert at_once("report", "people", "--beside", "learners", cwd=tmp_path).status == 0
-    summary = (tmp_path / "people" / "summary.csv").read_text(encoding="utf-8")
-    assert {line.split(",")[0] for line in summary.splitlines()[1:]} == {"person", "random"}
-    assert (Results.read(tmp_path / "people").trials["attempts"] == 3).all()
 
 
 # -- turns ----------------------------------------------------------------------------------------
@@ -208,40 +184,31 @@ def test_people_are_dealt_evenly_among_conditions(tmp_path):
 # -- the log --------------------------------------------------------------------------------------
 
 
-def test_a_last_line_cut_short_was_never_answered_and_is_dropped(tmp_path):
+def test_a_last_line_cut_short_is_dropped_and_other_damage_is_named(tmp_path):
     home = people(tmp_path, practice=False)
     name = home.join()
     home.take(name, 0, action=3)
-    whole = (tmp_path / "log.jsonl").read_bytes()
+    path = tmp_path / "log.jsonl"
+    whole = path.read_bytes()
     home.take(name, 1, action=4)
-    longer = (tmp_path / "log.jsonl").read_bytes()
+    longer = path.read_bytes()
     home.close()
     for cut in (*range(len(whole), len(longer), 9), len(longer) - 1):
-        (tmp_path / "log.jsonl").write_bytes(longer[:cut])
+        path.write_bytes(longer[:cut])
         again = people(tmp_path, practice=False)
         assert again.view(name)["turn"] == 1
         again.take(name, 1, action=5)  # and what follows begins a line of its own
         again.close()
         assert [entry.get("action") for entry in entries_of(tmp_path)] == [None, None, 3, 5]
-
-
-def test_a_damaged_log_is_named_with_its_line_and_nothing_is_spoilt(tmp_path):
-    home = people(tmp_path, practice=False)
-    name = home.join()
-    for turn in range(3):
-        home.take(name, turn, action=turn)
-    home.close()
-    path = tmp_path / "log.jsonl"
-    content = path.read_bytes()
-    lines = content.splitlines(keepends=True)
-    for damaged in (content.replace(b'"action":1', b'"action":x'), b"".join(lines[:3] + lines[4:])):
+    lines = longer.splitlines(keepends=True)
+    for damaged in (longer.replace(b'"action":3', b'"action":x'), b"".join(lines[:2] + lines[3:])):
         path.write_bytes(damaged)
-        with pytest.raises(StoreError, match=r"log\.jsonl:4: "):
+        with pytest.raises(StoreError, match=r"log\.jsonl:3: "):
             people(tmp_path, practice=False)
         assert path.read_bytes() == damaged
-    path.write_bytes(content)
+    path.write_bytes(longer)
     people(tmp_path, practice=False).close()  # the folder is free
-    assert path.read_bytes() == content
+    assert path.read_bytes() == longer
 
 
 JOINED = {"join": 0, "key": "0" * 64, "at": 1.0, "practice": True}

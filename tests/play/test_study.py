@@ -115,6 +115,7 @@ def test_who_comes_again_with_an_identifier_goes_on_where_they_stopped(tmp_path)
     again = home.join(mark, {"PID": " ann ", "SESSION": "2"})
     assert home.identifiers(first) == {"PID": "ann", "SESSION": "2"}
     assert home.identifiers(other) == {"PID": "ben", "SESSION": ""}
+    assert home.join(mark, {"PID": "ann"}, again) == again  # a call that is repeated
     assert home.number == 2
     home.take(again, home.view(again)["turn"], action=1, reaction=5)
     assert home.view(again) == home.view(first)  # both windows know of it
@@ -133,13 +134,6 @@ def test_who_comes_again_with_an_identifier_goes_on_where_they_stopped(tmp_path)
     assert "ann" not in (tmp_path / "log.jsonl").read_text()
     for name in (first, again):  # nor is a session id anywhere
         assert name.encode() not in content_of(tmp_path)
-
-
-def test_a_call_that_is_repeated_joins_once(tmp_path):
-    home = people(tmp_path, practice=False, recruiting=["PID"])
-    assert {home.join(recruited={"PID": "ann"}, name="a" * 32) for _ in range(3)} == {"a" * 32}
-    assert home.number == 1
-    home.close()
 
 
 def test_identifiers_that_services_send_are_taken(tmp_path):
