@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from functools import cache
 from typing import Any
 
@@ -26,32 +27,18 @@ def as_html(markdown: str) -> str:
 def geometry(positions: int) -> dict[str, Any]:
     """Geometry of a room of some size, as the page needs it; it holds nothing latent.
 
-    Lengths are in links of the paper's arm, y points up; see
-    :mod:`causal_openlock.physics.geometry`.
+    See :class:`~causal_openlock.physics.geometry.RoomGeometry`.
     """
-    room, facts = RoomGeometry.of(positions), room_facts()
+    facts = room_facts()
     return {
+        **asdict(RoomGeometry.of(positions)),
         "names": [_in_words(name) for name in position_names(positions)],
-        "tracks": [
-            {"start": track.start, "outward": track.outward, "travel": track.travel}
-            for track in room.tracks
-        ],
-        "bar": {"length": BAR_LENGTH, "width": BAR_WIDTH},
-        "trackWidth": facts["track"]["width"],
-        "arm": {
-            "link": room.link,
-            "width": 2 * room.half_width,
-            "rest": room.rest,
-            "ready": room.ready,
-        },
-        "door": {
-            "hinge": room.hinge,
-            "length": room.door_length,
-            "thickness": room.door_thickness,
-            "swing": DOOR_SWING,
-            "handle": HANDLE,
-        },
-        "button": {"centre": room.button, "side": facts["button"]["side"]},
+        "bar_length": BAR_LENGTH,
+        "bar_width": BAR_WIDTH,
+        "track_width": facts["track"]["width"],
+        "button_side": facts["button"]["side"],
+        "swing": DOOR_SWING,
+        "handle": HANDLE,
     }
 
 

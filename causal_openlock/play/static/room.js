@@ -51,14 +51,14 @@ export class Room {
     this.pushed = new Array(this.many).fill(0);
     this.opened = 0;
     this.draw();
-    this.pose(geometry.arm.rest);
+    this.pose(geometry.rest);
   }
 
   draw() {
     const { svg, geometry: g } = this;
     svg.replaceChildren();
     const outer = Math.max(...g.tracks.map((t) => Math.hypot(...t.start) + t.travel / 2));
-    const right = Math.max(g.door.hinge[0] + g.door.length * Math.sin(g.door.swing), g.button.centre[0]) + 0.5;
+    const right = Math.max(g.hinge[0] + g.door_length * Math.sin(g.swing), g.button[0]) + 0.5;
     // Side of what can be clicked, beyond the middles of the tracks: SMALLEST of the whole width.
     this.side = (SMALLEST * (outer + right)) / (1 - SMALLEST);
     const far = outer + this.side;
@@ -71,7 +71,7 @@ export class Room {
   }
 
   drawLever(track, place) {
-    const g = this.geometry, half = g.bar.width / 2, wide = g.trackWidth;
+    const g = this.geometry, half = g.bar_width / 2, wide = g.track_width;
     const [x, y] = track.start;
     // In its own coordinates a lever's bar lies at the origin and "up" is outward.
     const at = `translate(${x} ${-y}) rotate(${turned(track.outward)})`;
@@ -82,7 +82,7 @@ export class Room {
       make("rect", { ...box, y: outer, height: middle - outer }, group),
       make("rect", { ...box, y: middle, height: inner - middle }, group),
     ];
-    const bar = make("rect", { x: -g.bar.length / 2, y: -half, width: g.bar.length, height: 2 * half, class: "bar" }, group);
+    const bar = make("rect", { x: -g.bar_length / 2, y: -half, width: g.bar_length, height: 2 * half, class: "bar" }, group);
     // The number stands upright, beside the outer end of the track.
     const [nx, ny] = along(track.start, track.outward, track.travel + 0.42);
     const number = make("text", { x: nx, y: -ny, class: "number", "aria-hidden": "true" }, this.svg);
@@ -91,7 +91,7 @@ export class Room {
   }
 
   drawDoor() {
-    const { hinge: [x, y], length, thickness } = this.geometry.door;
+    const { hinge: [x, y], door_length: length, door_thickness: thickness } = this.geometry;
     const group = make("g", { "aria-hidden": "true" }, this.svg);
     this.door = make("rect", { x: x - thickness / 2, y: -y, width: thickness, height: length, class: "door" }, group);
     make("circle", { cx: x, cy: -y, r: 0.11, class: "hinge" }, group);
@@ -127,8 +127,8 @@ export class Room {
       }
     });
     const group = make("g", { "aria-label": "Push the door" }, this.svg);
-    const [x, y] = g.button.centre;
-    for (const [side, name] of [[g.button.side, "square"], [this.side, "hit"]]) {
+    const [x, y] = g.button;
+    for (const [side, name] of [[g.button_side, "square"], [this.side, "hit"]]) {
       make("rect", { x: x - side / 2, y: -y - side / 2, width: side, height: side, class: name }, group);
     }
     target(2 * this.many, group);
@@ -173,17 +173,17 @@ export class Room {
 
   swing(share) {
     this.opened = share;
-    const { hinge: [x, y], swing } = this.geometry.door;
+    const { hinge: [x, y], swing } = this.geometry;
     const degrees = (-share * swing * 180) / Math.PI;
     this.door.setAttribute("transform", `rotate(${degrees} ${x} ${-y})`);
   }
 
   pose(angles) {
-    const { arm, geometry: { arm: { link, width } } } = this;
+    const { arm, geometry: { link, half_width: half } } = this;
     this.angles = angles;
     const points = jointPoints(angles, link);
     if (!arm.childElementCount) {
-      for (let i = 0; i < points.length - 1; i++) make("rect", { y: -width / 2, height: width, width: link, class: "link" }, arm);
+      for (let i = 0; i < points.length - 1; i++) make("rect", { y: -half, height: 2 * half, width: link, class: "link" }, arm);
       for (let i = 0; i < points.length - 1; i++) make("circle", { r: 0.09, class: "joint" }, arm);
       make("circle", { r: 0.125, class: "tip" }, arm);
     }
@@ -208,19 +208,19 @@ export class Room {
 
   // Where the arm's end touches what an action is about, if that has moved by some share.
   contact(action, share) {
-    const g = this.geometry, reach = g.arm.width / 2 + GAP;
+    const g = this.geometry, reach = g.half_width + GAP;
     if (action < 2 * this.many) {
       const track = g.tracks[action % this.many];
-      return along(track.start, track.outward, share * track.travel - g.bar.width / 2 - reach);
+      return along(track.start, track.outward, share * track.travel - g.bar_width / 2 - reach);
     }
-    const { hinge, handle, swing, thickness } = g.door, angle = share * swing;
+    const { hinge, handle, swing, door_thickness: thickness } = g, angle = share * swing;
     const down = [Math.sin(angle), -Math.cos(angle)], outward = [Math.cos(angle), Math.sin(angle)];
     return along(along(hinge, down, handle), outward, -thickness / 2 - reach);
   }
 
   // Swing round to what an action is about and touch it. What comes of it need not be known yet.
   async approach(action) {
-    const { arm: { link, ready } } = this.geometry;
+    const { link, ready } = this.geometry;
     this.share = action < 2 * this.many ? this.pushed[action % this.many] : this.opened;
     const to = this.contact(action, this.share);
     const heading = Math.atan2(to[1], to[0]);
@@ -231,7 +231,7 @@ export class Room {
 
   // Do it, see what came of it, and draw back.
   async carryOut(action, outcome) {
-    const n = this.many, { arm: { link, ready } } = this.geometry;
+    const n = this.many, { link, ready } = this.geometry;
     const lever = action < 2 * n, place = action % n, from = this.share;
     const to = lever ? outcome[place] : outcome[2 * n + 1];
     const reach = (share) => this.pose(reaching(this.contact(action, share), link));
@@ -259,7 +259,7 @@ export class Room {
   // Everything goes back to where an attempt begins.
   async reset(bits) {
     const pushed = [...this.pushed], opened = this.opened, from = this.angles;
-    const rest = this.geometry.arm.rest;
+    const rest = this.geometry.rest;
     await animate(BACK, (share) => {
       pushed.forEach((was, place) => this.slide(place, was + (bits[place] - was) * share));
       this.swing(opened * (1 - share));
