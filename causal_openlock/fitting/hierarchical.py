@@ -18,9 +18,8 @@ shares (the integrated BIC of Huys et al. 2011).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -53,25 +52,8 @@ GROUP = "group"
 """Label of the fit of the group itself."""
 ROUNDS = 25
 """The most rounds in which subjects are asked."""
-Starts = dict[str, list[list[float]]]
-"""Starts of the search by subject, and then by fold, in log-odds."""
-
-
-@dataclass(frozen=True)
-class PeakJob:
-    """The most probable parameters of one subject, without one fold."""
-
-    part: Recorded
-    plan: Plan
-    fold: int
-    group: Group
-    start: FloatArray
-
-    @property
-    def about(self) -> list[Any]:
-        """All that decides the result, as plain data."""
-        group = [self.group.mean.tolist(), self.group.spread.tolist()]
-        return [*_about(self.plan, self.part), self.fold, group, self.start.tolist()]
+Starts = list[list[float]]
+"""By fold, where the search for a subject's peak begins, in log-odds."""
 
 
 def fit_group(
@@ -104,29 +86,28 @@ def fit_group(
     subjects = alone(parts)
     _check(subjects, plan)
     check_folds(parts, plan)
+    about, named, folds = plan.as_dict(), subjects_of(parts).items(), numbers_of_folds(plan)
     fits, longest = [], 0
     with fitting_in(folder, workers) as pool:
         report("looking for where to begin")
-        jobs = [([*_about(plan, part), "start"], (part, plan)) for part in parts]
-        starts: Starts = {}
-        for of_part in steps(folder, jobs, partial(begin, pool, _starts), Starts):
-            starts |= of_part
-        folds = numbers_of_folds(plan)
+        searches = [
+            ([about, who], (part, plan)) for who, part in zip(named, subjects.values(), strict=True)
+        ]
+        starts = [*steps(folder, searches, lambda job: begin(pool, _starts, *job), Starts)]
         for place, fold in enumerate(folds):
-            group = Group.wide(len(plan.space.ranges))
-            at = [np.array(starts[who][place]) for who in subjects]
+            group, at = Group.wide(len(plan.space.ranges)), [start[place] for start in starts]
             tried = np.full(len(subjects), _points(plan))
             for number in range(1, ROUNDS + 1):
                 report(f"fold {place + 1} of {len(folds)}, round {number}")
-                asked = [
-                    PeakJob(part, plan, fold, group, start)
-                    for part, start in zip(subjects.values(), at, strict=True)
+                prior = [about, fold, group.mean.tolist(), group.spread.tolist()]
+                jobs = [
+                    ([*prior, who, start], (part, plan, fold, group, start))
+                    for who, part, start in zip(named, subjects.values(), at, strict=True)
                 ]
-                begun = [(job.about, job) for job in asked]
-                peaks = list(steps(folder, begun, partial(begin, pool, _peak), Peak))
-                _check_peaks(asked, peaks)
+                peaks = [*steps(folder, jobs, lambda job: begin(pool, _peak, *job), Peak)]
+                _check_peaks(subjects, plan, fold, peaks)
                 tried += [found.evaluations for found in peaks]
-                at = [np.array(found.at) for found in peaks]
+                at = [found.at for found in peaks]
                 before, group = group, group_of(peaks, group)
                 if group.apart(before) < SETTLED:
                     break
@@ -134,10 +115,6 @@ def fit_group(
             fits += _fitted([*subjects], plan, fold, before, peaks, tried.tolist())
         write_fits(folder, plan, parts, fits)
     return fits, longest
-
-
-def _about(plan: Plan, part: Recorded) -> list[Any]:
-    return [plan.as_dict(), subjects_of([part])]
 
 
 def _check(subjects: dict[str, Recorded], plan: Plan) -> None:
@@ -152,7 +129,7 @@ def _check(subjects: dict[str, Recorded], plan: Plan) -> None:
         raise LearnerError(
             "a group has two subjects at least; fit a single one with --set each=true"
         )
-    middle = chosen_at(plan, np.zeros(len(plan.space.ranges)))
+    middle = chosen_at(plan, [0.0] * len(plan.space.ranges))
     table = Predictions([next(iter(subjects.values()))], plan)(middle)
     if (table["standard_error"] > 0).any():
         raise LearnerError(
@@ -162,12 +139,13 @@ def _check(subjects: dict[str, Recorded], plan: Plan) -> None:
         )
 
 
-def _check_peaks(jobs: Sequence[PeakJob], peaks: Sequence[Peak]) -> None:
+def _check_peaks(
+    subjects: dict[str, Recorded], plan: Plan, fold: int, peaks: Sequence[Peak]
+) -> None:
     """Raise LearnerError if an action is impossible, or a parameter makes no difference at all."""
-    plan, fold = jobs[0].plan, jobs[0].fold
-    for job, found in zip(jobs, peaks, strict=True):
+    for part, found in zip(subjects.values(), peaks, strict=True):
         if found.nll >= PENALTY:
-            raise impossible([job.part], plan, fold, chosen_at(plan, np.array(found.at)))
+            raise impossible([part], plan, fold, chosen_at(plan, found.at))
     if fold == WHOLE:
         idle = [_idle(plan, found) for found in peaks if found.actions]
         require_effect(idle, ON_ACTIONS.format(plan.space.learner))
@@ -178,48 +156,37 @@ def _points(plan: Plan) -> int:
     return (plan.candidates + 1) // 2
 
 
-def _starts(job: tuple[Recorded, Plan]) -> Starts:
-    """Try the same points for all subjects; the best of each, by fold."""
-    part, plan = job
+def _starts(part: Recorded, plan: Plan) -> Starts:
+    """Where the search for a subject's peak begins: the best of some points, by fold."""
     shares = spread(plan.space.ranges, _points(plan), plan.fit.seed)
-    points = logit(shares.clip(0.01, 0.99))
+    points, predicted = logit(shares.clip(0.01, 0.99)), Predictions([part], plan)
     prior = norm.logpdf(points, scale=SPREADS[1]).sum(axis=1)
-    predicted, folds = Predictions([part], plan), numbers_of_folds(plan)
-    losses = np.zeros((len(folds), len(part.numbers), len(points)))
-    for number, point in enumerate(points):
-        table = predicted(chosen_at(plan, point))
-        for row, fold in enumerate(folds):
-            fitted = table[~held_out(table, plan, fold)]
-            sums = -fitted.groupby("subject")["log_probability"].sum()
-            losses[row, :, number] = sums.reindex(part.numbers, fill_value=0.0).clip(upper=PENALTY)
-    best = (losses - prior).argmin(axis=2)
-    return {who: points[best[:, row]].tolist() for row, who in enumerate(part.alone())}
+    starts = []
+    for fold in numbers_of_folds(plan):
+        losses = [predicted.loss(chosen_at(plan, point), fold) for point in points]
+        starts.append(points[np.argmin(losses - prior)].tolist())
+    return starts
 
 
-def _peak(job: PeakJob) -> Peak:
+def _peak(part: Recorded, plan: Plan, fold: int, group: Group, start: Sequence[float]) -> Peak:
     """Find the peak of one subject, and predict what is held out of its actions there."""
-    plan, predicted = job.plan, Predictions([job.part], job.plan)
-
-    def loss(x: FloatArray) -> float:
-        return predicted.loss(chosen_at(plan, x), job.fold)
-
-    out = held_out(predicted(chosen_at(plan, job.start)), plan, job.fold)
-    if out.all():
-        zero = np.zeros_like(job.start)
-        found = Peak(job.group.mean.tolist(), zero.tolist(), np.diag(zero).tolist(), 0.0)
-    else:
-        found = peak(loss, job.group, job.start)
-    there = predicted(chosen_at(plan, np.array(found.at)))
+    predicted = Predictions([part], plan)
+    out = held_out(predicted(chosen_at(plan, start)), plan, fold)
+    zero = np.zeros_like(group.mean)
+    found = Peak(group.mean.tolist(), zero.tolist(), np.diag(zero).tolist(), 0.0)
+    if not out.all():
+        found = peak(lambda x: predicted.loss(chosen_at(plan, x), fold), group, np.array(start))
+    there = predicted(chosen_at(plan, found.at))
     return replace(
         found,
         actions=int((~out).sum()),
         held_out=-float(there["log_probability"][out].sum()),
         held_out_actions=int(out.sum()),
-        evaluations=len(predicted.known),
+        evaluations=len(predicted),
     )
 
 
-def chosen_at(plan: Plan, x: FloatArray) -> dict[str, float]:
+def chosen_at(plan: Plan, x: Iterable[float]) -> dict[str, float]:
     """The parameters that have these log-odds, ``[D]``."""
     ranges = plan.space.ranges.items()
     return {name: bounds.at(expit(v)) for (name, bounds), v in zip(ranges, x, strict=True)}
@@ -238,7 +205,7 @@ def _fitted(
     counts = [found.actions for found in peaks if found.actions] or [1]
     price = 2 * len(ranges) * np.log(sum(counts)) / len(counts)
 
-    def fitted(who: str, at: FloatArray, spread: FloatArray, **rest: Any) -> Fitted:
+    def fitted(who: str, at: Sequence[float], spread: FloatArray, **rest: Any) -> Fitted:
         chosen, low, high = (chosen_at(plan, at + sign * spread) for sign in (0, -1, 1))
         return Fitted(
             who,
@@ -255,7 +222,7 @@ def _fitted(
         fits.append(
             fitted(
                 who,
-                np.array(found.at),
+                found.at,
                 spread,
                 nll=found.nll,
                 actions=found.actions,
@@ -270,7 +237,7 @@ def _fitted(
     summed = ("nll", "actions", "held_out", "held_out_actions", "standard_error", "evaluations",
               "bic")  # fmt: skip
     total: dict[str, Any] = {name: sum(getattr(own, name) for own in fits) for name in summed}
-    return [fitted(GROUP, group.mean, group.spread, **total), *fits]
+    return [fitted(GROUP, group.mean.tolist(), group.spread, **total), *fits]
 
 
 def _idle(plan: Plan, found: Peak) -> tuple[str, ...]:

@@ -118,15 +118,11 @@ class SearchSpace:
         >>> SearchSpace("bayes", {"policy": "thompson"}, {}).in_words
         'bayes was fitted with policy thompson (fixed) and forgets everything (default).'
         """
-        by_default = {
-            info.name: info.default
+        parts = [f"{name} {_plain(value)} (fixed)" for name, value in self.fixed.items()]
+        parts += [
+            f"{info.name} {info.default} (default)"
             for info in parameter_table(self.learner)
             if isinstance(info.default, str) and info.name not in {*self.fixed, *self.ranges}
-        }
-        parts = [
-            f"{', '.join(f'{name} {_plain(value)}' for name, value in values.items())} ({how})"
-            for values, how in ((self.fixed, "fixed"), (by_default, "default"))
-            if values
         ]
         return f"{self.learner} was fitted with {joined(parts) or 'its defaults'}."
 
@@ -164,54 +160,37 @@ def _plain(value: Any) -> str:
 
 
 class FitSettings(StrictModel):
-    """Settings of a fit, whatever is searched."""
+    """Settings of a fit, whatever is searched: ``fit:`` in a plan, and ``--set``.
 
-    candidates: Annotated[
-        Count | None,
-        Field(
-            description="Sets of parameters to try: half of them spread evenly, half downhill from "
-            "the best; by default 60 for means, 160 for actions."
-        ),
-    ] = None
-    seed: Annotated[
-        int,
-        Field(
-            ge=0,
-            le=2**62,
-            description="Seed of the search and of all play; three are used. Play what was fitted "
-            "with another.",
-        ),
-    ] = 31
-    hold_out: Annotated[
-        str | None,
-        Field(
-            description="What is not fitted to but predicted, of people's points: transfer (the "
-            "four tests; the default) or none; of recorded actions: trials (the default), "
-            "subjects or none."
-        ),
-    ] = None
-    # To published means:
-    target: Annotated[
-        str, Field(description="Whose means are fitted to: people, or model (of AAAI 2020).")
-    ] = "people"
-    subjects: Annotated[
-        int, Field(ge=2, description="Subjects that a candidate plays in each condition.")
-    ] = 40
-    finalists: Annotated[
-        Count, Field(description="Number of best candidates that play again; the closest is taken.")
-    ] = 5
-    final_subjects: Annotated[
-        int, Field(ge=2, description="Subjects in each condition then, and in the end.")
-    ] = 200
-    # To recorded actions:
-    of: Annotated[list[str], Field(description="Whose subjects are fitted to; by default all.")] = (
-        Field(default_factory=list)
-    )
-    each: Annotated[bool, Field(description="Whether each subject is fitted by itself.")] = False
-    lapse: Annotated[
-        float, Field(ge=0, le=1, description="Share of actions taken to be random.")
-    ] = LAPSE
-    folds: Annotated[int, Field(ge=2, description="Parts, of which each is held out once.")] = 2
+    Attributes:
+        candidates: Sets of parameters to try, half of them spread evenly, half downhill from the
+            best; by default 60 to means, 160 to actions.
+        seed: Seed of the search and of all play; the next two are used as well. Play what was
+            fitted with another.
+        hold_out: What is not fitted to but predicted, of people's points: ``transfer`` (the four
+            tests; the default) or ``none``; of recorded actions: ``trials`` (the default),
+            ``subjects`` or ``none``.
+        target: To means: whose are fitted to, ``people`` or ``model`` (of AAAI 2020).
+        subjects: To means: subjects that a candidate plays in each condition.
+        finalists: To means: number of best candidates that play again; the closest is taken.
+        final_subjects: To means: subjects in each condition then, and in the end.
+        of: To actions: whose subjects are fitted to; by default all.
+        each: To actions: whether each subject is fitted by itself.
+        lapse: To actions: share of actions taken to be random.
+        folds: To actions: parts, of which each is held out once.
+    """
+
+    candidates: Count | None = None
+    seed: Annotated[int, Field(ge=0, le=2**62)] = 31
+    hold_out: str | None = None
+    target: str = "people"
+    subjects: Annotated[int, Field(ge=2)] = 40
+    finalists: Count = 5
+    final_subjects: Annotated[int, Field(ge=2)] = 200
+    of: list[str] = Field(default_factory=list)
+    each: bool = False
+    lapse: Annotated[float, Field(ge=0, le=1)] = LAPSE
+    folds: Annotated[int, Field(ge=2)] = 2
 
     def changed(self, settings: Sequence[str]) -> FitSettings:
         """These settings with others, each written ``name=value``.
@@ -269,16 +248,12 @@ class Plan:
 
 
 class PlanFile(StrictModel):
-    """A plan: a search space, and perhaps how the fit is made."""
+    """A plan as it is written: a search space, and perhaps how the fit is made."""
 
-    learner: Annotated[str, Field(description="Registered name of a learner.")]
-    fixed: Annotated[dict[str, Any], Field(description="Parameters that are set.")] = Field(
-        default_factory=dict
-    )
-    search: Annotated[dict[str, Range], Field(description="Parameters that are searched.")]
-    fit: Annotated[FitSettings, Field(description="How the fit is made.")] = Field(
-        default_factory=FitSettings
-    )
+    learner: str
+    fixed: dict[str, Any] = Field(default_factory=dict)
+    search: dict[str, Range]
+    fit: FitSettings = Field(default_factory=FitSettings)
 
 
 def search_space(

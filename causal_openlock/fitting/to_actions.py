@@ -42,7 +42,6 @@ from causal_openlock.fitting.steps import fitting_in, steps
 from causal_openlock.schemas.fsm import BoolArray
 from causal_openlock.scoring.scores import LN2
 from causal_openlock.scoring.teacher_forcing import EXACT, Recorded, score_part, subject_names
-from causal_openlock.wording import counted
 
 FILE = "fit_to_actions.json"
 """File of a finished fit."""
@@ -54,9 +53,6 @@ NONE = "none"
 """Label in a table, instead of names of parameters."""
 LOOK_EVERY = 1.0
 """Seconds between two looks at what workers have tried."""
-
-Report = Callable[[int, int], None]
-"""Called with the numbers of finished fits and of sets of parameters tried."""
 
 
 @dataclass(frozen=True)
@@ -106,44 +102,32 @@ class FitJob:
     fold: int
     plan: Plan
 
-    @property
-    def about(self) -> dict[str, Any]:
-        """All that decides the result, as plain data."""
-        subjects = subjects_of(self.parts)
-        return {**self.plan.as_dict(), "who": self.who, "fold": self.fold, "subjects": subjects}
-
-
-def _ignore() -> None:
-    """Count nothing."""
-
 
 class Predictions:
     """Likelihood of some subjects' actions, by the parameters of the learner that predicts them.
 
-    Args:
-        parts: The subjects.
-        plan: Which learner predicts, and how.
-        tried: Called whenever another set of parameters has been tried.
-
-    Attributes:
-        known: What was computed so far.
+    ``tried`` is called whenever another set of parameters has been tried.
     """
 
     def __init__(
-        self, parts: Sequence[Recorded], plan: Plan, tried: Callable[[], None] = _ignore
+        self, parts: Sequence[Recorded], plan: Plan, tried: Callable[[], None] = lambda: None
     ) -> None:
         self._parts, self._plan, self._tried = parts, plan, tried
-        self.known: dict[tuple[float, ...], pd.DataFrame] = {}
+        self._known: dict[tuple[float, ...], pd.DataFrame] = {}
+
+    def __len__(self) -> int:
+        """Number of sets of parameters that were tried."""
+        return len(self._known)
 
     def __call__(self, chosen: Chosen) -> pd.DataFrame:
         """A row for each action."""
         key, plan = tuple(chosen.values()), self._plan
-        if key not in self.known:
+        if key not in self._known:
             spec = plan.space.spec(chosen)
             tables = [score_part(part, spec, plan.fit.lapse, EXACT) for part in self._parts]
-            self.known[key] = pd.concat(tables, ignore_index=True)
+            self._known[key] = pd.concat(tables, ignore_index=True)
             self._tried()
-        return self.known[key]
+        return self._known[key]
 
     def loss(self, chosen: Chosen, fold: int) -> float:
         """Negative log-likelihood of what is not held out, in nats."""
@@ -152,7 +136,7 @@ class Predictions:
         return float(np.minimum(-table["log_probability"][fitted], PENALTY).sum())
 
 
-def fit_job(job: FitJob, note: Callable[[], None] = _ignore) -> Fitted:
+def fit_job(job: FitJob, note: Callable[[], None] = lambda: None) -> Fitted:
     """Do one fit, and call ``note`` whenever another set of parameters has been tried."""
     plan, ranges = job.plan, job.plan.space.ranges
     predicted = Predictions(job.parts, plan, note)
@@ -170,7 +154,7 @@ def fit_job(job: FitJob, note: Callable[[], None] = _ignore) -> Fitted:
         held_out=-float(table["log_probability"][out].sum()),
         held_out_actions=int(out.sum()),
         standard_error=float(np.sqrt((table["standard_error"][~out] ** 2).sum())),
-        evaluations=len(predicted.known),
+        evaluations=len(predicted),
         bic=2 * nll + len(ranges) * float(np.log((~out).sum())),
         at_bound=at_bound(ranges, best),
         idle=without_effect(ranges, best, loss) if job.fold == WHOLE else (),
@@ -195,14 +179,12 @@ def impossible(parts: Sequence[Recorded], plan: Plan, fold: int, chosen: Chosen)
     """Name the first of the actions that are fitted to and that a learner would never do."""
     table = Predictions(parts, plan)(chosen)
     never = table[np.isneginf(table["log_probability"]) & ~held_out(table, plan, fold)]
-    who, row = subject_names(never), never.iloc[0]
-    action = alone(parts)[who.iloc[0]].session().brief.action_names[row["action_index"]]
-    others = f" and {counted(more, 'other subject')}" if (more := who.nunique() - 1) else ""
+    who, first = subject_names(never).iloc[0], never.iloc[0]
+    action = alone(parts)[who].session().brief.action_names[first["action_index"]]
     return LearnerError(
-        f"{plan.space.learner} cannot have done what {who.iloc[0]}{others} did, with the best of "
-        f"the parameters that were tried; the first such action is {action} (trial {row['trial']}, "
-        f"attempt {row['attempt']}, action {row['action']}); allow for lapses, as with "
-        "--set lapse=0.01, or search other ranges"
+        f"{plan.space.learner} cannot have done what {who} did, with the best of the parameters "
+        f"that were tried: {action} (trial {first['trial']}, attempt {first['attempt']}, action "
+        f"{first['action']}); allow for lapses, as with --set lapse=0.01, or search other ranges"
     )
 
 
@@ -278,7 +260,7 @@ def fit_all(
     folder: Path,
     *,
     workers: int = 1,
-    report: Report = lambda done, tried: None,
+    report: Callable[[int, int], None] = lambda done, tried: None,
 ) -> list[Fitted]:
     """Do all fits, or those that are missing; finished fits are stored in the folder.
 
@@ -286,7 +268,7 @@ def fit_all(
         jobs: The fits.
         folder: Where fits are stored.
         workers: How many processes fit.
-        report: Called now and then.
+        report: Called with the numbers of finished fits and of sets of parameters tried.
 
     Raises:
         StoreError: If another process fits in the folder, or a stored fit is none.
@@ -314,7 +296,8 @@ def fit_all(
             total.value += 1
             report(len(done), total.value)
 
-        results = steps(folder, [(job.about, job) for job in jobs], start, Fitted)
+        about = [[plan.as_dict(), subjects_of(job.parts), job.who, job.fold] for job in jobs]
+        results = steps(folder, [*zip(about, jobs, strict=True)], start, Fitted)
         for job, fitted in zip(jobs, results, strict=True):
             if fitted.nll >= PENALTY:
                 raise impossible(job.parts, plan, job.fold, fitted.chosen)
