@@ -22,7 +22,7 @@ from causal_openlock.envs.settings import (
     check_render_size,
 )
 from causal_openlock.errors import OpenLockError
-from causal_openlock.schemas.fsm import compile_schema, unroll
+from causal_openlock.schemas.fsm import compile_schema
 from causal_openlock.world.events import rewards_by_event
 from causal_openlock.world.kernel import (
     INACTIVE,
@@ -54,8 +54,8 @@ class _Table:
 
     def __init__(self, settings: Settings) -> None:
         limit = settings.action_limit
-        tables = RoomTables.of([(settings.schema, limit)], settings.positions)
-        self.attempt = unroll(compile_schema(settings.schema), limit)
+        self.tables = tables = RoomTables.of([(settings.schema, limit)], settings.positions)
+        self.fsm = compile_schema(settings.schema)
         self.fails, self.columns = tables.fails, tables.waits + 1
         self.after: list[int] = tables.after.ravel().tolist()
         self.event: list[int] = tables.event.ravel().tolist()
@@ -71,9 +71,9 @@ class _Bodies:
     """The physical room of a trial; its states are rows of the table."""
 
     def __init__(self, table: _Table) -> None:
-        self._fsm = table.attempt.fsm
-        self._used: list[int] = table.attempt.used.tolist()
-        states = zip(self._used, table.attempt.state.tolist(), strict=True)
+        self._fsm = table.fsm
+        self._used: list[int] = table.tables.used.tolist()
+        states = zip(self._used, table.tables.state.tolist(), strict=True)
         self._rows = {used_and_state: row for row, used_and_state in enumerate(states)}
         self.room: PhysicalRoom | None = None
         self.watch: Callable[[Pose], None] | None = None
@@ -207,10 +207,10 @@ class OpenLockEnv(Checked, gymnasium.Env[NDArray[np.int8], int]):
     def _begin_trial(self) -> None:
         layout = self.settings.draw_layout(self.np_random)
         if layout not in self._layouts:
-            attempt = self._table.attempt
-            if len(self._layouts) * len(attempt.state) >= KEPT_ROWS:
+            state = self._table.tables.state
+            if len(self._layouts) * len(state) >= KEPT_ROWS:
                 self._layouts.clear()
-            observations = layout.observations(attempt.fsm, attempt.state)
+            observations = layout.observations(self._table.fsm, state)
             lever = layout.lever_at()
             columns = [*lever, *(layout.positions + lever), 2 * layout.positions]
             self._layouts[layout] = [*observations], [*map(int, columns)]
@@ -248,7 +248,8 @@ class OpenLockEnv(Checked, gymnasium.Env[NDArray[np.int8], int]):
         after, event = table.after[place], table.event[place]
         if self._bodies is not None:
             after = self._bodies.move(row, action, not fails)
-            event = event & INACTIVE | int(events_of(table.attempt, np.array(row), np.array(after)))
+            happened = events_of(table.tables, table.fsm, np.array(row), np.array(after))
+            event = event & INACTIVE | int(happened)
         if event & UNLOCKED and table.solution[after] not in (-1, *found):
             event |= NEW
         if action == self._previous:

@@ -4,15 +4,11 @@ A *state* says which levers are pushed and whether the door is open: bit *i* of 
 *i*, the bit above the levers is the door. An *action* pushes or pulls one lever or pushes the
 door; with *n* levers, actions 0..n-1 push, n..2n-1 pull, and 2n pushes the door. Levers have roles
 here and no positions; :mod:`causal_openlock.world.room` adds the positions.
-
-An attempt is short, so it reaches few of the states: :func:`unroll` has a row for each of them
-after each number of actions.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,66 +137,3 @@ def gate_chance(schema: Schema, node: str, pushed: IntArray) -> FloatArray:
         counts[1:] += shifted[:-1]
         counts[-1] += shifted[-1]
     return np.minimum(counts[threshold], 1.0)  # rounding may end just above 1
-
-
-@dataclass(frozen=True, eq=False)
-class Attempt:
-    """An attempt unrolled: a row for each state that it can be in after each number of actions.
-
-    Row 0 is the start: no action used, all levers pulled, door closed. N rows, A actions and one
-    more, with index A, that never moves anything: on a lever that is not part of the schema.
-
-    Attributes:
-        fsm: The machine.
-        action_limit: Actions in an attempt.
-        state: ``[N]`` state of the machine.
-        used: ``[N]`` actions used so far.
-        effect: ``[N, A+1]`` row after an action that takes effect.
-        over: ``[N]`` whether the attempt is over: the door is open or no action is left.
-        begins: ``[N, K]`` whether the actions so far are the beginning of solution *k*.
-    """
-
-    fsm: FSM
-    action_limit: int
-    state: IntArray
-    used: IntArray
-    effect: IntArray
-    over: BoolArray
-    begins: BoolArray
-
-    @cached_property
-    def chance(self) -> FloatArray:
-        """``[N, A+1]`` probability that the action takes effect."""
-        chance = np.zeros((len(self.state), self.fsm.actions + 1))
-        chance[~self.over, :-1] = self.fsm.chance[self.state[~self.over]]
-        return chance
-
-
-def unroll(fsm: FSM, action_limit: int) -> Attempt:
-    """List every state that an attempt can be in after each number of actions.
-
-    Example:
-        >>> from causal_openlock import find_schema
-        >>> unroll(compile_schema(find_schema("CC3")), action_limit=2).used
-        array([0, 1, 1, 2, 2, 2, 2])
-    """
-    layers = [np.zeros(1, dtype=np.int64)]
-    for _ in range(action_limit):
-        playing = layers[-1][~fsm.opened[layers[-1]]]
-        layers.append(np.union1d(playing, fsm.next_state[playing].ravel()))
-    state = np.concatenate(layers)
-    used = np.repeat(np.arange(action_limit + 1), list(map(len, layers)))
-    over = (used == action_limit) | fsm.opened[state]
-
-    # Rows are in the order of their keys. The last column is an action that moves nothing.
-    key = used * fsm.states + state
-    key_after = (used[:, None] + 1) * fsm.states + np.column_stack([fsm.next_state[state], state])
-    row = np.arange(len(state))[:, None]
-    effect = np.where(over[:, None], row, np.searchsorted(key, key_after))
-
-    # If as many bits are set as actions were used, every action was a push that took effect.
-    pushes_only = np.bitwise_count(state) == used
-    solutions = np.array([fsm.schema.mask(levers) for levers in fsm.schema.solutions])
-    opened = solutions | 1 << fsm.levers
-    begins = (state[:, None] & ~solutions == 0) | (state[:, None] == opened)
-    return Attempt(fsm, action_limit, state, used, effect, over, begins & pushes_only[:, None])

@@ -7,7 +7,6 @@ loads in another way than by importing (``importlib``, a file that it opens) is 
 from __future__ import annotations
 
 import ast
-import os
 import re
 import site
 import sys
@@ -18,7 +17,6 @@ from importlib.machinery import PathFinder
 from importlib.metadata import EntryPoint
 from importlib.util import find_spec, resolve_name
 from pathlib import Path
-from pkgutil import iter_modules
 from typing import Any
 
 from causal_openlock.errors import ExperimentError, LearnerError, OpenLockError, in_short
@@ -186,11 +184,7 @@ def load_named(name: str, role: str, fits: Callable[[Any], bool]) -> Any:
         module = sys.modules.get(entry.module)  # one that fails while it is imported is not kept
         missing = error.name or "" if isinstance(error, ModuleNotFoundError) else ""
         if missing and f"{entry.module}.".startswith(f"{missing}."):
-            package, _, last = missing.rpartition(".")
-            own = [place for place in sys.path if is_users_own(Path(place, "module.py"))]
-            places = [*getattr(sys.modules.get(package), "__path__", filter(os.path.isdir, own))]
-            close = nearest(last, {found.name for found in iter_modules(places)})
-            why = f"there is no module {missing} in {' or '.join(places)}; {close}"
+            why = f"no module {missing} is installed or in {Path.cwd()}; check its name"
         elif module and entry.module != "__main__" and isinstance(error, AttributeError):
             fitting = {key for key, value in vars(module).items() if key[0] != "_" and fits(value)}
             source = getattr(module, "__file__", None) or entry.module

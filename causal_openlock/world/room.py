@@ -215,8 +215,8 @@ class Layout:
     def role_actions(self) -> IntArray:
         """``[2P + 1]`` the machine's action for each of the room's actions.
 
-        An action on an inactive lever maps to the machine's number of actions, the index of the
-        action that never moves anything in :class:`~causal_openlock.schemas.fsm.Attempt`.
+        An action on an inactive lever, which never moves anything, maps to the machine's number of
+        actions.
         """
         lever, levers = self.lever_at(), len(self.places)
         push, pull = (np.where(lever < levers, lever + n, 2 * levers + 1) for n in (0, levers))

@@ -13,14 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from causal_openlock.schemas.fsm import (
-    Attempt,
-    BoolArray,
-    FloatArray,
-    IntArray,
-    compile_schema,
-    unroll,
-)
+from causal_openlock.schemas.fsm import FSM, BoolArray, FloatArray, IntArray, compile_schema
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world import kernel
 from causal_openlock.world.events import RewardFunction, rewards_by_event
@@ -28,11 +21,12 @@ from causal_openlock.world.room import Layout
 
 
 class RoomTables(NamedTuple):
-    """The unrolled attempts of G schemas, stacked, their levers at the first of P positions.
+    """The attempts of G schemas, unrolled and stacked, their levers at the first of P positions.
 
-    R rows (:func:`causal_openlock.schemas.fsm.unroll`), K solutions, and W columns: the 2P + 1
-    actions, to try what has a chance and fail, and to wait, which changes and pays nothing. The
-    kernel looks up the first six.
+    R rows, one for each state that an attempt can be in after each number of actions: few, since it
+    is short. The first of a schema is the start: no action used, all levers pulled, door closed.
+    K solutions, and W columns: the 2P + 1 actions, to try what has a chance and fail, and to wait,
+    which changes and pays nothing. The kernel looks up the first six.
 
     Example:
         >>> from causal_openlock import find_schema
@@ -46,7 +40,8 @@ class RoomTables(NamedTuple):
     chance: FloatArray  #: ``[R, W]`` the probability that it takes effect; 0 if it can do nothing
     solution: NDArray[np.int32]  #: ``[R]`` the solution whose levers are pushed, -1 for none
     begins: BoolArray  #: ``[R, K]`` whether the actions so far are the beginning of each solution
-    actions_left: NDArray[np.int32]  #: ``[R]`` the actions left in the attempt
+    actions_left: NDArray[np.int32]  #: ``[R]`` the actions left in the attempt; 0 if it is over
+    state: IntArray  #: ``[R]`` the state of the schema's machine
     used: IntArray  #: ``[R]`` actions used so far in the attempt
     start: IntArray  #: ``[G]`` the first row of each schema, where its attempts begin
     levers: IntArray  #: ``[G]`` how many levers each schema has
@@ -58,9 +53,8 @@ class RoomTables(NamedTuple):
         most, first = max(len(schema.solutions) for schema, _ in schemas), 0
         tables = []
         for schema, limit in schemas:
-            attempt = unroll(compile_schema(schema), limit)
-            tables.append(_table(attempt, first, positions, most))
-            first += len(attempt.state)
+            tables.append(_table(compile_schema(schema), limit, first, positions, most))
+            first += len(tables[-1].state)
         return cls(*map(np.concatenate, zip(*tables, strict=True)))
 
     @property
@@ -84,44 +78,61 @@ class RoomTables(NamedTuple):
         return bool((self.event & kernel.UNSURE).any())
 
 
-def _table(attempt: Attempt, first: int, positions: int, solutions: int) -> RoomTables:
+def _table(fsm: FSM, limit: int, first: int, positions: int, solutions: int) -> RoomTables:
     """The table of one schema, whose rows begin at ``first``."""
-    fsm, rows, levers = attempt.fsm, np.arange(len(attempt.state)), attempt.fsm.levers
-    roles = Layout(tuple(range(levers)), positions).role_actions()
-    after = np.column_stack([attempt.effect[:, roles], attempt.effect[:, -1], rows])
-    chance = np.pad(attempt.chance[:, roles], ((0, 0), (0, 2)))
-    event = events_of(attempt, rows[:, None], after)
-    event[:, levers:positions] |= kernel.INACTIVE
-    event[:, positions + levers : 2 * positions] |= kernel.INACTIVE
-    event[(chance > 0) & (chance < 1)] |= kernel.UNSURE
-    after[attempt.over, :-1], event[attempt.over] = 0, kernel.IDLE | kernel.PUT_BACK
-    event[:, -1] = kernel.IDLE
-    left = np.where(attempt.over, 0, attempt.action_limit - attempt.used)
-    return RoomTables(
+    layers = [np.zeros(1, dtype=np.int64)]
+    for _ in range(limit):
+        playing = layers[-1][~fsm.opened[layers[-1]]]
+        layers.append(np.union1d(playing, fsm.next_state[playing].ravel()))
+    state, rows = np.concatenate(layers), np.arange(sum(map(len, layers)))
+    used = np.repeat(np.arange(limit + 1), list(map(len, layers)))
+    over = (used == limit) | fsm.opened[state]
+
+    # Rows are in the order of their keys. The last action of a role moves nothing.
+    levers, roles = fsm.levers, Layout(tuple(range(fsm.levers)), positions).role_actions()
+    moved = np.column_stack([fsm.next_state[state], state])[:, [*roles, -1]]
+    key, key_after = used * fsm.states + state, (used[:, None] + 1) * fsm.states + moved
+    after = np.where(over[:, None], 0, np.searchsorted(key, key_after))
+    after = np.column_stack([after, rows])
+    chance = np.pad(fsm.chance[state] * ~over[:, None], ((0, 0), (0, 1)))[:, roles]
+
+    # If as many bits are set as actions were used, every action was a push that took effect.
+    pushes_only = np.bitwise_count(state) == used
+    needed = np.array([fsm.schema.mask(solution) for solution in fsm.schema.solutions])
+    begins = (state[:, None] & ~needed == 0) | (state[:, None] == needed | 1 << levers)
+    table = RoomTables(
         after=(first + after).astype(np.uint32),
-        event=event,
-        chance=chance,
-        solution=fsm.solution[attempt.state].astype(np.int32),
-        begins=np.pad(attempt.begins, ((0, 0), (0, solutions - attempt.begins.shape[1]))),
-        actions_left=left.astype(np.int32),
-        used=attempt.used,
+        event=np.zeros(0, np.uint16),
+        chance=np.pad(chance, ((0, 0), (0, 2))),
+        solution=fsm.solution[state].astype(np.int32),
+        begins=np.pad(begins & pushes_only[:, None], ((0, 0), (0, solutions - len(needed)))),
+        actions_left=np.where(over, 0, limit - used).astype(np.int32),
+        state=state,
+        used=used,
         start=np.array([first]),
         levers=np.array([levers]),
-        solutions=np.array([len(fsm.schema.solutions)]),
+        solutions=np.array([len(needed)]),
     )
+    event = events_of(table, fsm, rows[:, None], after)
+    event[:, levers:positions] |= kernel.INACTIVE
+    event[:, positions + levers : 2 * positions] |= kernel.INACTIVE
+    event[(table.chance > 0) & (table.chance < 1)] |= kernel.UNSURE
+    event[over] = kernel.IDLE | kernel.PUT_BACK
+    event[:, -1] = kernel.IDLE
+    return table._replace(event=event)
 
 
-def events_of(attempt: Attempt, row: IntArray, after: IntArray) -> NDArray[np.uint16]:
-    """The events of actions that lead from rows to others, as far as these two say."""
-    unlocked, opened = attempt.fsm.unlocked[attempt.state], attempt.fsm.opened[attempt.state]
+def events_of(table: RoomTables, fsm: FSM, row: IntArray, after: IntArray) -> NDArray[np.uint16]:
+    """The events of actions that lead from rows of a schema to others, as far as these two say."""
+    unlocked, opened = fsm.unlocked[table.state], fsm.opened[table.state]
     facts = {
-        kernel.FIRST: attempt.used[row] == 0,
-        kernel.LAST: attempt.over[after],
-        kernel.CHANGED: attempt.state[row] != attempt.state[after],
+        kernel.FIRST: table.used[row] == 0,
+        kernel.LAST: table.actions_left[after] == 0,
+        kernel.CHANGED: table.state[row] != table.state[after],
         kernel.UNLOCKS: unlocked[after] & ~unlocked[row],
         kernel.UNLOCKED: unlocked[after],
         kernel.OPENS: opened[after] & ~opened[row],
-        kernel.ON_PATH: np.asarray(attempt.begins.any(axis=1))[after],
+        kernel.ON_PATH: np.asarray(table.begins.any(axis=1))[after],
     }
     event = np.zeros(after.shape, np.uint16)
     for bit, holds in facts.items():

@@ -1,6 +1,6 @@
 """How often chance alone opens the door: a learner that draws every action uniformly, exactly.
 
-The attempt is unrolled into its states (:func:`causal_openlock.schemas.fsm.unroll`), and the
+The attempt is unrolled into its states (:class:`causal_openlock.world.rooms.RoomTables`), and the
 probability of being in each of them is carried forward action by action. What is in the end on a
 state in which the door is open, is the chance of opening it; no play is simulated. Where the levers
 stand makes no difference, only how many positions there are, since every inactive lever wastes an
@@ -13,9 +13,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from causal_openlock.schemas.fsm import FloatArray, compile_schema, unroll
+from causal_openlock.schemas.fsm import FloatArray, compile_schema
 from causal_openlock.schemas.schema import Schema
-from causal_openlock.world.room import Layout
+from causal_openlock.world.rooms import RoomTables
 
 
 @lru_cache(maxsize=256)
@@ -64,19 +64,18 @@ def _found_within(schema: Schema, action_limit: int, positions: int, attempts: i
 @lru_cache(maxsize=256)
 def _outcomes(schema: Schema, action_limit: int, positions: int) -> tuple[float, FloatArray]:
     """The chance that an attempt opens the door, and ``[K]`` that it does so by each solution."""
-    attempt = unroll(compile_schema(schema), action_limit)
-    roles = Layout(tuple(range(len(schema.levers))), positions).role_actions()
-    effect, chance = attempt.effect[:, roles], attempt.chance[:, roles]
-    idle = attempt.effect[:, -1:]
-    reached = np.zeros(len(attempt.state))
+    tables = RoomTables.of([(schema, action_limit)], positions)
+    actions, over = tables.fails, tables.actions_left == 0
+    effect, chance = tables.after[:, :actions], tables.chance[:, :actions]
+    idle = tables.after[:, tables.fails, None]
+    reached = np.zeros(len(tables.state))
     reached[0] = 1.0
     for _ in range(action_limit):
-        going = np.where(attempt.over, 0.0, reached)[:, None] / len(roles)
-        after = np.where(attempt.over, reached, 0.0)
+        going = np.where(over, 0.0, reached)[:, None] / actions
+        after = np.where(over, reached, 0.0)
         np.add.at(after, effect, going * chance)
         np.add.at(after, np.broadcast_to(idle, effect.shape), going * (1.0 - chance))
         reached = after
-    opened = attempt.fsm.opened[attempt.state]
-    solution = attempt.fsm.solution[attempt.state]
-    each = [reached[opened & (solution == k)].sum() for k in range(len(schema.solutions))]
+    opened = compile_schema(schema).opened[tables.state]
+    each = [reached[opened & (tables.solution == k)].sum() for k in range(len(schema.solutions))]
     return float(reached[opened].sum()), np.array(each)
