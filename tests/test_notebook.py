@@ -50,7 +50,7 @@ def test_watched_trial_is_a_strip_without_scripts(learner, attempts):
     assert len(html) < 1_000_000
     assert not {"script", "style", "img", "link"} & {tag for tag, _ in page.tags}
     assert not [name for _, pairs in page.tags for name in pairs if name.startswith("on")]
-    moments = 1 + sum(len(attempt.actions) for attempt in watched.trial.attempts[:attempts])
+    moments = 1 + sum(len(attempt["actions"]) for attempt in watched.trial.attempts[:attempts])
     assert figures(page) == moments
     assert page.text.count(" bits left, ") == (moments if learner == "bayes" else 0)
 
@@ -58,7 +58,7 @@ def test_watched_trial_is_a_strip_without_scripts(learner, attempts):
 def test_long_strip_is_cut_and_says_so():
     watched = ol.watch("random", "seven", attempts=30)
     page = read(watched_html(watched))
-    actions = sum(len(attempt.actions) for attempt in watched.trial.attempts)
+    actions = sum(len(attempt["actions"]) for attempt in watched.trial.attempts)
     left = int(re.search(r"and (\d+) more actions", page.text)[1])
     assert figures(page) + left == 1 + actions
 

@@ -1,29 +1,34 @@
 """A film of a trial: the physical room carries out the actions, next to the console.
 
 A film is a sequence of *shots*. While the arm moves there is one for each frame; before and after a
-movement the film pauses, which is one shot of several frames. The record says
-what was done and what came of it; the bodies show how.
+movement the film pauses, which is one shot of several frames. The record says what was done and
+what came of it; the bodies show how. Pillow writes GIFs, and the ffmpeg that imageio-ffmpeg brings
+or finds writes MP4s.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from PIL import Image
 
 from causal_openlock.errors import OpenLockError
 from causal_openlock.files.atomic import replacing
 from causal_openlock.physics.room import PhysicalRoom
 from causal_openlock.physics.world import STEP, Pose
-from causal_openlock.render.filmed_trial import FilmedAttempt, FilmedTrial
+from causal_openlock.render.filmed_trial import FilmedTrial
 from causal_openlock.render.paint import Bytes, Panel, ShownAction, draw
 from causal_openlock.render.room import save_still
 from causal_openlock.render.scene import Look
-from causal_openlock.render.suffixes import STILLS
-from causal_openlock.render.video import load_ffmpeg, write_gif, write_mp4
-from causal_openlock.wording import counted, nearest
-from causal_openlock.world.room import Room, action_names, published_layouts
+from causal_openlock.render.suffixes import STILLS, path_of_picture
+from causal_openlock.wording import counted
+from causal_openlock.world.room import action_names, published_layouts
 
 FILMS = (".gif", ".mp4")
 BEFORE, AFTER, BETWEEN, END = 0.6, 0.5, 1.0, 2.5
@@ -53,115 +58,104 @@ class Shot:
 
 
 def shots(
-    trial: FilmedTrial, fps: int = 25, speed: float = 1.0, attempts: int | None = None
+    trial: FilmedTrial,
+    fps: int = 25,
+    speed: float = 1.0,
+    attempts: int | None = None,
+    moving: bool = True,
 ) -> Iterator[Shot]:
-    """A trial as a film; ``speed`` is in units of simulated time per second."""
-    shown = trial.attempts[:attempts]
-    room = trial.room
-    console = _Console(trial, room)
-    grey = tuple(room.active.tolist())
-    physical = PhysicalRoom(room.fsm, room.layout)
+    """A trial as a film; ``speed`` is in units of simulated time per second.
+
+    Without ``moving``, only the pauses: one picture before each attempt and one after each action,
+    the arm at rest.
+    """
+    room, rows = trial.room, trial.attempts[:attempts]
+    names = [name.replace("_", " ") for name in action_names(room.positions)]
+    grey, found = tuple(room.active.tolist()), list[str]()
+    physical = PhysicalRoom(room.fsm, room.layout) if moving else None
     poses: list[Pose] = []
-    physical.watch = poses.append
     stride = speed / (fps * STEP)  # steps of the simulation in a frame
 
-    def still(seconds: float, attempt: int, action: int, panel: Panel) -> Shot:
-        look = Look.of_pose(physical.pose(), grey)
-        frames = max(1, round(seconds / speed * fps))
-        return Shot(look, panel, frames, attempt, action, moving=False)
+    def at_rest(state: int) -> Look:
+        if physical:
+            return Look.of_pose(physical.pose(), grey)
+        return Look.of_observation(room.observation[state], room.positions)
 
-    for number, attempt in enumerate(shown, 1):
-        physical.reset()
-        yield still(BEFORE, number, 0, console.panel(number, 0))
-        last = number == len(shown)
-        for index, action in enumerate(attempt.actions, 1):
-            poses.clear()
-            physical.act(action, yields=attempt.moved[index - 1] or trial.schema.deterministic)
-            panel = console.panel(number, index - 1, moving=True)
-            pressed = action == 2 * trial.layout.positions
-            for frame in range(1, math.ceil(len(poses) / stride) + 1):
-                pose = poses[min(round(frame * stride), len(poses)) - 1]
-                yield Shot(Look.of_pose(pose, grey, pressed), panel, 1, number, index, True)
-            ended = index == len(attempt.actions)
-            panel = console.panel(number, index)
-            if ended and last:
-                panel = replace(panel, remark=console.remark(number))
-            yield still((END if last else BETWEEN) if ended else AFTER, number, index, panel)
+    def frames(seconds: float) -> int:
+        return max(1, round(seconds / speed * fps))
+
+    for number, row in enumerate(rows, 1):
+        state, actions = 0, list[ShownAction]()
+        if physical:
+            physical.reset()
+            physical.watch = poses.append
+        panel = _panel(trial, number, actions, found)
+        yield Shot(at_rest(state), panel, frames(BEFORE), number, 0, moving=False)
+        for index, (action, moved) in enumerate(zip(row["actions"], row["moved"], strict=True), 1):
+            if physical:
+                poses.clear()
+                physical.act(action, yields=moved or trial.schema.deterministic)
+                shown = [*actions, ShownAction(names[action])]
+                panel = _panel(trial, number, shown, found)
+                pressed = action == 2 * room.positions
+                for frame in range(1, math.ceil(len(poses) / stride) + 1):
+                    pose = poses[min(round(frame * stride), len(poses)) - 1]
+                    yield Shot(
+                        Look.of_pose(pose, grey, pressed), panel, 1, number, index, moving=True
+                    )
+            before, state = state, int(room.next_state[state, action]) if moved else state
+            seen = room.observation[before], room.observation[state]
+            actions.append(ShownAction.of(names[action], *seen, row["new_solution"]))
+            over, last = index == len(row["actions"]), number == len(rows)
+            if over and row["new_solution"]:
+                solution = room.action_of(trial.schema.solutions[row["solution"]])[:-1]
+                found.append(", ".join(names[push].removeprefix("push ") for push in solution))
+            seconds = (END if last else BETWEEN) if over else AFTER
+            remark = _remark(trial, number, len(found)) if over and last else ""
+            panel = _panel(trial, number, actions, found, over, remark)
+            yield Shot(at_rest(state), panel, frames(seconds), number, index, moving=False)
 
 
-def stills(trial: FilmedTrial, attempts: int | None = None) -> Iterator[Shot]:
-    """A trial as pictures: one before each attempt and one after each action, the arm at rest."""
-    room, shown = trial.room, trial.attempts[:attempts]
-    console = _Console(trial, room)
-    for number, attempt in enumerate(shown, 1):
-        state, last = 0, number == len(shown)
-        for done in range(len(attempt.actions) + 1):
-            if done and attempt.moved[done - 1]:
-                state = int(room.next_state[state, attempt.actions[done - 1]])
-            panel = console.panel(number, done)
-            if last and done == len(attempt.actions):
-                panel = replace(panel, remark=console.remark(number))
-            look = Look.of_observation(room.observation[state], room.positions)
-            yield Shot(look, panel, 1, number, done, moving=False)
-
-
-class _Console:
-    """Panels of the console at each point of a trial."""
-
-    def __init__(self, trial: FilmedTrial, room: Room) -> None:
-        self._trial, self._room = trial, room
-        self._names = [name.replace("_", " ") for name in action_names(trial.layout.positions)]
-        name = trial.layout.name
-        layout = f" in {name}" if name in published_layouts(trial.schema) else ""
-        self._lines = (
+def _panel(
+    trial: FilmedTrial,
+    number: int,
+    actions: Sequence[ShownAction],
+    found: Sequence[str],
+    over: bool = False,
+    remark: str = "",
+) -> Panel:
+    """The console in an attempt: after these actions, the last of which may be under way."""
+    missing = len(trial.schema.solutions) - len(found)
+    solved = (trial.shown or trial.protocol.stop_when_solved) and not missing
+    limit, done = trial.protocol.attempt_limit, sum(bool(action.outcome) for action in actions)
+    name = trial.layout.name
+    layout = f" in {name}" if name in published_layouts(trial.schema) else ""
+    return Panel(
+        solutions=(*found, *[""] * missing),
+        attempts_left=None if solved else limit + 1 - number - over,
+        actions_left=0 if over else trial.action_limit - done,
+        heading=trial.learner,
+        lines=(
             f"{trial.condition}, protocol {trial.protocol.name}, subject {trial.subject}",
             f"{trial.place.capitalize()}: {trial.schema.name}{layout}",
-        )
+            f"Attempt {number} of at most {limit}",
+        ),
+        actions=tuple(actions),
+        remark=remark,
+    )
 
-    def panel(self, number: int, done: int, moving: bool = False) -> Panel:
-        """The panel after ``done`` actions of an attempt, perhaps during the next action."""
-        trial, attempt = self._trial, self._trial.attempts[number - 1]
-        over = done == len(attempt.actions)
-        ended = trial.attempts[: number if over else number - 1]
-        found = [self._pushes(one.solution) for one in ended if one.new]
-        missing = len(trial.schema.solutions) - len(found)
-        solved = (trial.shown or trial.protocol.stop_when_solved) and not missing
-        limit = trial.protocol.attempt_limit
-        actions = self._outcomes(attempt)[:done]
-        if moving:
-            actions.append(ShownAction(self._names[attempt.actions[done]]))
-        return Panel(
-            solutions=(*found, *[""] * missing),
-            attempts_left=None if solved else limit + 1 - number - over,
-            actions_left=0 if over else trial.action_limit - done,
-            heading=trial.learner,
-            lines=(*self._lines, f"Attempt {number} of at most {limit}"),
-            actions=tuple(actions),
-        )
 
-    def _pushes(self, solution: int) -> str:
-        actions = self._room.action_of(self._room.schema.solutions[solution])
-        return ", ".join(self._names[a].removeprefix("push ") for a in actions[:-1])
+def _remark(trial: FilmedTrial, shown: int, found: int) -> str:
+    """The last line of a film that shows the first ``shown`` attempts."""
+    if more := len(trial.attempts) - shown:
+        return f"{counted(more, 'more attempt')} not shown"
+    if missing := len(trial.schema.solutions) - found:
+        return f"{counted(missing, 'solution')} not found"
+    what = "shown" if trial.shown else "found"
+    return f"All solutions {what} in {counted(shown, 'attempt')}"
 
-    def _outcomes(self, attempt: FilmedAttempt) -> list[ShownAction]:
-        """Result of each action of an attempt, and whether it was progress."""
-        seen, state, shown = self._room.observation, 0, []
-        for action, moved in zip(attempt.actions, attempt.moved, strict=True):
-            before, state = state, int(self._room.next_state[state, action]) if moved else state
-            name = self._names[action]
-            shown.append(ShownAction.of(name, seen[before], seen[state], attempt.new))
-        return shown
 
-    def remark(self, shown: int) -> str:
-        """The last line of a film that shows the first ``shown`` attempts."""
-        attempts = self._trial.attempts
-        left = len(self._trial.schema.solutions) - sum(one.new for one in attempts[:shown])
-        if more := len(attempts) - shown:
-            return f"{counted(more, 'more attempt')} not shown"
-        if left:
-            return f"{counted(left, 'solution')} not found"
-        what = "shown" if self._trial.shown else "found"
-        return f"All solutions {what} in {counted(shown, 'attempt')}"
+# -- files ----------------------------------------------------------------------------------------
 
 
 def check_suffix(path: Path | str) -> Path:
@@ -170,15 +164,9 @@ def check_suffix(path: Path | str) -> Path:
     Raises:
         OpenLockError: If it is none, or a film cannot be made here.
     """
-    path = Path(path)
-    suffix = path.suffix.lower()
-    if suffix not in FILMS + STILLS:
-        raise OpenLockError(
-            f"{path}: a film is a .gif or .mp4 and a still a .png or .svg, not {suffix!r}; "
-            f"{nearest(suffix, FILMS + STILLS)}"
-        )
-    if suffix == ".mp4":
-        load_ffmpeg()
+    path = path_of_picture(path, FILMS + STILLS, "a film")
+    if path.suffix.lower() == ".mp4":
+        _ffmpeg()
     return path
 
 
@@ -196,7 +184,8 @@ def save_film(
 
     Args:
         trial: What was played.
-        path: A film if it ends in ``.gif`` or ``.mp4``, a still if in ``.png`` or ``.svg``.
+        path: A film if it ends in ``.gif`` or ``.mp4``, a still if in ``.png`` or ``.svg``. A GIF
+            takes about a byte of memory for each pixel of each frame while it is written.
         size: Height in pixels.
         fps: Frames per second; a GIF, which counts in hundredths of a second, comes near it.
         speed: How many times faster than one unit of simulated time per second.
@@ -210,22 +199,87 @@ def save_film(
         OpenLockError: If the suffix is another or the file cannot be written.
     """
     path = check_suffix(path)
-    suffix = path.suffix.lower()
-    sequence = shots(trial, fps, speed, attempts)
-    if suffix in STILLS:
-        *_, last = sequence
-        save_still(last.look, path, size, last.panel)
+    film = list(shots(trial, fps, speed, attempts))
+    if path.suffix.lower() in STILLS:
+        save_still(film[-1].look, path, size, film[-1].panel)
         return 1
-    write = write_mp4 if suffix == ".mp4" else write_gif
-    frames = 0
 
-    def pictures() -> Iterator[tuple[Bytes, int]]:
-        nonlocal frames
-        for shot in sequence:
+    def pictures() -> Iterator[Bytes]:
+        for shot in film:
             watch(shot.attempt, shot.action)
-            yield draw(shot.look, size, shot.panel), shot.frames
-            frames += shot.frames
+            yield draw(shot.look, size, shot.panel)
 
+    frames = [shot.frames for shot in film]
     with replacing(path) as file:
-        write(file, pictures(), fps)
-    return frames
+        if path.suffix.lower() == ".mp4":
+            _write_mp4(file, pictures(), frames, fps)
+        else:
+            # All frames share the colours of a few of them.
+            sample = [draw(shot.look, size, shot.panel) for shot in film[:: len(film) // 8 + 1]]
+            sample.append(draw(film[-1].look, size, film[-1].panel))
+            _write_gif(file, pictures(), frames, fps, Image.fromarray(np.vstack(sample)))
+    return sum(frames)
+
+
+def _write_gif(
+    file: BinaryIO, pictures: Iterator[Bytes], frames: list[int], fps: int, sample: Image.Image
+) -> None:
+    palette = sample.quantize(128, Image.Quantize.MAXCOVERAGE)
+    images = (
+        Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE)
+        for picture in pictures
+    )
+    # In hundredths of a second, rounded from the beginning, so that errors do not add up.
+    times = np.diff(np.rint(np.cumsum([0, *frames]) * 100 / fps)).clip(2, 65535) * 10
+    next(images).save(
+        file, "gif", save_all=True, append_images=images, duration=times.tolist(), loop=0
+    )
+
+
+def _ffmpeg() -> Any:
+    """The module ``imageio_ffmpeg``; OpenLockError if it is missing or has no ffmpeg."""
+    try:
+        module = import_module("imageio_ffmpeg")
+        module.get_ffmpeg_exe()
+    except (ImportError, RuntimeError):
+        raise OpenLockError(
+            "an .mp4 needs ffmpeg, which is not installed; run pip install "
+            "'causal-openlock[film]', or choose a .gif"
+        ) from None
+    return module
+
+
+def _write_mp4(file: BinaryIO, pictures: Iterator[Bytes], frames: list[int], fps: int) -> None:
+    ffmpeg = _ffmpeg()
+    film: Any = None
+    try:
+        for picture, many in zip(pictures, frames, strict=True):
+            # The usual coding of colours has half the resolution, and so needs even sizes.
+            height, width = picture.shape[:2]
+            even = np.pad(picture, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
+            if film is None:
+                film = ffmpeg.write_frames(
+                    file.name,
+                    even.shape[1::-1],
+                    fps=fps,
+                    codec="libx264",
+                    quality=None,
+                    macro_block_size=1,
+                    ffmpeg_log_level="error",
+                    output_params=["-crf", "18", "-movflags", "+faststart", "-f", "mp4"],
+                )
+                next(film)  # it waits for pictures now
+            for _ in range(many):
+                film.send(even.tobytes())
+        film.close()
+        # imageio-ffmpeg does not report whether ffmpeg succeeded; the film shows it.
+        if ffmpeg.count_frames_and_secs(file.name)[0] != sum(frames):
+            raise RuntimeError
+    except (OSError, RuntimeError) as error:
+        raise OpenLockError(
+            f"ffmpeg ({ffmpeg.get_ffmpeg_exe()}) cannot make the film, for the reason that it "
+            "has printed; choose a .gif, or install another ffmpeg"
+        ) from error
+    finally:
+        if film is not None:
+            film.close()

@@ -28,23 +28,6 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class FilmedAttempt:
-    """One attempt.
-
-    Attributes:
-        actions: The actions, by index.
-        moved: Whether each action moved something.
-        solution: Index of the solution that opened the door, -1 for none.
-        new: Whether it was found for the first time.
-    """
-
-    actions: tuple[int, ...]
-    moved: tuple[bool, ...]
-    solution: int
-    new: bool
-
-
-@dataclass(frozen=True)
 class FilmedTrial:
     """One trial of one subject.
 
@@ -57,7 +40,7 @@ class FilmedTrial:
         trials: How many trials the condition has.
         schema: The schema of the room.
         layout: The positions of its levers.
-        attempts: The attempts.
+        attempts: The rows of the record that are its attempts.
         shown: Whether the subject was shown the trial and did not act itself.
     """
 
@@ -69,7 +52,7 @@ class FilmedTrial:
     trials: int
     schema: Schema
     layout: Layout
-    attempts: tuple[FilmedAttempt, ...]
+    attempts: tuple[dict[str, Any], ...]
     shown: bool = False
 
     @property
@@ -91,7 +74,7 @@ class FilmedTrial:
     @property
     def found(self) -> int:
         """Number of solutions found."""
-        return sum(attempt.new for attempt in self.attempts)
+        return sum(row["new_solution"] for row in self.attempts)
 
 
 def play_trial(
@@ -169,11 +152,10 @@ def recorded_trial(
         if not (name.startswith(begins) and path.exists()):
             continue
         record = store.read(path)
-        mine = pc.equal(record["subject"], subject)
+        wanted = pc.field("subject") == subject
         for column, value in (("learner", learner), ("condition", condition)):
-            mine = pc.and_(mine, pc.equal(record[column].cast("string"), value))
-        if pc.any(mine).as_py():
-            trials = _trials(record.filter(mine))
+            wanted &= pc.field(column).cast("string") == value
+        if trials := _trials(record.filter(wanted)):
             break
     else:
         raise StoreError(
@@ -214,12 +196,7 @@ def _filmed(attempts: Sequence[dict[str, Any]], condition: Condition, **about: A
         condition=condition.name,
         schema=schema,
         layout=Layout.of(schema, attempts[0]["layout"], positions),
-        attempts=tuple(
-            FilmedAttempt(
-                tuple(row["actions"]), tuple(row["moved"]), row["solution"], row["new_solution"]
-            )
-            for row in attempts
-        ),
+        attempts=tuple(attempts),
         shown=attempts[0]["phase"] == SHOWN,
         **about,
     )

@@ -22,7 +22,7 @@ from causal_openlock.errors import ExperimentError
 from causal_openlock.experiment.declare import Condition, Protocol
 from causal_openlock.experiment.making import ConditionForm, LearnerForm, make_experiment
 from causal_openlock.files.validation import whole_number
-from causal_openlock.render.film import Shot, save_film, stills
+from causal_openlock.render.film import Shot, save_film, shots
 from causal_openlock.render.filmed_trial import FilmedTrial, play_trial
 from causal_openlock.schemas.schema import DOOR
 from causal_openlock.world.room import Layout, position_coordinates
@@ -48,11 +48,11 @@ class WatchedTrial:
     @cached_property
     def shots(self) -> tuple[Shot, ...]:
         """Pictures of the trial: one before each attempt, and one after each action."""
-        return tuple(stills(self.trial, self.attempts))
+        return tuple(shots(self.trial, attempts=self.attempts, moving=False))
 
     def belief(self, shot: Shot) -> Moment | None:
         """The learner's belief at a moment; None if it has none."""
-        before = sum(len(one.actions) for one in self.trial.attempts[: shot.attempt - 1])
+        before = sum(len(row["actions"]) for row in self.trial.attempts[: shot.attempt - 1])
         return self.trace.moments[before + shot.action] if self.trace else None
 
     @property
