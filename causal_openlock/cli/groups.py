@@ -15,7 +15,7 @@ GROUPS = {
     "Declare": ("learners", "room", "train"),
     "Compare": ("status", "trace", "film"),
     "People": ("import", "forget", "text"),
-    "Predict": ("score", "fit", "recover", "design"),
+    "Predict": ("score", "fit", "design"),
     "Share": ("export", "bundle", "evidence"),
 }
 

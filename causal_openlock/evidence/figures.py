@@ -22,7 +22,7 @@ import pandas as pd
 
 from causal_openlock.analysis.measures import SOLUTIONS
 from causal_openlock.errors import EvidenceError
-from causal_openlock.evidence.confusions import recovery_of
+from causal_openlock.evidence.confusions import subjects_of
 from causal_openlock.evidence.derived import beside_people
 from causal_openlock.evidence.measured import Evidence
 from causal_openlock.evidence.study import (
@@ -83,11 +83,12 @@ def drawn(evidence: Evidence, name: str) -> str:
     from matplotlib.figure import Figure
 
     from causal_openlock.analysis.plots import style
-    from causal_openlock.fitting.recovery_figure import draw_recovery
+    from causal_openlock.design.figure import draw_confusion
+    from causal_openlock.design.telling import by_size
 
     figure = Figure()
     if name == OF_ALL and evidence.study.file.derived == "confusion":
-        figure = draw_recovery(recovery_of(evidence.own_units, evidence.run["seed"]))
+        figure = draw_confusion(by_size(subjects_of(evidence.own_units), evidence.run["seed"]))
     elif name == OF_ALL:
         draw_distances(evidence, figure)
     else:

@@ -36,8 +36,8 @@ from causal_openlock.evidence.keeping import (
     parts_of,
     write_measured,
 )
-from causal_openlock.evidence.recovery_runs import run_design, run_recovery
-from causal_openlock.evidence.study import FILE, Networks, Study
+from causal_openlock.evidence.recovery_runs import run_theories
+from causal_openlock.evidence.study import ATTRIBUTED, FILE, Networks, Study
 from causal_openlock.evidence.study_files import COSTS, UNITS, older_results, read_run, read_units
 from causal_openlock.evidence.units import of_network, units_of
 from causal_openlock.experiment.declare import Cell, Experiment, LearnerSpec
@@ -67,11 +67,8 @@ def run_study(study: Study, results: Path, watched: Watched, anew: bool = False)
         raise EvidenceError(f"{study.folder / FILE}: {faults[0]}")
     if study.tell:
         _tell_what_runs(study, study.tell)
-    if study.file.measured == "recovery":
-        run_recovery(study, results, watched, anew)
-        return
-    if study.file.measured == "design":
-        run_design(study, results, watched, anew)
+    if study.file.measured in ATTRIBUTED:
+        run_theories(study, results, watched, anew)
         return
     if study.file.measured == "metrics":
         raise EvidenceError(

@@ -40,7 +40,7 @@ from causal_openlock.experiment.file import code_named, read_experiment
 from causal_openlock.files.digest import digest
 from causal_openlock.files.validation import StrictModel
 from causal_openlock.files.yaml_file import read_document
-from causal_openlock.fitting.recovery import space_of
+from causal_openlock.fitting.space import bundled_search
 from causal_openlock.fitting.steps import seeds_of
 from causal_openlock.scoring import LAPSE
 from causal_openlock.wording import joined, nearest
@@ -77,7 +77,7 @@ RECOVERED = ("single", "groups", "halves")
 
 IN_BITS = ("information", "per_minute")
 TOLD = (*IN_BITS, "minutes", "certain", "unlike")
-"""Measures of a design (:func:`~causal_openlock.fitting.design.informed`); as above."""
+"""Measures of a design (:func:`~causal_openlock.design.telling.informed`); as above."""
 
 NO_SHARES = (*ATTEMPTS, *IN_BITS, "minutes")
 """Measures that are not between 0 and 1."""
@@ -239,7 +239,7 @@ class Networks(StrictModel):
 
 
 class RecoverySettings(StrictModel):
-    """Settings of a recovery; see :class:`~causal_openlock.fitting.recovering.ToRecover`."""
+    """Settings of a recovery; see :mod:`~causal_openlock.design`."""
 
     parameters: Annotated[
         list[Name], Field(description="Learners whose parameters are also recovered.")
@@ -253,7 +253,7 @@ class RecoverySettings(StrictModel):
 
 
 class DesignSettings(StrictModel):
-    """Settings of a design; see :mod:`~causal_openlock.fitting.design`."""
+    """Settings of a design; see :mod:`~causal_openlock.design`."""
 
     draws: Count = 8
     lapse: Annotated[float, Field(gt=0, le=1)] = LAPSE
@@ -494,7 +494,8 @@ class Study:
     def _searched(self, label: str) -> list[str]:
         """The parameters that are recovered of a learner."""
         specs = [one for one in self.asked.learners if one.name == label]
-        spaces = [space_of(one) for one in specs if label in self.file.recovery.parameters]
+        recovered = [one for one in specs if label in self.file.recovery.parameters]
+        spaces = [bundled_search(one.learner) for one in recovered]
         return [name for space in spaces if space for name in space.ranges]
 
     def _sides(self) -> Iterator[tuple[str, str, Selection]]:

@@ -6,16 +6,21 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from causal_openlock.design.telling import by_size
 from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.checking import check, write
-from causal_openlock.evidence.confusions import recovery_of, units_of_parameters, units_of_recovery
+from causal_openlock.evidence.confusions import (
+    confusion_of,
+    subjects_of,
+    units_of_parameters,
+    units_of_subjects,
+)
 from causal_openlock.evidence.keeping import Watched
 from causal_openlock.evidence.measured import Evidence
 from causal_openlock.evidence.running import run_study
 from causal_openlock.evidence.study import Contrast, Selection, read_study
 from causal_openlock.evidence.study_files import read_run, read_units
 from causal_openlock.evidence.verdicts import compared, correlation
-from causal_openlock.fitting.recovery import recovery
 from causal_openlock.fitting.space import bundled_search
 
 EXPERIMENT = """
@@ -135,31 +140,22 @@ def test_a_study_of_unknown_parameters_from_the_run_to_its_page(study_of, tmp_pa
     assert not results.exists()
 
 
-def made_up(chances):
-    """By maker, by how many nats the learner `a` predicts each subject better than `b`."""
-    one = {"condition": "CC3", "protocol": "human", "experiment": "e", "seed": 1}
-    return pd.DataFrame(
-        {"scored": scored, "learner": maker, "subject": subject, "trial": trial, **one}
-        | {"log_probability": value / 2}
-        for maker, differences in chances.items()
-        for subject, difference in enumerate(differences)
-        for trial in (1, 2)
-        for scored, value in (("a", -9.0 + difference), ("b", -9.0))
-    )
-
-
 def test_units_hold_all_that_the_confusion_needs():
-    actions = made_up({"a": [3, 3, 3, -1, 0], "b": [-2, -2, -2, -2, -2]})
-    units = units_of_recovery(actions)
+    about = {"condition": "CC3", "protocol": "human", "attempts": 5, "actions": 15}
+    subjects = pd.DataFrame(
+        {"learner": maker, "subject": number, "nats a": difference - 9.0, "nats b": -9.0, **about}
+        for maker, differences in {"a": [3, 3, 3, -1, 0], "b": [-2, -2, -2, -2, -2]}.items()
+        for number, difference in enumerate(differences)
+    )
+    units = units_of_subjects(subjects)
     assert units.query("learner == 'a'")["single"].dropna().tolist() == [1, 1, 1, 0, 0.5]
     # Of all five of `a`, of its first three and of the other two; and of all of `b`, and so on.
     groups = units[units["subjects"] > 1]
     assert groups["groups"].dropna().tolist() == [1, 1]
     assert groups["halves"].dropna().tolist() == [1, 0, 1, 1]
     assert sorted(groups["subjects"]) == [2, 2, 3, 3, 5, 5]
-    again, plain = recovery_of(units, 1), recovery(actions, 1)
-    pd.testing.assert_frame_equal(again.single, plain.single)
-    pd.testing.assert_frame_equal(again.bits, plain.bits, check_names=False)
+    again = confusion_of(by_size(subjects_of(units)))
+    assert again.to_numpy() == pytest.approx(np.array([[0.7, 0.3], [0.0, 1.0]]))
 
 
 def test_correlations_are_on_the_scale_that_was_searched():

@@ -97,7 +97,7 @@ SESSIONS = {
         compare -c CC3 -l win_stay --subjects 2 --out out
         score out -l random -l win_stay --workers 1
         fit associative --plan noise.yaml --to out -o fitted --workers 1
-        recover small.yaml --subjects 2 -c CC3 -o recovered --workers 1
+        design small.yaml --known --subjects 2 -c CC3 -o recovered --workers 1
         design small.yaml --subjects 2 -o designed --workers 1
         train tiny.yaml -o net.npz
         train tiny.yaml -o net.npz

@@ -1,4 +1,4 @@
-"""Conditions are ranked by what a minute in them tells about theories with unknown parameters."""
+"""Which theories are told apart, and where in the least time, with parameters known or unknown."""
 
 import itertools
 import json
@@ -12,21 +12,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from causal_openlock.comparison.comparing import play
+from causal_openlock.design.apart import drawn, told_apart, unknown
+from causal_openlock.design.parameters import correlations, searched
+from causal_openlock.design.telling import (
+    DOUBT,
+    FEWEST_OWN,
+    bits,
+    by_size,
+    confusion,
+    informed,
+    most_bits,
+    ranked,
+)
 from causal_openlock.experiment.declare import Cell
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.making import learner, make_experiment
-from causal_openlock.fitting import design
-from causal_openlock.fitting.design import (
-    DOUBT,
-    Effort,
-    drawn,
-    information_ends,
-    informed,
-    posterior,
-    ranked,
-    told_apart,
-    unknown,
-)
 from causal_openlock.running.worker import made
 from causal_openlock.scoring.inverse_binomial import Draws
 from causal_openlock.scoring.teacher_forcing import recorded_subjects, score_actions
@@ -64,15 +64,14 @@ def test_information_of_made_up_subjects():
     assert found["information"].tolist() == pytest.approx(expected, nan_ok=True)
     assert found["single"].tolist() == pytest.approx([1.0, 0.5, 0.0, np.nan], nan_ok=True)
     assert found["certain"].tolist() == [0.0, 0.0, 0.0, 0.0]
-    low, high = information_ends(2)
-    assert (low, high) == pytest.approx((math.log2(DOUBT), math.log2(2 - DOUBT)))
+    low, high = math.log2(DOUBT), most_bits(2)
     extreme = informed(told([("a", 0.0, -900.0), ("b", 0.0, -900.0)]))
     assert extreme["information"].tolist() == pytest.approx([high, low])
     assert extreme["certain"].tolist() == [1.0, 1.0]
 
 
 def test_a_subject_that_acts_like_no_theory_stands_out():
-    own = [("a", -30.0 - number, -60.0) for number in range(design.FEWEST_OWN)]
+    own = [("a", -30.0 - number, -60.0) for number in range(FEWEST_OWN)]
     others = [("b", -60.0, -30.0), ("c", -80.0, -90.0), ("c", -31.0, -90.0), ("c", -80.0, -20.0)]
     found = informed(told([*own, *others]))["unlike"]
     assert found[: len(own) + 1].isna().all()
@@ -105,7 +104,7 @@ def test_conditions_are_ranked_by_the_minute():
 def test_theories_count_alike_however_many_subjects_they_made():
     far, near = ("a", 0.0, -900.0), ("b", 0.0, 0.0)
     found = ranked(told([far, far, far, far, near, near]))
-    assert found["information"][0] == pytest.approx(information_ends(2)[1] / 2)
+    assert found["information"][0] == pytest.approx(most_bits(2) / 2)
     assert found["se"][0] == 0
     assert np.isnan(ranked(told([far, near]))["se"][0])
 
@@ -125,6 +124,21 @@ def test_standard_errors_are_those_of_many_draws():
     assert many["se"].mean() == pytest.approx(many["information"].std(), rel=0.1)
 
 
+def test_the_confusion_of_a_hand_made_table():
+    # Of the subjects of a, one in four looks like b; b's are clear.
+    rows = [("a", 3.0, 0.0)] * 3 + [("a", -1.0, 0.0)] + [("b", -2.0, 0.0)] * 4
+    sizes = by_size(told([(maker, a - 9, b - 9) for maker, a, b in rows]))
+    assert confusion(sizes).to_numpy().tolist() == [[0.75, 0.25], [0.0, 1.0]]
+    groups = confusion(sizes, of_groups=True)
+    assert groups.loc["a", "a"] > 0.95
+    assert groups.loc["b"].tolist() == [0.0, 1.0]
+    assert sizes["subjects"].tolist() == [1, 2, 4, 1, 2, 4]
+    alike = by_size(told([("a", -9.0, -9.0), ("b", -9.0, -9.0)]))
+    assert (alike[["a", "b"]] == 0.5).all().all()
+    table = bits(told([("a", -10.0, -20.0), ("b", -30.0, -15.0)]))
+    assert (table * np.log(2) * 30).round(9).to_numpy().tolist() == [[10.0, 20.0], [30.0, 15.0]]
+
+
 # -- parameters -----------------------------------------------------------------------------------
 
 
@@ -142,15 +156,16 @@ def test_a_parameter_within_its_range_is_unknown_and_one_outside_is_set():
     assert [*unknown(plain)] == []
     assert [*unknown(slow)] == ["forgetting", "concentration"]
     assert [*unknown(other)] == ["local_gain", "global_gain", "schema_gain", "edit_weight"]
-    (one, two), (shared, _) = (drawn(theory, 1, "theory", [3, 4]) for theory in (slow, flat))
+    one, two = (drawn(slow, 1, "theory", number) for number in (3, 4))
+    shared = drawn(flat, 1, "theory", 3)
     assert one.parameters["forgetting"] == shared.parameters["forgetting"]
     assert one.parameters["forgetting"] != two.parameters["forgetting"]
     assert one.parameters["policy"] == "thompson"
-    makers = drawn(slow, 1, "subject", range(50))
+    makers = [drawn(slow, 1, "subject", number) for number in range(50)]
     for name, ends in unknown(slow).items():
         values = [maker.parameters[name] for maker in makers]
         assert ends.low <= min(values) < max(values) <= ends.high
-    assert drawn(slow, 1, "subject", [3])[0].parameters != one.parameters
+    assert drawn(slow, 1, "subject", 3).parameters != one.parameters
 
 
 # -- simulated ------------------------------------------------------------------------------------
@@ -163,7 +178,7 @@ def asked(tmp_path):
 
 
 def test_subjects_and_likelihoods_are_those_of_compare_and_score(asked, tmp_path):
-    found = told_apart(asked, Effort(draws=1, asked=8), folder=tmp_path / "kept")
+    found = told_apart(asked, tmp_path / "kept", copies=8)
     store = Store(tmp_path / "played")
     assert not play(asked, store.folder, workers=1, warn=print)
     record, played = store.record()
@@ -177,44 +192,20 @@ def test_subjects_and_likelihoods_are_those_of_compare_and_score(asked, tmp_path
 
 
 def test_workers_and_interruptions_change_nothing(asked, tmp_path):
-    effort, folder = Effort(draws=1), tmp_path / "one"
-    alone = told_apart(asked, effort, folder=folder, outside=["associative"])
-    side = told_apart(asked, effort, folder=tmp_path / "two", outside=["associative"], workers=2)
+    folder, settings = tmp_path / "one", {"draws": 1, "outside": ["associative"]}
+    alone = told_apart(asked, folder, **settings)
+    side = told_apart(asked, tmp_path / "two", workers=2, **settings)
     pd.testing.assert_frame_equal(alone, side)
-    assert [*posterior(alone)] == ["random", "win_stay"]
+    assert [name for name in alone if "nats" in name] == ["nats random", "nats win_stay"]
     assert informed(alone).loc[lambda t: t["learner"] == "associative", "single"].isna().all()
-    # More subjects are added to those that are there, and what is kept is not made again.
-    more = replace(asked, learners=tuple(replace(one, subjects=3) for one in asked.learners))
-    for made_now in ([*range(6, 10)], [9]):
-        steps = []
-        larger = told_apart(
-            more,
-            effort,
-            folder=folder,
-            outside=["associative"],
-            report=lambda done, _, steps=steps: steps.append(done),
-        )
-        assert steps == made_now
-        kept = larger[larger["subject"] < 2].reset_index(drop=True)
-        pd.testing.assert_frame_equal(kept, alone)
-    for path, text in zip(sorted(folder.iterdir()), ("", "[]", '{"a": 1}'), strict=False):
-        path.write_text(text)
-    again = told_apart(more, effort, folder=folder, outside=["associative"])
-    pd.testing.assert_frame_equal(again, larger)
-
-
-def test_design_writes_conditions_and_subjects(asked, tmp_path):
-    out = tmp_path / "out"
-    words = ("design", tmp_path / "three.yaml", "--draws", 1, "--workers", 1, "-o", out)
-    done = at_once(*words, "--outside", "associative")
-    assert done.status == 0, done.stderr
-    table = pd.read_csv(out / "conditions.csv")
-    shown = next(line.split() for line in done.stdout.splitlines() if line[:9] == "condition")
-    assert {*shown} <= {*table.columns}
-    assert table["condition"].tolist() == ["CC3"]
-    settings = json.loads((out / "design.json").read_text())
-    assert (settings["draws"], settings["outside"]) == (1, ["associative"])
-    assert len(pd.read_csv(out / "subjects.csv")) == 6
+    # More subjects are added to those that are there, and what is stored is not made again.
+    more = replace(asked, learners=tuple(replace(spec, subjects=3) for spec in asked.learners))
+    stored = {path: path.stat().st_mtime_ns for path in folder.glob("steps/*")}
+    larger = told_apart(more, folder, **settings)
+    kept = larger[larger["subject"] < 2].reset_index(drop=True)
+    pd.testing.assert_frame_equal(kept, alone)
+    assert stored == {path: path.stat().st_mtime_ns for path in stored}
+    assert len([*folder.glob("steps/*")]) == len(larger) == 9
 
 
 def test_a_theory_does_not_know_the_random_numbers_of_its_subjects(asked):
@@ -225,3 +216,55 @@ def test_a_theory_does_not_know_the_random_numbers_of_its_subjects(asked):
     session.play(maker)
     (part,) = recorded_subjects(session.record(), asked)
     assert part.session(spec).brief.generators[0].random(3).tolist() != numbers
+
+
+# -- the command ----------------------------------------------------------------------------------
+
+
+def test_design_writes_all_tables_and_continues(asked, tmp_path):
+    out = tmp_path / "out"
+    words = ["design", tmp_path / "three.yaml", "--draws", 1, "--workers", 1, "-o", out]
+    words += ["--outside", "random", "--parameters", "associative", "-s", "temperature=0.02:2:log"]
+    words += ["--sets", 3, "--candidates", 2]
+    done = at_once(*words)
+    assert done.status == 0, done.stderr
+    table = pd.read_csv(out / "conditions.csv")
+    shown = next(line.split() for line in done.stdout.splitlines() if "per_minute" in line)
+    assert shown == [*table.columns]
+    assert table["condition"].tolist() == ["CC3"]
+    settings = json.loads((out / "design.json").read_text())
+    assert (settings["draws"], settings["outside"]) == (1, ["random"])
+    assert len(pd.read_csv(out / "subjects.csv")) == 6
+    sizes = pd.read_csv(out / "confusion.csv")
+    assert [*sizes.columns[3:]] == ["win_stay", "associative"]
+    assert np.diag(confusion(sizes)).mean() > 0.6
+    pairs = pd.read_csv(out / "parameters_associative.csv")
+    assert pairs["true"].between(0.02, 2).all()
+    assert pairs["at_bound"].isin([True, False]).all()
+    steps = {path: path.stat().st_mtime_ns for path in out.rglob("steps/*")}
+    assert at_once(*words).status == 0
+    assert steps == {path: path.stat().st_mtime_ns for path in out.rglob("steps/*")}
+
+
+def test_parameters_are_searched_as_the_learner_is_set():
+    thompson = learner("bayes", label="t", policy="thompson", forgets="failures")
+    (spec,) = make_experiment(["CC3"], [thompson]).learners
+    assert [*searched(spec).ranges] == ["forgetting", "concentration", "by_colour", "directness"]
+    (own,) = searched(spec, ["lapse=0.01:0.5:log"]).ranges.items()
+    assert own[0] == "lapse"
+
+
+def test_correlations_are_on_the_scale_that_is_searched():
+    (spec,) = make_experiment(["CC3"], ["theory_based"]).learners
+    space = searched(spec)
+    assert space.ranges["local_gain"].log
+    assert not space.ranges["edit_weight"].log
+    truth = np.array([0.1, 0.2, 0.3, 0.5, 0.9])
+    pairs = pd.concat(
+        pd.DataFrame({"set": range(5), "parameter": name, "true": truth, "fitted": fitted,
+                      "at_bound": fitted > 0.8})
+        for name, fitted in (("local_gain", truth**2), ("edit_weight", 0 * truth))
+    )  # fmt: skip
+    found = correlations(pairs, space)
+    assert found.loc["local_gain"].tolist() == pytest.approx([1.0, 5, 1])
+    assert np.isnan(found.loc["edit_weight", "r"])

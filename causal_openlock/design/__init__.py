@@ -1,0 +1,4 @@
+"""Design of a study: which theories can be told apart, and in which conditions?
+
+Nobody needs to be asked: subjects are simulated from theories, and theories predict them.
+"""

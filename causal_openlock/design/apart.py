@@ -1,0 +1,244 @@
+"""Subjects of every theory, simulated, and the likelihood of what they did under all theories.
+
+Before any person is asked, subjects are simulated from every theory, and every theory predicts the
+actions of all of them (Wilson & Collins 2019); :mod:`~causal_openlock.design.telling` says what
+that tells.
+
+Theories are the learners of an experiment. Their parameters may be known: they make and predict
+subjects as declared. Those of people are not known. So every parameter for which its learner's
+search space has a range, and whose value lies within it, can be unknown as well: each subject draws
+its own value from that range, and a theory's likelihood is averaged over other draws. (A value
+outside is set, as in an ablation.) Rooms, and draws of parameters that theories share, are the same
+for all theories and in all conditions.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from causal_openlock.contract.registry import learner_class, parse_parameters
+from causal_openlock.errors import LearnerError, OpenLockError
+from causal_openlock.experiment.declare import Cell, Condition, Experiment, LearnerSpec
+from causal_openlock.fitting.space import Range, bundled_search
+from causal_openlock.fitting.steps import begin, fitting_in, steps
+from causal_openlock.running.worker import made
+from causal_openlock.schemas.fsm import FloatArray
+from causal_openlock.scoring import LAPSE
+from causal_openlock.scoring.inverse_binomial import Draws
+from causal_openlock.scoring.teacher_forcing import (
+    Recorded,
+    known_learners,
+    recorded_subjects,
+    score_part,
+)
+from causal_openlock.wording import joined
+from causal_openlock.world.randomness import generators
+
+NATS = "nats "
+"""Before the name of a theory: the log-likelihood of what a subject did under it."""
+TOGETHER = 20
+"""Subjects that are simulated, predicted and stored together where parameters are known."""
+COPIES = 128
+"""Most copies that are asked of a learner without probabilities."""
+
+
+def unknown(theory: LearnerSpec) -> dict[str, Range]:
+    """The ranges of a theory's unknown parameters: those whose value lies in a range."""
+    space = bundled_search(theory.learner)
+    return {
+        name: bounds
+        for name, bounds in (space.ranges if space else {}).items()
+        if bounds.low <= theory.parameters[name] <= bounds.high
+    }
+
+
+def drawn(theory: LearnerSpec, seed: int, use: str, number: int) -> LearnerSpec:
+    """A theory with its unknown parameters drawn.
+
+    Args:
+        theory: The theory.
+        seed: Seed of the experiment.
+        use: What the draws are for; another word gives other values.
+        number: Which draw.
+    """
+    parameters = dict(theory.parameters)
+    for name, bounds in unknown(theory).items():
+        (generator,) = generators(seed, f"{use}/{name}", [number])
+        parameters[name] = bounds.at(generator.random())
+    return replace(theory, parameters=parameters)
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """Subjects to simulate together, and the theories that predict them; see :func:`told_apart`."""
+
+    experiment: Experiment
+    condition: Condition
+    maker: LearnerSpec
+    first: int
+    subjects: int
+    theories: tuple[LearnerSpec, ...]
+    draws: int
+    lapse: float
+    copies: int
+
+    @property
+    def about(self) -> list[Any]:
+        """All that decides the rows, as plain data."""
+        experiment, numbers = self.experiment, [self.first, self.subjects]
+        about: list[Any] = [experiment.name, experiment.seed, numbers]
+        about += [self.condition.as_dict(), self.draws, self.lapse, self.copies]
+        for theory in (self.maker, *self.theories):
+            ranges = {name: vars(bounds) for name, bounds in unknown(theory).items()}
+            about += [{**theory.as_dict(), "subjects": 1}, ranges]
+        return about
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Simulate the subjects, and let the theories predict them."""
+        experiment, seed, maker = self.experiment, self.experiment.seed, self.maker
+        if self.draws:
+            maker = drawn(maker, seed, "subject", self.first)
+        cell = Cell(experiment.name, seed, maker, self.condition, self.first, self.subjects)
+        session, learner = made(cell)
+        (part,) = recorded_subjects(session.play(learner), experiment)
+        nats = {NATS + theory.name: self._predicted(part, theory) for theory in self.theories}
+        attempts, actions = part.rows.groupby("subject").size(), part.asked.sum(axis=1)
+        return [
+            {
+                "learner": maker.name,
+                "condition": self.condition.name,
+                "protocol": maker.protocol.name,
+                "subject": number,
+                "attempts": int(attempts[number]),
+                "actions": int(actions[place]),
+                **{name: float(values[place]) for name, values in nats.items()},
+            }
+            for place, number in enumerate(part.numbers)
+        ]
+
+    def _predicted(self, part: Recorded, theory: LearnerSpec) -> FloatArray:
+        """``[B]`` log-likelihood of what each subject did, averaged over draws of parameters."""
+        specs = [theory]
+        if self.draws and unknown(theory):  # with nothing unknown, all draws are the same
+            numbers = range(self.first * self.draws, (self.first + 1) * self.draws)
+            specs = [drawn(theory, self.experiment.seed, "theory", number) for number in numbers]
+        scores = [score_part(part, spec, self.lapse, Draws(most=self.copies)) for spec in specs]
+        nats = [[own.sum() for _, own in score.groupby("subject")["log_probability"]]
+                for score in scores]  # fmt: skip
+        mean: FloatArray = np.logaddexp.reduce(nats) - math.log(len(nats))
+        return mean
+
+
+def told_apart(
+    experiment: Experiment,
+    folder: Path,
+    *,
+    draws: int = 0,
+    lapse: float = LAPSE,
+    copies: int = COPIES,
+    outside: Sequence[str] = (),
+    workers: int = 1,
+    report: Callable[[int, int], None] = lambda done, total: None,
+) -> pd.DataFrame:
+    """Simulate subjects of every theory in every condition, and let all theories predict them.
+
+    Args:
+        experiment: Its conditions; its learners are the theories, and their subjects are made.
+        folder: Where each subject is stored, so that the work continues after an interruption.
+        draws: Sets of unknown parameters over which a theory's likelihood is averaged; with 0 all
+            parameters are known, as declared.
+        lapse: The share of actions that are taken to be random.
+        copies: The most copies to ask of a learner without probabilities; with few, what it hardly
+            ever does is estimated too low.
+        outside: Labels of learners that make subjects and predict none: as if people followed no
+            theory of the set.
+        workers: Number of processes.
+        report: Called with how many subjects are done, of how many.
+
+    Returns:
+        A row for each subject: the ``learner`` that made it, ``condition``, ``protocol``,
+        ``subject``, how many ``attempts`` and ``actions`` it took, and ``nats NAME`` for each
+        theory.
+
+    Raises:
+        LearnerError: If a theory cannot predict others or play a condition, or there are fewer than
+            two different ones.
+        OpenLockError: If no action is taken to be random: one that no theory does would be
+            impossible under all of them.
+    """
+    theories = theories_of(experiment, outside)
+    _check(theories, experiment, draws)
+    if lapse <= 0:
+        raise OpenLockError("lapse must be above 0, or nothing can be said of unexpected actions")
+    together = 1 if draws else TOGETHER  # each subject has parameters of its own, or all have one
+    parts = [
+        Simulated(
+            *(experiment, condition, maker, first, min(together, maker.subjects - first)),
+            *(theories, draws, lapse, copies),
+        )
+        for condition in experiment.conditions
+        for maker in experiment.learners
+        if condition.name not in experiment.not_applicable.get(maker.name, {})
+        for first in range(0, maker.subjects, together)
+    ]
+    total, rows = sum(part.subjects for part in parts), []
+    with fitting_in(folder, workers) as pool:
+        jobs = [(part.about, part) for part in parts]
+        start = partial(begin, pool, Simulated.rows)
+        for found in steps(folder, jobs, start, list[dict[str, Any]]):
+            rows += found
+            report(len(rows), total)
+    return pd.DataFrame(rows)
+
+
+def theories_of(experiment: Experiment, outside: Sequence[str]) -> tuple[LearnerSpec, ...]:
+    """The learners of an experiment that are theories.
+
+    Raises:
+        LearnerError: If ``outside`` names a learner that is not in the experiment.
+    """
+    known_learners(outside, experiment.learners)
+    return tuple(spec for spec in experiment.learners if spec.name not in outside)
+
+
+def _check(theories: Sequence[LearnerSpec], experiment: Experiment, draws: int) -> None:
+    if len(theories) < 2:
+        raise LearnerError(
+            "theories are told from each other, so there must be two at least, apart from those "
+            "outside; add a learner to the experiment"
+        )
+    if len({theory.subjects for theory in theories}) > 1:
+        raise LearnerError(
+            "theories make different numbers of subjects, so that some would count more; give all "
+            "the same, with --subjects or subjects: in the file"
+        )
+    same: dict[str, str] = {}
+    for theory in theories:
+        ranges = unknown(theory) if draws else {}
+        known = {name: value for name, value in theory.parameters.items() if name not in ranges}
+        what = json.dumps([theory.learner, known, [*ranges]], sort_keys=True, default=str)
+        if (other := same.setdefault(what, theory.name)) != theory.name:
+            raise LearnerError(
+                f"{other} and {theory.name} are the same theory"
+                + (f", as {joined([*ranges])} can be anything in its range" if ranges else "")
+                + "; leave one of them out"
+            )
+        if not learner_class(theory.learner).learns_from_others:
+            raise LearnerError(
+                f"{theory.name} learns from its own actions alone, so that it cannot predict "
+                f"others; leave it out, or give --outside {theory.name}"
+            )
+        for condition, why in experiment.not_applicable.get(theory.name, {}).items():
+            raise LearnerError(f"{why}; leave out {condition}, or the theory")
+        for corner in ("low", "high"):
+            ends = {name: getattr(bounds, corner) for name, bounds in ranges.items()}
+            parse_parameters(theory.learner, {**theory.parameters, **ends})

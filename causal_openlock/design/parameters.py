@@ -1,0 +1,143 @@
+"""Whether the parameters of a learner can be found again in what it did.
+
+Subjects are simulated with parameters drawn from the ranges in which they are searched. What is
+fitted to their actions is compared with what made them.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from causal_openlock.contract.registry import changed_parameters
+from causal_openlock.errors import LearnerError
+from causal_openlock.experiment.declare import Experiment, LearnerSpec
+from causal_openlock.experiment.making import learner, make_experiment
+from causal_openlock.fitting.search import at_bound
+from causal_openlock.fitting.space import (
+    FitSettings,
+    Plan,
+    SearchSpace,
+    bundled_search,
+    parse_range,
+    search_space,
+)
+from causal_openlock.fitting.to_actions import WHOLE, FitJob, fit_all
+from causal_openlock.running.worker import made
+from causal_openlock.scoring import LAPSE
+from causal_openlock.scoring.teacher_forcing import Recorded, recorded_subjects
+from causal_openlock.world.randomness import generators
+
+
+def searched(spec: LearnerSpec, ranges: Sequence[str] = ()) -> SearchSpace:
+    """Search space of a learner as it is set.
+
+    Args:
+        spec: The learner.
+        ranges: As on the command line, ``name=low:high``; by default those of its search space.
+
+    Raises:
+        OpenLockError: If there are none, or they do not fit the learner.
+    """
+    if ranges:
+        wanted = dict(map(parse_range, ranges))
+        set_to = changed_parameters(spec.learner, spec.parameters)
+        fixed = {name: value for name, value in set_to.items() if name not in wanted}
+        return search_space(spec.learner, wanted, fixed)
+    space = bundled_search(spec.learner)
+    if space is None or any(spec.parameters[name] != value for name, value in space.fixed.items()):
+        raise LearnerError(
+            f"{spec.name} has no search space of its own as it is set, so its parameters cannot "
+            "be recovered; give ranges, such as --search name=low:high, or take bayes with the "
+            "policy thompson, or theory_based"
+        )
+    return space
+
+
+def parameters_recovered(
+    spec: LearnerSpec,
+    space: SearchSpace,
+    experiment: Experiment,
+    folder: Path,
+    *,
+    sets: int = 20,
+    each: int = 1,
+    candidates: int = 160,
+    lapse: float = LAPSE,
+    workers: int = 1,
+    report: Callable[[int, int], None] = lambda done, total: None,
+) -> pd.DataFrame:
+    """Simulate subjects with drawn parameters of a learner, and fit its parameters to them.
+
+    Args:
+        spec: The learner.
+        space: What is drawn from and searched, from :func:`searched`.
+        experiment: Its conditions and seed.
+        folder: Where the fits are stored, so that the work continues after an interruption.
+        sets: Sets of parameters to recover.
+        each: Subjects in each condition that share a set.
+        candidates: Sets of parameters to try for each fit.
+        lapse: The share of actions that are taken to be random.
+        workers: Number of processes that fit.
+        report: Called with how many sets are fitted, of how many.
+
+    Returns:
+        A row for each ``set`` and ``parameter``: the ``true`` value, the ``fitted`` one, and
+        whether that is ``at_bound``.
+
+    Raises:
+        LearnerError: If the learner cannot be put in another's place.
+    """
+    truth = [
+        {name: bounds.at(generator.random()) for name, bounds in space.ranges.items()}
+        for generator in generators(experiment.seed, f"parameters/{space.learner}", range(sets))
+    ]
+    makers = [
+        learner(space.learner, label=f"set_{number:03}", subjects=each, **space.parameters(chosen))
+        for number, chosen in enumerate(truth)
+    ]
+    conditions, seed = list(experiment.conditions), experiment.seed
+    simulated = make_experiment(conditions, makers, protocol=spec.protocol, seed=seed)
+    parts: dict[str, list[Recorded]] = defaultdict(list)
+    for cell in simulated.cells():
+        session, maker = made(cell)
+        parts[cell.spec.name] += recorded_subjects(session.play(maker), simulated)
+    settings = FitSettings(
+        lapse=lapse, hold_out="none", candidates=candidates, seed=experiment.seed
+    )
+    plan = Plan(space, settings)
+    jobs = [FitJob(name, tuple(own), WHOLE, plan) for name, own in parts.items()]
+    fits = fit_all(
+        jobs, folder, workers=workers, report=lambda done, tried: report(done, len(jobs))
+    )
+    return pd.DataFrame(
+        {"set": number, "parameter": name, "true": true[name], "fitted": fit.chosen[name],
+         "at_bound": name in at_bound(space.ranges, fit.chosen)}
+        for number, (true, fit) in enumerate(zip(truth, fits, strict=True))
+        for name in space.ranges
+    )  # fmt: skip
+
+
+def on_search_scale(pairs: pd.DataFrame, space: SearchSpace) -> pd.DataFrame:
+    """The pairs of :func:`parameters_recovered`, logarithms where these are searched."""
+    logs = pairs["parameter"].map({name: bounds.log for name, bounds in space.ranges.items()})
+    scaled = {name: pairs[name].where(~logs, np.log(pairs[name].where(logs, 1.0)))
+              for name in ("true", "fitted")}  # fmt: skip
+    return pairs.assign(**scaled)
+
+
+def correlations(pairs: pd.DataFrame, space: SearchSpace) -> pd.DataFrame:
+    """Whether each parameter is recovered: a row for each, by its name.
+
+    Returns:
+        ``r``, the correlation of true and fitted values on the scale that is searched (NaN where
+        one of the two does not vary); the number of ``sets``; and how many are ``at_bound``.
+    """
+    by_name = on_search_scale(pairs, space).groupby("parameter", sort=False)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        r = by_name[["true", "fitted"]].apply(lambda own: own["true"].corr(own["fitted"]))
+    return pd.DataFrame({"r": r, "sets": by_name.size(), "at_bound": by_name["at_bound"].sum()})
