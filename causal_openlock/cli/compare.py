@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -103,9 +102,8 @@ def compare(
     # A changed experiment is another one, and has results of its own.
     own = "" if changes == Changes() else f"-{chosen.identity[:8]}"
     folder = folder_at(out or Path("results") / f"{chosen.name}{own}")
-    if own:  # other learners, say: one comparison all the same
-        with suppress(OpenLockError):  # nothing was played there
-            chosen = replace(chosen, name=Store(folder).experiment().name)
+    if own and (name := Store(folder).name):  # other learners, say: one comparison all the same
+        chosen = replace(chosen, name=name)
     before: list[int] = []
     with resumable():
         with shown(chosen.name, console) as show:

@@ -25,7 +25,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from causal_openlock.errors import StoreError
+from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.beside_record import unwritten_actions
 from causal_openlock.experiment.declare import Cell, Experiment
 from causal_openlock.experiment.plan import trials_of
@@ -63,8 +63,8 @@ class Store:
 
     Example:
         >>> store = Store("results/first_look")
-        >>> store.cells.exists()  # nothing was played there
-        False
+        >>> store.name is None  # nothing was played there
+        True
     """
 
     def __init__(self, folder: Path | str) -> None:
@@ -164,6 +164,13 @@ class Store:
             "not_applicable": experiment.not_applicable or None,
         }
         write_bytes(self._declared, json_bytes(present(data)))
+
+    @property
+    def name(self) -> str | None:
+        """The name of the folder's experiment, if it has one."""
+        with suppress(OpenLockError):
+            return self.experiment().name
+        return None
 
     def experiment(self) -> StoredExperiment:
         """The folder's experiment, from ``experiment.json``.
