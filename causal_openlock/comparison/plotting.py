@@ -27,24 +27,17 @@ from causal_openlock.files.validation import check_arguments
 from causal_openlock.paper.likeness_figure import plot_likeness
 
 
-class Plot:
+def _method(function: Callable[..., Any]) -> Callable[..., Any]:
     """A plot function as a method of :class:`Plots`, which refuses an argument that it lacks."""
 
-    def __init__(self, function: Callable[..., Any]) -> None:
-        self.function = function
+    @wraps(function)
+    def plot(plots: Plots, *values: Any, **options: Any) -> Any:
+        changes = {key: options.pop(key) for key in ("labels", "colors") if key in options}
+        check_arguments(options, function, function.__name__.replace("_", ".", 1))
+        with plot_style(**changes):
+            return function(plots.results, *values, **options)
 
-    def __set_name__(self, owner: type, name: str) -> None:
-        self.name = f"plot.{name}"
-
-    def __get__(self, plots: Plots, owner: type) -> Callable[..., Any]:
-        @wraps(self.function)
-        def plot(*values: Any, **options: Any) -> Any:
-            changes = {key: options.pop(key) for key in ("labels", "colors") if key in options}
-            check_arguments(options, self.function, self.name)
-            with plot_style(**changes):
-                return self.function(plots.results, *values, **options)
-
-        return plot
+    return plot
 
 
 class Plots:
@@ -64,23 +57,23 @@ class Plots:
     def __init__(self, results: Material) -> None:
         self.results = results
 
-    attempts = Plot(plot_attempts)
-    transfer = Plot(plot_transfer)
-    course = Plot(plot_course)
-    categories = Plot(plot_categories)
-    survival = Plot(plot_survival)
-    cost = Plot(plot_cost)
-    savings = Plot(plot_savings)
-    pairs = Plot(plot_pairs)
-    subjects = Plot(plot_subjects)
-    beliefs = Plot(plot_beliefs)
-    sweep = Plot(plot_sweep)
-    structure_recovery = Plot(plot_structure_recovery)
-    likeness = Plot(plot_likeness)
+    attempts = _method(plot_attempts)
+    transfer = _method(plot_transfer)
+    course = _method(plot_course)
+    categories = _method(plot_categories)
+    survival = _method(plot_survival)
+    cost = _method(plot_cost)
+    savings = _method(plot_savings)
+    pairs = _method(plot_pairs)
+    subjects = _method(plot_subjects)
+    beliefs = _method(plot_beliefs)
+    sweep = _method(plot_sweep)
+    structure_recovery = _method(plot_structure_recovery)
+    likeness = _method(plot_likeness)
 
     def __repr__(self) -> str:
         return f"plots: {', '.join(dir(self))}; each takes ax= and returns the axes"
 
     def __dir__(self) -> list[str]:
         """The plots, for completion."""
-        return [name for name, plot in vars(type(self)).items() if isinstance(plot, Plot)]
+        return [name for name in vars(Plots) if not name.startswith("_")]

@@ -7,26 +7,23 @@ that gives numbers names them: the page, the terminal and ``summary.csv``.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from itertools import product
+from typing import NamedTuple
 
 import pandas as pd
 
 from causal_openlock.storage.stored import StoredExperiment
 
-_CELL = re.compile(r"(\d+)-(\d+)_[0-9a-f]{12}")
-NOT_PLAYED = "not played yet"
+_CELL = re.compile(r"(.+)_(\d+)-(\d+)_[0-9a-f]{12}")
 
 
-@dataclass(frozen=True)
-class Missing:
-    """A cell that is missing: the name of its file, and what it is of, as far as the name says.
+class Missing(NamedTuple):
+    """A cell that is missing, and what it is of, as far as the name of its file says.
 
     ``text`` is which it is and why it is missing, in a line; ``failed`` is whether it was played.
     """
 
-    cell: str
     learner: str
     condition: str
     protocol: str
@@ -38,7 +35,15 @@ class Missing:
 def missing_cells(experiment: StoredExperiment) -> list[Missing]:
     """The cells that are missing."""
     known = beginnings(experiment)
-    return [_missing(cell, known, experiment.failures) for cell in experiment.missing]
+    found = []
+    for name in experiment.missing:
+        where, cell, subjects = name, ("", "", ""), 0
+        if (parts := _CELL.fullmatch(name)) and parts[1] in known:
+            cell, subjects = known[parts[1]], int(parts[3]) - int(parts[2]) + 1
+            where = f"{cell[0]} in {cell[1]}, subjects {parts[2]}-{parts[3]}"
+        why = experiment.failures.get(name)
+        found.append(Missing(*cell, subjects, why or f"{where}: not played yet", bool(why)))
+    return found
 
 
 def unfinished(missing: Sequence[Missing]) -> str:
@@ -59,21 +64,6 @@ def beginnings(experiment: StoredExperiment) -> dict[str, tuple[str, str, str]]:
     }
 
 
-def _missing(
-    cell: str, known: Mapping[str, tuple[str, str, str]], failures: Mapping[str, str]
-) -> Missing:
-    name, _, identity = cell.rpartition("_")
-    name, _, numbers = name.rpartition("_")
-    learner, condition, protocol = known.get(name, ("", "", ""))
-    among = _CELL.fullmatch(f"{numbers}_{identity}")
-    subjects = int(among[2]) - int(among[1]) + 1 if among else 0
-    where = f"{learner} in {condition}, subjects {numbers}" if learner and among else cell
-    why = failures.get(cell)
-    return Missing(
-        cell, learner, condition, protocol, subjects, why or f"{where}: {NOT_PLAYED}", bool(why)
-    )
-
-
 def with_missing(summary: pd.DataFrame, missing: Sequence[Missing]) -> pd.DataFrame:
     """A summary with what is missing: two more columns, and rows for what has none at all.
 
@@ -84,7 +74,7 @@ def with_missing(summary: pd.DataFrame, missing: Sequence[Missing]) -> pd.DataFr
     if not missing:
         return summary
     keys = ["learner", "condition", "protocol"]
-    cells = pd.DataFrame(map(vars, missing)).groupby(keys, sort=False)
+    cells = pd.DataFrame(missing).groupby(keys, sort=False)
     absent = cells.agg(
         missing=("subjects", "sum"), why=("text", lambda texts: "; ".join(dict.fromkeys(texts)))
     ).reset_index()
