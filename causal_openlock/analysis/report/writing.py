@@ -20,13 +20,11 @@ from causal_openlock.analysis.report.about_people import about_people
 from causal_openlock.analysis.report.all_figures import figures_of
 from causal_openlock.analysis.report.described import described, in_words
 from causal_openlock.analysis.report.learner_pages import learner_pages
-from causal_openlock.analysis.report.means import means
 from causal_openlock.analysis.report.page import write_page
 from causal_openlock.analysis.report.warnings import not_applicable, warnings_of
 from causal_openlock.analysis.results.by_condition import condition_tables
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.missing import missing_cells, unfinished, with_missing
-from causal_openlock.analysis.statistics import sizes
 from causal_openlock.analysis.table import Table, write_table
 from causal_openlock.analysis.topic import Section, Topic, all_topics, sections_of
 from causal_openlock.analysis.topics.leaderboard import (
@@ -100,7 +98,7 @@ def make_report(
     begin("drawing")
     course = Section("figures", "Course and categories", plots=tuple(figures_of(material)))
     sections = [_conditions(material), *found, course, learner_pages(material)]
-    sections += [_every_trial(material), _what_was_run(material)]
+    sections.append(_what_was_run(material))
     pictures = [plot for one in found for plot in one.plots if plot.opening]
     write_page(
         folder / "report.html",
@@ -128,28 +126,9 @@ def _conditions(material: Material) -> Section:
     text = (
         "Means over n subjects, with Student’s 95% intervals (≈: approximate, of fewer than ten; "
         "none of fewer than five). Where 90% of subjects have one value: how many, with the "
-        "interval of their share. Differences from references are under Every trial.",
+        "interval of their share. Differences from references are under Learners.",
     )
     return Section("conditions", "Attempts in each condition", text, tables, is_open=True)
-
-
-def _every_trial(material: Material) -> Section:
-    """The summary of each learner under each protocol."""
-    text = (
-        "A row is one trial number of one condition; where a protocol goes through its trials in "
-        "loops, each subject’s visits are averaged first. SE is the standard error (population SD "
-        "/ √n), “solved” the share of visits in which every solution was found, “ideal” what the "
-        "ideal observer needs, which knows the schema, and “−” the difference from a reference. "
-        "The same numbers, with more digits, are in summary.csv.",
-    )
-    summary = material.summary
-    tables = []
-    for learner in material.learners:
-        own = summary[summary["learner"] == learner]
-        for protocol, rows in own.groupby("protocol", sort=False):
-            title = f"{learner}, protocol {protocol}, {sizes(rows)}"
-            tables.append(means(rows, material.references, title))
-    return Section("every-trial", "Every trial", text, tuple(tables))
 
 
 def _what_was_run(material: Material) -> Section:

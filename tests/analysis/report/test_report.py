@@ -181,7 +181,7 @@ def test_figures_and_tables_are_files_only_where_asked_and_the_page_is_the_same(
         "transfer_categories",
     }
     plots |= {"attempts_by_trial_human", "attempts_by_trial_loops", "learner_a", "learner_b"}
-    tables = {f"learner_{name}.{kind}" for name in "ab" for kind in ("csv", "tex")}
+    tables = {f"learner_{name}_human.{kind}" for name in "ab" for kind in ("csv", "tex")}
     assert files_in(tmp_path / "whole", "figures") == {f"{stem}.pdf" for stem in plots}
     assert files_in(tmp_path / "whole", "tables") > {"leaderboard.csv", "paid.tex"} | tables
     # Written again, of rows in another order, the page with its figures is the same.
