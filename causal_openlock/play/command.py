@@ -85,25 +85,16 @@ def play(
     from causal_openlock.play.server import PlayServer
 
     names = list(dict.fromkeys(condition or ["CC3-CC4"]))
-    conditions = [find_condition(name) for name in names]
-    words = ["causal-openlock", "play", *(word for name in names for word in ("-c", name))]
-    words += ["--protocol", protocol, "--seed", str(seed), "--out", out.as_posix()]
-    if ask:
-        words.append("--ask-structure")
-    for option, value in (("consent", consent), ("recruiting", recruiting)):
-        words += [f"--{option}", str(value)] if value else []
-    if completion:
-        words += ["--completion", completion]
     people = People(
         out,
-        conditions,
+        [find_condition(name) for name in names],
         find_protocol(protocol),
         seed=seed,
         practice=practice,
         ask=ask,
         consent=_text(consent) if consent else "",
         recruiting=_names(recruiting),
-        command=shlex.join(words),
+        command=shlex.join(["causal-openlock", *sys.argv[1:]]),
     )
     console = Terminal()
 
