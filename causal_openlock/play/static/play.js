@@ -134,6 +134,7 @@ async function question() {
     }));
     return group;
   }));
+  $("ask-go").disabled = false;
   screen("ask");
 }
 
@@ -247,7 +248,6 @@ function end() {
   $("back").hidden = !state.completion;
   if (state.completion) $("back-link").href = state.completion;
   $("another").hidden = brief.recruiting.length > 0; // they come by an address of their own
-  $("over").hidden = true;
   screen("end");
 }
 
@@ -314,6 +314,14 @@ async function take(action, reaction) {
   return begin(false);
 }
 
+// Take a turn that moves nothing, and show what comes next.
+async function turn(path, what) {
+  const answer = await call(path, { turn: state.turn, ...what });
+  if (answer.status !== 200) return adopt(answer);
+  state = answer.said;
+  return enter();
+}
+
 // The server says that this is not how things are: take over how they are.
 async function adopt(answer) {
   if (!answer.said.now) return refused(answer);
@@ -364,23 +372,16 @@ $("consent-go").onclick = () => {
   agreed = brief.consent_mark;
   intro();
 };
-$("ask-go").onclick = async () => {
+$("ask-go").onclick = () => {
   $("ask-go").disabled = true;
   const ticked = [...$("ask-levers").querySelectorAll("input:checked")];
   const edges = ticked.map(({ dataset }) => [Number(dataset.lever), Number(dataset.other)]);
-  const answer = await call("/answer", { turn: state.turn, edges });
-  $("ask-go").disabled = false;
-  if (answer.status !== 200) return adopt(answer);
-  state = answer.said;
-  await enter();
+  return turn("/answer", { edges });
 };
-$("proceed").onclick = async () => {
+$("proceed").onclick = () => {
   if (busy && !state.room.over) return;
   occupied(true);
-  const answer = await call("/proceed", { turn: state.turn });
-  if (answer.status !== 200) return adopt(answer);
-  state = answer.said;
-  await enter();
+  return turn("/proceed");
 };
 $("another").onclick = async () => {
   const there = await fetch("/brief").then((answer) => answer.ok, () => false);
@@ -388,31 +389,20 @@ $("another").onclick = async () => {
   $("over").hidden = there;
   if (!there) return;
   remember(null);
-  state = null;
-  agreed = "";
-  $("agree").checked = false;
-  $("consent-go").disabled = true;
-  consent();
+  location.reload();
 };
 $("keys").onchange = () => room?.number($("keys").checked);
 document.addEventListener("keydown", (event) => {
   if (busy || $("play").hidden || !$("keys").checked) return;
   if (event.repeat || event.ctrlKey || event.altKey || event.metaKey) return;
   const many = state.positions, place = KEYS.indexOf(event.code.replace("Numpad", "Digit"));
-  if (letter(event) === "d") act(2 * many);
-  else if (place >= 0 && place < many) act(pulls(event) ? many + place : place);
-});
-
-// The letter on a key: its own where it is Latin; where it is Cyrillic or Greek, that of its place.
-function letter(event) {
-  return /^[a-z]$/i.test(event.key) ? event.key.toLowerCase() : event.code.replace("Key", "").toLowerCase();
-}
-
-// Whether Shift is held. On a number pad, Windows hides it behind what the key does with it.
-function pulls(event) {
+  // A letter that is not Latin, such as a Cyrillic one, is taken for that of the key's place.
+  const letter = /^[a-z]$/i.test(event.key) ? event.key : event.code.replace("Key", "");
+  // On a number pad, Windows hides Shift behind what the key does with it.
   const hidden = event.code.startsWith("Numpad") && event.getModifierState("NumLock") && !/[0-9]/.test(event.key);
-  return event.shiftKey || hidden;
-}
+  if (letter.toLowerCase() === "d") act(2 * many);
+  else if (place >= 0 && place < many) act(event.shiftKey || hidden ? many + place : place);
+});
 
 async function start() {
   brief = await got("/brief");
