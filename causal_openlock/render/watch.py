@@ -168,17 +168,15 @@ def belief_svg(belief: Moment, trace: Trace) -> str:
         f'height="3.3in" viewBox="{low[0]:.0f} {low[1]:.0f} {wide:.0f} {tall:.0f}" role="img">',
         "<title>What the learner believes</title>",
     ]
-    arrows = [(float(chance), edge) for edge, chance in np.ndenumerate(belief.edges)]
-    for chance, (cause, effect) in sorted(arrows):
+    for chance, (cause, effect) in sorted((p, edge) for edge, p in np.ndenumerate(belief.edges)):
         if chance >= FAINTEST:
-            line, tip = _curve(spots[cause], spots[effect], half[cause], half[effect])
+            line, head = _arrow(spots[cause], spots[effect])
             lines.append(
                 f'<g opacity="{chance:.2f}" stroke="{BELIEVED}"><path d="{line}" fill="none" '
-                f'stroke-width="6"/><path d="{tip}" fill="{BELIEVED}"/></g>'
+                f'stroke-width="6"/><path d="{head}" fill="{BELIEVED}"/></g>'
             )
-    for ends in trace.truth.graph.edges:
-        cause, effect = map(trace.nodes.index, ends)
-        line, _ = _curve(spots[cause], spots[effect], half[cause], half[effect])
+    for edge in trace.truth.graph.edges:
+        line, _ = _arrow(*(spots[trace.nodes.index(node)] for node in edge))
         lines.append(
             f'<path d="{line}" fill="none" stroke="{TRUE}" stroke-width="2.5" '
             'stroke-dasharray="9 6"/>'
@@ -186,27 +184,23 @@ def belief_svg(belief: Moment, trace: Trace) -> str:
     for (x, y), (across, up), name in zip(spots, half, trace.nodes, strict=True):
         active = name in trace.truth.graph
         lines.append(
-            f'<g opacity="{1.0 if active else 0.45}"><rect x="{x - across:.0f}" y="{y - up:.0f}" '
-            f'width="{2 * across:.0f}" height="{2 * up:.0f}" rx="{6 if name == DOOR else up}" '
-            f'fill="{"#DDD" if active else "#FFF"}" stroke="#222" stroke-width="2"/>'
-            f'<text x="{x:.0f}" y="{y + 6:.0f}" font-size="17" font-family="sans-serif" '
-            f'text-anchor="middle">{name}</text></g>'
+            f'<rect x="{x - across:.0f}" y="{y - up:.0f}" width="{2 * across:.0f}" '
+            f'height="{2 * up:.0f}" rx="{6 if name == DOOR else up}" '
+            f'fill="{"#DDD" if active else "#FFF"}" stroke="{"#222" if active else "#999"}" '
+            f'stroke-width="2"/><text x="{x:.0f}" y="{y + 6:.0f}" font-size="17" '
+            f'font-family="sans-serif" text-anchor="middle" '
+            f'fill="{"#000" if active else "#888"}">{name}</text>'
         )
     return "\n".join([*lines, "</svg>"])
 
 
-def _curve(start: Any, end: Any, around: Any, about: Any) -> tuple[str, str]:
-    """A slightly bent arrow between two boxes, as two paths: its line, and its head."""
-    across = np.array([start[1] - end[1], end[0] - start[0]]) * 0.12
-    middle = (start + end) / 2 + across
-    ends = []
-    for box, centre in ((around, start), (about, end)):
-        way = middle - centre
-        ends.append(centre + way * min(np.divide(box, np.abs(way) + 1e-9)))
-    way = (ends[1] - middle) / math.dist(ends[1], middle)
-    side, neck = np.array([-way[1], way[0]]) * 9, ends[1] - way * 20
-    line, head = (
-        " ".join(f"{x:.0f},{y:.0f}" for x, y in points)
-        for points in ((middle, neck), (ends[1], neck + side, neck - side))
-    )
-    return f"M{ends[0][0]:.0f},{ends[0][1]:.0f} Q{line}", f"M{head}Z"
+def _arrow(start: Any, end: Any) -> tuple[str, str]:
+    """A slightly bent arrow as two paths: its line, and its head at two thirds of the way."""
+    way = (end - start) / math.dist(start, end)
+    side = np.array([-way[1], way[0]])
+    bend = (start + end) / 2 + 0.12 * math.dist(start, end) * side
+    neck = (start + 4 * bend + 4 * end) / 9
+    head = (neck + 20 * way, neck + 9 * side, neck - 9 * side)
+    line, triangle = (" ".join(f"{x:.0f},{y:.0f}" for x, y in points)
+                      for points in ((bend, end), head))  # fmt: skip
+    return f"M{start[0]:.0f},{start[1]:.0f} Q{line}", f"M{triangle}Z"
