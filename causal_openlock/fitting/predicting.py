@@ -29,11 +29,11 @@ from causal_openlock.contract.registry import learner_class
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.declare import LearnerSpec
 from causal_openlock.files.validation import adapter
+from causal_openlock.fitting.search import NONE
 from causal_openlock.fitting.space import FitSettings, Plan, Range, search_space
 from causal_openlock.fitting.steps import read_fit_file
 from causal_openlock.fitting.to_actions import (
     FILE,
-    NONE,
     WHOLE,
     Fitted,
     alone,

@@ -30,6 +30,8 @@ NEAR = 0.01
 """A value this near to a bound, as a share of the range, stands at it."""
 NO_EFFECT = 1e-6
 """Differences below are rounding errors: of a loss, or of its slopes and curvatures."""
+NONE = "none"
+"""Label in a table, instead of names of parameters."""
 ON_ACTIONS = "how likely {} finds what was done"
 
 

@@ -131,6 +131,11 @@ class SearchSpace:
         """Name of the fitted learner in an experiment file."""
         return f"{self.learner.rpartition(':')[2]}_fitted"
 
+    def entry(self, chosen: Chosen) -> dict[str, Any]:
+        """The fitted learner, for an experiment file."""
+        parameters = self.parameters(chosen)
+        return {"learner": self.learner, "name": self.fitted_name, "parameters": parameters}
+
     def parameters(self, chosen: Chosen) -> dict[str, Any]:
         """All parameters that differ from the defaults, for a choice of those searched."""
         searched = {

@@ -31,6 +31,7 @@ from causal_openlock.files.checksums import json_bytes
 from causal_openlock.files.digest import digest
 from causal_openlock.files.validation import adapter
 from causal_openlock.fitting.search import (
+    NONE,
     ON_ACTIONS,
     at_bound,
     require_effect,
@@ -49,8 +50,6 @@ WHOLE = -1
 """The number of the fold in which nothing is held out."""
 PENALTY = 1e6
 """Surprise, in nats, at an impossible action; finite, so that a search can continue."""
-NONE = "none"
-"""Label in a table, instead of names of parameters."""
 LOOK_EVERY = 1.0
 """Seconds between two looks at what workers have tried."""
 

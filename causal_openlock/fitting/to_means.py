@@ -25,6 +25,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
@@ -38,7 +39,7 @@ from causal_openlock.files.atomic import write_bytes, write_text
 from causal_openlock.files.checksums import json_bytes
 from causal_openlock.files.escaping import csv_of
 from causal_openlock.files.yaml_file import dump_yaml
-from causal_openlock.fitting.search import Tried, search, without_effect
+from causal_openlock.fitting.search import NONE, Tried, at_bound, search, without_effect
 from causal_openlock.fitting.space import Chosen, FitSettings, Plan, SearchSpace
 from causal_openlock.fitting.steps import SEEDS, begin, fitting_in, steps
 from causal_openlock.paper.likeness import (
@@ -127,9 +128,7 @@ class MeansFit:
     @property
     def entry(self) -> dict[str, Any]:
         """The fitted learner, for an experiment file."""
-        space = self.plan.space
-        chosen = space.parameters(self.tried[self.best].chosen)
-        return {"learner": space.learner, "name": space.fitted_name, "parameters": chosen}
+        return self.plan.space.entry(self.tried[self.best].chosen)
 
     @property
     def effects(self) -> pd.DataFrame:
@@ -137,11 +136,19 @@ class MeansFit:
         return effects_of(points_of(self.trials), self.trials)
 
     def table(self) -> pd.DataFrame:
-        """All candidates, the nearest first: ``number``, their parameters, ``rmse``, ``again``."""
-        table = pd.DataFrame([tried.chosen for tried in self.tried])
-        table.insert(0, "number", range(len(table)))
-        table["rmse"] = [tried.loss for tried in self.tried]
-        table["again"] = table["number"].map(self.again).astype(float)
+        """All candidates, the nearest first.
+
+        Columns are ``number``, their parameters, ``rmse``, ``again``, and the names of parameters
+        ``at_bound`` and ``without_effect`` (of the fitted learner alone), or ``none``.
+        """
+        ranges = self.plan.space.ranges
+        rows = [
+            {"number": number, **chosen, "rmse": rmse, "again": self.again.get(number, np.nan),
+             "at_bound": " ".join(at_bound(ranges, chosen)) or NONE,
+             "without_effect": " ".join(self.idle) if number == self.best else NONE}
+            for number, (chosen, rmse) in enumerate(self.tried)
+        ]  # fmt: skip
+        table = pd.DataFrame(rows).replace({"without_effect": {"": NONE}})
         return table.sort_values(["rmse", "number"], ignore_index=True)
 
     def compared(self) -> tuple[pd.DataFrame, pd.DataFrame]:
