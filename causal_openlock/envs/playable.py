@@ -122,7 +122,7 @@ class PlayableRoom:
     def _begin(self, seen: tuple[NDArray[np.int8], dict[str, Any]]) -> None:
         self._observation, self._info = seen
         where = dict(self._info["latent"]["layout"])
-        named = [Layout.of(self.schema, name) for name in published_layouts(self.schema)]
+        named = published_layouts(self.schema).values()
         own = Layout.of(self.schema, where, self.positions)
         self.layout = next((layout for layout in named if layout.places == own.places), own)
         self.actions = tuple(name.replace("_", " ") for name in action_names(self.positions))

@@ -95,7 +95,7 @@ def draw_layouts(
     schema = trials.schema
     layouts: Any = trials.layouts or source
     if layouts == "published":
-        layouts = _published(schema) or "random"
+        layouts = [*published_layouts(schema).values()] or "random"
     listed = trials.layouts and layouts != "random"
     number = trials.number or (len(layouts) if listed else number)
     if layouts == "random":
@@ -118,11 +118,6 @@ def draw_layouts(
         )
     order = generator.permutation(len(layouts)) if trials.shuffle else np.arange(len(layouts))
     return [layouts[index] for index in order[:number]]
-
-
-@cache
-def _published(schema: Schema) -> tuple[Layout, ...]:
-    return tuple(Layout.of(schema, name) for name in published_layouts(schema))
 
 
 @cache

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping
 from functools import cache
+from os.path import isfile  # unlike that of a Path, it takes any name
 from pathlib import Path
 from typing import Any
 
@@ -63,23 +64,14 @@ def find_schema(
     folders = [*map(Path, beside), Path()]
     if text.lower().endswith(SUFFIXES):
         paths = [folder / text for folder in folders]
-        return read_schema(next(filter(_is_file, paths), text))
+        return read_schema(next(filter(isfile, paths), text))
     collections = [*(folder / "schemas" for folder in folders), bundled("schemas")]
-    for folder in [*folders, *collections]:
-        if _is_file(folder / f"{text}.yaml"):
-            read = _bundled_schema if folder is collections[-1] else read_schema
-            return read(folder / f"{text}.yaml")
+    for path in filter(isfile, [place / f"{text}.yaml" for place in [*folders, *collections]]):
+        return _bundled_schema(path) if path.parent == collections[-1] else read_schema(path)
     known = {path.stem for folder in collections for path in folder.glob("*.yaml")}
     raise OpenLockError(
         f"there is no schema {text!r:.64}; {nearest(text[:64], known)}, or give the path of a file"
     )
-
-
-def _is_file(path: Path) -> bool:
-    try:
-        return path.is_file()
-    except (OSError, ValueError):  # an invalid name
-        return False
 
 
 _bundled_schema = cache(read_schema)

@@ -113,10 +113,11 @@ def _published() -> dict[str, tuple[int, ...]]:
     return {name: tuple(map(PAPER_POSITIONS.index, at.values())) for name, at in layouts}
 
 
-def published_layouts(schema: Schema) -> list[str]:
-    """Names of the layouts that the paper's authors published for this number of levers."""
-    levers = len(schema.levers)
-    return [name for name, places in _published().items() if len(places) == levers]
+@cache
+def published_layouts(schema: Schema) -> dict[str, Layout]:
+    """The layouts that the paper's authors published for this number of levers, by name."""
+    fitting = [name for name, at in _published().items() if len(at) == len(schema.levers)]
+    return {name: Layout.of(schema, name) for name in fitting}
 
 
 @dataclass(frozen=True)
@@ -237,7 +238,8 @@ LayoutForm = str | Mapping[str, str] | Sequence[int] | Layout
 
 def first_layout(schema: Schema) -> Layout:
     """The first published layout that fits, or else the levers in their order."""
-    return Layout.of(schema, next(iter(published_layouts(schema)), [*range(len(schema.levers))]))
+    in_order = [*range(len(schema.levers))]
+    return next(iter(published_layouts(schema).values()), None) or Layout.of(schema, in_order)
 
 
 @dataclass(frozen=True, eq=False)

@@ -68,7 +68,7 @@ def walk(room, sequences, limit=3):
 @pytest.mark.parametrize("name", ["CC3", "CE3", "CC4", "CE4"])
 def test_rooms_of_the_paper_in_every_sequence_of_three_actions(name):
     schema, published = BUNDLED[name], trials_of(name)
-    assert published_layouts(schema) == [*published]
+    assert [*published_layouts(schema)] == [*published]
     assert first_layout(schema) == Layout.of(schema, next(iter(published)))
     for trial, places in published.items():
         room = Room.of(schema, trial)
