@@ -38,18 +38,8 @@ from causal_openlock.experiment.plan import plan
 from causal_openlock.experiment.record import with_times
 from causal_openlock.files.atomic import sweep, write_text
 from causal_openlock.files.digest import digest
+from causal_openlock.play import log
 from causal_openlock.play.game import EXPERIMENT, Answer, Game, Refused
-from causal_openlock.play.log import (
-    Began,
-    Forgotten,
-    Joined,
-    Line,
-    Log,
-    Returned,
-    Turn,
-    fault,
-    read_log,
-)
 from causal_openlock.play.person import LABEL, LEARNER
 from causal_openlock.play.recruiting import identified, read_identifiers, write_identifiers
 from causal_openlock.storage.store import LOG, Store
@@ -128,8 +118,8 @@ class People:
         with ExitStack() as opened:
             opened.callback(self.store.close)
             self._identifiers = read_identifiers(self.store.folder)
-            lines = read_log(self.store.folder / LOG)
-            self._log = Log(self.store.folder / LOG)
+            lines = log.read_log(self.store.folder / LOG)
+            self._log = log.Log(self.store.folder / LOG)
             opened.callback(self._log.close)
             if consent:
                 write_text(self.store.folder / f"consent_{self.consent_mark}.md", consent)
@@ -165,18 +155,14 @@ class People:
             if key not in self._sessions:  # else the answer to a first call was lost
                 before, number = self._number(given), self.number
                 if before is None and number >= MOST_PEOPLE:
-                    title = "No more people can join now"
                     why = "As many have joined as can; please tell the person who invited you."
-                    advice = (
-                        "a person could not join: this folder is full; start with another --out"
-                    )
-                    raise Refused(429, title, why, advice)
-                line: Line = Joined(
+                    raise Refused(429, "No more people can join now", why)
+                line: log.Line = log.Joined(
                     join=number, key=key, at=at, practice=self.practice, ask=self.ask,
                     consent=consent,
                 )  # fmt: skip
                 if before is not None:
-                    line = Returned(of=before, key=key, at=at, consent=consent)
+                    line = log.Returned(of=before, key=key, at=at, consent=consent)
                 self._log.append(line)
                 self._repeat(line)
             # Not before the log: no other person may get a number that has an identifier.
@@ -227,7 +213,7 @@ class People:
         """
         game = self.game(name)
         with game.lock:
-            line = Turn(of=game.number, turn=turn, at=self._clock(), **what)
+            line = log.Turn(of=game.number, turn=turn, at=self._clock(), **what)
             if not game.allows(line):
                 why = "This is not the turn that the session is at."
                 raise Refused(409, "This does not fit", why, now=game.view())
@@ -247,9 +233,9 @@ class People:
         condition, (spec,) = self.experiment.conditions[which], self.experiment.learners
         return Cell(EXPERIMENT, self.experiment.seed, spec, condition, subject, 1)
 
-    def _resume(self, lines: Sequence[Line]) -> None:
+    def _resume(self, lines: Sequence[log.Line]) -> None:
         """Repeat what the log holds."""
-        began = Began(identity=self.experiment.identity)
+        began = log.Began(identity=self.experiment.identity)
         if not lines:
             self._log.append(began)
         elif lines[0] != began:
@@ -259,7 +245,7 @@ class People:
             )
         for number, line in enumerate(lines[1:], start=2):
             if not self._repeat(line):
-                raise fault(self._log.path, number, "this was not possible then")
+                raise log.fault(self._log.path, number, "this was not possible then")
         # A power cut can take the end of the log, and leave the identifiers.
         numbers = {game.number for game in self._games}
         there = {number: given for number, given in self._identifiers.items() if number in numbers}
@@ -267,18 +253,18 @@ class People:
             self._identifiers = there
             write_identifiers(self.store.folder, there)
 
-    def _repeat(self, line: Line) -> bool:
+    def _repeat(self, line: log.Line) -> bool:
         """Do again what a line of the log says; whether it was possible."""
         people = len(self._order)
         match line:
-            case Joined(join=number) if number == people < MOST_PEOPLE:
+            case log.Joined(join=number) if number == people < MOST_PEOPLE:
                 joined = self._sessions[line.key] = Game(line, self._cell(number))
                 self._order.append(joined)
-            case Forgotten(join=number) if number == people < MOST_PEOPLE:
+            case log.Forgotten(join=number) if number == people < MOST_PEOPLE:
                 self._order.append(None)
-            case Returned(of=number) if number < people and (game := self._order[number]):
+            case log.Returned(of=number) if number < people and (game := self._order[number]):
                 self._sessions[line.key] = game
-            case Turn(of=number) if number < people and (game := self._order[number]):
+            case log.Turn(of=number) if number < people and (game := self._order[number]):
                 if not game.allows(line):
                     return False
                 game.take(line)

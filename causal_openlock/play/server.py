@@ -79,7 +79,7 @@ HEADERS = {
     "Referrer-Policy": "no-referrer",
     "Cache-Control": "no-store",
 }
-LOOPBACK = ("127.0.0.1", "localhost", "::1")
+LOOPBACK = ("127.0.0.1", "localhost")
 mimetypes.add_type("text/javascript", ".js")  # Windows can say text/plain, which is not run
 
 
@@ -133,8 +133,8 @@ class PlayServer:
     @property
     def url(self) -> str:
         """Address of the page, for this machine."""
-        host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(self.host, self.host)
-        return f"http://{f'[{host}]' if ':' in host else host}:{self.port}/"
+        host = "127.0.0.1" if self.host == "0.0.0.0" else self.host
+        return f"http://{host}:{self.port}/"
 
     def serve_forever(self) -> None:
         """Serve until :meth:`shutdown`, SIGINT or SIGTERM; then people can be closed."""
@@ -177,7 +177,7 @@ class PlayServer:
 
     def _application(self) -> Starlette:
         people, public = self.people, urlsplit(self.address)
-        names = [*LOOPBACK, "[::1]", public.hostname or self.host] if self.loopback else ["*"]
+        names = [*LOOPBACK, public.hostname or self.host] if self.loopback else ["*"]
         app = Starlette(
             routes=[
                 _get("/brief", lambda request: self._brief()),
@@ -254,8 +254,7 @@ def _checked(address: str) -> str:
 
 def _listening(host: str, port: int) -> socket.socket:
     try:
-        family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        listener = socket.create_server((host, port), family=family, backlog=256)
+        listener = socket.create_server((host, port), backlog=256)
     except OSError as error:
         raise OpenLockError(
             f"cannot listen on {host}, port {port} ({error.strerror or error}); choose another "
