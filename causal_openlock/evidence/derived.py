@@ -7,6 +7,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import pandas as pd
 
+from causal_openlock.analysis.measures import CELL
+from causal_openlock.analysis.results.references import Beside
 from causal_openlock.analysis.topics.learning_cost import costs_by_learner
 from causal_openlock.errors import EvidenceError
 from causal_openlock.evidence.confusions import confusion
@@ -45,7 +47,8 @@ def beside_people(study: Study, units: pd.DataFrame) -> tuple[pd.DataFrame, Like
     """
     trials = units.rename(columns={"unit": "subject"})
     trials = trials.assign(experiment=study.name, seed=0, loop=1)
-    like = likeness(trials, people().beside(None), list(dict.fromkeys(trials["learner"])))
+    cells = frozenset(trials[CELL].astype(str).itertuples(index=False, name=None))
+    like = likeness(trials, Beside(people(), cells), list(dict.fromkeys(trials["learner"])))
     if like is None:
         raise EvidenceError("no learner has played all six conditions yet")
     return trials, like
