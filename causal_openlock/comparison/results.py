@@ -48,16 +48,16 @@ ROOM = [*VISIT, "schema", "layout"]
 """Columns that identify a trial of a subject, and its room."""
 
 
-def _table_of(topic: str, about: str) -> cached_property[pd.DataFrame]:
-    """A table of results, which the function of the same name in a topic computes."""
+def _table_of(topic: str, name: str, about: str) -> cached_property[pd.DataFrame]:
+    """A table of results, which the function of this name in a topic computes."""
 
     def table(results: Results) -> pd.DataFrame:
         # Topics draw, and what draws takes half a second to load.
         module = import_module(f"causal_openlock.analysis.topics.{topic}")
-        found: pd.DataFrame = results.once(getattr(module, topic))
+        found: pd.DataFrame = results.once(getattr(module, name))
         return found
 
-    table.__doc__ = f"{about} See :func:`causal_openlock.analysis.topics.{topic}.{topic}`."
+    table.__doc__ = f"{about} See :func:`causal_openlock.analysis.topics.{topic}.{name}`."
     return cached_property(table)
 
 
@@ -83,14 +83,14 @@ class Results(Material):
 
     # -- tables ---------------------------------------------------------------------------------
 
-    leaderboard = _table_of("leaderboard", "The leaderboard: a row for each learner and protocol.")
-    transfer = _table_of("transfer", "What training saves in the test of each transfer condition.")
-    regret = _table_of(
-        "regret", "Worth of each attempt, by the ideal observer in the subject's place."
-    )
+    leaderboard = _table_of("leaderboard", "leaderboard", "A row for each learner and protocol.")
+    pairs = _table_of("pairwise", "pairs", "Additional attempts of one learner next to another.")
+    transfer = _table_of("transfer", "transfer", "What training saves in each transfer condition.")
+    regret = _table_of("regret", "regret", "Worth of each attempt, by the ideal observer.")
     structure_recovery = _table_of(
         "structure_recovery",
-        "Structure that subjects believed each room to have when they left it, and the true one.",
+        "structure_recovery",
+        "What subjects believed the structure of each room to be, and how far that is from it.",
     )
 
     @property
@@ -148,22 +148,6 @@ class Results(Material):
             name=names,
             moved=np.concatenate([*whole["moved"]]).astype(bool),
         )
-
-    @cached_property
-    def pairs(self) -> pd.DataFrame:
-        """Additional attempts that one learner needs compared with another, paired by subject.
-
-        A row for each pair of learners under a ``protocol``; the other columns are those of
-        :func:`~causal_openlock.analysis.topics.pairwise.pairwise_table`.
-        """
-        from causal_openlock.analysis.topics.pairwise import all_pairs
-
-        found = self.once(all_pairs)
-        tables = [
-            found[protocol].assign(protocol=protocol)
-            for protocol in self.trials["protocol"].unique()
-        ]
-        return pd.concat(tables, ignore_index=True)
 
     def sweep(self, parameter: str | None = None) -> pd.DataFrame:
         """Results by the value of a parameter, the numbers of ``results.plot.sweep``.

@@ -13,7 +13,7 @@ import pytest
 from scipy import stats
 
 from causal_openlock.analysis.effects import ALPHA, Group, holm, weighted_difference
-from causal_openlock.analysis.topics.pairwise import all_pairs
+from causal_openlock.analysis.topics.pairwise import pairs as all_pairs
 from causal_openlock.analysis.topics.transfer import CONGRUENT, OTHER, transfer
 from causal_openlock.experiment.declare import PAPER_CONDITIONS
 from support.paper_play import material, play
@@ -93,7 +93,7 @@ def test_these_are_the_tests_that_a_report_makes():
 
     rows = [row for name in LEARNERS for row in play(name, as_drawn(name), SUBJECTS)]
     ours, results = p_of(played), material(rows, LEARNERS)
-    pairs = all_pairs(results)["human"]
+    pairs = all_pairs(results)
     assert pairs["p"].tolist() == pytest.approx(ours.pop("pairs"))
     assert pairs["p_corrected"].tolist() == pytest.approx(holm(pairs["p"].to_numpy()).tolist())
     saved = transfer(results).query("not reference").set_index(["learner", "condition"])["p"]

@@ -18,7 +18,7 @@ from causal_openlock.analysis.topics.leaderboard import (
     leaderboard,
     leaderboard_tables,
 )
-from causal_openlock.analysis.topics.pairwise import all_pairs, outcomes, pairwise_table, plot_pairs
+from causal_openlock.analysis.topics.pairwise import outcomes, pairs, pairwise_table, plot_pairs
 from causal_openlock.experiment.origin import Origin
 from causal_openlock.paper.published import people
 from support.fabricated_records import table
@@ -137,12 +137,11 @@ def test_learners_without_a_condition_in_common_are_not_compared():
 # -- in words -------------------------------------------------------------------------------------
 
 
-def told(title, results, pairs=None, ranked=None):
+def told(title, results, alike=None, ranked=None):
     """All that is shown of a leaderboard: its answer and its table."""
     ranked = leaderboard(results) if ranked is None else ranked
-    pairs = all_pairs(results) if pairs is None else pairs
     lines = [f"== {title}"]
-    for protocol, sentences in answers(ranked, pairs).items():
+    for protocol, sentences in answers(ranked, pairs(results) if alike is None else alike).items():
         lines += [f"{protocol}: {sentence}" for sentence in sentences]
     for shown in leaderboard_tables(ranked).values():
         lines += [shown.title, markdown(shown.heads, shown.rows), shown.caption]
@@ -153,7 +152,9 @@ def told(title, results, pairs=None, ranked=None):
 def test_answers_tables_and_legends_of_leaderboards(played, golden):
     """Where the limit cuts values off, few subjects, training before, other conditions, no best."""
     alike = [("half", "able", 0.003), ("able", "told", 0.06), ("able", "never", 0.06)]
-    alike = {"human": pd.DataFrame(alike, columns=["learner", "other", "p_corrected"])}
+    alike = pd.DataFrame(alike, columns=["learner", "other", "p_corrected"]).assign(
+        protocol="human"
+    )
     enough = (
         leaderboard(played).assign(subjects=40, to_people_p=0.5).replace({"score": {1.0: 1.01}})
     )

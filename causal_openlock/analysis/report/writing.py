@@ -32,7 +32,7 @@ from causal_openlock.analysis.topics.leaderboard import (
     leaderboard,
     leaderboard_tables,
 )
-from causal_openlock.analysis.topics.pairwise import all_pairs
+from causal_openlock.analysis.topics.pairwise import pairs
 from causal_openlock.files.atomic import folder_at
 from causal_openlock.storage.store import Store
 from causal_openlock.wording import counted
@@ -89,7 +89,7 @@ def make_report(
         write_table(ranked, folder / "tables" / "leaderboard.csv")
     about = {spec.name: spec.origin.about for spec in experiment.learners}
     first = leaderboard_tables(ranked, about)
-    opening = answers(ranked, material.once(all_pairs))
+    opening = answers(ranked, material.once(pairs))
     topics = all_topics() if topics is None else topics
     found = sections_of(material, topics, lambda name: begin(f"describing {name}"))
     sentences = {protocol: [" ".join(own)] for protocol, own in opening.items()}

@@ -333,7 +333,7 @@ def _caption(rows: Sequence[Mapping[str, Any]], columns: Collection[str]) -> str
     return " ".join(said)
 
 
-def answers(ranked: pd.DataFrame, pairs: Mapping[str, pd.DataFrame]) -> dict[str, tuple[str, ...]]:
+def answers(ranked: pd.DataFrame, pairs: pd.DataFrame) -> dict[str, tuple[str, ...]]:
     """Results in a few sentences, by protocol.
 
     Which learner needs the fewest attempts, how that compares with people, and which learners
@@ -341,10 +341,10 @@ def answers(ranked: pd.DataFrame, pairs: Mapping[str, pd.DataFrame]) -> dict[str
 
     Args:
         ranked: From :func:`leaderboard`.
-        pairs: From :func:`~causal_openlock.analysis.topics.pairwise.all_pairs`.
+        pairs: From :func:`~causal_openlock.analysis.topics.pairwise.pairs`.
     """
     return {
-        str(protocol): tuple(filter(None, _answer(rows, pairs[str(protocol)])))
+        str(protocol): tuple(filter(None, _answer(rows, pairs[pairs["protocol"] == protocol])))
         for protocol, rows in ranked.groupby("protocol", sort=False)
     }
 

@@ -146,11 +146,8 @@ def plot_pairs(
     :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`.
     """
     protocol, trials = trials_under(results, protocol, learners, conditions)
-    if learners is None and conditions is None:
-        held, table = (results.once(all_of)[protocol] for all_of in (all_outcomes, all_pairs))
-    else:
-        held = outcomes(trials, protocol)
-        table = pairwise_table(held)
+    held = outcomes(trials, protocol)
+    table = pairwise_table(held)
     if table.empty:
         raise NothingToDrawError(
             f"no two such learners played a condition in common under the protocol {protocol}"
@@ -215,16 +212,20 @@ def all_outcomes(material: Material) -> dict[str, Outcomes]:
     return {one: outcomes(material.trials, one) for one in protocols}
 
 
-def all_pairs(material: Material) -> dict[str, pd.DataFrame]:
-    """All pairs of learners, by protocol; of one that a single learner played, none."""
-    return {one: pairwise_table(held) for one, held in material.once(all_outcomes).items()}
+def pairs(material: Material) -> pd.DataFrame:
+    """Every two learners under each protocol: :func:`pairwise_table`, and the ``protocol``."""
+    held = {name: pairwise_table(own) for name, own in material.once(all_outcomes).items()}
+    tables = [table.assign(protocol=name) for name, table in held.items()]
+    return pd.concat(tables, ignore_index=True) if tables else pairwise_table({})
 
 
 def section(material: Material) -> Section | None:
     """Comparisons of all learners under each protocol; None if nowhere two of them can compare."""
-    found = {name: table for name, table in material.once(all_pairs).items() if len(table)}
-    if not found:
+    every = material.once(pairs)
+    if every.empty:
         return None
+    by_protocol = every.groupby("protocol", sort=False)
+    found = {str(name): table.drop(columns="protocol") for name, table in by_protocol}
     text, tables, plots = [], [], []
     for protocol, part in file_names(found).items():
         table, name = found[protocol], f"pairwise_{part}"
@@ -233,9 +234,8 @@ def section(material: Material) -> Section | None:
             "Difference: by how many attempts the learner needs more than the other, the mean over "
             "the conditions that both played, with its 95% interval; pairs: of subjects, 0 where "
             "learners share no rooms and Welch's test takes their subjects for independent. p: as "
-            "if it were the only comparison; corrected: for all pairs of the protocol. P(fewer): "
-            "probability that a subject of the learner needs fewer attempts than one of the other; "
-            "ties count half."
+            "if it were the only comparison, and corrected for all pairs of the protocol. P(fewer): "
+            "how probable it is that a subject needs fewer attempts than its pair."
         )
         shown = table.rename(columns=_NAMES)
         tables.append(Table(name, f"Every pair, protocol {protocol}", shown, _FORMATS, caption))
@@ -248,10 +248,8 @@ def section(material: Material) -> Section | None:
             )
             plots.append(drawn(name, plot_pairs, material, title, caption, protocol=protocol))
     text.append(
-        "Differences are of subjects in pairs: those of the same number meet the same rooms. An "
-        "interval is for its comparison alone; what is significant is decided after correction for "
-        "all pairs of the protocol, so a difference may not be significant though its interval "
-        "leaves out 0."
+        "An interval is for its comparison alone; what is significant is decided after correction "
+        "for all pairs, so a difference may not be significant though its interval leaves out 0."
     )
     title = "Learners against learners"
     return Section("pairwise", title, tuple(text), tuple(tables), tuple(plots))
