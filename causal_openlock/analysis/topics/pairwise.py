@@ -234,8 +234,8 @@ def section(material: Material) -> Section | None:
             "Difference: by how many attempts the learner needs more than the other, the mean over "
             "the conditions that both played, with its 95% interval; pairs: of subjects, 0 where "
             "learners share no rooms and Welch's test takes their subjects for independent. p: as "
-            "if it were the only comparison, and corrected for all pairs of the protocol. P(fewer): "
-            "how probable it is that a subject needs fewer attempts than its pair."
+            "if it were the only comparison, and corrected for all pairs of the protocol. "
+            "P(fewer): how probable it is that a subject needs fewer attempts than its pair."
         )
         shown = table.rename(columns=_NAMES)
         tables.append(Table(name, f"Every pair, protocol {protocol}", shown, _FORMATS, caption))

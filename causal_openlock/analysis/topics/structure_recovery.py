@@ -20,7 +20,7 @@ import pandas as pd
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from causal_openlock.analysis.measures import ordered
+from causal_openlock.analysis.measures import VISIT, ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of
 from causal_openlock.analysis.results.material import Material
@@ -70,8 +70,8 @@ def structure_recovery(results: Material, subjects: int | None = None) -> pd.Dat
     Returns:
         A row for each trial of each subject: ``learner``, ``condition``, ``protocol``, ``subject``,
         ``visit`` (number of the trial in the whole condition, from 1), ``schema``, and what
-        :func:`compared` gives. A solved room of the paper leaves these learners next to nothing to
-        doubt.
+        :func:`~.structure_errors.structure_distance` gives. A solved room of the paper leaves these
+        learners next to nothing to doubt.
 
     Raises:
         StoreError: If a file of answers is damaged.
@@ -132,17 +132,15 @@ def _own(
     """The attempts of a learner in a condition, in the order of time."""
     import pyarrow.compute as pc
 
-    record = results.record
     here = pc.and_(
-        pc.equal(pc.cast(record["learner"], "string"), spec.name),
-        pc.equal(pc.cast(record["condition"], "string"), condition.name),
+        pc.equal(pc.cast(results.record["learner"], "string"), spec.name),
+        pc.equal(pc.cast(results.record["condition"], "string"), condition.name),
     )
-    columns = ["experiment", "seed", "subject", "phase", "loop", "trial", "layout", "attempt"]
-    table = record.filter(here).select([*columns, "actions"]).to_pandas()
-    table["part"] = table["phase"].astype(str).map(PHASES.index)
-    table = table.sort_values(["subject", "part", "loop", "trial", "attempt"], kind="stable")
-    kept = table["subject"].unique()[:most]
-    return table[table["subject"].isin(kept)]
+    columns = ["seed", "subject", "phase", "loop", "trial", "attempt", "actions"]
+    table = results.record.filter(here).select(columns).to_pandas()
+    table["phase"] = pd.Categorical(table["phase"], PHASES)
+    table = table.sort_values(["subject", *VISIT, "attempt"], kind="stable")
+    return table[table["subject"].isin(table["subject"].unique()[:most])]
 
 
 def _again(own: pd.DataFrame, spec: LearnerSpec, condition: Condition) -> Iterator[dict[str, Any]]:
@@ -152,7 +150,8 @@ def _again(own: pd.DataFrame, spec: LearnerSpec, condition: Condition) -> Iterat
     session = Session(
         condition, spec.protocol, numbers, seed=int(seed), reward=reward, learner=spec.name
     )
-    found: dict[int, list[dict[str, Any]]] = {row: [] for row in range(len(numbers))}
+    about = {"learner": spec.name, "condition": condition.name, "protocol": spec.protocol.name}
+    found = []
     with failures_of(spec.name):
         learner = create(spec.learner, spec.parameters)
         session.begin(learner)
@@ -160,26 +159,25 @@ def _again(own: pd.DataFrame, spec: LearnerSpec, condition: Condition) -> Iterat
         for step in session.steps(learner):
             left = step.trial_over & step.view.playing & (step.view.trial > session.shown_trials)
             for row in np.flatnonzero(left).tolist():
-                room = now.rooms[now.room[row]]
                 believed = learner.structure(row)
                 if believed is None:
                     continue
+                room = now.rooms[now.room[row]]
                 positions = room.layout.positions
                 if not isinstance(believed, Structure) or len(believed.edges) != positions:
                     raise LearnerError(
                         f"the structure of {spec.name} is not a Structure for {positions} "
                         "positions; return None where the learner cannot say"
                     )
-                known: dict[str, Any] = {"learner": spec.name, "condition": condition.name}
-                known |= {"protocol": spec.protocol.name, "subject": numbers[row]}
-                known |= {"visit": int(step.view.trial[row]), "schema": room.schema.name}
-                found[row].append(known | structure_distance(believed, room.schema, room.layout))
+                visit = {"subject": numbers[row], "visit": int(step.view.trial[row])}
+                errors = structure_distance(believed, room.schema, room.layout)
+                found.append({**about, **visit, "schema": room.schema.name, **errors})
             now = session.truth
-    again = session.record().to_pandas()
-    for row, number in enumerate(numbers):
-        then, today = (one.loc[one["subject"] == number, "actions"] for one in (own, again))
-        if list(map(list, then)) == list(map(list, today)):
-            yield from found[row]
+    then, today = (
+        {number: [*map(list, rows)] for number, rows in table.groupby("subject")["actions"]}
+        for table in (own, session.record().to_pandas())
+    )
+    return (row for row in found if then[row["subject"]] == today[row["subject"]])
 
 
 def _answered(results: Material, pairs: pd.DataFrame) -> list[dict[str, Any]]:
@@ -191,7 +189,7 @@ def _answered(results: Material, pairs: pd.DataFrame) -> list[dict[str, Any]]:
         (table["learner"].astype(str) == learner)
         & (table["condition"].astype(str) == condition)
         & (table["subject"] == subject)
-    ].sort_values(["phase", "loop", "trial"])
+    ].sort_values(VISIT)
     (declared,) = (o for o in results.experiment.conditions if o.name == condition)
     protocol = next(o.protocol for o in results.experiment.learners if o.name == learner)
     trial = visit - shown_trials(declared, protocol)
