@@ -83,8 +83,7 @@ def report_results(
     from causal_openlock.analysis.report.warnings import not_applicable
     from causal_openlock.analysis.report.writing import make_report
     from causal_openlock.analysis.results.missing import missing_cells, unfinished
-    from causal_openlock.comparison.console import Terminal
-    from causal_openlock.comparison.leaderboard_text import print_leaderboard
+    from causal_openlock.comparison.console import Terminal, print_leaderboard
     from causal_openlock.comparison.progress_bar import shown_steps
     from causal_openlock.storage.store import Store
 

@@ -7,13 +7,17 @@ or with a :class:`rich.text.Text` that the program itself composes.
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console as RichConsole
 from rich.table import Table
 from rich.text import Text
 
 from causal_openlock.files.escaping import printable
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 MOST_COLUMNS = 1000
 """Most characters of a table that is wider than the terminal."""
@@ -53,3 +57,29 @@ def plain_table(*heads: str, left: int = 1) -> Table:
     for number, head in enumerate(heads):
         table.add_column(head, justify="left" if number < left else "right", no_wrap=True)
     return table
+
+
+def print_leaderboard(
+    ranked: pd.DataFrame, console: Terminal, answers: Mapping[str, Sequence[str]] | None = None
+) -> None:
+    """Print the table of each protocol, and what its numbers mean.
+
+    Args:
+        ranked: From :func:`~causal_openlock.analysis.topics.leaderboard.leaderboard`.
+        console: Where to.
+        answers: Sentences above the tables, by protocol, as a report has them.
+    """
+    from causal_openlock.analysis.topics.leaderboard import leaderboard_tables
+
+    for protocol, table in leaderboard_tables(ranked).items():
+        console.print(f"\n{table.title}", style="bold")
+        for sentence in (answers or {}).get(protocol, ()):
+            console.print(sentence, highlight=False)
+        shown = plain_table(*(head.replace(" than ", " than\n") for head in table.heads))
+        shown.columns[0].no_wrap = False
+        for number, row in enumerate(table.rows, start=1):
+            shown.add_row(*(text.replace("\n", " ") for text in row))
+            if number == len(table.looks):
+                shown.add_row()  # below those who do not compete
+        console.print_whole(shown)
+        console.print(table.caption, style="dim", highlight=False)

@@ -281,8 +281,7 @@ class Results(Material):
 
     def __repr__(self) -> str:
         """The leaderboard as text, and the warnings."""
-        from causal_openlock.comparison.console import Terminal
-        from causal_openlock.comparison.leaderboard_text import print_leaderboard
+        from causal_openlock.comparison.console import Terminal, print_leaderboard
 
         text = StringIO()
         plain = {"force_terminal": False, "force_jupyter": False, "no_color": True}

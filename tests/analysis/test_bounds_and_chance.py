@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.attempts import plot_attempts, plot_transfer
 from causal_openlock.analysis.plots.course import plot_course
-from causal_openlock.analysis.report.all_figures import figures_of
+from causal_openlock.analysis.report.writing import figures_of
 from causal_openlock.analysis.results import bounds
 from causal_openlock.analysis.results.bounds import (
     Bound,

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from causal_openlock.analysis.report.all_figures import figures_of
-from causal_openlock.analysis.report.writing import make_report
+from causal_openlock.analysis.report.writing import figures_of, make_report
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.experiment.declare import PAPER_CONDITIONS
 from causal_openlock.experiment.file import read_experiment

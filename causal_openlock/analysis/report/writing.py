@@ -10,23 +10,32 @@ from __future__ import annotations
 
 import webbrowser
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import pandas as pd
 
 from causal_openlock.analysis.effects import ALPHA
+from causal_openlock.analysis.plots.categories import counts_like_ddqn, plot_categories
+from causal_openlock.analysis.plots.course import course_of, plot_course
 from causal_openlock.analysis.report.about_people import about_people
-from causal_openlock.analysis.report.all_figures import figures_of
 from causal_openlock.analysis.report.described import described, in_words
 from causal_openlock.analysis.report.learner_pages import learner_pages
 from causal_openlock.analysis.report.page import write_page
 from causal_openlock.analysis.report.warnings import not_applicable, warnings_of
+from causal_openlock.analysis.results.bounds import bounds_in_words
 from causal_openlock.analysis.results.by_condition import condition_tables
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.missing import missing_cells, unfinished, with_missing
 from causal_openlock.analysis.table import Table, write_table
-from causal_openlock.analysis.topic import Section, Topic, all_topics, sections_of
+from causal_openlock.analysis.topic import (
+    Section,
+    SectionPlot,
+    Topic,
+    all_topics,
+    drawn,
+    sections_of,
+)
 from causal_openlock.analysis.topics.leaderboard import (
     answers,
     leaderboard,
@@ -35,7 +44,29 @@ from causal_openlock.analysis.topics.leaderboard import (
 from causal_openlock.analysis.topics.pairwise import pairs
 from causal_openlock.files.atomic import folder_at
 from causal_openlock.storage.store import Store
-from causal_openlock.wording import counted
+from causal_openlock.wording import counted, file_names
+
+CATEGORIES = {
+    "baseline": (
+        "Categories of baseline attempts",
+        "in five successive blocks of the attempts of the baseline conditions; the first panel "
+        "shows the paper's own DDQN (Figure 6)",
+    ),
+    "transfer": (
+        "Categories of attempts in the transfer test",
+        "among attempts of the test phase in the transfer conditions; the first panel shows the "
+        "paper's own DDQN (Figure 7)",
+    ),
+}
+"""By kind of conditions, the title of a figure and what it shows."""
+
+HEIGHTS = (
+    "Open 1, 2 and 3: the attempt opened the door with the first, second or third new solution of "
+    "its trial (later ones count as the third, a repeated one as open 1); unlock: it unlocked the "
+    "door but did not open it; else: neither. The height of a segment is log10 of its number of "
+    "attempts, all subjects together, so one attempt has no height, panels of unequal totals "
+    "differ in height, and a stack shrinks as one category takes over."
+)
 
 
 @dataclass(frozen=True)
@@ -129,6 +160,33 @@ def _conditions(material: Material) -> Section:
         "interval of their share. Differences from references are under Learners.",
     )
     return Section("conditions", "Attempts in each condition", text, tables, is_open=True)
+
+
+def figures_of(material: Material) -> list[SectionPlot]:
+    """Figures of the categories of attempts and of the course of trials, where there are any."""
+    plots = []
+    for kind, (title, what) in CATEGORIES.items():
+        if len(counts_like_ddqn(material, kind)):
+            caption = f"Frequency of each category {what}. {HEIGHTS}"
+            name = f"{kind}_categories"
+            plots.append(drawn(name, plot_categories, material, title, caption, kind=kind))
+    for protocol, part in file_names(material.trials["protocol"].unique()).items():
+        course = course_of(material, protocol)
+        several = f" (a point averages up to {course.averaged} trials in a row)"
+        caption = (
+            "Mean attempts to solve each trial, in the order in which trials were played"
+            f"{several if course.averaged > 1 else ''}. Shaded or with bars: ± 1 standard error "
+            "(population SD / √n)."
+        )
+        if course.limit:
+            caption += " Dotted: the limit."
+        if set(course.trials["phase"]) == {"train", "test"}:
+            caption += " Right of the upright line: the transfer test."
+        if ideal := bounds_in_words(course.ideal.values()):
+            caption += f" Dashed and level: ideal observer (schema known), {ideal}."
+        name, title = f"attempts_by_trial_{part}", f"Trial by trial, protocol {protocol}"
+        plots.append(drawn(name, plot_course, material, title, caption, protocol=protocol))
+    return [replace(plot, folded=True) for plot in plots]
 
 
 def _what_was_run(material: Material) -> Section:
