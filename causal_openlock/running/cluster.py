@@ -1,7 +1,7 @@
 """Workers on other machines: those of a Dask cluster.
 
 Its client has an executor, so a comparison runs there as with any other. All machines share the
-results folder; the user's files that learners and rewards are in are copied into it.
+results folder, which also holds the user's files that learners and rewards are in.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import asyncio
 import logging
 import sys
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -18,10 +18,8 @@ from typing import Any
 
 from causal_openlock.errors import OpenLockError, in_short
 from causal_openlock.experiment.declare import Cell
-from causal_openlock.files.atomic import write_bytes
 from causal_openlock.running.workers import Doing, LostError, done_jobs
 from causal_openlock.storage.versions import other_versions, versions
-from causal_openlock.usercode.own_files import digest_of, own_files
 
 PATIENCE = 10.0  # seconds to wait for a scheduler
 
@@ -30,11 +28,11 @@ def in_cluster(
     address: str,
     do: Callable[[Cell], Any],
     jobs: deque[Cell],
-    names: Iterable[str],
+    code: list[str],
     folder: Path,
     warn: Callable[[str], None],
 ) -> Doing:
-    """Let the workers of a Dask cluster do jobs, with the files of the user's ``names``."""
+    """Let the workers of a Dask cluster do jobs, with the modules in folders of ``code``."""
     try:
         from distributed import Client, KilledWorker
     except ImportError:
@@ -47,11 +45,7 @@ def in_cluster(
             warn("there is no worker at the moment; the cells wait for one")
         return number
 
-    files = own_files(name.partition(":")[0] for name in names if ":" in name)
-    code = folder / "code" / digest_of(files)
-    for inside, path in files.items():
-        write_bytes(code / inside, path.read_bytes())
-    there = partial(_play_there, do, str(code) if files else "", folder, versions())
+    there = partial(_play_there, do, code, folder, versions())
     _require_scheduler(address)
     # It would say that the scheduler is lost, which is said anyway.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
@@ -75,9 +69,9 @@ def in_cluster(
 
 
 def _play_there(
-    do: Callable[[Cell], Any], code: str, folder: Path, expected: dict[str, str], cell: Cell
+    do: Callable[[Cell], Any], code: list[str], folder: Path, expected: dict[str, str], cell: Cell
 ) -> Any:
-    """Play a cell on a worker, with the user's files in a folder and these versions of packages."""
+    """Play a cell on a worker, with the user's files in folders and these versions of packages."""
     from distributed import get_worker
 
     worker, fault = get_worker(), ""
@@ -89,11 +83,11 @@ def _play_there(
         fault = f"does not see {folder}; give --out a folder that all see under this path"
     if fault:
         raise OpenLockError(f"the worker {worker.address} {fault}")
-    if code and sys.path[0] != code:
-        own = {path.stem for path in Path(code).iterdir()}
+    if sys.path[: len(code)] != code:
+        own = {path.stem for place in code for path in Path(place).iterdir()}
         for name in [name for name in sys.modules if name.partition(".")[0] in own]:
             del sys.modules[name]  # of another comparison
-        sys.path.insert(0, code)
+        sys.path[:0] = code
     return do(cell)
 
 

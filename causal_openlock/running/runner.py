@@ -118,12 +118,12 @@ def run(
     store.open(experiment, shard=shard)
     with ExitStack() as stack:
         stack.callback(store.close)
-        store_code(experiment, store.folder)
+        place = store.folder.resolve()  # a worker may be in another directory
+        code = store_code(experiment, place)
         playing = _Run(store, cells, warn, progress or (lambda standing: None))
         playing.jobs = jobs = playing.missing(elsewhere, retry_failed)
         if jobs and not allow_version:
             store.require_versions()
-        place = store.folder.resolve()  # a worker may be in another directory
         if jobs and not here:  # cells there end when this file is gone
             awaited = place / f"{AWAITED}{uuid4().hex}"
             awaited.touch()
@@ -133,7 +133,7 @@ def run(
         if not jobs or (here and workers == 0):
             doing = done_jobs(ThisProcess(), do, jobs, lambda: 1)
         elif cluster:
-            doing = in_cluster(cluster, do, jobs, names, place, warn)
+            doing = in_cluster(cluster, do, jobs, code, place, warn)
         elif executor:
             doing = done_jobs(executor, do, jobs)
         else:

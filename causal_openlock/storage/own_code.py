@@ -23,8 +23,13 @@ from causal_openlock.usercode.session_code import is_of_session, session_source
 from causal_openlock.world.reward_code import OwnReward
 
 
-def store_code(experiment: Experiment, folder: Path) -> None:
-    """Write the user's code and files of an experiment into its results folder."""
+def store_code(experiment: Experiment, folder: Path) -> list[str]:
+    """Write the user's code and files of an experiment into its results folder.
+
+    Returns:
+        The folders that its modules can be imported from.
+    """
+    folders: dict[str, None] = {}
     for spec in experiment.learners:
         # The class may be in another module than the one that it is named by.
         named = [(spec.learner, spec.origin.package, {spec.origin.class_name.partition(":")[0]})]
@@ -36,8 +41,8 @@ def store_code(experiment: Experiment, folder: Path) -> None:
                 if not place.exists():
                     write_text(place, session_source(name))
             elif _is_own(name):
-                files = own_files({name.partition(":")[0], *modules})
-                for inside, path in files.items():
+                folders[str(place.with_suffix(""))] = None
+                for inside, path in own_files({name.partition(":")[0], *modules}).items():
                     if not (copy := place.with_suffix("") / inside).exists():
                         write_bytes(copy, path.read_bytes())
         for parameter, value in spec.parameters.items():
@@ -45,6 +50,7 @@ def store_code(experiment: Experiment, folder: Path) -> None:
                 if spec.origin.artifact_hash and isinstance(value, str) and Path(value).is_file():
                     copy = folder / "files" / spec.name / parameter / Path(value).name
                     write_bytes(copy, Path(value).read_bytes())
+    return [*folders]
 
 
 def stored_code(name: str, origin: str, folder: Path) -> tuple[str, dict[str, Path]]:
