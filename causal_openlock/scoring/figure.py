@@ -53,12 +53,10 @@ def draw_scores(
             for name in names:
                 rows, look = here[here["scored"] == name], looks[name]
                 own = each[(each["condition"] == condition) & (each["scored"] == name)]
-                subjects = [
-                    one[["trial", "bits"]].to_numpy(float)
-                    for _, one in own.groupby([*GROUP, "subject"], observed=True)
-                ]
+                by_trial = own.set_index([*GROUP, "subject", "trial"])["bits"].unstack()
+                lines = [np.column_stack([by_trial.columns, bits]) for bits in by_trial.to_numpy()]
                 axes.add_collection(
-                    LineCollection(subjects, colors=look["color"], lw=0.6, alpha=0.3, zorder=1)
+                    LineCollection(lines, colors=look["color"], lw=0.6, alpha=0.3, zorder=1)
                 )
                 axes.plot(rows["trial"], rows["bits"], marker="o", ms=3, label=name, **look)
                 if len(names) <= style.MOST_BANDS:

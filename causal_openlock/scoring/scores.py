@@ -173,16 +173,15 @@ class Scores:
             ahead=np.where(np.isfinite(ahead), ahead, np.nan),
         )
 
-    @property
+    @cached_property
     def _evidence(self) -> pd.DataFrame:
         """-BIC/2 by subject, and learner that predicts it."""
         return (-0.5 * self._by_learner("bic")).clip(lower=-1e6)
 
     def _by_learner(self, column: str) -> pd.DataFrame:
         """A number by subject that all learners predict, and learner."""
-        each = self.subjects
-        wide = each.pivot_table(index=SUBJECT, columns="scored", values=column, observed=True)
-        return wide[list(dict.fromkeys(each["scored"]))].dropna()
+        wide = self.subjects.set_index([*SUBJECT, "scored"])[column].unstack()
+        return wide[list(dict.fromkeys(self.subjects["scored"]))].dropna()
 
     def of(self, learner: str) -> Scores:
         """Scores of the subjects of one learner."""
