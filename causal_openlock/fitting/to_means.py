@@ -50,7 +50,13 @@ from causal_openlock.paper.likeness import (
     points_of_model,
 )
 from causal_openlock.paper.likeness_figure import draw_points
-from causal_openlock.paper.noise_ceiling import misfit, noise_ceiling, null_curves
+from causal_openlock.paper.noise_ceiling import (
+    CURVE,
+    CURVE_NUMBERS,
+    misfit,
+    noise_ceiling,
+    null_curve,
+)
 from causal_openlock.paper.published import model, people
 from causal_openlock.wording import nearest
 
@@ -170,10 +176,9 @@ class MeansFit:
         if target == "people":
             models[PUBLISHED_MODEL] = published = points_of_model()
             misfits[PUBLISHED_MODEL] = [misfit(p).in_words for p in parts_of(published, hold_out)]
-            for name, curve in null_curves().items():
-                models[name] = curve.points
-                # How many of a curve's numbers count in a part of the points is not known.
-                misfits[name] = ["", "", misfit(curve.points, len(curve.numbers)).in_words]
+            models[CURVE] = null_curve()
+            # How many of the curve's numbers count in a part of the points is not known.
+            misfits[CURVE] = ["", "", misfit(models[CURVE], CURVE_NUMBERS).in_words]
         distances = {
             name: [distance(part)[0] for part in parts_of(points, hold_out)]
             for name, points in models.items()

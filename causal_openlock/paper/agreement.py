@@ -11,7 +11,7 @@ same, and of one between them the paper does not say enough.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import fields
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -31,20 +31,14 @@ from causal_openlock.analysis.topics.learning import (
     matrix,
     shares,
 )
-from causal_openlock.experiment.declare import PROTOCOLS, Protocol
+from causal_openlock.experiment.declare import PROTOCOLS
 from causal_openlock.paper.published import paper_ddqn
 from causal_openlock.schemas.fsm import FloatArray
-from causal_openlock.wording import joined
 
 MEASURES = (OPENS, FINDS_ALL, ELSE)
 PAPER = "paper"
 ROW = ["learner", "protocol", "condition", "measure", "attempts"]
 _FORMATS = {"attempts": ",.0f"}
-_BUDGETS = [
-    field.name
-    for field in fields(Protocol)
-    if field.name.endswith(("attempt_limit", "_loops", "_trials"))
-]
 _CAPTION = (
     "opens: share of attempts that open the door; finds_all: share of visits to a room in which "
     "all three solutions are found; else: share of attempts that neither unlock nor open the door. "
@@ -140,7 +134,7 @@ def section(material: Material) -> Section | None:
     """Figures 6 and 7 next to learners that go on after a trial is solved.
 
     Returns:
-        None if no learner played what they are about, or baselines alone under a shorter protocol,
+        None if no learner played what they are about, or baselines alone under another protocol,
         which have no course to compare.
     """
     experiment = material.experiment
@@ -155,12 +149,8 @@ def section(material: Material) -> Section | None:
     tested = beside_paper(shares(visited, parts=1), "test", TRANSFERS)
     paper = PROTOCOLS["rl"]
     protocols = [one for one in experiment.protocols if one.name in {*visited["protocol"]}]
-    shorter = [
-        one.name
-        for one in protocols
-        if any(getattr(one, budget) < getattr(paper, budget) for budget in _BUDGETS)
-    ]
-    if tested.empty and (trained.empty or len(shorter) == len(protocols)):
+    others = [one.name for one in protocols if replace(one, name=paper.name) != paper]
+    if tested.empty and (trained.empty or len(others) == len(protocols)):
         return None
     tables = []
     if len(trained):
@@ -170,10 +160,10 @@ def section(material: Material) -> Section | None:
     if len(tested):
         frame = _wide(tested, "condition")
         tables.append(Table("figure7", "Figure 7 as shares", frame, _FORMATS, _CAPTION))
-    text = []
-    if shorter:
-        names = joined(shorter)
-        text = [f"Shorter than the paper's protocol, which alone may explain differences: {names}."]
+    text = [
+        f"{name} is another protocol than the paper's, which alone may explain differences."
+        for name in others
+    ]
     return Section("agreement", "Agreement with the paper's DDQN", tuple(text), tuple(tables))
 
 

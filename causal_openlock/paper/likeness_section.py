@@ -26,10 +26,11 @@ from causal_openlock.paper.likeness import (
 )
 from causal_openlock.paper.likeness_figure import MOST_TOGETHER, likeness_of, plot_likeness
 from causal_openlock.paper.noise_ceiling import (
+    CURVE,
     beside_null_models,
     misfit,
     noise_ceiling,
-    null_curves,
+    null_curve,
 )
 from causal_openlock.paper.references import PEOPLE
 from causal_openlock.paper.significance import p_in_words
@@ -62,13 +63,11 @@ def section(material: Material) -> Section | None:
         f"Sampling error {'explains' if fit.p >= ALPHA else 'does not explain'} that "
         f"({fit.in_words}). {shown} of {len(EFFECTS)} effects have people's sign."
     )
-    curves = [
-        f"a {name} is {distance(curve.points)[0]:.2f} away" for name, curve in null_curves().items()
-    ]
     text = (
         f"A perfect model would be about {ceiling.people:.2f} attempts away ({ceiling.low:.2f} to "
         f"{ceiling.high:.2f} in 95 of 100 such studies), because 40 people are a sample; fourteen "
-        f"means cannot rank models that are nearer. Fitted to these means, {joined(curves)}."
+        f"means cannot rank models that are nearer. A {CURVE}, fitted to these means, is "
+        f"{distance(null_curve())[0]:.2f} away."
     )
     # Those that come out no farther than the nearest one beyond people's sampling error.
     if alike := beside.loc[beside["verdict"] == "not ranked", "learner"].tolist():
@@ -89,13 +88,13 @@ def _distances(beside: pd.DataFrame) -> Table:
         "errors; p is the probability of as much for a perfect model, with trials taken as "
         "independent, so a small one rejects the learner. It takes no setting of a learner as "
         "fitted to these means; each that was takes away a degree of freedom. Perfect: the RMSE of "
-        "a perfect model with the same number of subjects; of curves, also with as many fitted "
-        "numbers. Difference: of RMSE to the nearest learner, with a 95% interval over other "
-        "samples of people and of subjects; nearer and farther where it excludes zero. Training: "
-        "deviation in three-lever rooms (CogSci 2019), of attempts until both solutions are found; "
-        "none of our learners was fitted to these. The curves are exponential in the number of "
-        "rooms played, fitted to the fourteen means: the first knows no schema, the second adds "
-        "one number for common effect rooms and for training with the other structure."
+        "a perfect model with the same number of subjects; of the curve, also with as many "
+        "fitted numbers. Difference: of RMSE to the nearest learner, with a 95% interval over "
+        "other samples of people and of subjects; nearer and farther where it excludes zero. "
+        "Training: deviation in three-lever rooms (CogSci 2019), of attempts until both solutions "
+        "are found; none of our learners was fitted to these. The curve is exponential in the "
+        "number of rooms played, with one number more for common effect rooms and for training "
+        "with the other structure."
     )
     frame = beside[[*_COLUMNS, "all", "misfit_all"]].rename(columns=_HEADS)
     title = "Distance from people, and what it is worth"

@@ -10,11 +10,10 @@ is compared with three others:
   the distance. Attempts do not say so: a model may be near where means are uncertain and
   many standard errors off where they are known well. So each squared deviation is divided by its
   variance, and the sum is compared with χ².
-* *Null curves*: three or four numbers fitted to the same fourteen means. Attempts fall
-  exponentially with the number of rooms that were played before:
-  ``last + gain · exp(-rooms / rate)``; the fourth number is added in common effect rooms and, once
-  more, in tests after training with the other structure. A model that is not nearer than such a
-  curve explains no more than it, with the same number of parameters.
+* The *null curve*: four numbers fitted to the same fourteen means. Attempts fall exponentially with
+  the number of rooms that were played before, ``last + gain · exp(-rooms / rate)``; the fourth
+  number is added in common effect rooms and, once more, in tests after training with the other
+  structure. A model that is not nearer explains no more than it, with as many parameters.
 * *The difference of two models* with its interval. Where that includes zero, people's own sampling
   error could have put the models in the other order, and they are not ranked.
 """
@@ -43,12 +42,7 @@ from causal_openlock.paper.significance import p_in_words
 from causal_openlock.schemas.fsm import FloatArray
 
 PERFECT = "perfect model"
-NULL_CURVES = {
-    "curve of 3 numbers, no schema effect": (6.0, 14.0, 2.0),
-    "curve of 4 numbers": (6.0, 14.0, 2.0, 2.0),
-}
-"""The null curves, each with the values from which its numbers are fitted."""
-
+CURVE, CURVE_NUMBERS = "curve of 4 numbers", 4
 VERDICTS = ("nearer", "farther", "not ranked")
 RESAMPLES = 2000
 """Studies of people, and of subjects, that are drawn."""
@@ -156,24 +150,19 @@ _TAILS = [(1 - LEVEL) / 2, (1 + LEVEL) / 2]
 
 
 def _error(points: pd.DataFrame, whose: str = "") -> FloatArray:
-    """``[N]`` standard errors; those of curves are 0."""
+    """``[N]`` standard errors; those of a curve are 0."""
     errors = error_of_bar(points[f"{whose}se"].fillna(0.0), points[f"{whose}subjects"])
     return errors.to_numpy(float)
 
 
-class Curve(NamedTuple):
-    """A null curve, fitted: its numbers (``last``, ``gain``, ``rate``, ``cost``) and its points."""
-
-    numbers: tuple[float, ...]
-    points: pd.DataFrame
-
-
 @cache
-def null_curves() -> Mapping[str, Curve]:
-    """The null curves by name, fitted to people's fourteen means by least squares.
+def null_curve() -> pd.DataFrame:
+    """The points of the null curve, fitted to people's fourteen means by least squares.
 
-    >>> [f"{distance(curve.points)[0]:.2f}" for curve in null_curves().values()]
-    ['2.06', '0.68']
+    Nobody may change them.
+
+    >>> round(distance(null_curve())[0], 2)
+    0.68
     """
     from scipy.optimize import curve_fit
 
@@ -182,19 +171,13 @@ def null_curves() -> Mapping[str, Curve]:
     common_effect = points["condition"].str.endswith("CE4")
     other = test & (points["condition"].str[:2] != points["condition"].str[4:6])
     rooms = np.where(test, 6, points["trial"] - 1)
-    x = np.array([rooms, common_effect.astype(int) + other], float)
-    curves = {}
-    for name, start in NULL_CURVES.items():
-        numbers, _ = curve_fit(_curve, x, points["people_mean"].to_numpy(), start)
-        fitted = points.assign(learner=name, mean=_curve(x, *numbers), se=np.nan)
-        curves[name] = Curve(tuple(numbers.tolist()), fitted)
-    return MappingProxyType(curves)
+    harder = common_effect.astype(int) + other
 
+    def curve(_: object, last: float, gain: float, rate: float, cost: float) -> pd.Series[float]:
+        return last + gain * np.exp(-rooms / rate) + cost * harder
 
-def _curve(x: FloatArray, last: float, gain: float, rate: float, cost: float = 0.0) -> FloatArray:
-    rooms, harder = x
-    attempts: FloatArray = last + gain * np.exp(-rooms / rate) + cost * harder
-    return attempts
+    numbers, _ = curve_fit(curve, rooms, points["people_mean"], (6.0, 14.0, 2.0, 2.0))
+    return points.assign(learner=CURVE, mean=curve(None, *numbers), se=np.nan)
 
 
 class Difference(NamedTuple):
@@ -279,7 +262,7 @@ def beside_null_models(
         fitted: How many numbers were fitted to these means, of learners of which any were.
 
     Returns:
-        A row for each learner, the published models, the null curves and a perfect model, the
+        A row for each learner, the published models, the null curve and a perfect model, the
         nearest first. Distances are in attempts, each followed by its :class:`Misfit` in words
         (``misfit``, ``misfit_baselines``, ...), and missing where there is nothing to compare:
         ``learner``, ``rmse`` over all points, ``baselines``, ``tests`` and ``all`` (in training in
@@ -298,8 +281,7 @@ def beside_null_models(
             pair = (points, like.points[nearest]), (drawn[name], drawn[nearest])
             row |= rmse_difference(*pair, rng)._asdict()
         rows.append(row)
-    for name, curve in null_curves().items():
-        rows.append(_row(name, curve.points, fitted=len(curve.numbers)))
+    rows.append(_row(CURVE, null_curve(), fitted=CURVE_NUMBERS))
     trained = training_points_of_model()
     rows.append(_row(TRAINING_MODEL, None, trained))
     # A perfect model deviates by people's standard errors alone.

@@ -31,7 +31,7 @@ def draw_scores(
 
     Args:
         table: A row for each ``scored`` learner, condition and trial, from
-            :func:`~causal_openlock.scoring.scores.over`.
+            :meth:`~causal_openlock.scoring.scores.Scores.over`.
         each: The ``bits`` of each subject in each trial, as they are drawn behind the means.
         names: Labels of the learners, in the order of the legend.
         choices: By condition, among how many actions one that knows nothing chooses; where it is

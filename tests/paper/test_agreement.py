@@ -105,7 +105,7 @@ def test_the_section_has_a_table_for_each_figure(tmp_path):
     )
 
 
-def test_baselines_under_a_shorter_protocol_have_no_section(tmp_path):
+def test_baselines_under_another_protocol_have_no_section(tmp_path):
     text = "protocols: {brief: {based_on: rl, baseline_loops: 1}}\n" + ALL_SIX + BOTH
     text = text.replace("name: a", "name: a, protocol: brief")
     record = baseline("CC4", [0.43, 0.4, 0.6, 0.7, 0.77], protocol="brief")

@@ -14,13 +14,14 @@ from causal_openlock.paper.likeness import (
     training_points_of_model,
 )
 from causal_openlock.paper.noise_ceiling import (
-    NULL_CURVES,
+    CURVE,
+    CURVE_NUMBERS,
     PERFECT,
     beside_null_models,
     drawn_means,
     misfit,
     noise_ceiling,
-    null_curves,
+    null_curve,
     rmse_difference,
 )
 from support.made_up_experiments import BESIDE_ALL
@@ -112,23 +113,21 @@ def test_a_misfit_in_one_well_known_mean_is_seen_where_the_distance_looks_perfec
     assert misfit(points[:0]).in_words == ""
 
 
-def test_null_curves_are_the_nearest_of_their_forms():
-    curves = null_curves()
-    assert list(curves) == list(NULL_CURVES)
-    plain, schema = curves.values()
-    assert distance(plain.points)[0] == pytest.approx(2.06, abs=0.005)
-    assert distance(schema.points)[0] == pytest.approx(0.68, abs=0.005)
-    assert (len(plain.numbers), len(schema.numbers)) == (3, 4)
+def test_the_null_curve_is_the_nearest_of_its_form():
+    points = null_curve()
+    assert distance(points)[0] == pytest.approx(0.68, abs=0.005)
     trials_before = np.array([0, 1, 2, 3, 4] * 2 + [6] * 4)
     harder = np.array([0] * 5 + [1] * 5 + [0, 1, 2, 1])
-
-    def curve(last, gain, rate, cost):
-        return last + gain * np.exp(-trials_before / rate) + cost * harder
-
-    assert curve(*schema.numbers) == pytest.approx(schema.points["mean"].to_numpy())
-    for change in np.vstack([np.eye(4), -np.eye(4)]) * 0.05:
-        other = schema.points.assign(mean=curve(*(schema.numbers + change)))
-        assert distance(other)[0] > distance(schema.points)[0]
+    # Of its form, with the rate that it has: a sum of three columns, of which it is the nearest.
+    gain = np.diff(points["mean"][:5])
+    rate = -1 / np.log(gain[1] / gain[0])
+    columns = np.stack([np.ones(14), np.exp(-trials_before / rate), harder], axis=1)
+    nearest, *_ = np.linalg.lstsq(columns, points["people_mean"], rcond=None)
+    assert columns @ nearest == pytest.approx(points["mean"].to_numpy(), abs=1e-4)
+    for other in (0.9 * rate, 1.1 * rate):
+        columns[:, 1] = np.exp(-trials_before / other)
+        _, squares, *_ = np.linalg.lstsq(columns, points["people_mean"], rcond=None)
+        assert np.sqrt(squares[0] / 14) > distance(points)[0]
 
 
 def compared(first, second):
@@ -184,12 +183,11 @@ def test_subjects_are_resampled_with_all_their_trials():
 # -- beside every distance ------------------------------------------------------------------------
 
 
-def test_every_distance_stands_beside_its_ceiling_and_the_null_curves():
+def test_every_distance_stands_beside_its_ceiling_and_the_null_curve():
     near, far = made_up("near", off=1.0), made_up("far", off=6.0)
     trials = pd.concat([near, far, training().assign(learner="near")], ignore_index=True)
     like = likeness(trials, BESIDE_ALL[1], ["near", "far"])
     found = beside_null_models(like, trials, {"near": 4}).set_index("learner")
-    assert set(NULL_CURVES) < set(found.index)
     assert found["rmse"].dropna().is_monotonic_increasing
     assert found.loc["near", "all"] == distance(training_points_of(trials))[0]
     assert np.isnan(found.loc["far", "all"])
@@ -201,6 +199,7 @@ def test_every_distance_stands_beside_its_ceiling_and_the_null_curves():
     assert found.loc["near", "ceiling"] == noise_ceiling(like.points["near"], 4).both
     assert found.loc["far", "misfit"] == misfit(like.points["far"]).in_words
     assert found.loc["near", "misfit_all"].startswith("χ²(12) = ")
-    curve = found.loc["curve of 4 numbers"]
+    curve = found.loc[CURVE]
+    assert curve["misfit"] == misfit(null_curve(), CURVE_NUMBERS).in_words
     assert curve["misfit"] == "χ²(10) = 5.7, p = .843"
     assert curve["ceiling"] == pytest.approx(1.206 * np.sqrt(10 / 14), abs=0.001)
