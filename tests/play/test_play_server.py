@@ -66,23 +66,6 @@ def log(server):
 # -- what is answered -----------------------------------------------------------------------------
 
 
-def test_a_click_is_answered_with_what_is_seen(server, caller):
-    name = caller.join()
-    _, state = caller.call("/state", name=name)
-    bits = state["room"]["observation"]
-    assert (state["turn"], state["trials"], len(bits), bits[14:]) == (0, 7, 16, [1, 0])
-    *pushes, door = solving(server.people, name)[0]
-    for turn, action in enumerate(pushes):
-        call = {"turn": turn, "action": action, "reaction": 800}
-        status, said = caller.call("/act", call, name)
-        assert (status, said["moved"], said["attempt_over"]) == (200, True, False)
-    assert said["outcome"][14] == 0
-    _, said = caller.call("/act", {"turn": 2, "action": door, "reaction": 800}, name)
-    assert (said["outcome"][15], said["new_solution"], said["attempt_over"]) == (1, True, True)
-    assert said["next"]["room"]["observation"] == bits  # the room has gone back
-    assert said["next"]["room"]["solutions_left"] == state["room"]["solutions_left"] - 1
-
-
 def test_nothing_latent_is_in_any_answer(server, caller):
     name = caller.join()
     for path in ("/", "/play.js", "/room.js", "/play.css", "/figure.svg", "/brief"):
