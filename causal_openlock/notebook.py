@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from causal_openlock.analysis.report.writing import Report
     from causal_openlock.comparison.results import Results
     from causal_openlock.contract.learner import Learner
-    from causal_openlock.envs.playable import Picture, PlayableRoom
+    from causal_openlock.envs.playable import PlayableRoom, Seen
     from causal_openlock.experiment.declare import Experiment
     from causal_openlock.render.film import Shot
     from causal_openlock.render.watch import WatchedTrial
@@ -56,16 +56,19 @@ def room_html(room: Room) -> str:
     return _room(title, room.observation[0], None, _text(listed))
 
 
-def picture_html(shown: Picture) -> str:
-    """A room and its console; of :class:`Seen`, also the action and its result."""
-    return _room(getattr(shown, "title", "A room"), shown.observation, shown.panel)
+def seen_html(seen: Seen) -> str:
+    """An action in a room, its result, and the console."""
+    return _room(seen.title, seen.observation, seen.panel)
 
 
 def playable_html(room: PlayableRoom) -> str:
     """A room to try out, as it is now, and how to act in it."""
     names = ", ".join(name.removeprefix("push ") for name in room.actions[: room.positions])
-    title, now = f"{room.schema.name} in {room.layout.name}", room.picture
-    return _room(title, now.observation, now.panel, _text(f"push or pull {names}; or push door"))
+    title, below = (
+        f"{room.schema.name} in {room.layout.name}",
+        f"push or pull {names}; or push door",
+    )
+    return _room(title, room.observation, room.panel, _text(below))
 
 
 def opened_html(opened: Any) -> str:
@@ -163,7 +166,7 @@ SHOWN_AS: dict[str, Callable[[Any], str]] = {
     "causal_openlock.schemas.schema.Schema": schema_html,
     "causal_openlock.world.room.Room": room_html,
     "causal_openlock.envs.playable.PlayableRoom": playable_html,
-    "causal_openlock.envs.playable.Picture": picture_html,
+    "causal_openlock.envs.playable.Seen": seen_html,
     "causal_openlock.play.background.OpenedRoom": opened_html,
     "causal_openlock.render.watch.WatchedTrial": watched_html,
     "causal_openlock.experiment.declare.Experiment": experiment_html,

@@ -8,7 +8,7 @@ solutions are found or no attempt is left.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -33,69 +33,45 @@ from causal_openlock.world.room import (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class Picture:
-    """A picture of a room: an observation, next to the console."""
-
-    observation: NDArray[np.int8]
-    panel: Panel = field(repr=False)
-
-    def text(self) -> str:
-        """The room and the console as plain text."""
-        panel, positions = self.panel, len(self.observation) // 2 - 1
-        found = [how for how in panel.solutions if how]
-        lines = [room_text(self.observation, positions).rstrip()]
-        lines.append(
-            f"{len(found)} of {counted(len(panel.solutions), 'solution')} found; "
-            f"{counted(panel.attempts_left or 0, 'attempt')} and "
-            f"{counted(panel.actions_left, 'action')} left"
-        )
-        return "\n".join([*lines, *(f"found: {how}" for how in found)])
-
-
 @dataclass(frozen=True, eq=False, repr=False)
-class Seen(Picture):
-    """Result of an action; its picture is the room right after it, before any reset.
-
-    A learner gets all of this except ``lever``, which is latent, and ``reveal``.
+class Seen:
+    """Result of an action; it shows the room right after the action, before any reset.
 
     Attributes:
         observation: ``[2P + 2]`` bits: levers pushed, levers grey, door locked, door open.
-        action: The action, such as ``push UPPER``.
-        outcome: What came of it, in words.
+        outcome: What came of the action, in words.
         reward: The reward of the action, by the paper's rule.
-        door_open: Whether the door is open.
         new_solution: Whether a solution was completed that had not been found before.
         attempt_over: Whether the attempt ended with it; the next action begins another.
         trial_over: Whether the trial ended with it.
-        solutions_found: How many solutions have been found in the trial.
-        attempts_used: How many attempts have been begun in the trial.
-        lever: The schema's lever at that position; empty for an inactive one and for the door.
-        reveal: Whether the title names that lever.
+        panel: The console.
+        title: The action, its result and, where it is revealed, the schema's lever at that
+            position, which no learner sees.
     """
 
-    action: str
+    observation: NDArray[np.int8]
     outcome: str
     reward: float
-    door_open: bool
     new_solution: bool
     attempt_over: bool
     trial_over: bool
-    solutions_found: int
-    attempts_used: int
-    lever: str
-    reveal: bool
-
-    @property
-    def title(self) -> str:
-        """The action, its result, and, where it is revealed, the lever's role."""
-        done = f"{self.action}: {self.outcome}"
-        if self.reveal and self.lever:
-            return f"{done} (hidden from learners: this is {self.lever})"
-        return done
+    panel: Panel
+    title: str
 
     def __repr__(self) -> str:
-        return f"{self.title}\n{self.text()}"
+        return f"{self.title}\n{_text(self.observation, self.panel)}"
+
+
+def _text(observation: NDArray[np.int8], panel: Panel) -> str:
+    """A room and its console as plain text."""
+    found = [how for how in panel.solutions if how]
+    lines = [
+        room_text(observation, len(observation) // 2 - 1).rstrip(),
+        f"{len(found)} of {counted(len(panel.solutions), 'solution')} found; "
+        f"{counted(panel.attempts_left or 0, 'attempt')} and "
+        f"{counted(panel.actions_left, 'action')} left",
+    ]
+    return "\n".join([*lines, *(f"found: {how}" for how in found)])
 
 
 class PlayableRoom:
@@ -105,6 +81,7 @@ class PlayableRoom:
         schema: Its schema.
         layout: The positions of its levers.
         actions: The names of all actions, by index.
+        observation: ``[2P + 2]`` bits, as of :class:`Seen`, of the room now.
         solutions_found: The solutions found in this trial, as the positions to push.
     """
 
@@ -120,7 +97,7 @@ class PlayableRoom:
         return self
 
     def _begin(self, seen: tuple[NDArray[np.int8], dict[str, Any]]) -> None:
-        self._observation, self._info = seen
+        self.observation, self._info = seen
         where = dict(self._info["latent"]["layout"])
         named = published_layouts(self.schema).values()
         own = Layout.of(self.schema, where, self.positions)
@@ -128,12 +105,11 @@ class PlayableRoom:
         self.actions = tuple(name.replace("_", " ") for name in action_names(self.positions))
         self.solutions_found: tuple[tuple[str, ...], ...] = ()
         self._done: list[ShownAction] = []
-        self._attempt = 1
 
     @property
     def positions(self) -> int:
         """Number of positions, P."""
-        return len(self._observation) // 2 - 1
+        return len(self.observation) // 2 - 1
 
     @property
     def over(self) -> bool:
@@ -154,57 +130,40 @@ class PlayableRoom:
         chosen = action_index(action, self.positions)
         if self.over:
             raise OpenLockError("the trial is over; begin another one with reset()")
-        before = self._observation
-        known = self._info["latent"]["found"]
-        self._observation, reward, *ended, self._info = self._env.step(chosen)
-        console, latent = self._info["console"], self._info["latent"]
-        outcome = self._info.get("outcome", self._observation)
-        where = dict(latent["layout"])
-        new = [solution for solution in latent["found"] if solution not in known]
-        self.solutions_found += tuple(
-            tuple(where[lever] for lever in latent["solutions"][solution]) for solution in new
-        )
+        before, known = self.observation, self._info["latent"]["found"]
+        self.observation, reward, *_, self._info = self._env.step(chosen)
+        latent, attempt_over = self._info["latent"], "outcome" in self._info
+        outcome = self._info.get("outcome", self.observation)  # right after the action
+        places = dict(latent["layout"])
+        new = [latent["solutions"][k] for k in latent["found"] if k not in known]
+        self.solutions_found += tuple(tuple(places[lever] for lever in levers) for levers in new)
         name = self.actions[chosen]
         shown = ShownAction.of(name, before, outcome, bool(new))
         self._done.append(shown)
-        over = "outcome" in self._info
-        seen = Seen(
-            observation=outcome,
-            panel=self._panel(0 if over else console["actions_left"]),
-            action=name,
-            outcome=shown.outcome,
-            reward=float(reward),
-            door_open=bool(outcome[-1]),
-            new_solution=bool(new),
-            attempt_over=over,
-            trial_over=any(ended),
-            solutions_found=console["solutions_found"],
-            attempts_used=self._attempt,
-            lever="".join(lever for lever, place in where.items() if name.endswith(f" {place}")),
-            reveal=self._reveal,
-        )
-        if over:
+        title = f"{name}: {shown.outcome}"
+        for lever, place in places.items() if self._reveal else ():
+            if name.endswith(f" {place}"):
+                title += f" (hidden from learners: this is {lever})"
+        panel = replace(self.panel, actions_left=0) if attempt_over else self.panel
+        if attempt_over:
             self._done = []
-            self._attempt += 1
-        return seen
+        return Seen(
+            outcome, shown.outcome, reward, bool(new), attempt_over, self.over, panel, title
+        )
 
-    def _panel(self, actions_left: int) -> Panel:
+    @property
+    def panel(self) -> Panel:
+        """The console now."""
         console = self._info["console"]
         return Panel(
             solutions=(*map(", ".join, self.solutions_found), *[""] * console["solutions_left"]),
             attempts_left=console["attempts_left"] if console["solutions_left"] else None,
-            actions_left=actions_left,
+            actions_left=0 if self.over else console["actions_left"],
             actions=tuple(self._done),
         )
 
-    @property
-    def picture(self) -> Picture:
-        """The room's picture now."""
-        left = 0 if self.over else self._info["console"]["actions_left"]
-        return Picture(self._observation, self._panel(left))
-
     def __repr__(self) -> str:
-        return f"{self.schema.name} in {self.layout.name}\n{self.picture.text()}"
+        return f"{self.schema.name} in {self.layout.name}\n{_text(self.observation, self.panel)}"
 
 
 def room(

@@ -41,21 +41,15 @@ from causal_openlock.world.rooms import RoomTables, events_of
 if TYPE_CHECKING:
     from causal_openlock.physics.room import PhysicalRoom
     from causal_openlock.physics.world import Pose
-    from causal_openlock.render.paint import Panel
     from causal_openlock.schemas.schema import Schema
 
 
-KEPT_ROWS = 500_000
-"""The most rows, over all layouts met, to keep observations of: about 100 bytes each."""
-
-
-class _Table:
-    """The tables of a schema as Python lists, the fastest to read in a single step."""
+class _Lists:
+    """The tables of a room as Python lists, which a single step reads fastest."""
 
     def __init__(self, settings: Settings) -> None:
         limit = settings.action_limit
         self.tables = tables = RoomTables.of([(settings.schema, limit)], settings.positions)
-        self.fsm = compile_schema(settings.schema)
         self.fails, self.columns = tables.fails, tables.waits + 1
         self.after: list[int] = tables.after.ravel().tolist()
         self.event: list[int] = tables.event.ravel().tolist()
@@ -65,45 +59,6 @@ class _Table:
         self.begins = tables.begins
         most = min(len(settings.schema.solutions), settings.attempt_limit)
         (self.paid,) = rewards_by_event([settings.reward], tables.event, most)
-
-
-class _Bodies:
-    """The physical room of a trial; its states are rows of the table."""
-
-    def __init__(self, table: _Table) -> None:
-        self._fsm = table.fsm
-        self._used: list[int] = table.tables.used.tolist()
-        states = zip(self._used, table.tables.state.tolist(), strict=True)
-        self._rows = {used_and_state: row for row, used_and_state in enumerate(states)}
-        self.room: PhysicalRoom | None = None
-        self.watch: Callable[[Pose], None] | None = None
-        self._finished, self._steps, self._unfinished = True, 0, 0
-
-    def enter(self, layout: Layout) -> None:
-        from causal_openlock.physics.room import PhysicalRoom
-
-        self.room = PhysicalRoom(self._fsm, layout)
-
-    def put_back(self) -> None:
-        assert self.room is not None
-        self.room.reset()
-        self._finished, self._steps = True, 0
-
-    def move(self, row: int, action: int, yields: bool) -> int:
-        """Carry out an action and return the row of the state that it led to."""
-        assert self.room is not None
-        self.room.watch = self.watch
-        movement = self.room.act(action, yields)
-        self._finished, self._steps = movement.finished, movement.steps
-        self._unfinished += not movement.finished
-        return self._rows[self._used[row] + 1, self.room.state]
-
-    def info(self) -> dict[str, Any]:
-        return {
-            "finished": self._finished,
-            "steps": self._steps,
-            "unfinished": self._unfinished,
-        }
 
 
 class OpenLockEnv(Checked, gymnasium.Env[NDArray[np.int8], int]):
@@ -171,16 +126,15 @@ class OpenLockEnv(Checked, gymnasium.Env[NDArray[np.int8], int]):
         self._render_size = check_render_size(render_size)
         self._render_console = render_console
         self._reveal = reveal
-        self._table = _Table(self.settings)
-        self._bodies = _Bodies(self._table) if physics else None
-        # For each layout, its observation at each row and the column of each action.
-        self._layouts: dict[Layout, tuple[list[NDArray[np.int8]], list[int]]] = {}
+        self._lists, self._fsm = _Lists(self.settings), compile_schema(self.settings.schema)
         self._actions = 2 * self.settings.positions + 1
         self._whole_trial = self.settings.whole_trial
         self._stochastic = not self.settings.schema.deterministic
-        # Row of the room; after the end of an episode its complement, which is negative.
-        self._row = -1
-        self._new_trial_due = True
+        self._layout: Layout | None = None
+        self._row, self._over, self.trial_over = 0, True, True
+        self._bodies: PhysicalRoom | None = None
+        self._watch: Callable[[Pose], None] | None = None
+        self._movements = {"finished": True, "steps": 0, "unfinished": 0} if physics else None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -193,35 +147,38 @@ class OpenLockEnv(Checked, gymnasium.Env[NDArray[np.int8], int]):
         """
         if seed is not None:
             super().reset(seed=seed)
-        if self._row > 0 and not self._whole_trial:
+        if self._row and not self._over and not self._whole_trial:
             self._spend_attempt()  # the attempt in progress is given up
         asked = check_options(options, "new_trial")
-        if self._new_trial_due or self._whole_trial or seed is not None or asked:
+        if self.trial_over or self._whole_trial or seed is not None or asked:
             self._begin_trial()
-        if self._bodies is not None:
-            self._bodies.put_back()
-        self._row = 0
-        self._previous = -1
-        return self._observations[0].copy(), self._info(0)
+        self._put_back()
+        if self._movements:
+            self._movements |= {"finished": True, "steps": 0}
+        self._over = False
+        return self._observations[0].copy(), self._info()
 
     def _begin_trial(self) -> None:
         layout = self.settings.draw_layout(self.np_random)
-        if layout not in self._layouts:
-            state = self._table.tables.state
-            if len(self._layouts) * len(state) >= KEPT_ROWS:
-                self._layouts.clear()
-            observations = layout.observations(self._table.fsm, state)
+        if layout != self._layout:
+            # The observation at each row, and the tables' column of each action.
+            self._observations = [*layout.observations(self._fsm, self._lists.tables.state)]
             lever = layout.lever_at()
             columns = [*lever, *(layout.positions + lever), 2 * layout.positions]
-            self._layouts[layout] = [*observations], [*map(int, columns)]
-        self._layout = layout
-        self._observations, self._column = self._layouts[layout]
-        if self._bodies is not None:
-            self._bodies.enter(layout)
+            self._layout, self._column = layout, [*map(int, columns)]
+        if self._movements:
+            from causal_openlock.physics.room import PhysicalRoom
+
+            self._bodies = PhysicalRoom(self._fsm, layout)
         self._attempts_left = self.settings.attempt_limit
         self._found: set[int] = set()
         self._solutions_left = len(self.settings.schema.solutions)
-        self._new_trial_due = False
+        self.trial_over = False
+
+    def _put_back(self) -> None:
+        self._row, self._previous = 0, -1
+        if self._bodies:
+            self._bodies.reset()
 
     def step(self, action: int) -> tuple[NDArray[np.int8], float, bool, bool, dict[str, Any]]:
         """Take one action.
@@ -230,8 +187,7 @@ class OpenLockEnv(Checked, gymnasium.Env[NDArray[np.int8], int]):
             ResetNeeded: Before the first reset, and after the end of an episode.
             InvalidAction: If the action is not in the action space.
         """
-        row = self._row
-        if row < 0:
+        if self._over:
             raise ResetNeeded("call reset() before step(), and after the end of every episode")
         try:
             action = index(action)
@@ -239,90 +195,91 @@ class OpenLockEnv(Checked, gymnasium.Env[NDArray[np.int8], int]):
             action = -1
         if not 0 <= action < self._actions:
             raise InvalidAction(f"an action is an integer from 0 to {self._actions - 1}")
-        table, found = self._table, self._found
-        at = row * table.columns
-        place = at + self._column[action]
-        fails = self._stochastic and self.np_random.random() >= table.chance[place] > 0.0
+        lists, found = self._lists, self._found
+        start = self._row * lists.columns
+        place = start + self._column[action]
+        fails = self._stochastic and self.np_random.random() >= lists.chance[place] > 0.0
         if fails:
-            place = at + table.fails
-        after, event = table.after[place], table.event[place]
-        if self._bodies is not None:
-            after = self._bodies.move(row, action, not fails)
-            happened = events_of(table.tables, table.fsm, np.array(row), np.array(after))
-            event = event & INACTIVE | int(happened)
-        if event & UNLOCKED and table.solution[after] not in (-1, *found):
+            place = start + lists.fails
+        after, event = lists.after[place], lists.event[place]
+        if self._movements:
+            after, event = self._move(action, event, yields=not fails)
+        if event & UNLOCKED and lists.solution[after] not in (-1, *found):
             event |= NEW
         if action == self._previous:
             event |= REPEATED
-        if found and event & ON_PATH and table.begins[after, list(found)].any():
+        if found and event & ON_PATH and lists.begins[after, list(found)].any():
             event |= RETRACED
-        reward = table.paid.item(event & (WORDS - 1), len(found))
-        self._previous = action
-        if table.actions_left[after]:
-            self._row = after
-            return self._observations[after].copy(), reward, False, False, self._info(after)
-        return self._end_attempt(after, event, reward)
+        reward = lists.paid.item(event & (WORDS - 1), len(found))
+        self._row, self._previous = after, action
+        if lists.actions_left[after]:
+            return self._observations[after].copy(), reward, False, False, self._info()
+        if event & OPENS and event & NEW:
+            found.add(lists.solution[after])
+            self._solutions_left -= 1
+        return self._end_attempt(self._observations[after].copy(), reward)
+
+    def _move(self, action: int, event: int, yields: bool) -> tuple[int, int]:
+        """Let the arm act: the row of the state that the bodies are in then, and the event."""
+        assert self._bodies
+        assert self._movements
+        self._bodies.watch = self._watch
+        movement, tables = self._bodies.act(action, yields), self._lists.tables
+        unfinished = self._movements["unfinished"] + (not movement.finished)
+        self._movements = {
+            "finished": movement.finished,
+            "steps": movement.steps,
+            "unfinished": unfinished,
+        }
+        used = tables.used == tables.used[self._row] + 1
+        after = np.flatnonzero(used & (tables.state == self._bodies.state))
+        (happened,) = events_of(tables, self._fsm, np.array([self._row]), after).tolist()
+        return int(after[0]), event & INACTIVE | happened
 
     def _end_attempt(
-        self, after: int, event: int, reward: float
+        self, outcome: NDArray[np.int8], reward: float
     ) -> tuple[NDArray[np.int8], float, bool, bool, dict[str, Any]]:
         # The same rule as in world/kernel.py, for one room.
-        if event & OPENS and event & NEW:
-            self._found.add(self._table.solution[after])
-            self._solutions_left -= 1
         solved = not self._solutions_left
         spent = self._attempts_left == 1 and not solved
-        if solved or spent:  # the trial is over
-            self._attempts_left, self._new_trial_due = 0, True
-        outcome = self._observations[after].copy()
+        if solved or spent:
+            self._attempts_left, self.trial_over = 0, True
         if not self._whole_trial:
-            info = self._info(after)
+            info = self._info()
             self._spend_attempt()
-            self._row = ~after
+            self._over = True
             return outcome, reward, True, False, info
         self._spend_attempt()
-        info = self._info(0)
-        info["outcome"] = outcome
-        if self._bodies is not None:
-            self._bodies.put_back()
-        self._previous = -1
-        self._row = ~0 if solved or spent else 0
-        return self._observations[0].copy(), reward, solved, spent, info
+        self._put_back()
+        self._over = solved or spent
+        return self._observations[0].copy(), reward, solved, spent, self._info(outcome=outcome)
 
     def _spend_attempt(self) -> None:
         if self._attempts_left:
             self._attempts_left -= 1
-        self._new_trial_due = not self._attempts_left
+        self.trial_over = not self._attempts_left
 
-    def _info(self, row: int) -> dict[str, Any]:
+    def _info(self, **more: Any) -> dict[str, Any]:
         info: dict[str, Any] = {
             "console": {
                 "solutions_left": self._solutions_left,
                 "solutions_found": len(self._found),
                 "attempts_left": self._attempts_left,
-                "actions_left": self._table.actions_left[row],
+                "actions_left": self._lists.actions_left[self._row],
             },
+            **more,
         }
-        if self._reveal:
-            info["latent"] = self._describe()
-        if self._bodies is not None:
-            info["physics"] = self._bodies.info()
+        if self._reveal and self._layout:
+            schema = self.settings.schema
+            info["latent"] = {
+                "schema": schema.name,
+                "layout": tuple(self._layout.as_mapping(schema).items()),
+                "solutions": schema.solutions,
+                "found": tuple(sorted(self._found)),
+            }
+        if self._movements:
+            info["physics"] = dict(self._movements)
         return info
-
-    def _describe(self) -> dict[str, Any]:
-        """Latent facts, which learners must not see, in immutable values."""
-        schema = self.settings.schema
-        return {
-            "schema": schema.name,
-            "layout": tuple(self._layout.as_mapping(schema).items()),
-            "solutions": schema.solutions,
-            "found": tuple(sorted(self._found)),
-        }
-
-    @property
-    def trial_over(self) -> bool:
-        """Whether the next reset begins a new trial in any case."""
-        return self._new_trial_due
 
     @property
     def physical_room(self) -> PhysicalRoom:
@@ -332,10 +289,10 @@ class OpenLockEnv(Checked, gymnasium.Env[NDArray[np.int8], int]):
             OpenLockError: Without ``physics=True``.
             ResetNeeded: Before the first reset.
         """
-        room = self._physics().room
-        if room is None:
+        self._check_physics()
+        if self._bodies is None:
             raise ResetNeeded("call reset() before asking for the physical room")
-        return room
+        return self._bodies
 
     def watch(self, callback: Callable[[Pose], None] | None) -> None:
         """Call a function with the pose after every step of the simulation from now on.
@@ -346,12 +303,12 @@ class OpenLockEnv(Checked, gymnasium.Env[NDArray[np.int8], int]):
         Raises:
             OpenLockError: Without ``physics=True``.
         """
-        self._physics().watch = callback
+        self._check_physics()
+        self._watch = callback
 
-    def _physics(self) -> _Bodies:
-        if self._bodies is None:
+    def _check_physics(self) -> None:
+        if self._movements is None:
             raise OpenLockError("this room is not simulated; make it with physics=True")
-        return self._bodies
 
     def render(self) -> Any:
         """The room as text or as a ``[height, width, 3]`` picture of bytes, by ``render_mode``.
@@ -361,31 +318,23 @@ class OpenLockEnv(Checked, gymnasium.Env[NDArray[np.int8], int]):
         if self.render_mode is None:
             gymnasium.logger.warn("pass render_mode='ansi' or 'rgb_array' to see the room")
             return None
-        if not hasattr(self, "_layout"):
+        if self._layout is None:
             raise ResetNeeded("call reset() before render()")
-        row = self._row if self._row >= 0 else ~self._row
-        seen = self._observations[row]
-        positions = self.settings.positions
+        seen, positions = self._observations[self._row], self.settings.positions
         if self.render_mode == "ansi":
             from causal_openlock.render.room import room_text
 
             return room_text(seen, positions)
-        from causal_openlock.render.paint import draw
+        from causal_openlock.render.paint import Panel, draw
         from causal_openlock.render.scene import Look
 
-        if self._bodies is None:
-            look = Look.of_observation(seen, positions)
-        else:
-            grey = seen[positions : 2 * positions].astype(bool).tolist()
-            look = Look.of_pose(self.physical_room.pose(), grey)
-        return draw(look, self._render_size, self._panel(row) if self._render_console else None)
-
-    def _panel(self, row: int) -> Panel:
-        from causal_openlock.render.paint import Panel
-
-        found = len(self._found)
-        return Panel(
-            solutions=(*[None] * found, *[""] * self._solutions_left),
-            attempts_left=self._attempts_left if self._solutions_left else None,
-            actions_left=self._table.actions_left[row],
-        )
+        look, panel = Look.of_observation(seen, positions), None
+        if self._bodies:
+            look = Look.of_pose(self._bodies.pose(), look.grey)
+        if self._render_console:
+            panel = Panel(
+                solutions=(*[None] * len(self._found), *[""] * self._solutions_left),
+                attempts_left=self._attempts_left if self._solutions_left else None,
+                actions_left=self._lists.actions_left[self._row],
+            )
+        return draw(look, self._render_size, panel)

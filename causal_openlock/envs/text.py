@@ -10,7 +10,6 @@ from __future__ import annotations
 import os
 import string
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
@@ -18,12 +17,11 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.error import InvalidAction, ResetNeeded
 
-from causal_openlock.contract.learner import Brief, Console, Step, View
 from causal_openlock.envs.settings import ATTEMPT_LIMIT, Checked, check_options
 from causal_openlock.envs.single import OpenLockEnv
-from causal_openlock.render.words import ANY, StoryName, Wording, feedback, room_now
+from causal_openlock.render.words import ANY, Counters, StoryName, Wording
 from causal_openlock.world.rewards import BASIC_REWARD, RewardForm
-from causal_openlock.world.room import RANDOM_LAYOUT, Layout, action_names
+from causal_openlock.world.room import RANDOM_LAYOUT, Layout
 
 if TYPE_CHECKING:
     from causal_openlock.schemas.schema import Schema
@@ -45,9 +43,6 @@ class OpenLockTextEnv(Checked, gymnasium.Env[str, str]):
         story: ``levers``, ``switches``, ``symbols``, or ``any``. ``reset(seed=...)`` draws the
             names of positions and their order, and the story if it is ``any``; they stay the same
             until the next seed.
-        information: Whether ``info["information"]`` holds the bits that an ideal Bayesian observer
-            gained from the last action, with the same prior in every trial. They can be negative:
-            an unlikely outcome can leave it less certain than it was.
 
     ``info`` also holds ``action``, the index of the last action or ``None`` if the text was none,
     ``actions``, the texts of all actions in the order in which they are listed, and ``console``.
@@ -73,20 +68,16 @@ class OpenLockTextEnv(Checked, gymnasium.Env[str, str]):
         action_limit: int | None = None,
         positions: int | None = None,
         story: StoryName = ANY,
-        information: bool = True,
         render_mode: str | None = None,
     ) -> None:
         self._env = OpenLockEnv(
             schema, layout, reward, "trial", attempt_limit, action_limit, positions
         )
         self.settings = self._env.settings
-        (bits,) = self._env.observation_space.shape or ()
-        self._story, self._informs, self.render_mode = story, information, render_mode
-        self._positions = bits // 2 - 1
-        self._attempt_limit = attempt_limit
+        self._story, self.render_mode = story, render_mode
         texts = spaces.Text(LONGEST, min_length=0, charset=string.printable)
         self.observation_space, self.action_space = texts, texts
-        self._words = Wording.draw(self._positions, np.random.default_rng(0), story)
+        self._words = Wording.draw(self.settings.positions, np.random.default_rng(0), story)
         self._text = ""
 
     def reset(
@@ -101,12 +92,11 @@ class OpenLockTextEnv(Checked, gymnasium.Env[str, str]):
         check_options(options, "new_trial")
         super().reset(seed=seed)
         if seed is not None or not self._text:
-            self._words = Wording.draw(self._positions, self.np_random, self._story)
+            self._words = Wording.draw(self.settings.positions, self.np_random, self._story)
         self._observation, info = self._env.reset(seed=seed)
         self._console, self._attempt, self._over = info["console"], 1, False
-        rules = self._words.instructions(self._console["actions_left"], self._attempt_limit)
-        self._text = f"{rules}\n\n{room_now(self._words, self._view(), 0, trials=1)}"
-        self._observer = _Observer(self._view(), self._attempt_limit) if self._informs else None
+        rules = self._words.instructions(self._console["actions_left"], self.settings.attempt_limit)
+        self._text = f"{rules}\n\n{self._room()}"
         return self._text, self._info(None, info)
 
     def step(self, action: str) -> tuple[str, float, bool, bool, dict[str, Any]]:
@@ -125,70 +115,30 @@ class OpenLockTextEnv(Checked, gymnasium.Env[str, str]):
         if chosen is None:
             self._text = words.no_action
             return self._text, 0.0, False, False, self._info(None, {})
-        view, known = self._view(), self._console["solutions_found"]
+        before, known = self._observation, self._console["solutions_found"]
         self._observation, reward, solved, spent, info = self._env.step(chosen)
         self._console, self._over = info["console"], solved or spent
-        outcome, attempt_over = info.get("outcome", self._observation), "outcome" in info
-        self._attempt += attempt_over
-        step = Step(
-            view=view,
-            action=np.array([chosen]),
-            outcome=outcome[None],
-            reward=np.array([reward]),
-            attempt_over=np.array([attempt_over]),
-            trial_over=np.array([self._over]),
-            new_solution=np.array([self._console["solutions_found"] > known]),
-            next=self._view(),
-        )
-        self._text = feedback(self._words, step, 0, trials=1)
-        info = self._info(chosen, info)
-        if self._observer is not None:
-            info["information"] = self._observer.gained(step)
-        return self._text, reward, solved, spent, info
+        new = self._console["solutions_found"] > known
+        outcome = info.get("outcome", self._observation)  # right after the action
+        lines = [words.outcome(before, outcome, new)]
+        if "outcome" in info:
+            left = self._console["solutions_left"]
+            lines.append(words.ending(self._attempt, self._over, left))
+            self._attempt += 1
+        if not self._over:
+            lines.append(self._room())
+        self._text = "\n".join(lines)
+        return self._text, reward, solved, spent, self._info(chosen, info)
 
     def render(self) -> str | None:
         """The last observation, with ``render_mode="ansi"``."""
         return self._text if self.render_mode == "ansi" else None
 
     def _info(self, action: int | None, info: dict[str, Any]) -> dict[str, Any]:
-        known = {**info, "console": dict(self._console), "action": action}
-        known["actions"] = tuple(self._words.choices)
-        return known | ({"information": 0.0} if self._informs else {})
+        actions = tuple(self._words.choices)
+        return {**info, "console": dict(self._console), "action": action, "actions": actions}
 
-    def _view(self) -> View:
-        console = {key: np.array([value]) for key, value in self._console.items()}
-        return View(
-            observation=self._observation[None],
-            console=Console(**console),
-            trial=np.ones(1, dtype=np.int64),
-            attempt=np.array([self._attempt]),
-            playing=np.array([not self._over]),
-        )
-
-
-class _Observer:
-    """An ideal Bayesian observer of one trial."""
-
-    def __init__(self, view: View, attempt_limit: int) -> None:
-        from causal_openlock.belief.beliefs import Beliefs
-        from causal_openlock.belief.knowledge import Prior
-
-        positions = view.observation.shape[1] // 2 - 1
-        names, generators = action_names(positions), (np.random.default_rng(0),)
-        actions = int(view.console.actions_left[0])
-        brief = Brief(1, positions, names, actions, attempt_limit, 1, generators)
-        self._beliefs = Beliefs(brief, Prior(), generators)
-        self._beliefs.enter(view)
-
-    @property
-    def _entropy(self) -> float:
-        belief = self._beliefs.of[0]
-        assert belief is not None, "it never leaves the room"
-        return belief.entropy
-
-    def gained(self, step: Step) -> float:
-        """The bits that it gained from an action."""
-        before = self._entropy
-        # The end of the trial would make it forget the room.
-        self._beliefs.update(replace(step, trial_over=np.zeros(1, dtype=bool)))
-        return before - self._entropy
+    def _room(self) -> str:
+        console = self._console
+        left = console["solutions_left"], console["attempts_left"], console["actions_left"]
+        return self._words.room(self._observation, Counters(*left, self._attempt))

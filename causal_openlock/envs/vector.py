@@ -20,7 +20,6 @@ from causal_openlock.envs.settings import (
     check_options,
 )
 from causal_openlock.errors import OpenLockError
-from causal_openlock.files.validation import whole_number
 from causal_openlock.world.rewards import BASIC_REWARD, RewardForm
 from causal_openlock.world.room import RANDOM_LAYOUT, Layout
 from causal_openlock.world.rooms import Rooms, RoomTables
@@ -119,12 +118,12 @@ class OpenLockVectorEnv(Checked, VectorEnv[NDArray[np.int8], NDArray[np.int64], 
         self._due = np.zeros(0, dtype=np.int64)
 
     def reset(
-        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.int8], dict[str, Any]]:
         """Begin a new trial in every room.
 
         Args:
-            seed: One seed for the whole batch; a list of seeds is combined into one.
+            seed: One seed for the whole batch.
             options: ``{"reset_mask": [num_envs] of bool}`` resets only those rooms.
         """
         mask = check_options(options, "reset_mask")
@@ -135,7 +134,7 @@ class OpenLockVectorEnv(Checked, VectorEnv[NDArray[np.int8], NDArray[np.int64], 
                     f"reset_mask is a boolean array of {self.num_envs}, one for each room, and "
                     f"this is {mask.dtype} of shape {mask.shape}"
                 )
-        super().reset(seed=self._one_seed(seed))
+        super().reset(seed=seed)
         if mask is None or not self._started:
             mask = np.ones(self.num_envs, dtype=bool)
         if seed is not None or mask.all():
@@ -145,23 +144,6 @@ class OpenLockVectorEnv(Checked, VectorEnv[NDArray[np.int8], NDArray[np.int64], 
         self._begin_trials(np.flatnonzero(mask))
         self._due = self._due[~mask[self._due]]
         return self._rooms.observation, self._info()
-
-    def _one_seed(self, seed: Any) -> int | None:
-        """The seed of the whole batch, of one for each room."""
-        if not isinstance(seed, list | tuple):
-            return seed
-        if len(seed) != self.num_envs:
-            raise OpenLockError(
-                f"there are {len(seed)} seeds for {self.num_envs} rooms; give one for each, or one"
-            )
-        if all(room_seed is None for room_seed in seed):
-            return None
-        fresh = np.random.default_rng()  # for rooms without a seed
-        seeds = [
-            int(fresh.integers(2**31)) if room_seed is None else whole_number(room_seed, "seed")
-            for room_seed in seed
-        ]
-        return int(np.random.SeedSequence(seeds).generate_state(1)[0])
 
     def _begin_trials(self, which: NDArray[np.int64]) -> None:
         many, layout = len(which), self.settings.layout
