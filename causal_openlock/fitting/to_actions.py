@@ -227,25 +227,13 @@ def jobs_of(parts: Sequence[Recorded], plan: Plan) -> list[FitJob]:
 
 
 def check_folds(parts: Sequence[Recorded], plan: Plan) -> None:
-    """Refuse to hold out subjects if a fold has none.
-
-    Raises:
-        OpenLockError: If it does, with how many folds there can be.
-    """
-    numbers = {number for part in parts for number in part.numbers}
-
-    def have_subjects(folds: int) -> bool:
-        return len({number % folds for number in numbers}) == folds
-
-    folds = plan.fit.folds
-    if plan.hold_out != "subjects" or have_subjects(folds):
-        return
-    fewer = next(filter(have_subjects, range(folds - 1, 1, -1)), None)
-    remedy = f"folds={fewer}" if fewer else "hold_out=trials or hold_out=none"
-    raise OpenLockError(
-        f"{folds} folds would not each have a subject: subjects are dealt by number, and there "
-        f"{'is' if len(numbers) == 1 else 'are'} {len(numbers)}; give --set {remedy}"
-    )
+    """Raise OpenLockError if subjects are to be held out, and a fold has none."""
+    numbers, folds = {number for part in parts for number in part.numbers}, plan.fit.folds
+    if plan.hold_out == "subjects" and len({number % folds for number in numbers}) < folds:
+        raise OpenLockError(
+            f"{folds} folds would not each have a subject, dealt by their numbers, of which there "
+            f"are {len(numbers)}; give fewer with --set folds=, or --set hold_out=trials"
+        )
 
 
 def _most_trials(part: Recorded) -> int:

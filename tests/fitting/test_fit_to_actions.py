@@ -137,10 +137,10 @@ def test_folds_need_trials_and_subjects_enough(folder):
     assert len(jobs_of([short], PLAN.changed(hold_out="none", each=True))) == 6
     assert len(jobs_of([short], PLAN)) == 3
     plan = PLAN.changed(hold_out="subjects", folds=7)
-    with pytest.raises(OpenLockError, match="there are 6; give --set folds=6"):
+    with pytest.raises(OpenLockError, match="there are 6; give fewer"):
         jobs_of([part], plan)
     one = replace(part, rows=part.rows[part.rows["subject"] == 0])
-    with pytest.raises(OpenLockError, match="there is 1; give --set hold_out=trials"):
+    with pytest.raises(OpenLockError, match="hold_out=trials"):
         jobs_of([one], plan)
     with pytest.raises(OpenLockError, match="7 folds"):
         fit_group([part], plan, folder)
