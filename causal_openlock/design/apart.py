@@ -34,12 +34,8 @@ from causal_openlock.running.worker import made
 from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.scoring import LAPSE
 from causal_openlock.scoring.inverse_binomial import Draws
-from causal_openlock.scoring.teacher_forcing import (
-    Recorded,
-    known_learners,
-    recorded_subjects,
-    score_part,
-)
+from causal_openlock.scoring.recorded import Recorded, recorded_subjects
+from causal_openlock.scoring.teacher_forcing import known_learners, score_part
 from causal_openlock.wording import joined
 from causal_openlock.world.randomness import generators
 

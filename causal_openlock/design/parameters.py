@@ -29,7 +29,7 @@ from causal_openlock.fitting.space import (
 from causal_openlock.fitting.to_actions import WHOLE, FitJob, fit_all
 from causal_openlock.running.worker import made
 from causal_openlock.scoring import LAPSE
-from causal_openlock.scoring.teacher_forcing import Recorded, recorded_subjects
+from causal_openlock.scoring.recorded import Recorded, recorded_subjects
 from causal_openlock.world.randomness import generators
 
 

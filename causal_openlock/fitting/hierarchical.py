@@ -46,7 +46,7 @@ from causal_openlock.fitting.to_actions import (
     write_fits,
 )
 from causal_openlock.schemas.fsm import FloatArray
-from causal_openlock.scoring.teacher_forcing import Recorded
+from causal_openlock.scoring.recorded import Recorded
 
 GROUP = "group"
 """Label of the fit of the group itself."""

@@ -44,15 +44,10 @@ from causal_openlock.fitting.to_actions import (
 )
 from causal_openlock.scoring import LAPSE
 from causal_openlock.scoring.inverse_binomial import Draws
+from causal_openlock.scoring.recorded import Recorded, recorded_subjects, subject_names
 from causal_openlock.scoring.score_table import GROUP
 from causal_openlock.scoring.scores import Scores, score_learners, scores_of
-from causal_openlock.scoring.teacher_forcing import (
-    EXACT,
-    Recorded,
-    recorded_subjects,
-    scored_parts,
-    subject_names,
-)
+from causal_openlock.scoring.teacher_forcing import EXACT, scored_parts
 from causal_openlock.storage.stored import StoredExperiment
 from causal_openlock.wording import joined
 

@@ -21,8 +21,9 @@ from causal_openlock.fitting.hierarchical import ROUNDS, fit_group
 from causal_openlock.fitting.space import FitSettings, Plan, SearchSpace
 from causal_openlock.fitting.to_actions import fit_all, fit_table, jobs_of
 from causal_openlock.paper.likeness_figure import CLEAR, signs
+from causal_openlock.scoring.recorded import recorded_subjects
 from causal_openlock.scoring.scores import choices_in
-from causal_openlock.scoring.teacher_forcing import known_learners, recorded_subjects
+from causal_openlock.scoring.teacher_forcing import known_learners
 from causal_openlock.storage.store import Store
 from causal_openlock.wording import counted, joined, significant
 

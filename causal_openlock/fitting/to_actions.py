@@ -41,8 +41,9 @@ from causal_openlock.fitting.search import (
 from causal_openlock.fitting.space import Chosen, Plan, SearchSpace
 from causal_openlock.fitting.steps import fitting_in, steps
 from causal_openlock.schemas.fsm import BoolArray
+from causal_openlock.scoring.recorded import Recorded, subject_names
 from causal_openlock.scoring.scores import LN2
-from causal_openlock.scoring.teacher_forcing import EXACT, Recorded, score_part, subject_names
+from causal_openlock.scoring.teacher_forcing import EXACT, score_part
 
 FILE = "fit_to_actions.json"
 """File of a finished fit."""

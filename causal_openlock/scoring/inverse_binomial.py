@@ -46,7 +46,7 @@ from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.world.randomness import unrelated_generators
 
 if TYPE_CHECKING:
-    from causal_openlock.scoring.teacher_forcing import Recorded
+    from causal_openlock.scoring.recorded import Recorded
 
 FIRST_COPIES = 16
 """Copies of a subject when it is first played; then as many again, twice as many, and so on."""

@@ -29,8 +29,9 @@ from causal_openlock.files.escaping import csv_of
 from causal_openlock.scoring import LAPSE
 from causal_openlock.scoring.inverse_binomial import Draws
 from causal_openlock.scoring.model_selection import frequencies_of, select_models
+from causal_openlock.scoring.recorded import ATTEMPT, record_digest
 from causal_openlock.scoring.score_table import GROUP, read_scores, write_scores
-from causal_openlock.scoring.teacher_forcing import ATTEMPT, EXACT, record_digest, score_actions
+from causal_openlock.scoring.teacher_forcing import EXACT, score_actions
 from causal_openlock.storage.store import Store
 from causal_openlock.storage.stored import StoredExperiment
 from causal_openlock.wording import joined, nearest
@@ -57,7 +58,7 @@ class Scores:
         choices: By condition, among how many actions subjects choose; empty where the experiment
             is not known.
         record: Digest of what was scored, from
-            :func:`~causal_openlock.scoring.teacher_forcing.record_digest`.
+            :func:`~causal_openlock.scoring.recorded.record_digest`.
     """
 
     actions: pd.DataFrame

@@ -29,7 +29,8 @@ from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.making import learner, make_experiment
 from causal_openlock.running.worker import made
 from causal_openlock.scoring.inverse_binomial import Draws
-from causal_openlock.scoring.teacher_forcing import recorded_subjects, score_actions
+from causal_openlock.scoring.recorded import recorded_subjects
+from causal_openlock.scoring.teacher_forcing import score_actions
 from causal_openlock.storage.store import Store
 from support.command import at_once
 

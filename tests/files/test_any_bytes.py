@@ -38,8 +38,8 @@ from causal_openlock.play.people import People
 from causal_openlock.running.runner import run
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.schemas.graphs import FORMATS, export_schema, read_schema
+from causal_openlock.scoring.recorded import recorded_subjects
 from causal_openlock.scoring.scores import ACTIONS, FOLDER, Scores, score_learners
-from causal_openlock.scoring.teacher_forcing import recorded_subjects
 from causal_openlock.storage.store import Store
 from openlock_learners.language.replies import FOLDER as REPLIES
 from openlock_learners.language.replies import Replies

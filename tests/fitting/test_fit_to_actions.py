@@ -24,7 +24,8 @@ from causal_openlock.fitting.to_actions import (
     jobs_of,
 )
 from causal_openlock.running.runner import run
-from causal_openlock.scoring.teacher_forcing import recorded_subjects, score_actions
+from causal_openlock.scoring.recorded import recorded_subjects
+from causal_openlock.scoring.teacher_forcing import score_actions
 from causal_openlock.storage.store import Store
 from support.command import at_once
 

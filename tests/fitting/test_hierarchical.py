@@ -17,7 +17,7 @@ from causal_openlock.fitting.space import FitSettings, Plan, Range, search_space
 from causal_openlock.fitting.steps import STEPS, fitting_in
 from causal_openlock.fitting.to_actions import FILE, fit_table
 from causal_openlock.running.runner import run
-from causal_openlock.scoring.teacher_forcing import recorded_subjects
+from causal_openlock.scoring.recorded import recorded_subjects
 from causal_openlock.storage.store import Store
 from support.command import at_once
 

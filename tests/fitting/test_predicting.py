@@ -14,7 +14,7 @@ from causal_openlock.fitting.predicting import read_fit, score_fits
 from causal_openlock.fitting.space import FitSettings, Plan, Range, search_space
 from causal_openlock.fitting.to_actions import FILE, WHOLE, fit_all, jobs_of
 from causal_openlock.running.runner import run
-from causal_openlock.scoring.teacher_forcing import recorded_subjects
+from causal_openlock.scoring.recorded import recorded_subjects
 from causal_openlock.storage.store import Store
 from support.command import at_once
 

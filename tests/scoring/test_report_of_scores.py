@@ -17,9 +17,9 @@ from causal_openlock.analysis.topic import sections_of
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.declare import find_condition
 from causal_openlock.files.checksums import read_table, table_bytes
+from causal_openlock.scoring.recorded import record_digest
 from causal_openlock.scoring.score_table import RECORD
 from causal_openlock.scoring.scores import FOLDER, FOLLOWED, SUBJECT, Scores
-from causal_openlock.scoring.teacher_forcing import record_digest
 from causal_openlock.storage.store import Store
 from support.topics import topics_called
 
