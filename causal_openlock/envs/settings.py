@@ -17,7 +17,6 @@ from causal_openlock.world.rewards import RewardForm, find_reward
 from causal_openlock.world.room import RANDOM_LAYOUT, Layout, position_names, positions_for
 
 ATTEMPT_LIMIT = 30
-RENDER_SIZE, RENDER_SIZES = 600, (32, 4320)
 Episode = Literal["attempt", "trial"]
 
 
@@ -49,44 +48,33 @@ class Settings:
     ) -> None:
         from causal_openlock.schemas.finding import find_schema
 
-        schema = find_schema(schema)
-        if not isinstance(layout, str | Mapping | Layout):
-            raise ExperimentError(
-                f"layout is a name, such as trial1 or {RANDOM_LAYOUT}, or the position of each "
-                f"lever, and this is {layout!r}"
-            )
+        self.schema = schema = find_schema(schema)
         if positions is None:
             own = layout.positions if isinstance(layout, Layout) else 0
             positions = max(own, positions_for(schema))
-        positions = whole_number(positions, "positions")
-        position_names(positions)
-        if positions < len(schema.levers):
+        self.positions = whole_number(positions, "positions")
+        position_names(self.positions)  # refuses a number that no room has
+        if self.positions < len(schema.levers):
             raise ExperimentError(
                 f"{schema.name} has {len(schema.levers)} levers, more than {positions} positions"
             )
         if episode not in ("attempt", "trial"):
             raise OpenLockError(f"an episode is 'attempt' or 'trial', not {episode!r}")
-        attempt_limit = whole_number(attempt_limit, "attempt_limit")
-        if attempt_limit < 1:
-            raise ExperimentError(f"attempt_limit must be at least 1, not {attempt_limit}")
+        self.whole_trial = episode == "trial"
+        self.attempt_limit = whole_number(attempt_limit, "attempt_limit", 1)
         if action_limit is None:
             action_limit = default_action_limit(schema)
-        action_limit = whole_number(action_limit, "action_limit")
+        self.action_limit = whole_number(action_limit, "action_limit")
         if not schema.least_action_limit <= action_limit <= MAX_ACTION_LIMIT:
             raise ExperimentError(
                 f"{schema.name} needs attempts of at least {schema.least_action_limit} actions and "
                 f"no attempt can have more than {MAX_ACTION_LIMIT}, so action_limit cannot be "
                 f"{action_limit}"
             )
-        self.schema = schema
-        self.layout: Layout | None = None
-        if layout != RANDOM_LAYOUT:
-            self.layout = Layout.of(schema, layout, positions)
-        self.positions = positions
+        self.layout = None
+        if not (isinstance(layout, str) and layout == RANDOM_LAYOUT):
+            self.layout = Layout.of(schema, layout, self.positions)
         self.reward = find_reward(reward)
-        self.whole_trial = episode == "trial"
-        self.attempt_limit = attempt_limit
-        self.action_limit = action_limit
 
     def draw_layout(self, generator: np.random.Generator) -> Layout:
         """The layout of a new trial."""
@@ -123,17 +111,3 @@ def check_options(options: Any, name: str) -> Any:
     if not isinstance(options, Mapping) or {*options} - {name}:
         raise OpenLockError(f"options is a dictionary such as {{{name!r}: ...}}, not {options!r}")
     return options.get(name)
-
-
-def check_render_size(size: int) -> int:
-    """The height of a picture, checked.
-
-    Raises:
-        OpenLockError: If no picture can have this height.
-    """
-    least, most = RENDER_SIZES
-    if isinstance(size, bool) or not isinstance(size, int) or not least <= size <= most:
-        raise OpenLockError(
-            f"render_size is the height of a picture in pixels, {least} to {most}, not {size!r}"
-        )
-    return size

@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 
 from causal_openlock.envs.settings import (
     ATTEMPT_LIMIT,
-    RENDER_SIZE,
     Checked,
     Episode,
     Settings,
     check_options,
-    check_render_size,
 )
 from causal_openlock.errors import OpenLockError
+from causal_openlock.files.validation import whole_number
 from causal_openlock.schemas.fsm import compile_schema
 from causal_openlock.world.events import rewards_by_event
 from causal_openlock.world.kernel import (
@@ -42,6 +41,9 @@ if TYPE_CHECKING:
     from causal_openlock.physics.room import PhysicalRoom
     from causal_openlock.physics.world import Pose
     from causal_openlock.schemas.schema import Schema
+
+
+SMALLEST, LARGEST = 32, 4320  # height of a picture in pixels
 
 
 class _Lists:
@@ -75,7 +77,7 @@ class OpenLockEnv(Checked, gymnasium.Env[NDArray[np.int8], int]):
         action_limit: Actions in an attempt; by default 3, or as many as the schema needs.
         positions: Number of positions; by default seven, or as many as there are levers.
         render_mode: ``ansi`` (text) or ``rgb_array`` (a picture).
-        render_size: Height of a picture in pixels.
+        render_size: Height of a picture in pixels, 32 to 4320.
         render_console: Whether the console is shown next to the room in a picture.
         physics: Whether an action is a whole movement of a simulated arm
             (:mod:`causal_openlock.physics`), and the observation follows from the simulated levers
@@ -111,7 +113,7 @@ class OpenLockEnv(Checked, gymnasium.Env[NDArray[np.int8], int]):
         positions: int | None = None,
         render_mode: str | None = None,
         physics: bool = False,
-        render_size: int = RENDER_SIZE,
+        render_size: int = 600,
         render_console: bool = False,
         reveal: bool = False,
     ) -> None:
@@ -123,7 +125,9 @@ class OpenLockEnv(Checked, gymnasium.Env[NDArray[np.int8], int]):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise OpenLockError(f"render_mode is ansi or rgb_array, not {render_mode!r}")
         self.render_mode = render_mode
-        self._render_size = check_render_size(render_size)
+        self._render_size = whole_number(render_size, "render_size", SMALLEST)
+        if render_size > LARGEST:
+            raise OpenLockError(f"render_size is at most {LARGEST} pixels, not {render_size}")
         self._render_console = render_console
         self._reveal = reveal
         self._lists, self._fsm = _Lists(self.settings), compile_schema(self.settings.schema)
