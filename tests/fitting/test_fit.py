@@ -202,6 +202,7 @@ def test_a_fit_that_was_stopped_continues_to_the_same(whole, tmp_path, stop):
     assert stored(tmp_path) == stored(whole)
     after = {path.name: path.stat().st_mtime_ns for path in (tmp_path / STEPS).iterdir()}
     assert {*after} == {path.name for path in (whole / STEPS).iterdir()}
+    assert len(after) == 6 + 2 + 4  # candidates; the best again; it, and ends of ranges
     assert before.items() <= {tmp_path / STEPS / name: at for name, at in after.items()}.items()
 
 
