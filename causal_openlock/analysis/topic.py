@@ -119,12 +119,9 @@ def all_topics() -> list[Topic]:
 def sections_of(
     material: Material, topics: Sequence[Topic], begin: Callable[[str], None] = lambda _: None
 ) -> list[Section]:
-    """Return all sections that the record has something for.
+    """Return all sections that the record has something for, in the order of the topics.
 
-    Args:
-        material: What they are made of.
-        topics: What they are about, in order.
-        begin: Called with the name of each topic before its section is made.
+    ``begin`` is called with the name of each topic before its section is made.
 
     Raises:
         ValueError: If two sections, tables or plots have the same name.

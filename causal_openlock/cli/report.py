@@ -73,11 +73,7 @@ def report_results(
 ) -> None:
     """Write the report of results into a folder, and print its leaderboard.
 
-    Args:
-        results: The results.
-        folder: The folder.
-        figures: Whether figures and tables are also written as files.
-        reasons: Whether to say why some learners are not applicable; ``compare`` has said it.
+    Without ``reasons`` it is not said why some learners are not applicable: ``compare`` has.
     """
     from causal_openlock.analysis.report.about_people import exclusions
     from causal_openlock.analysis.report.warnings import not_applicable

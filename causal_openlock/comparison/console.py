@@ -62,13 +62,7 @@ def plain_table(*heads: str, left: int = 1) -> Table:
 def print_leaderboard(
     ranked: pd.DataFrame, console: Terminal, answers: Mapping[str, Sequence[str]] | None = None
 ) -> None:
-    """Print the table of each protocol, and what its numbers mean.
-
-    Args:
-        ranked: From :func:`~causal_openlock.analysis.topics.leaderboard.leaderboard`.
-        console: Where to.
-        answers: Sentences above the tables, by protocol, as a report has them.
-    """
+    """Print the table of each protocol, below its ``answers``, and what its numbers mean."""
     from causal_openlock.analysis.topics.leaderboard import leaderboard_tables
 
     for protocol, table in leaderboard_tables(ranked).items():

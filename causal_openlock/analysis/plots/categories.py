@@ -35,14 +35,10 @@ _OUTLINES = {"CE4": ":", "CC4": "-"}  # left to right, as in the paper's Figure 
 def counts_like_ddqn(
     results: Material, kind: str, learners: Names = None, conditions: Names = None
 ) -> pd.DataFrame:
-    """Counts of categories that can be compared with those of the paper's DDQN; perhaps none.
-
-    Returns:
-        As ``blocks`` of :class:`~causal_openlock.analysis.measures.Counts`.
+    """The counted ``blocks`` that can be compared with those of the paper's DDQN; perhaps none.
 
     Raises:
-        OpenLockError: If ``kind`` is neither ``baseline`` nor ``transfer``, or a learner or a
-            condition is not in the results.
+        OpenLockError: If there is no such kind, or a learner or a condition is not in the results.
     """
     if kind not in KINDS:
         raise OpenLockError(f"no categories of kind {kind}; {nearest(kind, KINDS)}")

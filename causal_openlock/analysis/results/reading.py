@@ -41,13 +41,7 @@ def read_results(
 ) -> tuple[pa.Table, StoredExperiment]:
     """The records of all cells as one, and the experiment that they are of.
 
-    Args:
-        store: The results folder.
-        columns: Columns wanted besides all that are not in :data:`UNREAD`.
-        exclude: The rule by which people are left out.
-
-    Returns:
-        As :meth:`~causal_openlock.storage.store.Store.record`.
+    Of the columns :data:`UNREAD` only those asked for are read.
 
     Raises:
         StoreError: If there is no cell, one is damaged, or the rule leaves nobody.
@@ -65,15 +59,9 @@ def read_results(
 def without_excluded(
     record: pa.Table, experiment: StoredExperiment, people: Collection[str]
 ) -> tuple[pa.Table, StoredExperiment]:
-    """Leave out the people who found every solution of no room.
+    """Leave out those of the ``people`` who found every solution of no room.
 
-    Args:
-        record: Attempts, with the columns that say whose they are and what was found.
-        experiment: What was run.
-        people: The labels of those who are people.
-
-    Returns:
-        The attempts of the others, and the experiment with the numbers ``excluded``.
+    The experiment is returned with their numbers, ``excluded``.
 
     Raises:
         StoreError: If nobody is left.

@@ -137,16 +137,11 @@ def _registered(entries: tuple[Any, ...]) -> tuple[Reference, ...]:
 def with_references(
     table: pd.DataFrame, references: Sequence[Beside]
 ) -> tuple[pd.DataFrame, list[str]]:
-    """Return a table of mean ``attempts`` with the references of each row.
+    """Return a table of mean ``attempts`` with references, and the names of their columns.
 
-    Args:
-        table: As :meth:`Beside.columns` takes it.
-        references: Those without points are left out.
-
-    Returns:
-        The table with ``PREFIX_attempts`` and ``PREFIX_se`` of each reference and, of those in the
-        leaderboard, the ``difference`` of attempts from them, which is ``PREFIX_difference`` of all
-        but the first; and the names of these columns.
+    These are ``PREFIX_attempts`` and ``PREFIX_se`` of each reference with points and, of those in
+    the leaderboard, the ``difference`` of attempts from them: ``PREFIX_difference`` of all but the
+    first.
     """
     added: dict[str, Any] = {}
     for one in references:

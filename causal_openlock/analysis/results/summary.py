@@ -90,11 +90,7 @@ def _means(
     references: Sequence[Beside],
     bounds: Bounds | None,
 ) -> tuple[pd.DataFrame, list[str]]:
-    """The means of each trial with intervals, with references and the ideal attempts.
-
-    Returns:
-        The table, and the names of the columns next to the means.
-    """
+    """The means of each trial, and the names of the columns of references and ideal attempts."""
     by = ["phase", "trial"]
     means = mean_by_trial(trials, by).rename(columns={"mean": "attempts"})
     intervals = mean_intervals(by_subject(trials, by), [*CELL, *by], "attempts")

@@ -146,13 +146,7 @@ def plot_cost(
 
 
 def draw_costs(table: pd.DataFrame, learners: Sequence[str], ax: Any = None) -> Any:
-    """Draw what :func:`plot_cost` draws from costs that are known already.
-
-    Args:
-        table: From :func:`subject_costs`.
-        learners: The learners to draw, in this order.
-        ax: As for :func:`plot_cost`.
-    """
+    """Draw :func:`subject_costs` of these learners, in this order, as :func:`plot_cost` does."""
     several = table.groupby("learner", observed=True)["protocol"].transform("nunique") > 1
     learner, protocol = table["learner"].astype(str), table["protocol"].astype(str)
     table = table.assign(row=learner.where(~several, learner + " (" + protocol + ")"))

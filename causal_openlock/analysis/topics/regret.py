@@ -98,15 +98,10 @@ def regret(results: Material) -> pd.DataFrame:
 
 
 def regret_by_condition(table: pd.DataFrame) -> pd.DataFrame:
-    """Mean worth: a row for each learner under a protocol, subjects counting alike.
+    """Means of :func:`regret`: a row for each learner under a protocol, subjects counting alike.
 
-    Args:
-        table: From :func:`regret`.
-
-    Returns:
-        ``learner``, ``protocol``, ``subjects`` of all conditions; ``regret``, the mean of a
-        trial's, with its 95% interval over subjects ``ci_low`` and ``ci_high``;
-        ``information``, bits that an action gained; ``useless``, the share of actions.
+    ``regret`` is the mean of a trial's, with its 95% interval ``ci_low`` to ``ci_high``;
+    ``information`` the bits that an action gained, and ``useless`` the share of such actions.
     """
     subject = [*CELL, *SUBJECT]
     grouped = table.groupby(subject, observed=True, sort=True)

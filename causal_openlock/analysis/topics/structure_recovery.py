@@ -95,15 +95,9 @@ def structure_recovery(results: Material, subjects: int | None = None) -> pd.Dat
 
 
 def recovered(table: pd.DataFrame) -> pd.DataFrame:
-    """Means over subjects.
+    """Means over ``subjects`` of :func:`structure_recovery`, by learner, condition and visit.
 
-    Args:
-        table: From :func:`structure_recovery`.
-
-    Returns:
-        A row for each learner, condition, protocol and ``visit``: how many ``subjects``; the means
-        of ``shd``, with its 95% interval ``ci_low`` and ``ci_high``, ``f1`` and
-        ``brier``.
+    ``ci_low`` and ``ci_high`` are the 95% interval of ``shd``.
     """
     by = ["learner", "condition", "protocol", "visit"]
     grouped = table.groupby(by, observed=True)

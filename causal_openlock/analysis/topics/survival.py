@@ -30,14 +30,10 @@ MOST_LINES = 6
 def unsolved_after(trials: pd.DataFrame) -> pd.DataFrame:
     """The share of trials not solved after each attempt, of those a condition is judged by.
 
-    Args:
-        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-
-    Returns:
-        A row for each ``learner``, ``condition``, ``protocol`` and number of ``attempts``, from 0
-        to the most that one of its trials had: ``unsolved`` (a share), ``ci_low`` and ``ci_high``
-        (Wilson's interval of a share of subjects), ``subjects`` and ``at_risk``, how many trials
-        were neither solved nor censored before that attempt.
+    A row for each ``learner``, ``condition``, ``protocol`` and number of ``attempts``, from 0 to
+    the most that one of its trials had: ``unsolved`` (a share), its interval (Wilson's, over
+    subjects) ``ci_low`` to ``ci_high``, ``subjects`` and ``at_risk``, how many trials were neither
+    solved nor censored before that attempt.
     """
     parts = []
     for key, own in judged(trials).groupby(CELL, observed=True, sort=True):
