@@ -17,7 +17,6 @@ from causal_openlock.analysis.report.writing import figures_of
 from causal_openlock.analysis.results import bounds
 from causal_openlock.analysis.results.bounds import (
     Bound,
-    bounds_in_words,
     ideal_attempts,
     ideal_bounds,
 )
@@ -103,12 +102,6 @@ def test_what_has_several_meanings_is_not_bounded_and_a_number_is_worked_out_onc
     bounds._solved.cache_clear()
     ideal_bounds(described(tmp_path))
     assert bounds._solved.cache_info().misses == 4  # CC3, CE3, CC4 and CE4
-
-
-def test_schemas_that_need_as_much_are_named_together():
-    every = [Bound("CE4", 3.75), Bound("CC3", 8 / 3), Bound("CC4", 3.75), Bound("CC4", 3.75)]
-    assert bounds_in_words(every) == "2.67 in rooms of CC3, 3.75 in rooms of CC4 and CE4"
-    assert bounds_in_words([Bound(name, 2.0) for name in "cab"]) == "2.00 in rooms of a, b and c"
 
 
 # -- its line and its column ----------------------------------------------------------------------

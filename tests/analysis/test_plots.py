@@ -352,7 +352,7 @@ def test_a_long_course_is_drawn_in_few_points():
     assert list(x[:2]) == [2, 5]
     assert x[-1] == 130
     assert y[:2] == pytest.approx([11 / 3, 10 / 3])
-    assert "up to 3 trials in a row" in plot.caption
+    assert "mean of several in a row" in plot.caption
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ where they coincide, as at the limit, both are still seen.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -28,7 +28,7 @@ from causal_openlock.analysis.measures import (
 )
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, in_rows, panels, trials_under
-from causal_openlock.analysis.results.bounds import Bound, bounds_of
+from causal_openlock.analysis.results.bounds import bounds_of
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.statistics import sizes
 from causal_openlock.experiment.declare import PAPER_CONDITIONS
@@ -40,47 +40,6 @@ _POINTS = 60  # the most that a line is drawn with
 _MARKERS = 18  # with more points than this lines have no markers
 _GREY = "#666666"
 _LIMIT: Any = {"color": _GREY, "lw": 0.8, "ls": (0, (1, 1.5))}
-
-
-class Course(NamedTuple):
-    """Data that are drawn of a course, and the parts of its caption.
-
-    Attributes:
-        trials: The trials, with the number of the subject's ``visit`` and the ``place`` of the
-            point that it belongs to.
-        means: Of each point.
-        averaged: The most visits in a row that are one point.
-        limit: The last attempt of trials that were not solved; None if all were.
-        ideal: The bounds that are known, by condition and phase.
-    """
-
-    trials: pd.DataFrame
-    means: pd.DataFrame
-    averaged: int
-    limit: float | None
-    ideal: dict[tuple[str, str], Bound]
-
-
-def course_of(
-    results: Material, protocol: str | None = None, learners: Names = None, conditions: Names = None
-) -> Course:
-    """The course of every condition under a protocol; arguments as in :func:`plot_course`.
-
-    Raises:
-        NothingToDrawError: If none of the learners played one of the conditions under it.
-    """
-    _, shown = trials_under(results, protocol, learners, conditions)
-    subjects = shown.groupby([*CELL, *SUBJECT], observed=True, sort=False)
-    shown = shown.assign(visit=subjects.cumcount() + 1)
-    most = shown.groupby("condition", observed=True)["visit"].transform("max").astype(int)
-    width = -(-most // _POINTS)
-    first = (shown["visit"] - 1) // width * width + 1
-    # A point of a long course stands for as many visits in a row, in its middle.
-    shown = shown.assign(place=first + (np.minimum(width, most - first + 1) - 1) / 2)
-    unsolved = shown.loc[~shown["solved"], "last_attempt"]
-    limit = float(unsolved.max()) if len(unsolved) else None
-    ideal = bounds_of(results.bounds, shown)
-    return Course(shown, mean_by_trial(shown, ["phase", "place"]), int(width.max()), limit, ideal)
 
 
 def plot_course(
@@ -103,20 +62,30 @@ def plot_course(
     is returned and errors are those of
     :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`.
     """
-    course = course_of(results, protocol, learners, conditions)
-    means, limit = course.means, course.limit
+    _, trials = trials_under(results, protocol, learners, conditions)
+    subjects = trials.groupby([*CELL, *SUBJECT], observed=True, sort=False)
+    trials = trials.assign(visit=subjects.cumcount() + 1)
+    # A point of a long course stands for as many visits in a row, in its middle.
+    most = trials.groupby("condition", observed=True)["visit"].transform("max").astype(int)
+    width = -(-most // _POINTS)
+    first = (trials["visit"] - 1) // width * width + 1
+    trials = trials.assign(place=first + (np.minimum(width, most - first + 1) - 1) / 2)
+    means = mean_by_trial(trials, ["phase", "place"])
+    unsolved = trials.loc[~trials["solved"], "last_attempt"]
+    limit = float(unsolved.max()) if len(unsolved) else None
+    ideal = bounds_of(results.bounds, trials)
     marked = int(means.groupby(["learner", "condition"], observed=True).size().max()) <= _MARKERS
-    highest = max((bound.attempts for bound in course.ideal.values()), default=0.0)
+    highest = max((bound.attempts for bound in ideal.values()), default=0.0)
     top = 1.06 * max(float((means["mean"] + means["se"]).max()), limit or 0.0, highest)
     names = ordered(means["learner"], results.learners)
     families = _families(ordered(means["condition"], results.conditions))
     looks = _looks(families)
     cells = [(name, family) for name in names for family in families]
-    visits = course.trials.groupby(["condition", "phase"], observed=True)["visit"]
+    visits = trials.groupby(["condition", "phase"], observed=True)["visit"]
     spans = visits.agg(["min", "max"]).reset_index()
     points = dict(iter(means.groupby(["learner", "condition"], observed=True)))
     keys = [Line2D([], [], **_LIMIT, label="limit of attempts")] if limit is not None else []
-    keys += [style.ideal_key()] if course.ideal else []
+    keys += [style.ideal_key()] if ideal else []
     columns = len(families) if len(families) > 1 else 3
     above = 0.45 + 0.25 * bool(keys) + 0.17 * max(map(len, families))
     with panels(ax, len(cells), in_rows(len(cells), columns, _HEIGHT, above=above)) as at:
@@ -133,9 +102,9 @@ def plot_course(
             _scale(axes, int(own["max"].max()), top, limit)
             _mark_test(axes, own.loc[own["phase"] == "test", "min"])
             levels = {
-                (course.ideal[row.condition, row.phase].attempts, row.min - 0.5, row.max + 0.5)
+                (ideal[row.condition, row.phase].attempts, row.min - 0.5, row.max + 0.5)
                 for row in own.itertuples()
-                if (row.condition, row.phase) in course.ideal
+                if (row.condition, row.phase) in ideal
             }
             for level in sorted(levels):
                 style.ideal_line(axes, *level)

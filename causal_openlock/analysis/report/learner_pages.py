@@ -20,7 +20,7 @@ from causal_openlock.analysis.results.references import Beside, difference_from
 from causal_openlock.analysis.statistics import beside_mean, sizes
 from causal_openlock.analysis.table import Table, share
 from causal_openlock.analysis.topic import Section, drawn
-from causal_openlock.wording import file_names, joined
+from causal_openlock.wording import file_names
 
 BESIDE_MEAN = ["ci_low", "ci_high", "subjects", "mode", "at_mode"]
 """Columns that say what stands next to a mean."""
@@ -38,18 +38,9 @@ def learner_pages(material: Material) -> Section:
         size = "a panel for each protocol"
         if len(protocols) == 1:
             size = f"protocol {protocols[0]}, {sizes(own)}"
-        known = [
-            one.reference.name
-            for one in material.leading
-            if own[f"{one.reference.prefix}_attempts"].notna().any()
-        ]
-        beside = f"; next to it, mean ± standard error: {joined(known)}" if known else ""
-        ideal = "; dashed: the ideal observer" if own["ideal_attempts"].notna().any() else ""
         caption = (
             f"{about.get(name, '')} Attempts of its subjects in the trial that each condition is "
-            f"judged by ({size}). The area of a circle is the share of subjects; black: their mean "
-            f"with its 95% interval{beside}{ideal}. A trial that was not solved counts "
-            "as the limit."
+            f"judged by ({size}). The area of a circle is the share of subjects."
         ).strip()
         label, title = f"learner_{part}", f"Subjects of {name}"
         plot = drawn(label, plot_subjects, material, title, caption, learners=[name])

@@ -17,13 +17,12 @@ import pandas as pd
 
 from causal_openlock.analysis.effects import ALPHA
 from causal_openlock.analysis.plots.categories import counts_like_ddqn, plot_categories
-from causal_openlock.analysis.plots.course import course_of, plot_course
+from causal_openlock.analysis.plots.course import plot_course
 from causal_openlock.analysis.report.about_people import about_people
 from causal_openlock.analysis.report.described import described, in_words
 from causal_openlock.analysis.report.learner_pages import learner_pages
 from causal_openlock.analysis.report.page import write_page
 from causal_openlock.analysis.report.warnings import not_applicable, warnings_of
-from causal_openlock.analysis.results.bounds import bounds_in_words
 from causal_openlock.analysis.results.by_condition import condition_tables
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.missing import missing_cells, unfinished, with_missing
@@ -171,19 +170,11 @@ def figures_of(material: Material) -> list[SectionPlot]:
             name = f"{kind}_categories"
             plots.append(drawn(name, plot_categories, material, title, caption, kind=kind))
     for protocol, part in file_names(material.trials["protocol"].unique()).items():
-        course = course_of(material, protocol)
-        several = f" (a point averages up to {course.averaged} trials in a row)"
         caption = (
-            "Mean attempts to solve each trial, in the order in which trials were played"
-            f"{several if course.averaged > 1 else ''}. Shaded or with bars: ± 1 standard error "
-            "(population SD / √n)."
+            "Mean attempts to solve each trial, in the order in which trials were played; a point "
+            "of a long course is the mean of several in a row. Shaded or with bars: ± 1 standard "
+            "error (population SD / √n). Right of the upright line, if there is one: the test."
         )
-        if course.limit:
-            caption += " Dotted: the limit."
-        if set(course.trials["phase"]) == {"train", "test"}:
-            caption += " Right of the upright line: the transfer test."
-        if ideal := bounds_in_words(course.ideal.values()):
-            caption += f" Dashed and level: ideal observer (schema known), {ideal}."
         name, title = f"attempts_by_trial_{part}", f"Trial by trial, protocol {protocol}"
         plots.append(drawn(name, plot_course, material, title, caption, protocol=protocol))
     return [replace(plot, folded=True) for plot in plots]

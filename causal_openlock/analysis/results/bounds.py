@@ -10,7 +10,7 @@ or can be placed in too many ways.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -18,7 +18,6 @@ import pandas as pd
 
 from causal_openlock.experiment.declare import Experiment, default_action_limit
 from causal_openlock.schemas.schema import Schema
-from causal_openlock.wording import joined
 
 
 class Bound(NamedTuple):
@@ -72,16 +71,6 @@ def ideal_attempts(schema: Schema, action_limit: int) -> float | None:
     2.67
     """
     return _solved(schema, action_limit)[0]
-
-
-def bounds_in_words(bounds: Iterable[Bound]) -> str:
-    """Bounds in words: ``2.67 in rooms of CC3 and CE3, 3.75 in rooms of CC4``."""
-    schemas: dict[str, list[str]] = {}
-    for schema, attempts in sorted(set(bounds), key=lambda bound: (bound.attempts, bound.schema)):
-        schemas.setdefault(f"{attempts:.2f}", []).append(schema)
-    return ", ".join(
-        f"{attempts} in rooms of {joined(names)}" for attempts, names in schemas.items()
-    )
 
 
 @lru_cache(maxsize=256)
