@@ -136,6 +136,16 @@ def test_who_comes_again_with_an_identifier_goes_on_where_they_stopped(tmp_path)
         assert name.encode() not in content_of(tmp_path)
 
 
+def test_a_full_folder_takes_nobody_else(tmp_path, monkeypatch):
+    monkeypatch.setattr("causal_openlock.play.people.MOST_PEOPLE", 1)
+    home = people(tmp_path)
+    home.join()
+    with pytest.raises(Refused, match="As many have joined as can") as refused:
+        home.join()
+    assert (refused.value.status, home.number) == (429, 1)
+    home.close()
+
+
 def test_identifiers_that_services_send_are_taken(tmp_path):
     sent = ["5f2e9c0b1d4a", "ann@example.org", "a+b=c", "[ann]", " ann ", "x" * 300, "R~!*'()"]
     sent += ["名前", "{ann}-1", "=cmd()", "-x"]
