@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import compress, product
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from causal_openlock.schemas.fsm import FloatArray, gate_chance
+from causal_openlock.schemas.fsm import gate_chance
 from causal_openlock.schemas.schema import Schema
 
 if TYPE_CHECKING:
-    from pgmpy.factors.discrete import TabularCPD
     from pgmpy.models import DiscreteBayesianNetwork
 
 
@@ -25,6 +23,7 @@ def to_bayesian_network(schema: Schema) -> DiscreteBayesianNetwork:
     ``VariableElimination(model.do(["L0"])).query(["door"], evidence={"L0": 1})``;
     its ``CausalInference.query`` is wrong where levers that cause one another are set together.
     """
+    from pgmpy.factors.discrete import TabularCPD
     from pgmpy.models import DiscreteBayesianNetwork
 
     network = DiscreteBayesianNetwork()
@@ -36,20 +35,12 @@ def to_bayesian_network(schema: Schema) -> DiscreteBayesianNetwork:
         # pgmpy counts through the causes' states with the first cause slowest.
         states = product((0, 1), repeat=len(causes))
         moved = np.array([schema.mask(compress(causes, state)) for state in states])
-        network.add_cpds(binary_cpd(node, gate_chance(schema, node, moved), causes))
+        chance = gate_chance(schema, node, moved)
+        names = {name: [0, 1] for name in (node, *causes)}
+        sizes = [2] * len(causes)
+        network.add_cpds(TabularCPD(node, 2, [1.0 - chance, chance], causes, sizes, names))
     network.check_model()
     return network
-
-
-def binary_cpd(node: str, chance: FloatArray, causes: Sequence[str] = ()) -> TabularCPD:
-    """A conditional probability table of pgmpy for a node with the states 0 and 1.
-
-    ``chance``, ``[2^K]``, is the probability of 1 by the states of the causes, the first slowest.
-    """
-    from pgmpy.factors.discrete import TabularCPD
-
-    names = {name: [0, 1] for name in (node, *causes)}
-    return TabularCPD(node, 2, [1.0 - chance, chance], causes, [2] * len(causes), names)
 
 
 def bif_text(schema: Schema) -> str:
