@@ -44,12 +44,6 @@ def score(
     lapse: Annotated[
         float, typer.Option(min=0, max=1, help="Share of actions that are taken to be random.")
     ] = LAPSE,
-    hits: Annotated[
-        int,
-        typer.Option(
-            min=1, help="How often copies of a learner without probabilities have to hit."
-        ),
-    ] = 1,
     draws: Annotated[
         int | None,
         typer.Option(
@@ -106,7 +100,7 @@ def score(
             predicting,
             of=of or (),
             lapse=lapse,
-            draws=Draws(hits, draws),
+            draws=Draws(draws),
             workers=workers or available_cores(),
             report=counting(begin, "parts are scored"),
         )
@@ -143,8 +137,7 @@ def score(
             console.print_line(f"{name} estimates its probabilities from draws, {error}")
             continue
         console.print_line(
-            f"{name} gives no probabilities: it was asked by inverse binomial sampling, {error}; "
-            "--hits makes it smaller"
+            f"{name} gives no probabilities: it was asked by inverse binomial sampling, {error}"
         )
         if at_limit := own["at_limit"].sum():
             console.print_line(

@@ -15,8 +15,7 @@ a share of actions that are random, bounds p from below: p >= lapse / actions. H
 took the action. Where none did, that is the lapse alone, and the estimate is too low: with 256
 copies, a lapse of .01 and 15 actions by up to .43 nats in the mean, where p is about .003, and with
 the default limit, as many draws as a lapse needs in the mean to do an action (1,500 there), by .03
-at most. Without lapses there is no such bound. Actions that reached the
-limit are marked.
+at most. Without lapses there is no such bound. Actions that reached the limit are marked.
 
 Here many copies of the learner are shown, side by side, what the subject did. Each has random
 numbers of its own, and what it would do is a draw. What is hidden in a learner, such as a plan, is
@@ -63,21 +62,17 @@ class Draws:
     """Settings of draws from learners without probabilities.
 
     Attributes:
-        hits: How often each action has to be hit; the variance falls in proportion.
         most: How many copies of a subject are asked at most; by default as many as a lapse needs
             in the mean to do an action.
-        seed: Of all copies' random numbers.
     """
 
-    hits: int = 1
     most: int | None = None
-    seed: int = 0
 
     def limit(self, lapse: float, actions: int) -> int:
         """Return the most copies of a subject that are asked.
 
-        >>> Draws().limit(0.01, 15), Draws(hits=2).limit(0.2, 15), Draws(most=128).limit(0.01, 15)
-        (1500, 150, 128)
+        >>> Draws().limit(0.01, 15), Draws(most=128).limit(0.01, 15)
+        (1500, 128)
 
         Args:
             lapse: Share of actions that are taken to be random.
@@ -85,7 +80,7 @@ class Draws:
         """
         if self.most is not None:
             return self.most
-        return self.hits * (ceil(actions / lapse) if lapse else WITHOUT_LAPSES)
+        return ceil(actions / lapse) if lapse else WITHOUT_LAPSES
 
 
 class Tally:
@@ -94,30 +89,20 @@ class Tally:
     Args:
         exists: Which actions there are.
         attempt: To which attempt they belong.
-        draws: How they are asked.
         lapse: The share of actions that are random.
         actions: How many there are to choose from.
     """
 
-    def __init__(
-        self, exists: BoolArray, attempt: IntArray, draws: Draws, lapse: float, actions: int
-    ) -> None:
-        self._draws, self._lapse, self._by_lapse = draws, lapse, lapse / actions
-        self.exists, self._attempt = exists, attempt
-        shape = exists.shape
-        self._hits, self._misses = np.zeros(shape, np.int64), np.zeros(shape, np.int64)
-        self._sum, self._variance = np.zeros(shape), np.zeros(shape)
-        self._own = np.zeros(shape, np.int64)  # by how many copies it was done, whatever came
-        self._asked = np.zeros(shape, np.int64)  # before, of how many
-
-    @property
-    def open(self) -> BoolArray:
-        """Mask of the actions that have not been hit often enough."""
-        return self.exists & (self._hits < self._draws.hits)
+    def __init__(self, exists: BoolArray, attempt: IntArray, lapse: float, actions: int) -> None:
+        self._attempt, self._lapse, self._by_lapse = attempt, lapse, lapse / actions
+        self.open = exists.copy()  # which have not been hit yet
+        self._misses = np.zeros(exists.shape, np.int64)
+        self._own = np.zeros(exists.shape, np.int64)  # by how many copies it was done, whatever
+        self._asked = np.zeros(exists.shape, np.int64)  # came before, of how many
 
     def wanted(self) -> BoolArray:
         """Mask of the actions to ask for: those up to the last open one of an attempt."""
-        wanted = self.open
+        wanted = self.open.copy()
         for moment in range(wanted.shape[1] - 2, -1, -1):
             same = self._attempt[:, moment] == self._attempt[:, moment + 1]
             wanted[:, moment] |= same & wanted[:, moment + 1]
@@ -138,32 +123,21 @@ class Tally:
         place = subject, moment
         self._own[place] += own.sum()
         self._asked[place] += len(own)
-        if self._hits[place] == self._draws.hits:
-            return
-        # A lapse hits with its share of one action, and otherwise misses.
-        hit = np.where(luck < self._lapse, luck < self._by_lapse, own)[valid]
-        ends = np.flatnonzero(hit)[: self._draws.hits - self._hits[place]]
-        misses = np.diff(ends, prepend=-1) - 1
-        if len(ends):
-            misses[0] += self._misses[place]
-            self._hits[place] += len(ends)
-            self._sum[place] -= harmonic(misses).sum()
-            self._variance[place] += harmonic_of_squares(misses).sum()
-            self._misses[place] = 0
-        self._misses[place] += len(hit) - (ends[-1] + 1 if len(ends) else 0)
+        if self.open[place]:
+            # A lapse hits with its share of one action, and otherwise misses.
+            hit = np.where(luck < self._lapse, luck < self._by_lapse, own)[valid]
+            self.open[place] = not hit.any()
+            self._misses[place] += hit.argmax() if hit.any() else len(hit)
 
     def estimates(self) -> Estimates:
         """The estimates from the draws so far."""
-        unfinished = self.open
         share = self._own / np.maximum(self._asked, 1)
         mixed = (1.0 - self._lapse) * share + self._by_lapse
-        total, variance = self._sum.copy(), self._variance.copy()
-        for place in zip(*np.nonzero(unfinished), strict=True):
-            misses = self._misses[place]
-            total[place] -= harmonic(misses) + expected_rest(int(misses), float(mixed[place]))
-            variance[place] += harmonic_of_squares(misses)
-        hits = np.maximum(self._hits + unfinished, 1)
-        return Estimates(total / hits, variance / hits**2, self._own == 0, unfinished)
+        total = -harmonic(self._misses)
+        for place in zip(*np.nonzero(self.open), strict=True):
+            total[place] -= expected_rest(int(self._misses[place]), float(mixed[place]))
+        variance = harmonic_of_squares(self._misses)
+        return Estimates(total, variance, self._own == 0, self.open.copy())
 
 
 class Estimates(NamedTuple):
@@ -243,7 +217,7 @@ def by_draws(
         lapse: The share of a subject's actions that are taken to be random.
         actions: How many actions there are to choose from.
     """
-    tally = Tally(part.asked, part.starts.cumsum(axis=1), draws, lapse, actions)
+    tally = Tally(part.asked, part.starts.cumsum(axis=1), lapse, actions)
     for asked, copies in _rounds(draws.limit(lapse, actions)):
         left = np.flatnonzero(tally.open.any(axis=1)).tolist()
         together = max(1, MOST_COPIES // copies)
@@ -254,7 +228,7 @@ def by_draws(
                 for place in places
                 for copy in range(copies)
             ]
-            _ask(part, scored, places, numbers, draws.seed, tally)
+            _ask(part, scored, places, numbers, tally)
     return tally.estimates()
 
 
@@ -272,7 +246,6 @@ def _ask(
     scored: LearnerSpec,
     places: Sequence[int],
     numbers: Sequence[int],
-    seed: int,
     tally: Tally,
 ) -> None:
     """Replay subjects with copies of the learner, each of a number, and note what they do."""
@@ -282,9 +255,7 @@ def _ask(
         array[np.array(places)] for array in (tally.wanted(), part.actions, part.starts)
     )
     key = "/".join([scored.name, *map(str, part.group.values())])
-    own, luck = (
-        unrelated_generators(seed, f"{use}/{key}", numbers) for use in ("copies", "lapses")
-    )
+    own, luck = (unrelated_generators(0, f"{use}/{key}", numbers) for use in ("copies", "lapses"))
     chance = np.stack([generator.random(done.shape[1]) for generator in luck])
     learner.begin(replace(session.brief, subjects=len(numbers), generators=own))
     informed = learner if isinstance(learner, InformedLearner) else None

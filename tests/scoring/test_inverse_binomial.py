@@ -39,10 +39,10 @@ def of(played, learner):
     return record.filter(pa.array(own)), experiment
 
 
-def tally(subjects, lapse, draws=None):
+def tally(subjects, lapse):
     """A count of draws for one action of each subject, among fifteen actions."""
     shape = (subjects, 1)
-    return Tally(np.ones(shape, bool), np.ones(shape), draws or Draws(), lapse, 15)
+    return Tally(np.ones(shape, bool), np.ones(shape), lapse, 15)
 
 
 @pytest.mark.parametrize("probability", [0.9, 0.3, 0.02])
@@ -119,7 +119,7 @@ def test_draws_agree_with_exact_probabilities(played, monkeypatch, learner, name
         with monkeypatch.context() as patched:
             patched.setattr(learner, "probabilities", lambda *_: None)
             patched.setattr(learner, "act", draws_silently)
-            drawn = score_actions(*own, scored, 0.2, draws=Draws(hits=2, most=300))
+            drawn = score_actions(*own, scored, 0.2, draws=Draws(most=300))
         gap = (drawn["log_probability"] - exact["log_probability"]).sum()
         error = np.sqrt((drawn["standard_error"] ** 2).sum())
         assert exact["standard_error"].sum() == 0.0 < error
