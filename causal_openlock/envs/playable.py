@@ -29,7 +29,6 @@ from causal_openlock.world.room import (
     action_index,
     action_names,
     first_layout,
-    published_layouts,
 )
 
 
@@ -98,10 +97,8 @@ class PlayableRoom:
 
     def _begin(self, seen: tuple[NDArray[np.int8], dict[str, Any]]) -> None:
         self.observation, self._info = seen
-        where = dict(self._info["latent"]["layout"])
-        named = published_layouts(self.schema).values()
-        own = Layout.of(self.schema, where, self.positions)
-        self.layout = next((layout for layout in named if layout.places == own.places), own)
+        layout = Layout.of(self.schema, dict(self._info["latent"]["layout"]), self.positions)
+        self.layout = Layout.of(self.schema, layout.places, self.positions)  # with its name
         self.actions = tuple(name.replace("_", " ") for name in action_names(self.positions))
         self.solutions_found: tuple[tuple[str, ...], ...] = ()
         self._done: list[ShownAction] = []
@@ -201,9 +198,6 @@ def room(
     found = declared(schema)
     if seed is not None:
         seed = whole_number(seed, "seed")
-    attempt_limit = whole_number(attempt_limit, "attempt_limit", 1)
-    if action_limit is not None:
-        action_limit = whole_number(action_limit, "action_limit", 1)
     env = OpenLockEnv(
         found,
         first_layout(found) if layout is None else layout,

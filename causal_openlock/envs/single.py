@@ -44,6 +44,7 @@ if TYPE_CHECKING:
 
 
 SMALLEST, LARGEST = 32, 4320  # height of a picture in pixels
+KEPT_ROWS = 500_000  # most rows, over all layouts, to keep observations of: about 100 bytes each
 
 
 class _Lists:
@@ -135,6 +136,8 @@ class OpenLockEnv(Checked, gymnasium.Env[NDArray[np.int8], int]):
         self._whole_trial = self.settings.whole_trial
         self._stochastic = not self.settings.schema.deterministic
         self._layout: Layout | None = None
+        # For each layout, its observation at each row and the tables' column of each action.
+        self._layouts: dict[Layout, tuple[list[NDArray[np.int8]], list[int]]] = {}
         self._row, self._over, self.trial_over = 0, True, True
         self._bodies: PhysicalRoom | None = None
         self._watch: Callable[[Pose], None] | None = None
@@ -164,12 +167,14 @@ class OpenLockEnv(Checked, gymnasium.Env[NDArray[np.int8], int]):
 
     def _begin_trial(self) -> None:
         layout = self.settings.draw_layout(self.np_random)
-        if layout != self._layout:
-            # The observation at each row, and the tables' column of each action.
-            self._observations = [*layout.observations(self._fsm, self._lists.tables.state)]
-            lever = layout.lever_at()
+        if layout not in self._layouts:
+            state, lever = self._lists.tables.state, layout.lever_at()
+            if len(self._layouts) * len(state) >= KEPT_ROWS:
+                self._layouts.clear()
             columns = [*lever, *(layout.positions + lever), 2 * layout.positions]
-            self._layout, self._column = layout, [*map(int, columns)]
+            observations = [*layout.observations(self._fsm, state)]
+            self._layouts[layout] = observations, [*map(int, columns)]
+        self._layout, (self._observations, self._column) = layout, self._layouts[layout]
         if self._movements:
             from causal_openlock.physics.room import PhysicalRoom
 
