@@ -34,10 +34,10 @@ lessons: .venv/installed-notebooks # run the lessons and store what they put out
 	place=$$(mktemp -d) && cp $(or $(LESSONS),notebooks/0*.ipynb) $$place && $(RUN) nbconvert --to notebook --execute \
 	  --ExecutePreprocessor.record_timing=False --TagRemovePreprocessor.enabled=True \
 	  --TagRemovePreprocessor.remove_all_outputs_tags=remove-output --inplace $$place/*.ipynb && cp $$place/*.ipynb notebooks
-evidence: .venv/installed # run or complete a study, as NAME=worth; without a name, list all
-	$(BIN)/causal-openlock evidence $(NAME)
+evidence: .venv/installed # play a study, as NAME=worth_rooms; without a name, list all
+	$(RUN) evidence $(NAME)
 evidence-check: .venv/installed # that all numbers and verdicts follow from what is stored
-	$(BIN)/causal-openlock evidence --check
+	$(RUN) evidence --check
 json-schemas: .venv/installed # the JSON Schemas that editors use, after a file format has changed
 	$(RUN) causal_openlock.experiment.json_schemas
 lock: # the exact versions of everything, from a fresh environment: constraints.txt

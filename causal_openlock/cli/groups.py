@@ -16,7 +16,7 @@ GROUPS = {
     "Compare": ("status", "trace", "film"),
     "People": ("import", "forget", "text"),
     "Predict": ("score", "fit", "design"),
-    "Share": ("export", "bundle", "evidence"),
+    "Share": ("export", "bundle"),
 }
 
 

@@ -10,12 +10,11 @@ from scipy import stats
 from statsmodels.stats.weightstats import ttost_ind, ttost_paired
 
 from causal_openlock.analysis.effects import Group, weighted_difference
-from causal_openlock.evidence.measured import Evidence
-from causal_openlock.evidence.published_units import published_units
-from causal_openlock.evidence.study import Contrast, Selection, Study, StudyFile
-from causal_openlock.evidence.study_files import RUN
-from causal_openlock.evidence.units import selected
-from causal_openlock.evidence.verdicts import (
+from causal_openlock.errors import EvidenceError
+from evidence.published import published_units
+from evidence.study import Contrast
+from evidence.units import selected, with_differences
+from evidence.verdicts import (
     EQUIVALENCE,
     LEVEL,
     Estimate,
@@ -23,7 +22,7 @@ from causal_openlock.evidence.verdicts import (
     compared,
     difference,
     mean_of,
-    paired,
+    mean_selected,
     together,
     verdict,
 )
@@ -74,15 +73,15 @@ def at(low, high):
         (1.1, 2.0, "same", "does not hold"),
         (-3.0, -1.1, "same", "does not hold"),
         (0.5, 2.0, "same", "undecided"),
-        (1.0, 2.0, "more", "holds"),  # at the margin, or at 0
+        (1.0, 2.0, "more", "holds"),  # a difference of exactly the margin matters
         (0.1, 1.0, "more", "in part"),
         (0.0, 2.0, "more", "undecided"),
-        (1.0, 3.0, "same", "undecided"),
+        (1.0, 3.0, "same", "does not hold"),
     ],
 )
 def test_the_table_of_verdicts(low, high, expected, wanted):
     assert verdict(at(low, high), expected, 1.0) == wanted
-    within = Estimate(0.0, {LEVEL: (-2.0, 2.0), EQUIVALENCE: (-1.0, 1.0)}, (1000,))
+    within = Estimate(0.0, {LEVEL: (-2.0, 2.0), EQUIVALENCE: (-0.9, 0.9)}, (1000,))
     assert verdict(within, "same", 1.0) == "holds"
 
 
@@ -144,16 +143,20 @@ def test_a_contrast_at_its_margin_is_decided_by_chance_as_seldom_as_promised(exp
 def test_people_count_with_their_standard_error():
     table = pd.DataFrame({"learner": "a", "condition": "CC4", "unit": range(6), "phase": "train"})
     table = table.assign(attempts=[3.0, 4, 5, 4, 3, 5], protocol="human", trial=1, judged=True)
-    one, people = (Selection(learner=name, condition="CC4", trial=1) for name in ("a", "people"))
-    asked = Contrast(measure="attempts", of=one, minus=people, expected="less", smallest=1)
+    people = "people CC4 trial 1"
+    asked = contrast("a CC4 trial 1", people, expected="less")
     there = published_units()
-    mean, error = (float(selected(there, people, name).iloc[0]) for name in ("attempts", "error"))
-    n = int(selected(there, people, "trials").iloc[0])
+    mean, error, n = (float(selected(there, people, name).iloc[0])
+                      for name in ("attempts", "error", "trials"))  # fmt: skip
     found = compared(table.assign(found=1.0, trials=1), asked, "subject")
-    theirs = Group(n, mean, n * error**2, -1.0)
+    theirs = Group(int(n), mean, n * error**2, -1.0)
     own = Group.of(table["attempts"].to_numpy())
     assert found.interval == pytest.approx(weighted_difference([own, theirs])[1:3])
     assert found.value == pytest.approx(4 - mean)
+
+
+def contrast(of, minus, expected="more"):
+    return Contrast(measure="attempts", of=of, minus=minus, expected=expected, smallest=1.0)
 
 
 def units():
@@ -168,70 +171,40 @@ def units():
 
 
 def test_subjects_are_paired_where_they_meet_the_same_rooms():
-    b, a, other = (
-        Selection(learner=one, condition=where)
-        for one, where in (("b", "CC4"), ("a", "CC4"), ("a", "CE4"))
-    )
     table = units()
     table.loc[(table["learner"] == "b") & (table["unit"] == 2), "attempts"] += 0.5
     same, apart = (
-        compared(
-            table,
-            Contrast(measure="attempts", of=b, minus=minus, expected="more", smallest=1.0),
-            "subject",
-        )
-        for minus in (a, other)
+        compared(table, contrast("b CC4", minus), "subject") for minus in ("a CC4", "a CE4")
     )
     assert (same.units, apart.units) == ((5,), (5, 5))
     assert same.value == pytest.approx(2.0 + 0.5 / 5)
     assert np.diff(apart.interval) > np.diff(same.interval)
-    one, two = (Selection(learner=name, condition="CC4") for name in "ab")
-    assert not paired(one, two, "network", {})  # networks, with themselves alone
-    assert paired(one, two, "network", {"b": "a"})
-    assert paired(one, Selection(learner="a", condition="CE4"), "network", {})
+
+
+def test_networks_are_paired_with_themselves_alone():
+    def sides(of, minus, same=None):
+        return len(compared(units(), contrast(of, minus), "network", same).units)
+
+    assert sides("b CC4", "a CC4") == 2
+    assert sides("b CC4", "a CC4", {"b": "a"}) == 1
+    assert sides("a CC4", "a CE4") == 1
 
 
 def test_a_unit_counts_if_it_has_all_conditions():
     table = units()
     table = table[~((table["condition"] == "CE4") & (table["unit"] > 1))]
-    found = selected(table, Selection(learner="a", condition=["CC4", "CE4"]), "attempts")
-    assert found.index.tolist() == [0, 1]
+    assert selected(table, "a CC4+CE4", "attempts").index.tolist() == [0, 1]
 
 
-X = {"learner": "x", "condition": "CC3"}
-LESS = {"measure": "solved", "of": X, "minus": 0.5, "expected": "less"}
-SAME = {**LESS, "expected": "same", "smallest": 0.1}
-CLAIMS = {
-    "every": {"text": "a", "contrasts": dict.fromkeys("ABCD", LESS)},
-    "same": {"text": "b", "contrasts": {"A": SAME, "B": SAME}},
-    "late": {"text": "c", "contrasts": {"A": LESS}},
-}
-
-
-@pytest.fixture
-def made_up(tmp_path):
-    """A study of three claims: one contrast of the first does not hold."""
-    said = {
-        "every": ["holds", "holds", "holds", "does not hold"],
-        "same": ["holds", "holds"],
-        "late": ["undecided"],
-    }
-    estimate = Estimate(0.1, {LEVEL: (0.0, 0.2), EQUIVALENCE: (0.0, 0.2)}, (9,))
-    file = {"title": "Made up", "experiment": "experiment.yaml", "hours": 1, "claims": CLAIMS}
-    found = Evidence(Study(tmp_path, StudyFile.model_validate(file)))
-    (tmp_path / RUN).touch()
-    claims = {name: found.study.margin(name) for name in said if name != "late"}
-    found.__dict__["run"] = {"complete": True, "claims": claims}
-    found.__dict__["estimates"] = {
-        (name, part): (estimate, verdict)
-        for name, verdicts in said.items()
-        for part, verdict in zip("ABCD", verdicts, strict=False)
-    }
-    return found
-
-
-def test_a_mixed_claim_says_how_many_contrasts_do_not_hold(made_up):
-    text = made_up.block("verdicts")
-    assert "| **does not hold** (1 of 4 do not hold) |" in text
-    assert "| **holds** |" in text
-    assert "| **undecided**; stated after the run |" in text
+def test_parameters_are_recovered_if_the_true_ones_come_out_again():
+    about = {"learner": "a", "condition": "", "phase": "test", "judged": True, "protocol": ""}
+    table = pd.DataFrame({"unit": range(5), "parameter": "gain", "true": [0.1, 0.2, 0.3, 0.5, 0.9]})
+    table = with_differences(table.assign(fitted=[0.3, 0.1, 0.5, 0.4, 0.8], **about))
+    found = mean_selected(table, "a parameter gain", "r", 0.2)
+    r = np.corrcoef(table["true"], table["fitted"])[0, 1]
+    z = np.arctanh(r) + np.array([-1, 1]) * 1.959964 / np.sqrt(5 - 3)
+    assert found.value == pytest.approx(r - 0.2)
+    assert found.interval == pytest.approx(np.tanh(z) - 0.2, abs=1e-6)
+    assert found.n == "5"
+    with pytest.raises(EvidenceError, match="too few"):
+        mean_selected(table[:3], "a parameter gain", "r")

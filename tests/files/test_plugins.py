@@ -65,7 +65,7 @@ def test_leftovers_of_other_versions_hide_no_learner_and_are_named(guests, entri
 def test_the_core_is_loaded_without_its_guests():
     code = (
         "import sys, causal_openlock as ol; ol.compare\n"
-        "guests = ('paper', 'fitting', 'scoring', 'play', 'importing', 'evidence')\n"
+        "guests = ('paper', 'fitting', 'scoring', 'play', 'importing')\n"
         "heavy = ('torch', 'pgmpy', 'matplotlib', 'pandas', 'scipy.stats', 'statsmodels')\n"
         "names = [f'causal_openlock.{one}' for one in guests] + [*heavy]\n"
         "print([name for name in names if name in sys.modules])\n"

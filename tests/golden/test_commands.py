@@ -1,7 +1,6 @@
 """What every command prints: its help, and what an ordinary use of it says and writes.
 
-Not used are ``check``, which takes a minute, ``play``, which serves until it is stopped, and
-``evidence``, whose studies change.
+Not used are ``check``, which takes a minute, and ``play``, which serves until it is stopped.
 """
 
 import io

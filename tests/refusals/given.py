@@ -142,19 +142,6 @@ def reference(name: str = "x", rows: int = 1, **columns: Any) -> Any:
     return of(module, "Reference")(name, points.dropna(axis=1), lambda *_: True)
 
 
-def studied(old: str = "", new: str = "", run: bool = False) -> None:
-    """Read the study ``small`` that stands before the row, with one change, and perhaps run it."""
-    if old:
-        file("small/study.yaml", changed("small/study.yaml", old, new))
-    study = of("causal_openlock.evidence.study", "read_study")(Path("small"))
-    if run:
-        watched = of("causal_openlock.evidence.keeping", "Watched")(workers=0)
-        try:
-            of("causal_openlock.evidence.running", "run_study")(study, Path("results"), watched)
-        finally:
-            assert not Path("results").exists()
-
-
 def trained(old: str, new: str, out: str = "net.npz") -> None:
     """Train a network by ``small.yaml`` with one change; where that is refused, none is written."""
     train = of("openlock_learners.meta.command", "train")

@@ -2,20 +2,11 @@
 
 from __future__ import annotations
 
-from functools import cache
-
-from causal_openlock.evidence.study import FILE, Study, read_study
+from evidence.study import Study, read_studies
 from support.places import ROOT
 
 EVIDENCE = ROOT / "evidence"
-NAMES = sorted(path.parent.name for path in EVIDENCE.glob(f"*/{FILE}"))
-
-
-@cache
-def shipped(name: str) -> Study:
-    """Return a study by its name; its experiment and trainings are read when asked for."""
-    return read_study(EVIDENCE / name)
-
-
-DECLARED = [name for name in NAMES if not shipped(name).file.published]
+STUDIES: dict[str, Study] = {study.name: study for study in read_studies(EVIDENCE)}
+"""By name; an experiment is read when it is asked for."""
+DECLARED = [name for name, study in STUDIES.items() if not study.file.published]
 """Studies whose experiments can be read; of others only results are stored."""

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-
-import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import CELL
 from causal_openlock.analysis.results.references import Beside
-from causal_openlock.analysis.topics.learning_cost import costs_by_learner
+from causal_openlock.analysis.topics.learning_cost import costs_by_learner, shown
 from causal_openlock.errors import EvidenceError
-from causal_openlock.evidence.confusions import confusion
-from causal_openlock.evidence.study import Study
-from causal_openlock.evidence.study_files import COSTS, read_units
 from causal_openlock.paper.likeness import Likeness, distance, likeness, points_of_model
 from causal_openlock.paper.noise_ceiling import beside_null_models
 from causal_openlock.paper.references import people
+from evidence.run import COSTS, read_units
+from evidence.study import Study
+from evidence.theories import confusions
 
 
 def distances_from_people(study: Study, units: pd.DataFrame) -> pd.DataFrame:
@@ -25,9 +22,6 @@ def distances_from_people(study: Study, units: pd.DataFrame) -> pd.DataFrame:
     Columns: as :func:`~causal_openlock.paper.noise_ceiling.beside_null_models`
     returns; ``effects``, of how many of people's six effects a learner has the sign; and ``model``,
     its distance from the fourteen means of the published model.
-
-    Raises:
-        EvidenceError: If no learner has played all six conditions.
     """
     trials, like = beside_people(study, units)
     played = trials[trials["learner"].isin(like.points)]
@@ -50,37 +44,19 @@ def beside_people(study: Study, units: pd.DataFrame) -> tuple[pd.DataFrame, Like
     cells = frozenset(trials[CELL].astype(str).itertuples(index=False, name=None))
     like = likeness(trials, Beside(people(), cells), list(dict.fromkeys(trials["learner"])))
     if like is None:
-        raise EvidenceError("no learner has played all six conditions yet")
+        raise EvidenceError("no learner has played all six conditions")
     return trials, like
 
 
 def learning_costs(study: Study, units: pd.DataFrame) -> pd.DataFrame:
-    """The attempts that each learner needs, all training counted, until it solves a new room well.
-
-    Columns: ``protocol``; ``subjects``; ``before``, attempts of its training before; ``reached``,
-    the share of subjects that reached this; ``attempts``, the median, in words.
-    """
-    table = costs_by_learner(read_units(study, COSTS))
-    place = table["learner"].map({name: i for i, name in enumerate(units["learner"].unique())})
-    table = table.assign(place=place).sort_values("place", kind="stable")
-    needs = [
-        _needs(*row)
-        for row in table[["attempts", "ci_low", "ci_high", "asked"]].itertuples(index=False)
-    ]
-    kept = ["learner", "protocol", "subjects", "before"]
-    return table[kept].assign(attempts=needs, reached=table["reached"])
+    """The attempts that each learner needs until it solves a new room well, as in a report."""
+    table = shown(costs_by_learner(read_units(study, COSTS)))
+    return table.set_index("learner").loc[units["learner"].unique()].reset_index()
 
 
-def _needs(attempts: float, low: float, high: float, asked: float) -> str:
-    if not np.isfinite(attempts):
-        return f"not within {asked:,.0f}"
-    most = f"{high:,.0f}" if np.isfinite(high) else f"over {asked:,.0f}"
-    return f"{attempts:,.0f} ({low:,.0f} to {most})"
-
-
-DERIVED: Mapping[str, Callable[[Study, pd.DataFrame], pd.DataFrame]] = {
+DERIVED_TABLES = {
     "distances_from_people": distances_from_people,
     "learning_costs": learning_costs,
-    "confusion": confusion,
+    "confusion": confusions,
 }
 """Tables that a study may declare as ``derived``."""

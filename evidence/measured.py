@@ -1,0 +1,323 @@
+"""Measurements of a study as text: numbers, tables, and the verdicts on its claims."""
+
+from __future__ import annotations
+
+import re
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from causal_openlock.analysis.statistics import LEVEL
+from causal_openlock.analysis.table import markdown
+from causal_openlock.errors import EvidenceError
+from causal_openlock.wording import nearest
+from evidence.derived import DERIVED_TABLES
+from evidence.published import PUBLISHED
+from evidence.run import RUN, older_results, read_run, read_units
+from evidence.study import CORRELATION, DERIVED, MEASURES, NO_SHARES, Contrast, Study, Table
+from evidence.units import selected, with_differences
+from evidence.verdicts import (
+    EQUIVALENCE,
+    Estimate,
+    Verdict,
+    compared,
+    mean_selected,
+    together,
+    verdict,
+)
+
+
+class Decided(NamedTuple):
+    """What came out of a contrast, or why nothing did."""
+
+    contrast: Contrast
+    verdict: Verdict = "undecided"
+    found: Estimate | None = None
+    why: str = ""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Measurements of a study, and the verdicts on its claims."""
+
+    study: Study
+
+    @property
+    def was_run(self) -> bool:
+        """Whether it was run."""
+        return (self.study.folder / RUN).exists()
+
+    @cached_property
+    def run(self) -> dict[str, Any]:
+        """Facts about the run, from ``run.json``."""
+        return read_run(self.study)
+
+    @cached_property
+    def units(self) -> pd.DataFrame:
+        """The units of the study."""
+        return with_differences(read_units(self.study))
+
+    @cached_property
+    def derived(self) -> pd.DataFrame:
+        """Table computed from all units together, by learner.
+
+        Raises:
+            EvidenceError: If the study declares no such table.
+        """
+        name = self.study.file.derived
+        if name is None:
+            raise EvidenceError(f"{self.study.name} derives no table")
+        return DERIVED_TABLES[name](self.study, read_units(self.study)).set_index("learner")
+
+    @property
+    def figures(self) -> dict[str, Path]:
+        """Files of the figures, by table; none before it was run."""
+        names = self.study.file.figures if self.was_run else ()
+        return {name: self.study.folder / f"{name}.png" for name in names}
+
+    @property
+    def played_with(self) -> str:
+        """A sentence that says which results were measured, if results are others now."""
+        older = older_results(self.run) if self.was_run else ""
+        return f"Played with results of {older}." if older else ""
+
+    @property
+    def state(self) -> str:
+        """Whether what was run is what is declared now."""
+        if self.study.file.published:
+            return f"published with version {self.study.file.published}"
+        if not self.was_run:
+            return "not run"
+        return "run" if self.run["declared"] == self.study.declared else "changed since it was run"
+
+    def late(self, claim: str) -> str:
+        """Whether the contrasts of a claim were stated, or changed, after the run."""
+        now = self.study.margin(claim)
+        at_the_run = self.run["claims"].get(claim) if self.was_run else now
+        return "" if at_the_run == now else "changed" if at_the_run else "stated"
+
+    @cached_property
+    def decided(self) -> dict[str, dict[str, Decided]]:
+        """What came out of each contrast, by claim."""
+        claims = self.study.file.claims
+        return {name: {part: self._decided(contrast) for part, contrast in claim.contrasts.items()}
+                for name, claim in claims.items()}  # fmt: skip
+
+    def _decided(self, contrast: Contrast) -> Decided:
+        if not self.was_run:
+            return Decided(contrast, why="not run yet")
+        networks = self.study.file.networks
+        trained = next(iter(networks.files)) if networks else ""
+        same = dict.fromkeys(networks.parameters, trained) if networks else {}
+        units = self.units  # of a damaged file nothing is undecided
+        try:
+            found = compared(units, contrast, self.study.unit, same)
+        except EvidenceError as error:
+            return Decided(contrast, why=str(error))
+        return Decided(contrast, verdict(found, contrast.expected, contrast.smallest), found)
+
+    def contrasts(self, claim: str) -> dict[str, Decided]:
+        """What came out of the contrasts of a claim.
+
+        Raises:
+            EvidenceError: If the study has no such claim.
+        """
+        if claim not in self.decided:
+            known = nearest(claim, self.decided)
+            raise EvidenceError(f"{self.study.name} has no claim {claim!r}; {known}")
+        return self.decided[claim]
+
+    def verdict(self, claim: str) -> Verdict:
+        """The verdict on a claim."""
+        return together(one.verdict for one in self.contrasts(claim).values())
+
+    @cached_property
+    def claims(self) -> pd.DataFrame:
+        """A row for each contrast: what is expected, the difference, its interval, the verdict."""
+        rows = []
+        for claim, contrasts in self.decided.items():
+            for part, (asked, said, found, _) in contrasts.items():
+                numbers = (found.value, *found.interval, found.n) if found else (*3 * [np.nan], "0")
+                row = [claim, part, asked.measure, asked.expected, asked.smallest, *numbers]
+                rows.append([*row, said, self.verdict(claim)])
+        columns = ["claim", "contrast", "measure", "expected", "smallest", "effect", "ci_low"]
+        return pd.DataFrame(rows, columns=[*columns, "ci_high", "n", "verdict", "of_claim"])
+
+    def text(self, title: str) -> str:
+        """The number that a link's title asks for.
+
+        Raises:
+            EvidenceError: If the title is not understood, or what it asks for has not been run.
+        """
+        kind, _, rest = title.partition(" ")
+        first, _, last = rest.rpartition(" ")
+        if kind == "derived":
+            if first not in self.derived.index or last not in self.derived:
+                raise EvidenceError(f"{self.study.name} derives no {last!r} of {first!r}")
+            return number(self.derived.loc[first, last])
+        asks = last if last in ("interval", "verdict") else ""
+        words = first if asks else rest
+        if kind == "claim":
+            return self._of_claim(words, asks)
+        if kind not in MEASURES:
+            raise EvidenceError(f"{title!r} names no measure; {nearest(kind, MEASURES)}")
+        found = mean_selected(self.units, words, kind)
+        return ends(found, kind, least=0.0) if asks else number(found.value, kind)
+
+    def _of_claim(self, words: str, asks: str) -> str:
+        """The difference, interval or verdict of ``CLAIM [CONTRAST]``."""
+        name, _, part = words.partition(" ")
+        contrasts = self.contrasts(name)
+        if asks == "verdict" and not part:
+            return self.verdict(name)
+        part = part or next(iter(contrasts))
+        if part not in contrasts:
+            known = nearest(part, contrasts)
+            raise EvidenceError(f"the claim {name} has no contrast {part!r}; {known}")
+        asked, said, found, why = contrasts[part]
+        if asks == "verdict":
+            return said
+        if found is None:
+            raise EvidenceError(f"{self.study.name}: {why}")
+        return ends(found, asked.measure) if asks else signed(found, asked.measure)
+
+    def block(self, what: str) -> str:
+        """The Markdown of a table: ``claims``, ``derived``, or one that the study declares."""
+        tables = self.study.file.tables
+        if what == "claims":
+            return self._claims()
+        if what == DERIVED:
+            rows = [[name, *map(number, row)] for name, *row in self.derived.itertuples()]
+            return f"{markdown(['', *self.derived.columns], rows)}\n"
+        if what not in tables:
+            known = nearest(what, ["claims", *tables])
+            raise EvidenceError(f"{self.study.name} has no table {what!r}; {known}")
+        return self._table(tables[what])
+
+    def cells(self, table: Table) -> dict[str, dict[str, pd.Series[float]]]:
+        """The units of a table by row and column, where there are any."""
+        cells: dict[str, dict[str, pd.Series[float]]] = {}
+        for row, column in product(table.rows, table.columns):
+            with suppress(EvidenceError):
+                units = selected(self.units, f"{row} {column}", table.measure)
+                cells.setdefault(row, {})[column] = units
+        return cells
+
+    def _table(self, table: Table) -> str:
+        head, rows = ["", *table.columns, "n"], []
+        for row, label in table.rows.items():
+            cells, sizes = [], set[int]()
+            for column in table.columns:
+                asked = f"{row} {column}"
+                try:
+                    mean = mean_selected(self.units, asked, table.measure)
+                except EvidenceError:
+                    cells.append("–")
+                    continue
+                cells.append(number(mean.value, table.measure))
+                if row.split()[0] in PUBLISHED:
+                    continue
+                sizes.add(mean.units[0])
+                if table.measure == "attempts" and self._solved_none(asked):
+                    cells[-1] = f"> {mean.value:g}"  # the limit
+                elif table.interval and np.isfinite(mean.interval[0]):
+                    least = -1.0 if table.measure == CORRELATION else 0.0
+                    cells[-1] += f" ({ends(mean, table.measure, least)})"
+            rows.append([label, *cells, " or ".join(map(str, sorted(sizes))) or "–"])
+        if table.trained_before:
+            head.append("attempts of training before")
+            before = self.derived["before the experiment"]
+            rows = [[*cells, before.get(row.split()[0], "–")]
+                    for row, cells in zip(table.rows, rows, strict=True)]  # fmt: skip
+        note = f"Means over n {self.study.unit}s"
+        if table.measure == CORRELATION:
+            note = "Correlations over n sets of parameters"
+        note += ", 95% intervals." if table.interval else "."
+        return f"{markdown(head, rows)}\n\n{note}\n"
+
+    def _solved_none(self, asked: str) -> bool:
+        """Return whether no selected unit solved a trial."""
+        return "solved" in self.units and not selected(self.units, asked, "solved").any()
+
+    def _claims(self) -> str:
+        rows = []
+        for name, claim in self.study.file.claims.items():
+            contrasts = self.decided[name]
+            said = f"**{self.verdict(name)}**"
+            against = [one.verdict for one in contrasts.values()].count("does not hold")
+            if 0 < against < len(contrasts):
+                said += f" ({against} of {len(contrasts)} do not hold)"
+            if late := self.late(name):
+                said += f"; {late} after the run"
+            source = f" ({claim.source})" if claim.source else ""
+            rows.append([f"{claim.text}{source}", said, ""])
+            for part, (asked, verdict_of_part, found, why) in contrasts.items():
+                by = _difference(asked, found) if found else why
+                rows.append([f"&nbsp;&nbsp;{part}: {_asked(asked)}", verdict_of_part, by])
+        return f"{markdown(['claim', 'verdict', 'by'], rows)}\n"
+
+
+def _difference(contrast: Contrast, found: Estimate) -> str:
+    measure, written = contrast.measure, signed(found, contrast.measure)
+    if np.isnan(found.interval[0]):
+        return f"{written} ({found.alike}), n = {found.n}"
+    interval = ends(found, measure)
+    if not isinstance(contrast.minus, str):
+        written += f" from {number(contrast.minus, measure)}"
+    if contrast.expected == "same":
+        interval += f"; {EQUIVALENCE:.0%}: {ends(found, measure, level=EQUIVALENCE)}"
+    return f"{written} ({interval}), n = {found.n}"
+
+
+def _asked(contrast: Contrast) -> str:
+    margin = number(contrast.smallest, contrast.measure)
+    by = f" by at least {margin}" if contrast.smallest > 0 else ""
+    rule = f"the same within {margin}" if contrast.expected == "same" else contrast.expected + by
+    sides = f"{_side(contrast.of)} − {_side(contrast.minus)}"
+    return f"{contrast.measure.replace('_', ' ')} of {sides}, expected: {rule}"
+
+
+def _side(side: str | float) -> str:
+    """One side of a contrast in words, its learner as code."""
+    if not isinstance(side, str):
+        return f"{side:g}"
+    return re.sub(r"^(\S+)", r"`\1`", side).replace("+", " and ")
+
+
+def signed(found: Estimate, measure: str) -> str:
+    """A difference with its sign."""
+    return ("+" if found.value > 0 else "") + number(found.value, measure)
+
+
+def ends(found: Estimate, measure: str, least: float = -1.0, level: float = LEVEL) -> str:
+    """An interval; of shares, as far as there can be any."""
+    low, high = found.intervals[level]
+    if np.isnan(low):
+        return found.alike
+    if measure not in NO_SHARES:
+        low, high = max(low, least), min(high, 1.0)
+    return f"{number(low, measure)} to {number(high, measure)}"
+
+
+def number(value: Any, measure: str = "attempts") -> str:
+    """A value as pages have it: two decimals, and of shares no zero before the point.
+
+    >>> number(-0.5), number(-0.5, "solved"), number(1674240)
+    ('−0.50', '−.50', '1,674,240')
+    """
+    if isinstance(value, str):
+        return value
+    if pd.isna(value):
+        return "–"
+    if isinstance(value, int | np.integer):
+        return f"{value:,}"
+    text = f"{value:.2f}".replace("-", "−")
+    if measure not in NO_SHARES:
+        text = re.sub(r"^(−?)0\.", r"\1.", text)
+    return {"−.00": ".00", "−0.00": "0.00"}.get(text, text)

@@ -1,0 +1,231 @@
+"""Running a study: train its networks, play its experiment, store what was measured.
+
+Records and networks stay in a folder of results, where a study that was stopped continues. What
+lasts is in the study's folder: ``units.parquet`` and ``run.json``, the facts about the run with the
+hash of the units, so that neither can be of another run.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from causal_openlock.analysis.measures import CELL
+from causal_openlock.analysis.topics.learning_cost import subject_costs
+from causal_openlock.comparison.comparing import compare
+from causal_openlock.comparison.results import Results
+from causal_openlock.errors import EvidenceError
+from causal_openlock.experiment.declare import Experiment
+from causal_openlock.experiment.file import read_experiment
+from causal_openlock.experiment.making import Changes, learner
+from causal_openlock.files.atomic import write_bytes
+from causal_openlock.files.checksums import (
+    ChecksumError,
+    json_bytes,
+    read_json,
+    read_table,
+    table_bytes,
+)
+from causal_openlock.files.digest import digest
+from causal_openlock.storage.versions import versions
+from causal_openlock.version import RESULTS_VERSION
+from causal_openlock.wording import joined
+from evidence.study import FILE, Study
+from evidence.theories import units_of_theories
+from evidence.units import of_network, units_of
+
+UNITS, COSTS, RUN = "units.parquet", "costs.parquet", "run.json"
+Say = Callable[[str], None]
+
+
+def run_study(study: Study, results: Path, workers: int | None, say: Say) -> None:
+    """Run a study, and store what was measured once all of it was played.
+
+    Args:
+        study: The study.
+        results: Folder for its records and networks; what is there is not played again.
+        workers: Number of processes; by default one for each core.
+        say: Called with a sentence on the progress.
+
+    Raises:
+        CellsFailed: If all cells failed.
+        EvidenceError: If a claim or a table is about what is not played, or something failed.
+    """
+    if faults := study.faults():
+        raise EvidenceError(f"{study.folder / FILE}: {faults[0]}")
+    claims = _margins(study, results)
+    tables, hours = {}, 0.0
+    if study.file.measured == "theories":
+        tables[UNITS], hours = units_of_theories(study, results / "played", workers, say)
+    elif networks := study.file.networks:
+        parts = []
+        for seed in networks.seeds:
+            for label in study.learners:
+                experiment = _with_network(study, label, seed, results, say)
+                played, spent = _played(experiment, results / f"{label}-{seed}", workers)
+                units = units_of(played.trials, study.file.measured)
+                parts.append(of_network(units, label, seed))
+                hours += spent
+        tables[UNITS] = pd.concat(parts, ignore_index=True)
+    else:
+        played, hours = _played(study.asked, results / "played", workers)
+        tables[UNITS] = units_of(played.trials, study.file.measured)
+        if study.file.derived == "learning_costs":
+            costs = subject_costs(played, played.trials)
+            tables[COSTS] = costs.astype(dict.fromkeys(CELL, str))
+    store(study, tables, hours, claims)
+
+
+def _margins(study: Study, results: Path) -> dict[str, str]:
+    """The margins of claims as they were before anything was played.
+
+    Those of a study that was run before are those of that run, and under its seed no claim is
+    added: what is stated or changed once results are known stays marked.
+    """
+    path = results / "claims.json"
+    if not path.exists():
+        claims = {name: study.margin(name) for name in study.file.claims}
+        if (study.folder / RUN).exists():
+            before = read_run(study)
+            new = {} if before["seed"] == study.asked.seed else claims
+            claims = new | before["claims"]
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_bytes(path, json_bytes(claims))
+    return read_json(path.read_bytes())
+
+
+def _played(experiment: Experiment, out: Path, workers: int | None) -> tuple[Results, float]:
+    """The results of an experiment, all of whose cells were played, and the hours these took."""
+    played = compare(experiment, out=out, workers=workers)
+    if missing := played.experiment.missing:
+        raise EvidenceError(f"{out}: {len(missing)} cells failed; run the study again")
+    cells = [pq.read_table(path, columns=["wall_time"]) for path in out.glob("cells/*.parquet")]
+    return played, sum(pc.max(cell["wall_time"]).as_py() or 0 for cell in cells) / 3600
+
+
+def _with_network(study: Study, label: str, seed: int, results: Path, say: Say) -> Experiment:
+    """The experiment as a network plays it, which is trained if it is not there."""
+    networks = study.file.networks
+    assert networks
+    trained = label if label in networks.files else next(iter(networks.files))
+    file = study.folder / networks.files[trained]
+    name = f"{trained}-{seed}-{digest(file.read_bytes())[:8]}"  # of another training another one
+    network = (results / "networks" / f"{name}.npz").absolute()
+    if not network.exists():
+        network.parent.mkdir(parents=True, exist_ok=True)
+        log = network.with_suffix(".log")
+        say(f"training {network.stem}; its progress is in {log}")
+        words = [sys.executable, "-m", "causal_openlock", "train", str(file)]
+        words += ["--seed", str(seed), "--out", str(network)]
+        with log.open("w", encoding="utf-8") as output:
+            done = subprocess.run(words, stdout=output, stderr=output, check=False)
+        if done.returncode:
+            last = log.read_text(encoding="utf-8").strip().rpartition("\n")[2]
+            raise EvidenceError(f"the training of {network.stem} failed: {last}")
+    parameters = networks.parameters.get(label, {})
+    playing = learner(networks.learner, label=label, checkpoint=str(network), **parameters)
+    # Other rooms for each network, or luck in drawing them would look like a difference.
+    changes = Changes(learners=[playing], seed=study.asked.seed + seed)
+    found = read_experiment(study.folder / study.file.experiment, changes)
+    return replace(found, name=study.asked.name)
+
+
+def store(
+    study: Study, tables: dict[str, pd.DataFrame], hours: float, claims: dict[str, str]
+) -> None:
+    """Write what was measured, and then the facts about the run."""
+    hashes = {}
+    for name, table in tables.items():
+        content = table_bytes(pa.Table.from_pandas(table, preserve_index=False))
+        hashes[name] = hashlib.sha256(content).hexdigest()
+        write_bytes(study.folder / name, content)
+    about = {
+        **as_declared(study),
+        "claims": claims,
+        "core_hours": round(hours, 2),
+        "date": datetime.now(UTC).date().isoformat(),
+        "machine": f"{_processor()}, {os.cpu_count()} cores, {platform.system()}",
+        "versions": versions(),
+        "files": hashes,
+    }
+    write_run(study, about)
+
+
+def write_run(study: Study, about: dict[str, Any]) -> None:
+    """Write the facts about the run."""
+    write_bytes(study.folder / RUN, json_bytes(about))
+
+
+def as_declared(study: Study) -> dict[str, Any]:
+    """What ``run.json`` has of the declaration: its hash and its seed."""
+    return {"declared": study.declared, "seed": study.asked.seed}
+
+
+def _processor() -> str:
+    path = Path("/proc/cpuinfo")
+    text = path.read_text(encoding="utf-8") if path.exists() else ""
+    model = re.search(r"model name\s*:\s*(.+)", text)
+    return model[1].strip() if model else platform.processor() or platform.machine()
+
+
+def read_run(study: Study) -> dict[str, Any]:
+    """Facts about the run: the content of ``run.json``.
+
+    Raises:
+        EvidenceError: If it has not been run, or the file is damaged.
+    """
+    return _read(study, RUN, read_json)
+
+
+def read_units(study: Study, name: str = UNITS) -> pd.DataFrame:
+    """Measured units, or with :data:`COSTS` what learning cost each subject.
+
+    Raises:
+        EvidenceError: If it has not been run, or the file is damaged or of another run.
+    """
+    sha256 = read_run(study)["files"].get(name)
+    units: pd.DataFrame = _read(study, name, read_table, sha256).to_pandas()
+    return units
+
+
+def _read(study: Study, name: str, parse: Callable[[bytes], Any], sha256: str = "") -> Any:
+    path = study.folder / name
+    try:
+        content = path.read_bytes()
+        if sha256 and hashlib.sha256(content).hexdigest() != sha256:
+            raise ChecksumError(f"{RUN} is of another run")
+        return parse(content)
+    except FileNotFoundError:
+        raise EvidenceError(
+            f"{study.name} has not been run; run it with: make evidence NAME={study.name}"
+        ) from None
+    except ChecksumError as error:
+        raise EvidenceError(f"{path} is damaged: {error}; run the study again") from None
+
+
+def older_results(run: dict[str, Any]) -> str:
+    """Return the release whose results a study has, if results are others now; else nothing.
+
+    >>> older_results({"versions": {"causal-openlock": "0.1.0+4"}})
+    '0.1'
+    """
+    stamps, version = run.get("stamps"), run["versions"]["causal-openlock"]
+    if stamps and stamps[-1]["results"] == RESULTS_VERSION:
+        return ""
+    played_with = {version} if isinstance(version, str) else {*version}
+    releases = {".".join(one.split(".")[:2]) for one in played_with - {RESULTS_VERSION}}
+    return joined(sorted(releases))

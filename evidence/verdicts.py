@@ -1,0 +1,212 @@
+"""Verdicts by rule: what follows from an interval and the smallest difference that matters.
+
+The rules, and which intervals there are, are in ``evidence/README.md``. That the 90% interval lies
+within both margins is the two one-sided tests of equivalence at the 5% level (Schuirmann, 1987). A
+difference of exactly the margin matters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from causal_openlock.analysis.effects import Group, weighted_difference
+from causal_openlock.analysis.statistics import (
+    LEAST_UNITS,
+    LEVEL,
+    beside_mean,
+    mode,
+    share_interval,
+)
+from causal_openlock.errors import EvidenceError
+from causal_openlock.schemas.fsm import FloatArray
+from evidence.published import PUBLISHED
+from evidence.study import CORRELATION, Contrast, selection
+from evidence.units import selected
+
+Verdict = Literal["holds", "in part", "does not hold", "undecided"]
+Ends = tuple[float, float]
+
+EQUIVALENCE = 0.90
+"""Level of the interval that must lie within both margins: two tests at 5%."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A mean, or a difference of means, with what it rests on.
+
+    Attributes:
+        value: The estimate.
+        intervals: By level, the ends of the interval that covers the true value with that
+            probability; NaN where there is none.
+        units: How many units each side has: one number where they are paired or compared with a
+            known number.
+        groups: What was compared; none of a correlation.
+    """
+
+    value: float
+    intervals: Mapping[float, Ends]
+    units: tuple[int, ...]
+    groups: tuple[Group, ...] = ()
+
+    @property
+    def interval(self) -> Ends:
+        """The ends of the 95% interval."""
+        return self.intervals[LEVEL]
+
+    @property
+    def n(self) -> str:
+        """Number of units on each side, in words."""
+        return " and ".join(map(str, self.units))
+
+    @property
+    def alike(self) -> str:
+        """How many units of each side have its most common value, where there is no interval."""
+        values = [group.values for group in self.groups if group.values is not None]
+        shares = [beside_mean(np.nan, np.nan, len(side), *mode(side)) for side in values]
+        return " and ".join(filter(None, shares)) or "no interval: fewer than five units"
+
+    def side(self, margin: float, level: float = LEVEL) -> int:
+        """On which side of a margin the difference lies: 1 above, −1 below, or 0 if it may be both.
+
+        A difference of exactly the margin lies beyond it, as seen from 0.
+        """
+        edge = margin - 1e-9 * np.sign(margin)
+        low, high = self.intervals[level]
+        if not np.isnan(low):
+            return int(low > edge) - int(high < edge)
+        first, *others = self.groups
+        assert first.values is not None
+        values = first.values - edge
+        found = weighted_difference([Group.of(values, first.weight), *others])
+        side = found.value if others else np.median(values)  # of pairs the test counts signs
+        return int(np.sign(side)) if found.p < 1 - level else 0
+
+
+def estimate(groups: Sequence[Group], units: tuple[int, ...]) -> Estimate:
+    """The sum of the weighted means of groups, with its intervals."""
+    found = weighted_difference(groups)
+    ends = {LEVEL: (found.low, found.high), EQUIVALENCE: (np.nan, np.nan)}
+    if not np.isnan(found.low):
+        ends[EQUIVALENCE] = weighted_difference(groups, level=EQUIVALENCE)[1:3]
+    return Estimate(found.value, ends, units, tuple(groups))
+
+
+def mean_of(values: FloatArray, known: float = 0.0) -> Estimate:
+    """The mean of ``[n]`` units, from a known number on.
+
+    >>> low, high = mean_of(np.array([3.0, 4, 5, 4, 4])).interval
+    >>> round(low, 2), round(high, 2)
+    (3.12, 4.88)
+    """
+    if len(values) < LEAST_UNITS or not np.isin(values, (0.0, 1.0)).all():
+        return estimate([Group.of(values - known)], (len(values),))
+    share = float(np.mean(values))  # of units that did it
+    ends = {one: share_interval(share, len(values), one) for one in (LEVEL, EQUIVALENCE)}
+    return _from(known, share, ends, len(values))
+
+
+def _from(known: float, value: float, intervals: Mapping[float, Any], units: int) -> Estimate:
+    """An estimate from a known number on."""
+    ends = {
+        one: (float(low) - known, float(high) - known) for one, (low, high) in intervals.items()
+    }
+    return Estimate(value - known, ends, (units,))
+
+
+def difference(of: FloatArray, minus: FloatArray) -> Estimate:
+    """The difference of the means of two independent groups of units."""
+    return estimate([Group.of(of), Group.of(minus, -1.0)], (len(of), len(minus)))
+
+
+def mean_selected(units: pd.DataFrame, words: str, measure: str, known: float = 0.0) -> Estimate:
+    """The mean of a selection from a known number on; for ``r`` a correlation over sets.
+
+    Raises:
+        EvidenceError: If it has not been run, or is a correlation of too few sets.
+    """
+    if measure != CORRELATION:
+        return mean_of(selected(units, words, measure).to_numpy(float), known)
+    true, fitted = (selected(units, words, name) for name in ("true", "fitted"))
+    if len(true) < LEAST_UNITS or min(np.ptp(true), np.ptp(fitted)) == 0:
+        raise EvidenceError(f"{words} was recovered of too few sets, or comes out always the same")
+    found = stats.pearsonr(true, fitted)
+    ends = {level: found.confidence_interval(level) for level in (LEVEL, EQUIVALENCE)}
+    return _from(known, float(found.statistic), ends, len(true))
+
+
+def compared(
+    units: pd.DataFrame, contrast: Contrast, unit: str, same: Mapping[str, str] | None = None
+) -> Estimate:
+    """The difference that a contrast asks for.
+
+    Args:
+        units: From :func:`~evidence.units.with_differences`.
+        contrast: What is compared.
+        unit: ``"subject"`` or ``"network"``.
+        same: Of learners that play with the networks of another one, its label.
+
+    Raises:
+        EvidenceError: If a side has not been run.
+    """
+    side, measure = contrast.minus, contrast.measure
+    if not isinstance(side, str):
+        return mean_selected(units, contrast.of, measure, side)
+    first, second = (selected(units, words, measure) for words in (contrast.of, side))
+    of, minus = first.to_numpy(float), second.to_numpy(float)
+    one, other = selection(contrast.of), selection(side)
+    (learner,) = other["learner"]
+    if learner in PUBLISHED:
+        if measure != "attempts":  # the error of shares is not known
+            return mean_of(of, float(minus.mean()))
+        error, size = (selected(units, side, name).mean() for name in ("error", "trials"))
+        people = Group(int(size), float(minus.mean()), size * error**2, -1.0)
+        return estimate([Group.of(of), people], (len(of),))
+    networks = {(same or {}).get(name, name) for name in (*one["learner"], learner)}
+    if unit == "network":
+        paired = len(networks) == 1
+    else:
+        paired = one.get("condition") == other.get("condition")
+    if not paired:
+        return difference(of, minus)
+    pairs = (first - second).dropna()
+    if pairs.empty:
+        raise EvidenceError("no unit has been run on both sides")
+    return mean_of(pairs.to_numpy(float))
+
+
+def verdict(found: Estimate, expected: str, smallest: float) -> Verdict:
+    """Verdict that follows from an estimate.
+
+    >>> found = mean_of(np.array(10 * [2.0, 3.0]))
+    >>> verdict(found, "more", smallest=1), verdict(found, "less", smallest=1)
+    ('holds', 'does not hold')
+    """
+    if min(found.units) < LEAST_UNITS:
+        return "undecided"
+    if expected == "same":
+        if found.side(smallest, EQUIVALENCE) < 0 < found.side(-smallest, EQUIVALENCE):
+            return "holds"
+        outside = found.side(smallest) > 0 or found.side(-smallest) < 0
+        return "does not hold" if outside else "undecided"
+    sign = -1 if expected == "less" else 1
+    if side := sign * found.side(sign * smallest):
+        return "holds" if side > 0 else "does not hold"
+    return "in part" if sign * found.side(0.0) > 0 else "undecided"
+
+
+def together(verdicts: Iterable[Verdict]) -> Verdict:
+    """The verdict on a claim from those on its contrasts, each of which can refute it.
+
+    >>> mixed: list[Verdict] = ["holds", "does not hold"]
+    >>> together(mixed)
+    'does not hold'
+    """
+    found = list(verdicts)
+    first: tuple[Verdict, ...] = ("does not hold", "undecided", "in part", "holds")
+    return next((said for said in first if said in found), "undecided")

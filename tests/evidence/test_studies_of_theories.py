@@ -1,0 +1,125 @@
+"""Studies that ask which theories, and which parameters, are found again."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from causal_openlock.design.apart import NATS
+from evidence.measured import Evidence
+from evidence.pages import check
+from evidence.run import read_units, run_study
+from evidence.study import read_studies
+from evidence.theories import units_of_subjects
+
+pytestmark = pytest.mark.slow
+
+EXPERIMENT = """
+name: two
+seed: 4
+subjects: 5
+protocol: brief
+conditions: [CC3]
+protocols: {brief: {attempt_limit: 6, stop_when_solved: true, baseline_trials: 2}}
+learners:
+  - random
+  - win_stay
+  - {learner: bayes, name: thompson, parameters: {policy: thompson, forgets: failures}}
+"""
+KNOWN = """
+title: Whether three learners are told apart
+experiment: experiment.yaml
+measured: theories
+theories: {parameters: [thompson], sets: 5, candidates: 1}
+derived: confusion
+hours: 0.01
+claims:
+  told_apart:
+    text: At least half of all subjects, and of halves, are attributed right
+    contrasts:
+      single: {measure: single, of: everyone, minus: 0.5, expected: more}
+      halves: {measure: halves, of: everyone, minus: 0.5, expected: more}
+  parameters:
+    text: Forgetting is recovered
+    contrasts:
+      forgetting: {measure: r, of: thompson parameter forgetting, minus: 0.7, expected: more}
+figures: [derived]
+"""
+UNKNOWN = """
+title: Whether two learners are told apart
+experiment: experiment.yaml
+measured: theories
+theories: {outside: [thompson], draws: 1}
+derived: confusion
+hours: 0.01
+claims:
+  told_apart:
+    text: Subjects are told apart
+    contrasts:
+      single: {measure: single, of: everyone, minus: 0.5, expected: more}
+  by_the_minute:
+    text: Visits tell as much a minute, whoever makes them
+    contrasts:
+      rooms:
+        {measure: per_minute, of: random, minus: win_stay, expected: same, smallest: 9}
+tables:
+  certain: {measure: certain, columns: [CC3], rows: {thompson: Thompson}}
+"""
+
+
+def ran(tmp_path, text):
+    """The evidence of a study that was run."""
+    folder = tmp_path / "evidence" / "small"
+    folder.mkdir(parents=True)
+    (folder / "study.yaml").write_text(text)
+    (folder / "experiment.yaml").write_text(EXPERIMENT)
+    (study,) = read_studies(tmp_path / "evidence")
+    assert not study.faults()
+    run_study(study, tmp_path / "results", 0, print)
+    return Evidence(study)
+
+
+def test_a_study_of_known_parameters_from_the_run_to_its_page(tmp_path):
+    found = ran(tmp_path, KNOWN)
+    units = read_units(found.study)
+    assert len(units) == 3 * (5 + 1 + 2) + 5 * 4  # subjects, groups, halves; parameters of sets
+    assert found.text("claim told_apart verdict") == "holds"
+    single = float(found.text("single win_stay"))
+    assert single > 0.8
+    assert found.decided["told_apart"]["halves"].found.n == "6"
+    assert float(found.text("derived win_stay win_stay")) == pytest.approx(single)
+    head = found.block("derived").splitlines()[0]
+    assert head == "|  | random | win_stay | thompson | groups | bits |"
+    assert found.derived.loc["random", "bits"] == pytest.approx(np.log2(15))
+    (fault,) = check(tmp_path / "evidence", write=True)
+    assert "derived.png is missing" in fault
+
+
+def test_a_study_of_unknown_parameters_from_the_run_to_its_page(tmp_path):
+    found = ran(tmp_path, UNKNOWN)
+    units = read_units(found.study)
+    assert len(units) == 3 * 5 + 2 * (1 + 2)  # subjects; groups and halves of the two theories
+    own = units.dropna(subset="information")
+    assert set(own["learner"]) == {"random", "win_stay"}
+    information = float(found.text("information everyone"))
+    assert information == pytest.approx(own["information"].mean(), abs=0.006)
+    assert found.decided["by_the_minute"]["rooms"].found.units == (5,)  # same rooms, so in pairs
+    assert found.text("claim told_apart verdict") == "holds"
+    assert "| Thompson |" in found.block("certain")
+    assert check(tmp_path / "evidence", write=True) == []
+
+
+def test_subjects_and_groups_are_attributed_to_the_likeliest_theory():
+    nats = {"a": [3, 3, 3, -1, 0], "b": [-2, -2, -2, -2, -2]}  # under `a`, more than under `b`
+    about = {"condition": "CC3", "protocol": "human", "attempts": 3, "actions": 9}
+    subjects = pd.DataFrame(
+        {"learner": maker, "subject": subject, NATS + "a": -9.0 + more, NATS + "b": -9.0, **about}
+        for maker, own in nats.items()
+        for subject, more in enumerate(own)
+    )
+    units = units_of_subjects(subjects)
+    assert units.query("learner == 'a'")["single"].dropna().tolist() == [1, 1, 1, 0, 0.5]
+    # Of all five of `a`, of its first three and of the other two; and of all of `b`, and so on.
+    groups = units[units["subjects"] > 1]
+    assert groups["groups"].dropna().tolist() == [1, 1]
+    assert groups["halves"].dropna().tolist() == [1, 0, 1, 1]
+    assert sorted(groups["subjects"]) == [2, 2, 3, 3, 5, 5]
