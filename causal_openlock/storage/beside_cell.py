@@ -77,10 +77,10 @@ def keep_failure(record: Path, cell: Cell, what: str, trace: str, failures: int 
 
 def tidy(folder: Path, names: Collection[str]) -> None:
     """Remove what killed runs left, and checkpoints and errors of cells without these names."""
-    cells = folder / "cells"
+    cells, errors = folder / "cells", folder / "errors"
     sweep(folder)
     sweep(cells)
-    leftovers = [*cells.glob(f"*{CHECKPOINT}"), *(folder / "errors").glob("*.txt")]
+    leftovers = [*cells.glob(f"*{CHECKPOINT}"), *(errors.iterdir() if errors.exists() else ())]
     leftovers = [path for path in leftovers if path.stem not in names]
     for path in [*leftovers, *folder.glob(f"{AWAITED}*"), *cells.glob(f"*{PROGRESS}")]:
         path.unlink(missing_ok=True)
