@@ -15,7 +15,8 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, NamedTuple
+from types import SimpleNamespace
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,65 +30,43 @@ ANY: Literal["any"] = "any"
 """Stands for a story's name: one story is drawn."""
 
 
-@dataclass(frozen=True)
-class Story:
-    """The vocabulary of a description.
-
-    Attributes:
-        scene: What there is and what is to be found out; ``{many}`` stands for its levers.
-        place: What holds them, such as a room.
-        thing: What a lever is called.
-        push: The verb for pushing it, and ``pull`` for pulling it.
-        pushed: Its state when pushed, and ``pulled`` when pulled.
-        grey: Its look when active, and ``white`` when inactive.
-        finish: The last action: the push of the door.
-        goal: What the door is called.
-        locked: Its state, and ``unlocked``; ``closed`` and ``open`` likewise.
-        names: What positions can be called, twelve at least, with blanks between.
-    """
-
-    scene: str
-    place: str
-    thing: str
-    push: str
-    pull: str
-    pushed: str
-    pulled: str
-    grey: str
-    white: str
-    finish: str
-    goal: str
-    locked: str
-    unlocked: str
-    closed: str
-    open: str
-    names: str
-
-
-STORIES = {
-    "levers": Story(
+_VOCABULARY = {  # in each of the three stories
+    "story": ("levers", "switches", "symbols"),
+    "place": ("room", "board", "page"),
+    "thing": ("lever", "switch", "symbol"),
+    "things": ("levers", "switches", "symbols"),
+    "push": ("push", "turn on", "raise"),
+    "pull": ("pull", "turn off", "lower"),
+    "pushed": ("pushed", "on", "high"),
+    "pulled": ("pulled", "off", "low"),
+    "grey": ("grey", "amber", "round"),  # an active lever
+    "white": ("white", "blue", "square"),
+    "finish": ("push the door", "press the lamp", "strike the seal"),
+    "goal": ("the door", "the lamp", "the seal"),
+    "locked": ("locked", "without current", "fixed"),
+    "unlocked": ("unlocked", "under current", "loose"),
+    "closed": ("closed", "dark", "whole"),
+    "open": ("open", "lit", "broken"),
+    "scene": (
         "You are in a room with {many} and a door, which is locked. A mechanism connects some of "
         "the levers to the lock. Your task is to find out how to open the door.",
-        *("room", "lever", "push", "pull", "pushed", "pulled", "grey", "white"),
-        *("push the door", "the door", "locked", "unlocked", "closed", "open"),
-        "ash birch cedar elm fir hazel larch maple oak pine rowan willow yew",
-    ),
-    "switches": Story(
         "You stand before a board with {many} and a lamp, which has no current. Wires that you "
         "cannot see connect some of the switches to the lamp. Your task is to find out how to "
         "light the lamp.",
-        *("board", "switch", "turn on", "turn off", "on", "off", "amber", "blue"),
-        *("press the lamp", "the lamp", "without current", "under current", "dark", "lit"),
-        "bread cheese honey milk mint olive pepper rice salt sugar tea vanilla",
-    ),
-    "symbols": Story(
         "Before you is a page with {many} and a seal, which is fixed. A rule that you do not know "
         "connects some of the symbols to the seal. Your task is to find out how to break the seal.",
-        *("page", "symbol", "raise", "lower", "high", "low", "round", "square"),
-        *("strike the seal", "the seal", "fixed", "loose", "whole", "broken"),
+    ),
+    "names": (  # of positions: twelve at least
+        "ash birch cedar elm fir hazel larch maple oak pine rowan willow yew",
+        "bread cheese honey milk mint olive pepper rice salt sugar tea vanilla",
         "ba do fe gu ki lo mu ne pa ri su ta vo we",
     ),
 }
+STORIES: dict[str, Any] = {
+    words[0]: SimpleNamespace(**dict(zip(_VOCABULARY, words, strict=True)))
+    for words in zip(*_VOCABULARY.values(), strict=True)
+}
+"""The words of each story, by name: ``STORIES["levers"].goal`` is ``the door``."""
 _RULES = """\
 - Each {thing} is {pulled} or {pushed}, and looks {grey} or {white}. `{push} NAME` makes it \
 {pushed}, `{pull} NAME` makes it {pulled}. Not every {thing} can always be moved; some never can.
@@ -155,7 +134,7 @@ class Wording:
         return cls(chosen, tuple(names), tuple(generator.permutation(positions).tolist()))
 
     @property
-    def _terms(self) -> Story:
+    def _terms(self) -> Any:
         return STORIES[self.story]
 
     @cached_property
@@ -181,11 +160,7 @@ class Wording:
         """
         lines = [line for line in map(_plain, text.splitlines()) if line]
         last = lines[-1].removeprefix("action ") if lines else ""
-        return self._indices.get(last)
-
-    @cached_property
-    def _indices(self) -> dict[str, int]:
-        return {action: index for index, action in enumerate(self.actions)}
+        return self.actions.index(last) if last in self.actions else None
 
     def instructions(self, action_limit: int, attempt_limit: int) -> str:
         """The text before the first room."""
@@ -196,8 +171,8 @@ class Wording:
             attempts=counted(attempt_limit, "attempt"),
             choices=", ".join(self.choices),
         )
-        many = f"{terms.thing}es" if terms.thing.endswith("ch") else None
-        return f"{terms.scene.format(many=counted(len(self.names), terms.thing, many))}\n\n{rules}"
+        many = counted(len(self.names), terms.thing, terms.things)
+        return f"{terms.scene.format(many=many)}\n\n{rules}"
 
     @property
     def no_action(self) -> str:
