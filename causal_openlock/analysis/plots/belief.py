@@ -113,6 +113,9 @@ def plot_trace(trace: Trace, *, actions: int = MOST_ACTIONS, ax: Any = None) -> 
         _draw_entropy(entropy, shown)
         _draw_gains(gains, shown)
         _draw_arrows(matrix, shown, at.axes[:4])
+        for axes in (entropy, gains, matrix):
+            for begin, _ in shown.attempts:
+                axes.axvline(begin, color="#A8A8A8", lw=0.6, zorder=0.5)
         final = trace.moments[-1]
         likeness = {
             "same": "the true one",
@@ -131,7 +134,7 @@ def plot_trace(trace: Trace, *, actions: int = MOST_ACTIONS, ax: Any = None) -> 
         expected, obtained = _bars()
         handles += [Patch(label="bits expected", **expected)]
         handles += [Patch(label="bits obtained", **obtained)]
-        if shown.renewed:
+        if any(action.renewed for action in shown.actions):
             handles.append(Line2D([], [], label="other hypotheses", **_RENEWED))
         timeline.figure.legend(
             handles=handles, loc="outside upper left", ncols=7, alignment="left",
@@ -222,20 +225,10 @@ class Part:
         return f"Shown are {' and '.join(parts)}." if parts else ""
 
     @property
-    def renewed(self) -> bool:
-        """Whether hypotheses were replaced by others in between."""
-        return any(action.renewed for action in self.actions)
-
-    @property
     def attempts(self) -> list[tuple[float, float]]:
         """Where each attempt begins and ends, on the common x axis."""
         begins = [column - 0.5 for column, one in enumerate(self.actions, 1) if one.number == 1]
         return list(pairwise([*begins, len(self.actions) + 0.5]))
-
-    def divide(self, axes: Axes) -> None:
-        """Draw a line before each attempt."""
-        for begin, _ in self.attempts:
-            axes.axvline(begin, color="#A8A8A8", lw=0.6, zorder=0.5)
 
 
 def _draw_timeline(axes: Axes, shown: Part, names: list[str]) -> None:
@@ -261,7 +254,6 @@ def _draw_timeline(axes: Axes, shown: Part, names: list[str]) -> None:
 def _draw_entropy(axes: Axes, shown: Part) -> None:
     """The bits that are missing to certainty, at first and after each action."""
     values = shown.trace.entropies[: len(shown.actions) + 1]
-    shown.divide(axes)
     size = min(3.2, 0.25 * shown.column)
     axes.plot(range(len(values)), values, ls="none", color=_INK, marker="o", ms=size, clip_on=False)
     for column, action in enumerate(shown.actions):
@@ -277,7 +269,6 @@ def _draw_gains(axes: Axes, shown: Part) -> None:
     expected = np.array([action.gain_predicted for action in shown.actions])
     # The difference between beliefs in different hypotheses is no information.
     obtained = np.array([0.0 if one.renewed else one.gain_obtained for one in shown.actions])
-    shown.divide(axes)
     for aside, values, look in zip((-0.2, 0.2), (expected, obtained), _bars(), strict=True):
         (some,) = np.nonzero(np.abs(values) > 0.005)  # where there is nothing, no line is drawn
         axes.bar(some + 1 + aside, values[some], width=0.36, zorder=2, **look)
@@ -310,7 +301,6 @@ def _draw_arrows(axes: Axes, shown: Part, beside: list[Axes]) -> None:
     axes.spines[:].set_visible(False)
     if 0 < shown.true < count:
         axes.axhline(shown.true - 0.5, color=_INK, lw=1.0)
-    shown.divide(axes)
     axes.set_xlabel(shown.cut)
     axes.figure.colorbar(
         mesh, ax=beside, label="probability", ticks=[0, 0.5, 1], shrink=0.3, anchor=(0, 0.1),

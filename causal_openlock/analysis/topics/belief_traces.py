@@ -101,21 +101,17 @@ def _information(traces: Mapping[str, Trace]) -> Table:
 
 
 def _plot(file: str, learner: str, trace: Trace) -> SectionPlot:
-    from causal_openlock.analysis.plots.belief import THRESHOLD, Part, plot_trace
+    from causal_openlock.analysis.plots.belief import THRESHOLD, plot_trace
 
-    part = Part.of(trace)
-    caption = sentences(
+    caption = (
         "What one subject did, attempt by attempt; the bits missing to certainty about the room; "
         "the information expected of each action by itself and the information that it gave, which "
         "agree on average over rooms as probable as the subject believes; and the marginal "
         f"probability of each arrow that was ever more probable than {THRESHOLD:.0%}, true arrows "
         "above the line. Below, the structure that is most probable in the end next to the true "
-        "one, levers called by their positions.",
-        part.cut,
-        "What a learner forgets after an attempt counts against its last action.",
-        "Where the line is dotted hypotheses were replaced by others, so that the difference is "
-        "not information." if part.renewed else "",
-    )  # fmt: skip
+        "one, levers called by their positions. What a learner forgets after an attempt counts "
+        "against its last action."
+    )
     call = f"results.plot.beliefs({trace.subject}, learner={learner!r})"
     return drawn(file, plot_trace, trace, f"What {learner} believed", caption, call)
 
