@@ -2,19 +2,19 @@
 
 Each command is a function, a few lines over the library. Those of the core are listed below; all
 others, such as ``fit`` and ``play``, are registered by the packages that they belong to, in the
-group of entry points ``causal_openlock.commands``. ``groups`` says under which heading ``--help``
-lists each; ``options``, ``terminal`` and ``stopping`` serve them all. A mistake of the user is one
-sentence on standard error, with exit status 2; everything heavy is loaded only by the command that
-needs it.
+group of entry points ``causal_openlock.commands``. ``options``, ``terminal`` and ``stopping`` serve
+them all. A mistake of the user is one sentence on standard error, with exit status 2; everything
+heavy is loaded only by the command that needs it.
 """
 
 from __future__ import annotations
 
 import gc
 import sys
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from causal_openlock.cli import (
     compare,
@@ -27,11 +27,39 @@ from causal_openlock.cli import (
     status,
     text,
 )
-from causal_openlock.cli.groups import GroupedCommands
 from causal_openlock.cli.terminal import complain, say, warn_in_a_line, write_anything
 from causal_openlock.errors import OpenLockError, in_short
 from causal_openlock.files.plugins import COMMANDS, registered
 from causal_openlock.version import __version__
+
+GROUPS = {
+    "Start here": ("compare", "report", "schema", "play", "notebook"),
+    "Declare": ("learners", "room", "train"),
+    "Compare": ("status", "trace", "film"),
+    "People": ("import", "forget", "text"),
+    "Predict": ("score", "fit", "design"),
+    "Share": ("export", "bundle"),
+}
+"""Groups in which ``--help`` lists commands, what a newcomer needs first; all others come last."""
+
+
+class GroupedCommands(TyperGroup):
+    """A command line whose help lists commands in groups."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write a section for each group that has a command."""
+        listed = {name: one for name, one in self.commands.items() if not one.hidden}
+        others = listed.keys() - {name for names in GROUPS.values() for name in names}
+        for title, names in {**GROUPS, "More": sorted(others)}.items():
+            rows = [
+                (name.ljust(8), listed[name].get_short_help_str(formatter.width - 14))
+                for name in names
+                if name in listed
+            ]
+            if rows:
+                with formatter.section(title):
+                    formatter.write_dl(rows)
+
 
 app = typer.Typer(
     name="causal-openlock",

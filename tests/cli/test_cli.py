@@ -13,7 +13,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from causal_openlock.cli.groups import GroupedCommands
+from causal_openlock.cli import GroupedCommands
 from causal_openlock.storage.store import Store
 from support.command import at_once, modules_of
 from support.places import ROOT
