@@ -41,11 +41,12 @@ ROW = ["learner", "protocol", "condition", "measure", "attempts"]
 _FORMATS = {"attempts": ",.0f"}
 _CAPTION = (
     "opens: share of attempts that open the door; finds_all: share of visits to a room in which "
-    "all three solutions are found; else: share of attempts that neither unlock nor open the door. "
-    "Means of subjects with 95% intervals; below, the 95% interval of one more subject. The paper "
-    "does not say how many agents its counts add up: a share outside the second interval differs "
-    "even if it is of a single agent, and one between the two intervals may. Attempts: of a "
-    "subject; of the paper, of all its agents together."
+    "all three solutions are found; else: share of attempts that neither unlock nor open the "
+    "door. Means of subjects with 95% intervals (none of fewer than five, or where nearly all are "
+    "alike); below, the 95% interval of one more subject. The paper does not say how many agents "
+    "its counts add up: a share outside the second interval differs even if it is of a single "
+    "agent, and one between the two intervals may. Attempts: of a subject; of the paper, of all "
+    "its agents together."
 )
 
 
