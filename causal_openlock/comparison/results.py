@@ -78,7 +78,7 @@ class Results(Material):
     @classmethod
     def read(cls, *folders: Path | str, exclude: Exclusion | None = None) -> Results:
         """The results in these folders together; see :func:`open_results`."""
-        found = [read_results(Store(folder), ["actions"], exclude) for folder in folders]
+        found = [read_results(Store(folder), exclude) for folder in folders]
         return cls.of(*beside(found), tuple(Path(folder).resolve() for folder in folders))
 
     # -- tables ---------------------------------------------------------------------------------

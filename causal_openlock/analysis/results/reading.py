@@ -29,19 +29,17 @@ if TYPE_CHECKING:
     from causal_openlock.experiment.declare import Condition, LearnerSpec
     from causal_openlock.storage.stored import StoredExperiment
 
-UNREAD = ("actions", "moved", "reward", "wall_time")
-"""Columns that are not read by default: half of a record, and of no use to most analyses."""
+UNREAD = ("moved", "reward", "wall_time")
+"""Columns that are not read: a quarter of a record, and of no use to analyses."""
 
 Exclusion = Literal["completed no trial"]
 """Rules by which people are left out."""
 
 
 def read_results(
-    store: Store, columns: Sequence[str] = (), exclude: Exclusion | None = None
+    store: Store, exclude: Exclusion | None = None
 ) -> tuple[pa.Table, StoredExperiment]:
-    """The records of all cells as one, and the experiment that they are of.
-
-    Of the columns :data:`UNREAD` only those asked for are read.
+    """The records of all cells as one, without :data:`UNREAD`, and the experiment they are of.
 
     Raises:
         StoreError: If there is no cell, one is damaged, or the rule leaves nobody.
@@ -50,8 +48,7 @@ def read_results(
         raise StoreError(
             f"no rule {exclude!r} leaves people out; {joined(get_args(Exclusion))} does"
         )
-    wanted = [name for name in record_schema().names if name in columns or name not in UNREAD]
-    found = store.record(wanted)
+    found = store.record([name for name in record_schema().names if name not in UNREAD])
     people = [spec.name for spec in found[1].learners if spec.learner == PERSON]
     return found if exclude is None else without_excluded(*found, people)
 
