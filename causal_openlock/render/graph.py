@@ -166,7 +166,10 @@ def _curve(edge: Edge, places: Places, bend: float) -> Points:
 
 def _bend(edge: Edge, places: Places) -> float:
     """The least bend with which an edge keeps clear of the nodes that it does not belong to."""
-    outward = -1 if places[edge[0]][0] >= places[DOOR][0] else 1
+    aside = places[edge[0]][0] - places[DOOR][0]
+    if abs(aside) < 0.01:  # in one column, edges to the door bend to the right, others to the left
+        aside = 1.0 if edge[1] == DOOR else -1.0
+    outward = -1 if aside > 0 else 1
     others = set(places) - set(edge)
     for size in np.arange(0.0, 1.0, 0.05).tolist():
         for bend in (outward * size, -outward * size):
