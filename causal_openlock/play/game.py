@@ -121,18 +121,18 @@ class Game:
 
     def view(self) -> Answer:
         """State of the game that the person may know now."""
-        brief, stage = self.session.brief, self.stage
+        stage, session = self.stage, self._practice or self.session
         shown: Answer = {
             "stage": stage,
             "turn": self.turn,
-            "positions": brief.positions,
-            "trials": brief.trials,
+            "positions": session.brief.positions,
+            "trials": self.session.brief.trials,
             "ended": self._ended,
         }
         if self._question is not None:
             shown["levers"] = list(self._question)
         elif stage != "end":
-            shown["room"] = _room(self._practice or self.session)
+            shown["room"] = _room(session)
         return shown
 
     def allows(self, turn: Turn) -> bool:
@@ -242,7 +242,6 @@ def _room(session: Session) -> Answer:
 
 
 def _practice_room(session: Session) -> Session:
-    layout = Layout((PRACTICE_PLACE,), session.brief.positions)
-    condition = Condition("practice", (Trials(PRACTICE, (layout,)),))
+    condition = Condition("practice", (Trials(PRACTICE, (Layout((PRACTICE_PLACE,)),)),))
     protocol = Protocol("practice", session.brief.attempt_limit, stop_when_solved=True)
     return Session(condition, protocol, [0], learner=LABEL)
