@@ -1,10 +1,9 @@
 """Tables of a study as figures, in which every unit can be seen.
 
-A study names under ``figures`` which of its tables are drawn. Where the columns are the parts of a
-course a panel has a thin line for each unit and a thick one for their mean, and of a curve a dashed
-one for what AAAI 2020 published of the same algorithm; otherwise a panel for each column has a dot
-for each unit of a row, and their mean with its interval. Of distances from people the figure has
-people's means and the nearest learner's, and of theories which are taken for which.
+Where the columns are the parts of a course a panel has a thin line for each unit and a thick one
+for their mean; otherwise a panel for each column has a dot for each unit of a row, and their mean
+with its interval. Of distances from people the figure has people's means and the nearest learner's,
+and of theories which are taken for which.
 """
 
 from __future__ import annotations
@@ -57,10 +56,12 @@ def drawn(evidence: Evidence, name: str) -> bytes:
             draw_course(table, rows, file.measured == "curve", figure)
         else:
             draw_dots(table, rows, figure)
-    content = io.BytesIO()
-    with Image.open(io.BytesIO(style.image(figure, "png", DOTS))) as image:
-        image.convert("RGB").quantize(COLOURS).save(content, "png", optimize=True)
-    return content.getvalue()
+    content, smaller = io.BytesIO(), io.BytesIO()
+    with style.settings():
+        figure.savefig(content, format="png", dpi=DOTS)
+    with Image.open(content) as image:
+        image.convert("RGB").quantize(COLOURS).save(smaller, "png", optimize=True)
+    return smaller.getvalue()
 
 
 def draw_dots(table: Table, rows: Rows, figure: Figure) -> None:

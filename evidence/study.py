@@ -154,20 +154,11 @@ class Theories(StrictModel):
 class StudyFile(StrictModel):
     """A ``study.yaml``.
 
-    Attributes:
-        title: What is asked; ``about`` says more on its page.
-        experiment: Its file, as seen from the study's folder.
-        measured: Each trial of people's protocol, parts of a long course, the trials of one by
-            fifties, who is taken for whom (``theories`` has its settings), or what learners
-            measured of themselves.
-        derived: A table that is computed from all units together.
-        fits: Stored fits (``fit.json``) that its learners' parameters come from.
-        fitted: How many numbers of a learner were fitted to people's fourteen means.
-        networks: Networks that are trained first.
-        published: Version that it was played with, if its experiment uses what has been removed
-            since: the experiment is not read, and what is stored stands.
-        hours: Hours of one core for the whole study.
-        figures: Names of tables that are also drawn; or ``derived``.
+    What is ``measured`` are trials of people's protocol, parts of a long course, trials of one by
+    fifties, which theory is taken for which, or what learners of 0.2 measured of themselves. Its
+    ``fits`` are files that parameters come from, ``fitted`` how many numbers of a learner were
+    fitted to people's fourteen means. Of a ``published`` study, whose experiment uses what has been
+    removed since that version, the experiment is not read, and what is stored stands.
     """
 
     title: str
@@ -273,6 +264,7 @@ class Study:
         ]
 
     def _selected(self) -> Iterator[tuple[str, str]]:
+        """What claims and tables select, in words, each with its place."""
         for name, claim in self.file.claims.items():
             for contrast in claim.contrasts.values():
                 sides = (contrast.of, contrast.minus)

@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-from causal_openlock.errors import EvidenceError, StoreError
+from causal_openlock.errors import EvidenceError, FileError, StoreError
 from causal_openlock.files.checksums import json_bytes, read_json
 from causal_openlock.files.digest import digest
 from evidence.__main__ import arguments, main
@@ -247,6 +247,21 @@ def test_a_block_without_an_end_is_a_fault_and_loses_nothing(ran):
     page.write_text(text)
     assert any("no end" in fault for fault in check(ran, write=True))
     assert page.read_text() == text
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "named"),
+    [
+        ("expected: less", "expected: fewer", "yaml:9.*fewer"),
+        ("expected: same, smallest: 1", "expected: same", "yaml:13.*smallest"),
+        ("measure: solved", "measure: sovled", "yaml:9.*sovled"),
+        ("title:", "tilte:", "yaml:2.*tilte"),
+    ],
+)
+def test_a_fault_of_a_study_file_has_its_line(root, old, new, named):
+    change(root, "study.yaml", old, new)
+    with pytest.raises(FileError, match=named):
+        evidence(root)
 
 
 def test_a_study_of_what_is_not_played_or_seen_before_is_refused(root):
