@@ -237,13 +237,14 @@ def image(figure: Figure, kind: str, dots: int = 200) -> bytes:
     """The figure as ``svg``, ``png`` (``dots`` per inch) or ``pdf``; equal ones are equal bytes."""
     content = io.BytesIO()
     with settings():
+        if kind == "png":
+            figure.set_dpi(dots)
         if engine := figure.get_layout_engine():
             engine.execute(figure)
             figure.set_layout_engine("none")
             for axes in figure.axes:  # the solver's last digits are not always the same
                 left, low, width, height = (round(edge, 6) for edge in axes.get_position().bounds)
                 axes.set_position((left, low, width, height))
-        figure.set_dpi(dots if kind == "png" else figure.dpi)
         canvas: Any = get_registered_canvas_class(kind)(figure)  # savefig draws it twice
         getattr(canvas, f"print_{kind}")(content, metadata=_NO_METADATA.get(kind))
     return content.getvalue()
