@@ -258,10 +258,6 @@ def test_survival_falls_where_trials_are_solved_and_cost_counts_who_never_came_s
     assert dots == [3, 3, 3]  # the oracle's; the random learner's are not within its five trials
     assert texts(axes)[0].split() == ["3", "of", "3", "not", "within", "150"]
     assert axes.texts[0].get_position()[1] == ORDER.index("random")
-    for axes in draw("cost", played_results.fabricated()):
-        start = axes.patches[0].get_x()
-        ticks = [*axes.get_xticks(), *axes.get_xticks(minor=True)]
-        assert 1 < max(ticks) <= start < axes.get_xlim()[1]
 
 
 def test_tests_that_nobody_played_have_no_place_and_gaps_are_named():
