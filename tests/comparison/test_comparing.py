@@ -1,6 +1,7 @@
 """What ``compare`` takes, what it plays, and how it stops and goes on."""
 
 import os
+import signal
 from pathlib import Path
 from typing import ClassVar
 
@@ -162,6 +163,15 @@ def test_workers_decide_which_process_plays(monkeypatch):
     assert not Persistent.processes
 
 
+@pytest.fixture
+def heard():
+    """Ctrl-C is heard, which a process in the background ignores."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("heard")
 def test_stopping_keeps_what_is_done():
     both = {"subjects": 2, "seed": 72, "workers": 0}
     ol.compare(["CC3"], ["oracle"], **both)
