@@ -146,8 +146,12 @@ def plot_pairs(
     :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`.
     """
     protocol, trials = trials_under(results, protocol, learners, conditions)
-    held = outcomes(trials, protocol)
-    table = pairwise_table(held)
+    if learners is None and conditions is None:
+        held, table = results.once(all_outcomes)[protocol], results.once(pairs)
+        table = table[table["protocol"] == protocol]
+    else:
+        held = outcomes(trials, protocol)
+        table = pairwise_table(held)
     if table.empty:
         raise NothingToDrawError(
             f"no two such learners played a condition in common under the protocol {protocol}"
