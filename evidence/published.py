@@ -13,8 +13,8 @@ from functools import cache
 import pandas as pd
 
 from causal_openlock.analysis.statistics import error_of_bar
-from causal_openlock.experiment.declare import PROTOCOLS
 from causal_openlock.paper import published
+from causal_openlock.paper.agreement import published_shares
 
 BLOCK = 50
 """Trials in a part of a curve; published points seem to be means of this number of trials."""
@@ -40,17 +40,8 @@ def published_units() -> pd.DataFrame:
         )
         for name, means in zip(PUBLISHED, (published.people(), published.model()), strict=False)
     ]
-    by = {"index": ["condition", "phase", "block"], "columns": "category", "values": "count"}
-    counts = published.paper_ddqn().pivot_table(**by)
-    total = counts.sum(axis=1)
-    # Third solutions are new in their visit, so each of them stands for a visit.
-    shares = {
-        "opens": counts[["open1", "open2", "open3"]].sum(axis=1) / total,
-        "unlocks": counts["unlock"] / total,
-        "else": counts["else"] / total,
-        "finds_all": counts["open3"] / total * PROTOCOLS["rl"].attempt_limit,
-    }
-    ddqn = pd.DataFrame(shares).reset_index().rename(columns={"block": "part"})
+    ddqn = published_shares().drop(columns="attempts").reset_index()
+    ddqn = ddqn.rename(columns={"block": "part"})
     last = ddqn.groupby("condition")["part"].transform("max")
     parts.append(ddqn.assign(learner="paper_ddqn", judged=ddqn["part"] == last))
     curves = published.rl_2020().rename(columns={"mean": "attempts"})

@@ -26,6 +26,7 @@ from causal_openlock.analysis.topics.learning import (
     FINDS_ALL,
     OPENS,
     PARTS,
+    UNLOCKS,
     each_group,
     going_on,
     matrix,
@@ -57,8 +58,8 @@ def published_shares() -> pd.DataFrame:
     [0.43, 18000.0]
 
     Returns:
-        Rows by ``condition``, ``phase`` and ``block``: ``opens`` and ``else``, shares of attempts;
-        ``finds_all``, the share of visits; and the number of ``attempts``.
+        Rows by ``condition``, ``phase`` and ``block``: ``opens``, ``unlocks`` and ``else``, shares
+        of attempts; ``finds_all``, the share of visits; and the number of ``attempts``.
     """
     key = ["condition", "phase", "block"]
     counts = paper_ddqn().pivot_table(index=key, columns="category", values="count")
@@ -69,6 +70,7 @@ def published_shares() -> pd.DataFrame:
         {
             OPENS: counts[["open1", "open2", "open3"]].sum(axis=1) / attempts,
             FINDS_ALL: counts["open3"] / visits,
+            UNLOCKS: counts["unlock"] / attempts,
             ELSE: counts["else"] / attempts,
             "attempts": attempts,
         }
