@@ -56,10 +56,8 @@ def drawn(evidence: Evidence, name: str) -> bytes:
             draw_course(table, rows, file.measured == "curve", figure)
         else:
             draw_dots(table, rows, figure)
-    content, smaller = io.BytesIO(), io.BytesIO()
-    with style.settings():
-        figure.savefig(content, format="png", dpi=DOTS)
-    with Image.open(content) as image:
+    smaller = io.BytesIO()
+    with Image.open(io.BytesIO(style.image(figure, "png", DOTS))) as image:
         image.convert("RGB").quantize(COLOURS).save(smaller, "png", optimize=True)
     return smaller.getvalue()
 
