@@ -121,7 +121,7 @@ class Game:
 
     def view(self) -> Answer:
         """State of the game that the person may know now."""
-        stage, session = self.stage, self._practice or self.session
+        stage, session = self.stage, self._playing
         shown: Answer = {
             "stage": stage,
             "turn": self.turn,
@@ -148,7 +148,7 @@ class Game:
             }
         if turn.action is None:
             return self._practice is not None
-        session = self._practice or self.session
+        session = self._playing
         if session.over or self._question is not None:
             return False
         if session.shown is not None:
@@ -188,7 +188,7 @@ class Game:
         self._question = None
 
     def _act(self, action: int, reaction: float | None) -> Answer:
-        session = self._practice or self.session
+        session = self._playing
         step = session.step(np.array([action]))
         console = step.view.console
         new = bool(step.new_solution[0])
@@ -213,6 +213,11 @@ class Game:
                     grey = step.view.observation[0, self._door : 2 * self._door]
                     self._question = tuple(np.flatnonzero(grey).tolist())
         return said
+
+    @property
+    def _playing(self) -> Session:
+        """The session of the room that the person is in."""
+        return self._practice or self.session
 
     @property
     def _door(self) -> int:
