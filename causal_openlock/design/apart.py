@@ -26,6 +26,7 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.contract.registry import learner_class, parse_parameters
+from causal_openlock.design import COPIES
 from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.experiment.declare import Cell, Condition, Experiment, LearnerSpec
 from causal_openlock.fitting.space import Range, bundled_search
@@ -43,8 +44,6 @@ NATS = "nats "
 """Before the name of a theory: the log-likelihood of what a subject did under it."""
 TOGETHER = 20
 """Subjects that are simulated, predicted and stored together where parameters are known."""
-COPIES = 128
-"""Most copies that are asked of a learner without probabilities."""
 
 
 def unknown(theory: LearnerSpec) -> dict[str, Range]:

@@ -11,6 +11,7 @@ import typer
 
 from causal_openlock.cli.options import Workers
 from causal_openlock.cli.stopping import resumable
+from causal_openlock.design import COPIES
 from causal_openlock.errors import OpenLockError
 from causal_openlock.scoring import LAPSE
 
@@ -54,7 +55,7 @@ def design(
             help="Most copies to ask of a learner without probabilities; with few, what it hardly "
             "ever does is estimated too low.",
         ),
-    ] = 128,
+    ] = COPIES,
     lapse: Annotated[
         float, typer.Option(min=0, max=1, help="Share of actions that are taken to be random.")
     ] = LAPSE,

@@ -65,7 +65,6 @@ def parameters_recovered(
     folder: Path,
     *,
     sets: int = 20,
-    each: int = 1,
     candidates: int = 160,
     lapse: float = LAPSE,
     workers: int = 1,
@@ -79,7 +78,6 @@ def parameters_recovered(
         experiment: Its conditions and seed.
         folder: Where the fits are stored, so that the work continues after an interruption.
         sets: Sets of parameters to recover.
-        each: Subjects in each condition that share a set.
         candidates: Sets of parameters to try for each fit.
         lapse: The share of actions that are taken to be random.
         workers: Number of processes that fit.
@@ -97,7 +95,7 @@ def parameters_recovered(
         for generator in generators(experiment.seed, f"parameters/{space.learner}", range(sets))
     ]
     makers = [
-        learner(space.learner, label=f"set_{number:03}", subjects=each, **space.parameters(chosen))
+        learner(space.learner, label=f"set_{number:03}", subjects=1, **space.parameters(chosen))
         for number, chosen in enumerate(truth)
     ]
     conditions, seed = list(experiment.conditions), experiment.seed
