@@ -18,6 +18,7 @@ def twice(tmp_path, monkeypatch):
     """A function in a file of its own, imported anew each time and not compiled yet."""
     path = tmp_path / "loops_of_a_test.py"
     path.write_text(CODE)
+    monkeypatch.setattr("numba.core.config.CACHE_DIR", "")  # whatever the environment asks for
 
     def fresh():
         spec = importlib.util.spec_from_file_location(path.stem, path)
