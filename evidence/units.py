@@ -115,8 +115,11 @@ def selected(units: pd.DataFrame, words: str, measure: str) -> pd.Series[float]:
         raise EvidenceError(f"{measure} was not measured of {learner}")
     values = rows[measure].to_numpy(float)[keep]
     unit = rows["unit"].to_numpy()[keep]
-    if measure in (*ATTRIBUTED, *TOLD):  # every row is a unit
+    if measure in (*ATTRIBUTED, *TOLD):  # every row is a unit, but two halves are of one group
         unit = np.arange(len(values))
+        if measure == "halves":
+            unit = rows.groupby(CELL, observed=True).ngroup().to_numpy()[keep]
+        return pd.Series(values).groupby(unit).mean().dropna()
     if len(np.unique(unit)) == len(unit):
         return pd.Series(values, unit).dropna().sort_index()
     condition = rows["condition"][keep].astype(str).to_numpy()
