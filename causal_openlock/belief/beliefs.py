@@ -22,7 +22,7 @@ import numpy as np
 
 from causal_openlock.belief.catalogue import FREE_FORM_LEVERS
 from causal_openlock.belief.hypotheses import RoomSight, Space, enumerate_space, strengths
-from causal_openlock.belief.knowledge import Knowledge, Prior
+from causal_openlock.belief.knowledge import BeliefParameters, Knowledge
 from causal_openlock.belief.likelihoods import Event, likelihood, observed
 from causal_openlock.belief.sampling import Sampler, sampled
 from causal_openlock.contract.learner import Brief, Step, View
@@ -137,7 +137,7 @@ class Beliefs:
 
     Args:
         brief: Sizes of the rooms.
-        prior: What they believe before they see a room.
+        settings: What they believe before they see a room, and what they forget.
         generators: One for each subject, for hypotheses that are sampled.
 
     Attributes:
@@ -151,21 +151,21 @@ class Beliefs:
 
         >>> from causal_openlock import PROTOCOLS, Session, find_condition
         >>> session = Session(find_condition("CC3"), PROTOCOLS["human"], 1)
-        >>> beliefs = Beliefs(session.brief, Prior(), session.brief.generators)
+        >>> beliefs = Beliefs(session.brief, BeliefParameters(), session.brief.generators)
         >>> beliefs.enter(session.view)
         >>> beliefs.of[0]
         Belief(4,278 hypotheses, 7.86 bits)
     """
 
     def __init__(
-        self, brief: Brief, prior: Prior, generators: tuple[np.random.Generator, ...]
+        self, brief: Brief, settings: BeliefParameters, generators: tuple[np.random.Generator, ...]
     ) -> None:
-        self.prior = prior
+        self.settings = settings
         self.positions = brief.positions
         self._generators = generators
-        self._certain, self._unsure = strengths(0.0), strengths(prior.noise or 0.5)
-        self.unsure: BoolArray = np.full(brief.subjects, prior.noise > 0)
-        self.knowledge = Knowledge(brief.subjects, brief.positions, prior, self._unsure)
+        self._certain, self._unsure = strengths(0.0), strengths(settings.noise or 0.5)
+        self.unsure: BoolArray = np.full(brief.subjects, settings.noise > 0)
+        self.knowledge = Knowledge(brief.subjects, brief.positions, settings, self._unsure)
         self.of: list[Belief | None] = [None] * brief.subjects
         self.left: list[Belief | None] = [None] * brief.subjects
 
@@ -195,9 +195,9 @@ class Beliefs:
         sampled.
         """
         how = self._unsure if self.unsure[subject] else self._certain
-        space, drawn = enumerated(sight, how, self.prior.simplicity), 0
+        space, drawn = enumerated(sight, how, self.settings.simplicity), 0
         if sight.grey > FREE_FORM_LEVERS:
-            sampler = Sampler(sight.grey, self.prior.simplicity, how.typical, events)
+            sampler = Sampler(sight.grey, self.settings.simplicity, how.typical, events)
             sample = sampled(sampler, sight, PARTICLES, self._generators[subject])
             grey = tuple(range(sight.grey))
             space = Space(sight, how, (*space.blocks, (grey, sample)))
@@ -205,7 +205,7 @@ class Beliefs:
         weight = self._weights(subject, space, slots)
         which = np.flatnonzero(weight > 0)
         share = weight[which] / weight[which].sum()
-        start = share if self.prior.forgetting else None
+        start = share if self.settings.forgetting else None
         return Belief(space, slots, which, share, start, drawn=drawn)
 
     def _weights(self, subject: int, space: Space, slots: IntArray) -> FloatArray:
@@ -214,9 +214,9 @@ class Beliefs:
         in_slots = known.by_position(subject)[np.argsort(slots)]
         strength = known.strengths[subject] if len(space.strengths) > 1 else np.ones(1)
         weights = space.prior(known.classes(subject), known.rules[subject], in_slots, strength)
-        if self.prior.directness:
+        if self.settings.directness:
             direct = np.bitwise_count(space.hypotheses.causes[:, -1])
-            weights *= np.exp(self.prior.directness * direct)
+            weights *= np.exp(self.settings.directness * direct)
         return weights
 
     def leave(self, subject: int) -> None:
@@ -237,13 +237,13 @@ class Beliefs:
                 self._observe(subject, event)
             if step.attempt_over[subject]:
                 belief = self._belief(subject)
-                belief.end_attempt(self.prior.forgetting, self._keeps(belief.attempts[-1]))
+                belief.end_attempt(self.settings.forgetting, self._keeps(belief.attempts[-1]))
             if step.trial_over[subject]:
                 self.leave(subject)
 
     def _keeps(self, attempt: list[Event]) -> bool:
         """Whether a subject that forgets keeps what it observed in an attempt."""
-        return self.prior.forgets == "failures" and any(event.new for event in attempt)
+        return self.settings.forgets == "failures" and any(event.new for event in attempt)
 
     def _observe(self, subject: int, event: Event) -> None:
         belief = self._belief(subject)

@@ -4,7 +4,7 @@ The hypotheses about each room are new; their hyperparameters are learned (a hie
 model): a Dirichlet distribution over schema classes, to which each finished room adds one count,
 divided among the classes by its posterior; the probability of each rule that may mark active
 levers; for each position a Beta distribution of the probability that the lever there is active; and
-the probability of each strength. At first they are those of the :class:`Prior`.
+the probability of each strength. At first they are those that :class:`BeliefParameters` name.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ RULE_CHANGES = 1e-3
 
 
 @dataclass(frozen=True)
-class Prior:
-    """Parameters of the prior and of memory; learners add their own."""
+class BeliefParameters:
+    """Hyper-parameters of beliefs: their prior, and what is forgotten; learners add their own."""
 
     concentration: Annotated[
         Positive, "how many rooms the prior over schema classes is worth (Dirichlet)"
@@ -59,7 +59,7 @@ class Prior:
     def rules(self) -> FloatArray:
         """``[3]`` probability of each of :data:`~causal_openlock.belief.hypotheses.RULES`.
 
-        >>> Prior(by_colour=0.5).rules.round(2).tolist()  # grey, white, position
+        >>> BeliefParameters(by_colour=0.5).rules.round(2).tolist()  # grey, white, position
         [0.45, 0.05, 0.5]
         """
         colour = self.by_colour
@@ -72,7 +72,7 @@ class Knowledge:
     Args:
         subjects: B.
         positions: Levers of the room, P.
-        prior: What they believe before the first room.
+        settings: What they believe before the first room.
         strengths: The possible strengths.
 
     Attributes:
@@ -83,11 +83,14 @@ class Knowledge:
         strengths: ``[B, G]`` probability of each strength.
     """
 
-    def __init__(self, subjects: int, positions: int, prior: Prior, strengths: Strengths) -> None:
-        self.prior = prior
-        self._counts = prior.concentration * class_prior(prior.simplicity, prior.free_form)
+    def __init__(
+        self, subjects: int, positions: int, settings: BeliefParameters, strengths: Strengths
+    ) -> None:
+        classes = class_prior(settings.simplicity, settings.free_form)
+        self._counts = settings.concentration * classes
+        self._rules = settings.rules
         self.rooms: FloatArray = np.zeros((subjects, len(self._counts)))
-        self.rules: FloatArray = np.tile(prior.rules, (subjects, 1))
+        self.rules: FloatArray = np.tile(self._rules, (subjects, 1))
         self.active: FloatArray = np.zeros((subjects, positions))
         self.visits: FloatArray = np.zeros(subjects)
         self.strengths: FloatArray = np.tile(strengths.prior, (subjects, 1))
@@ -118,7 +121,7 @@ class Knowledge:
         rules = blocks @ shares
         if rules.sum() > 0:
             rules = rules / rules.sum()
-            self.rules[subject] = (1.0 - RULE_CHANGES) * rules + RULE_CHANGES * self.prior.rules
+            self.rules[subject] = (1.0 - RULE_CHANGES) * rules + RULE_CHANGES * self._rules
             # Positions are evidence only to the extent that they marked the levers.
             share = rules[RULES.index("position")]
             self.active[subject] += share * (blocks @ (space.active[:, None] >> slots & 1))

@@ -15,7 +15,7 @@ import numpy as np
 
 from causal_openlock.belief.catalogue import FREE_FORM_LEVERS, Catalogue, catalogue, feasible
 from causal_openlock.belief.hypotheses import strengths
-from causal_openlock.belief.knowledge import Knowledge, Prior
+from causal_openlock.belief.knowledge import BeliefParameters, Knowledge
 from causal_openlock.belief.structure_schemas import schema_of, structure_of
 from causal_openlock.belief.structures import Structures, merge
 from causal_openlock.errors import OpenLockError
@@ -128,7 +128,7 @@ def listed_schemas(
 
 def _classes(known_rooms: Iterable[Schema]) -> FloatArray:
     """``[C + 1]`` probability of each class after rooms that are known wholly."""
-    knowledge = Knowledge(1, 0, Prior(), strengths(0.0))
+    knowledge = Knowledge(1, 0, BeliefParameters(), strengths(0.0))
     for schema in known_rooms:
         limit = default_action_limit(schema)
         every = _catalogue(schema, limit)
@@ -140,7 +140,7 @@ def _classes(known_rooms: Iterable[Schema]) -> FloatArray:
 
 def _catalogue(schema: Schema, action_limit: int) -> Catalogue:
     levers, solutions = len(schema.levers), len(schema.solutions)
-    return catalogue(levers, solutions, action_limit, False, Prior().simplicity)
+    return catalogue(levers, solutions, action_limit, False, BeliefParameters().simplicity)
 
 
 def _up_to_renaming(structures: Structures, action_limit: int) -> IntArray:

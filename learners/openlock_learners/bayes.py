@@ -33,7 +33,7 @@ from causal_openlock.belief.belief_learner import BeliefLearner
 from causal_openlock.belief.beliefs import Belief, Beliefs
 from causal_openlock.belief.hypotheses import Space
 from causal_openlock.belief.intentions import Intentions, Plan, drawn_solutions
-from causal_openlock.belief.knowledge import Prior
+from causal_openlock.belief.knowledge import BeliefParameters
 from causal_openlock.belief.planning import (
     TIE,
     Objective,
@@ -55,7 +55,7 @@ ALMOST_NOTHING = 1e-6
 
 
 @dataclass(frozen=True)
-class BayesParameters(Prior):
+class BayesParameters(BeliefParameters):
     """Prior, policy, and bounds of rationality."""
 
     policy: Annotated[Policy, "how it picks actions"] = "solve_and_learn"

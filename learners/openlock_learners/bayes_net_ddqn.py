@@ -15,7 +15,7 @@ import numpy as np
 
 from causal_openlock.belief.belief_learner import BeliefLearner
 from causal_openlock.belief.beliefs import Beliefs
-from causal_openlock.belief.knowledge import Prior
+from causal_openlock.belief.knowledge import BeliefParameters
 from causal_openlock.belief.planning import TIE
 from causal_openlock.contract.learner import Brief, Learner, Step, View
 from causal_openlock.schemas.fsm import FloatArray, IntArray
@@ -23,7 +23,7 @@ from openlock_learners.ddqn import DDQN, DDQNParameters
 
 
 @dataclass(frozen=True)
-class BayesNetDDQNParameters(Prior, DDQNParameters):
+class BayesNetDDQNParameters(BeliefParameters, DDQNParameters):
     """Hyper-parameters of the DDQN, and the prior of the structure learner."""
 
 

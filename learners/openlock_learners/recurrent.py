@@ -101,24 +101,28 @@ class Recurrent(Learner):
         self._luck = Streams(exploration, width=2)
         self._batches = Streams(batches, width=2 * settings.batch_size, block=64)
         self.exploration = Exploration(settings, brief.subjects)
-        self._values: Tensor | None = None
+        self._evaluated: View | None = None
         self._losses: Tensor | None = None
 
     def act(self, view: View) -> IntArray:
-        """``[B]`` epsilon-greedy actions; :meth:`learn` then keeps the next hidden state."""
-        greedy = self._greedy(view)
+        """``[B]`` epsilon-greedy actions."""
         uniform = self._luck.uniform()
         random = (uniform[:, 1] * self.brief.actions).astype(np.int64)
-        return np.where(uniform[:, 0] < self.exploration.epsilon, random, greedy)
+        return np.where(uniform[:, 0] < self.exploration.epsilon, random, self._greedy(view))
 
-    def _greedy(self, view: View) -> IntArray:
-        """``[B]`` the best actions; keeps the values, and the hidden state that follows."""
+    def _evaluate(self, view: View) -> None:
+        """Evaluate the networks in what is perceived, unless that was done."""
         from torch import from_numpy
 
-        self._inputs = self._perception.inputs(view)
-        values, state = self.q.values(from_numpy(self._inputs), from_numpy(self._hidden_state))
-        self._values, self._next_hidden_state = values, state.numpy()
-        best: IntArray = values.argmax(dim=1).numpy()
+        if view is not self._evaluated:
+            self._evaluated, self._inputs = view, self._perception.inputs(view)
+            found = self.q.values(from_numpy(self._inputs), from_numpy(self._hidden_state))
+            self._values, self._next_state = found
+
+    def _greedy(self, view: View) -> IntArray:
+        """``[B]`` the best actions."""
+        self._evaluate(view)
+        best: IntArray = self._values.argmax(dim=1).numpy()
         return best
 
     def probabilities(self, view: View) -> FloatArray:
@@ -130,6 +134,7 @@ class Recurrent(Learner):
         """Add the step to the buffer, take a gradient step if one is due, and lower epsilon."""
         from torch import from_numpy
 
+        self._evaluate(step.view)
         settings, playing = self.parameters, step.view.playing
         resets = step.trial_over & playing & (settings.reset == "trial")
         done = step.trial_over if settings.bootstrap_over_attempts else step.attempt_over
@@ -143,7 +148,8 @@ class Recurrent(Learner):
             ~done[who],
             resets[who],
         )
-        self._hidden_state = np.where(playing[:, None], self._next_hidden_state, self._hidden_state)
+        after = self._next_state.numpy()
+        self._hidden_state = np.where(playing[:, None], after, self._hidden_state)
         self._perception.note(step)
         self._hidden_state[resets] = 0
         self._perception.forget(resets)
@@ -164,6 +170,6 @@ class Recurrent(Learner):
         metrics = {"epsilon": float(self.exploration.epsilon.mean())}
         if self._losses is not None:
             metrics["loss"] = float(self._losses.mean())
-        if self._values is not None:
+        if self._evaluated is not None:
             metrics["max_q"] = float(self._values.amax(dim=1).mean())
         return metrics

@@ -64,23 +64,29 @@ class RL2(Learner):
         self._perception = Perception(brief)
         size = self.network.state_size(brief.positions)
         self.hidden_state = np.zeros((brief.subjects, size), dtype=np.float32)
+        self._evaluated: View | None = None
 
-    def probabilities(self, view: View) -> FloatArray:
-        """``[B, A]`` probabilities of the policy; :meth:`learn` keeps the next hidden state."""
+    def _evaluate(self, view: View) -> None:
+        """Evaluate the network in what is perceived, unless that was done."""
         import torch
 
-        inputs = torch.from_numpy(self._perception.inputs(view))
-        with torch.no_grad():
-            found = self.network.step(inputs, torch.from_numpy(self.hidden_state))
-        self._logits, self._values, state = found
-        self._next_hidden_state = state.numpy()
-        odds: FloatArray = torch.softmax(self._logits.double(), dim=1).numpy()
+        if view is not self._evaluated:
+            inputs = torch.from_numpy(self._perception.inputs(view))
+            with torch.no_grad():
+                found = self.network.step(inputs, torch.from_numpy(self.hidden_state))
+            self._evaluated, (self._logits, self._values, self._next_state) = view, found
+
+    def probabilities(self, view: View) -> FloatArray:
+        """``[B, A]`` probabilities of the policy."""
+        self._evaluate(view)
+        odds: FloatArray = self._logits.double().softmax(dim=1).numpy()
         return odds
 
     def learn(self, step: Step) -> None:
-        """Keep the hidden state, or reset it."""
-        playing = step.view.playing
-        self.hidden_state = np.where(playing[:, None], self._next_hidden_state, self.hidden_state)
+        """Move on to the next hidden state, or reset it."""
+        self._evaluate(step.view)
+        playing, after = step.view.playing, self._next_state.numpy()
+        self.hidden_state = np.where(playing[:, None], after, self.hidden_state)
         self._perception.note(step)
         ends = step.trial_over & playing & (self.parameters.reset == "trial")
         self.hidden_state[ends] = 0.0
@@ -88,8 +94,6 @@ class RL2(Learner):
 
     def metrics(self) -> dict[str, float]:
         """Entropy of the policy, in nats, and the mean of its values."""
-        import torch
-
-        log_probs = torch.log_softmax(self._logits, dim=1)
+        log_probs = self._logits.log_softmax(dim=1)
         entropy = -(log_probs.exp() * log_probs).sum(dim=1)
         return {"entropy": float(entropy.mean()), "value": float(self._values.mean())}

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from causal_openlock.belief.knowledge import Prior
+from causal_openlock.belief.knowledge import BeliefParameters
 from causal_openlock.testing import schemas
 from oracle import Rules
 from support.belief_arrays import key_of_rules, seen_of
@@ -68,7 +68,7 @@ def test_a_posterior_over_active_levers_is_that_of_enumeration():
 @settings(max_examples=6, deadline=None)
 @given(schemas(max_levers=4, stochastic=True), st.integers(0, 99), st.sampled_from([0.0, 0.3]))
 def test_the_truth_is_never_ruled_out(schema, subject, noise):
-    played = Played(rooms_of(schema), Prior(noise=noise), LONG, [subject])
+    played = Played(rooms_of(schema), BeliefParameters(noise=noise), LONG, [subject])
     layout = played.session.truth.rooms[0].layout
     for _ in played.moments(40):
         pass
@@ -102,8 +102,8 @@ def test_who_expected_no_noise_ends_where_one_who_expected_it_does():
 
 @pytest.mark.parametrize(
     ("share", "prior", "schema"),
-    [(0.25, KNOWN, "CE3"), (1.0, KNOWN, "CE3"), (0.25, Prior(), "CE3"),
-     (0.25, Prior(noise=0.4), "noisy_CC3")],
+    [(0.25, KNOWN, "CE3"), (1.0, KNOWN, "CE3"), (0.25, BeliefParameters(), "CE3"),
+     (0.25, BeliefParameters(noise=0.4), "noisy_CC3")],
 )  # fmt: skip
 def test_after_each_attempt_a_share_of_the_evidence_is_lost(share, prior, schema):
     plain = Played(rooms_of(schema), prior)

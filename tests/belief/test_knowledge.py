@@ -9,7 +9,7 @@ import pytest
 
 from causal_openlock.belief.grammar import class_prior, schema_classes
 from causal_openlock.belief.hypotheses import RoomSight, enumerate_space, strengths
-from causal_openlock.belief.knowledge import RULE_CHANGES, Knowledge, Prior
+from causal_openlock.belief.knowledge import RULE_CHANGES, BeliefParameters, Knowledge
 from causal_openlock.experiment.declare import Protocol
 from causal_openlock.schemas.schema import Schema
 from support.belief_arrays import (
@@ -33,7 +33,7 @@ FORK = Schema("fork", ["L0", "L1", "L2"], {"L0": ["L1", "L2"], "L1": ["door"], "
 
 
 def new(concentration=1.0, by_colour=0.5, subjects=1):
-    prior = Prior(concentration, SIMPLICITY, FREE_FORM, by_colour, 0.1)
+    prior = BeliefParameters(concentration, SIMPLICITY, FREE_FORM, by_colour, 0.1)
     return Knowledge(subjects, 7, prior, CERTAIN)
 
 
@@ -131,7 +131,7 @@ def test_a_room_that_is_left_in_doubt_is_shared_out():
 
 def test_grey_levers_that_are_active_make_the_rule_near_certain():
     knowledge = new()
-    prior = knowledge.prior.rules
+    prior = knowledge.rules[0].copy()
     assert prior == pytest.approx([0.45, 0.05, 0.5])
     learn(knowledge, SCHEMAS["CC3"])
     by_hand = prior * [1.0, 0.0, 0.5**7]
@@ -164,7 +164,7 @@ def test_levers_of_both_colours_that_are_active_speak_for_places():
 
 def test_strengths_are_learned_across_rooms():
     protocol = Protocol("brief", 20, stop_when_solved=False, baseline_trials=4)
-    played = Played(named("noisy_CC3"), Prior(noise=0.3), protocol, range(3))
+    played = Played(named("noisy_CC3"), BeliefParameters(noise=0.3), protocol, range(3))
     known = played.beliefs.knowledge
     value = strengths(0.3).value
     assert known.strengths.shape == (3, len(value))

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from causal_openlock.analysis.results.references import POINT
 from causal_openlock.belief.beliefs import Beliefs
-from causal_openlock.belief.knowledge import Prior
+from causal_openlock.belief.knowledge import BeliefParameters
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.declare import PAPER_CONDITIONS, PROTOCOLS, find_condition
 from causal_openlock.experiment.file import read_experiment
@@ -287,7 +287,7 @@ def test_directness_weighs_each_lever_that_acts_on_the_door():
     def belief(nats):
         cc4 = find_condition("CC4")
         played = Session(cc4, PROTOCOLS["human"], 1, seed=0)
-        prior = Prior(by_colour=0.999, directness=nats)
+        prior = BeliefParameters(by_colour=0.999, directness=nats)
         beliefs = Beliefs(played.brief, prior, played.brief.generators)
         beliefs.enter(played.view)
         return beliefs.of[0]

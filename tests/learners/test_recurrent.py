@@ -28,9 +28,8 @@ SMALL = RecurrentParameters(
 
 
 def play(learner, session, actions):
-    """Make all subjects do the same; the learner is asked, told, and not obeyed."""
+    """Make all subjects do the same; the learner is told, and not asked."""
     for action in actions:
-        learner.act(session.view)
         learner.learn(session.step(np.full(session.subjects, action)))
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from causal_openlock.belief.beliefs import Beliefs
 from causal_openlock.belief.grammar import class_prior
-from causal_openlock.belief.knowledge import Prior
+from causal_openlock.belief.knowledge import BeliefParameters
 from causal_openlock.experiment.declare import Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.finding import find_schema
@@ -27,7 +27,7 @@ LONG = Protocol("long", 40, stop_when_solved=False, baseline_trials=1, layouts="
 
 
 @dataclass(frozen=True)
-class GreyIfColour(Prior):
+class GreyIfColour(BeliefParameters):
     """If colour marks the active levers, it is the grey ones."""
 
     @property
@@ -51,7 +51,7 @@ class Played:
 
     Args:
         condition: Which rooms.
-        prior: What subjects believe before they see a room.
+        settings: What subjects believe before they see a room.
         protocol: With what budgets.
         subjects: Their numbers; what they do depends on nothing else.
         lively: Share of actions on grey levers and the door alone.
@@ -60,7 +60,7 @@ class Played:
     """
 
     condition: Condition
-    prior: Prior
+    settings: BeliefParameters
     protocol: Protocol = LONG
     subjects: tuple = (0,)
     lively: float = 0.8
@@ -70,7 +70,7 @@ class Played:
         self.session = Session(self.condition, self.protocol, self.subjects, seed=3)
         brief = self.session.brief
         self.positions = brief.positions
-        self.beliefs = Beliefs(brief, self.prior, brief.generators)
+        self.beliefs = Beliefs(brief, self.settings, brief.generators)
         self.happened = [[] for _ in self.subjects]
         self._own = [np.random.default_rng([11, number]) for number in self.subjects]
 
@@ -131,13 +131,13 @@ def enumerated(played, actives):
         played: What happened.
         actives: Sets of positions, and how probable it is that exactly these are active.
     """
-    prior, space = played.prior, played.belief().space
+    settings, space = played.settings, played.belief().space
     sight, how = space.sight, space.strengths
-    classes = class_prior(prior.simplicity, prior.free_form)
+    classes = class_prior(settings.simplicity, settings.free_form)
     posterior = defaultdict(float)
     for places, share in actives.items():
         chances = defaultdict(float)
-        for _, key, chance in of_classes(classes, len(places), prior.simplicity):
+        for _, key, chance in of_classes(classes, len(places), settings.simplicity):
             chances[key] += chance
         for key, chance in chances.items():
             if not fits(key, sight.solutions, sight.action_limit):
