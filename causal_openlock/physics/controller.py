@@ -20,35 +20,22 @@ from causal_openlock.physics.geometry import DOOR_SWING, Point, along, wrap
 from causal_openlock.physics.kinematics import Angles, reaching
 from causal_openlock.physics.world import STEP, Lever, Pose, World
 
-BUDGET = 600
-"""Steps that a movement may take. It takes about 120, and 250 at most."""
-
-CORRECTION = 10.0
-"""Speed of a joint for each radian that it is away from its path."""
-JOINT_SPEED = 4.0
-"""Average radians per unit of time of the joint that has the longest way in a swing."""
-TIP_SPEED = 3.0
-"""Average lengths per unit of time of the arm's end along a line."""
-PRESS_SPEED = 2.0
-"""Average lengths per unit of time of the arm's end while it moves a lever."""
-TOLERANCE = 0.03
-"""Largest distance of any joint from the end of a path, in radians, that counts as arrival."""
-DOOR_STEPS = 40
-"""Steps in which the door is pushed open."""
-PRESS = 0.08
-"""Distance that the arm presses on where nothing gives way."""
-STALL = 8
-"""Steps after which a lever or door that has not moved at all is given up as locked."""
-MOVED = 0.03
-"""Least movement that counts: part of the track, or radians."""
-SEATED = 0.05
-"""Distance of a lever from the end of its track after a push, as part of the track."""
-GRAZE = 0.1
-"""Distance beyond its swinging radius that the arm's end may have when a swing begins."""
-AJAR = math.radians(5)
-"""Distance of the door from its stop after a push."""
+BUDGET = 600  # steps that a movement may take; it takes about 120, and 250 at most
+CORRECTION = 10.0  # speed of a joint for each radian that it is away from its path
+# Average speeds: radians of the joint that has the longest way in a swing, and lengths of the arm's
+# end along a line and while it moves a lever, in a unit of time.
+JOINT_SPEED, TIP_SPEED, PRESS_SPEED = 4.0, 3.0, 2.0
+TOLERANCE = 0.03  # radians of any joint from the end of a path that count as arrival
+DOOR_STEPS = 40  # in which the door is pushed open
+PRESS = 0.08  # how far the arm presses on where nothing gives way
+STALL = 8  # steps after which what has not moved at all is given up as locked
+MOVED = 0.03  # least movement that counts: part of the track, or radians
+SEATED = 0.05  # of a lever from the end of its track after a push, as part of the track
+GRAZE = 0.1  # how far beyond its swinging radius the arm's end may be when a swing begins
+AJAR = math.radians(5)  # of the door from its stop after a push
 
 Path = list[Angles]
+Watch = Callable[[Pose], None]  # called with the pose after every step of the simulation
 
 
 @dataclass(frozen=True)
@@ -70,27 +57,16 @@ class OutOfTimeError(Exception):
 
 
 class Controller:
-    """Moves the arm of a world.
+    """Moves the arm of a world; ``changed`` is called when a lever has passed its middle."""
 
-    Attributes:
-        budget: Steps that a movement may take.
-        watch: Called with the pose after every step, if it is set.
-        changed: Called when a lever has passed the middle of its track.
-    """
+    def __init__(self, world: World, changed: Callable[[], None]) -> None:
+        self.world, self._changed = world, changed
+        self._arm, self._geometry = world.arm, world.geometry
 
-    def __init__(self, world: World, changed: Callable[[], None] = lambda: None) -> None:
-        self.world = world
-        self.watch: Callable[[Pose], None] | None = None
-        self.budget = BUDGET
-        self._arm = world.arm
-        self._geometry = world.geometry
-        self.changed = changed
-        self._last_step = 0
-
-    def carry_out(self, action: int) -> Movement:
+    def carry_out(self, action: int, budget: int, watch: Watch | None) -> Movement:
         """Push the lever at a position outward, pull it inward, or push the door: an action."""
-        began = self.world.steps
-        self._last_step = began + self.budget
+        began, finished = self.world.steps, True
+        self._last_step, self._watch = began + budget, watch
         pull, place = divmod(action, len(self.world.levers))
         try:
             if pull == 2:
@@ -100,8 +76,6 @@ class Controller:
         except OutOfTimeError:
             finished = False
             self._arm.release()
-        else:
-            finished = True
         return Movement(finished, self.world.steps - began)
 
     def _move_lever(self, lever: Lever, place: int, goal: float) -> None:
@@ -112,15 +86,14 @@ class Controller:
         way = (goal - began) * lever.track.travel
         if abs(goal - began) <= SEATED:  # it is there already: press against its stop
             way = PRESS if goal else -PRESS
-        start = self._arm.tip
-        end = along(start, lever.track.outward, way)
-        path = straight(start, end, self._geometry.link, PRESS_SPEED)
+        start, link = self._arm.tip, self._geometry.link
+        path = straight(start, along(start, lever.track.outward, way), link, PRESS_SPEED)
         for number, _ in enumerate(self._follow(path)):
             now = lever.displacement
             if lever.pushed != was_pushed:
                 was_pushed = not was_pushed
                 lever.latch()
-                self.changed()
+                self._changed()
             if abs(goal - now) <= SEATED and number >= len(path):
                 break
             if lever.locked and number >= STALL and abs(now - began) < MOVED:
@@ -133,8 +106,8 @@ class Controller:
         self._face(geometry.at_door(0.0))
         self._reach(geometry.at_door(0.0))
         began = door.angle
-        parts = _parts(DOOR_STEPS)
-        path = [reaching(geometry.at_door(part * DOOR_SWING), geometry.link) for part in parts]
+        points = (geometry.at_door(part * DOOR_SWING) for part in _parts(DOOR_STEPS))
+        path = [reaching(point, geometry.link) for point in points]
         for number, _ in enumerate(self._follow(path)):
             if DOOR_SWING - door.angle <= AJAR and number >= len(path):
                 break
@@ -190,8 +163,8 @@ class Controller:
                 ]
             )
             world.step()
-            if self.watch is not None:
-                self.watch(world.pose())
+            if self._watch is not None:
+                self._watch(world.pose())
             angles, before = arm.angles, to
             yield angles
 

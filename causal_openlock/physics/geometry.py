@@ -22,19 +22,12 @@ from causal_openlock.world.room import PAPER_POSITIONS, position_coordinates
 Point = tuple[float, float]
 
 BAR_LENGTH, BAR_WIDTH = 2.0, 0.2
-DOOR_SWING = math.radians(60)
-"""Angle to which the arm pushes the door."""
-DOOR_OPEN = DOOR_SWING / 2
-"""Angle from which the door counts as open."""
-PUSHED = 0.5
-"""Displacement from which a lever counts as pushed."""
-
-HANDLE = 1.0
-"""Distance below the hinge at which the arm pushes the door: its middle."""
-GAP = 0.03
-"""Gap between the arm's end and the part that it is about to touch."""
-CLEARANCE = 0.3
-"""Distance that the arm keeps from all levers while it swings round."""
+DOOR_SWING = math.radians(60)  # angle to which the arm pushes the door
+DOOR_OPEN = DOOR_SWING / 2  # angle from which the door counts as open
+PUSHED = 0.5  # displacement from which a lever counts as pushed
+HANDLE = 1.0  # distance below the hinge at which the arm pushes the door: its middle
+GAP = 0.03  # between the arm's end and the part that it is about to touch
+CLEARANCE = 0.3  # distance that the arm keeps from all levers while it swings round
 
 
 @dataclass(frozen=True)
@@ -72,15 +65,12 @@ class Track:
 
     def bar(self, displacement: float) -> list[Point]:
         """The corners of the bar."""
-        across = (-self.outward[1], self.outward[0])
-        centre = self.centre(displacement)
+        across, centre = (-self.outward[1], self.outward[0]), self.centre(displacement)
         start, end = (along(centre, across, side * BAR_LENGTH / 2) for side in (-1, 1))
-        length = math.dist(start, end)
-        side = ((start[1] - end[1]) / length, (end[0] - start[0]) / length)
         half = BAR_WIDTH / 2
         return [
-            along(point, side, distance)
-            for point, distance in ((start, half), (end, half), (end, -half), (start, -half))
+            along(point, self.outward, distance)
+            for point, distance in ((start, -half), (end, -half), (end, half), (start, half))
         ]
 
     def line(self) -> tuple[Point, Point]:

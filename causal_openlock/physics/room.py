@@ -15,12 +15,10 @@ track.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
-from causal_openlock.physics.controller import BUDGET, Controller, Movement
+from causal_openlock.physics.controller import BUDGET, Controller, Movement, Watch
 from causal_openlock.physics.geometry import RoomGeometry
 from causal_openlock.physics.world import Pose, World
 from causal_openlock.schemas.fsm import FSM
@@ -43,11 +41,9 @@ class PhysicalRoom:
     """
 
     def __init__(self, fsm: FSM, layout: Layout) -> None:
-        self._fsm = fsm
-        self._layout = layout
-        self.budget = BUDGET
-        self.geometry = RoomGeometry.of(layout.positions)
-        self.watch: Callable[[Pose], None] | None = None
+        self._fsm, self._layout = fsm, layout
+        self.geometry, self.budget = RoomGeometry.of(layout.positions), BUDGET
+        self.watch: Watch | None = None
         self.reset()
 
     @property
@@ -83,8 +79,7 @@ class PhysicalRoom:
         door = action == 2 * positions
         self._stuck = -1 if yields else (positions if door else action % positions)
         self._set_locks()
-        self._controller.watch, self._controller.budget = self.watch, self.budget
-        movement = self._controller.carry_out(action)
+        movement = self._controller.carry_out(action, self.budget, self.watch)
         self._stuck = -1
         self._set_locks()
         return movement

@@ -22,27 +22,15 @@ from causal_openlock.physics.geometry import (
 )
 from causal_openlock.physics.kinematics import Angles
 
-STEP = 1 / 120
-"""Units of time in a step of the simulation."""
+STEP = 1 / 120  # units of time in a step of the simulation
 ITERATIONS = 30
-
-ARM, LEVER, DOOR = 1, 2, 4
-"""The kinds of shapes, as bits: they decide what collides with what."""
-LINK_MASS = 0.2
-LEVER_MASS = 0.5
-DOOR_MASS = 0.5
-TORQUE = 250.0
-"""The largest torque of a motor of the arm, in the paper's room."""
-GRIP = 100.0
-"""The largest force that the arm's grip bears."""
-STIFF = 0.6**60
-"""The part of a joint's error that is left after one unit of time (pymunk's ``error_bias``)."""
-LATCH = 4.0
-"""The force of the latch of an unlocked lever."""
-LATCH_SPEED = 2.0
-"""Speed at which the latch of an unlocked lever draws it into the end of its track."""
-HINGE_FRICTION = 5.0
-"""The torque with which the hinge brakes, so that the door stays where the arm leaves it."""
+ARM, LEVER, DOOR = 1, 2, 4  # the kinds of shapes, as bits: they decide what collides with what
+LINK_MASS, LEVER_MASS, DOOR_MASS = 0.2, 0.5, 0.5
+TORQUE = 250.0  # the largest of a motor of the arm, in the paper's room
+GRIP = 100.0  # the largest force that the arm's grip bears
+STIFF = 0.6**60  # the part of a joint's error left after a unit of time (pymunk's error_bias)
+LATCH, LATCH_SPEED = 4.0, 2.0  # with what force and speed the latch of an unlocked lever draws it
+HINGE_FRICTION = 5.0  # the hinge's brake, so that the door stays where the arm leaves it
 
 
 class Arm:
