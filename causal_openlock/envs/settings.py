@@ -12,12 +12,20 @@ from gymnasium import spaces
 from causal_openlock.errors import ExperimentError, OpenLockError
 from causal_openlock.experiment.declare import MAX_ACTION_LIMIT, default_action_limit
 from causal_openlock.files.validation import check_arguments, whole_number
+from causal_openlock.schemas.finding import find_schema
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.rewards import RewardForm, find_reward
-from causal_openlock.world.room import RANDOM_LAYOUT, Layout, position_names, positions_for
+from causal_openlock.world.room import (
+    RANDOM_LAYOUT,
+    Layout,
+    LayoutForm,
+    position_names,
+    positions_for,
+)
 
 ATTEMPT_LIMIT = 30
 Episode = Literal["attempt", "trial"]
+AnySchema = str | os.PathLike[str] | Mapping[str, Any] | Schema
 
 
 class Settings:
@@ -38,16 +46,14 @@ class Settings:
 
     def __init__(
         self,
-        schema: str | os.PathLike[str] | Mapping[str, Any] | Schema,
-        layout: str | Mapping[str, str] | Layout,
+        schema: AnySchema,
+        layout: LayoutForm,
         reward: RewardForm,
         episode: str,
         attempt_limit: int,
         action_limit: int | None,
         positions: int | None,
     ) -> None:
-        from causal_openlock.schemas.finding import find_schema
-
         self.schema = schema = find_schema(schema)
         if positions is None:
             own = layout.positions if isinstance(layout, Layout) else 0

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from operator import index
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from causal_openlock.envs.settings import (
     ATTEMPT_LIMIT,
+    AnySchema,
     Checked,
     Episode,
     Settings,
@@ -34,13 +34,12 @@ from causal_openlock.world.kernel import (
     WORDS,
 )
 from causal_openlock.world.rewards import BASIC_REWARD, RewardForm
-from causal_openlock.world.room import RANDOM_LAYOUT, Layout
+from causal_openlock.world.room import RANDOM_LAYOUT, Layout, LayoutForm
 from causal_openlock.world.rooms import RoomTables, events_of
 
 if TYPE_CHECKING:
     from causal_openlock.physics.room import PhysicalRoom
     from causal_openlock.physics.world import Pose
-    from causal_openlock.schemas.schema import Schema
 
 
 SMALLEST, LARGEST = 32, 4320  # height of a picture in pixels
@@ -105,8 +104,8 @@ class OpenLockEnv(Checked, gymnasium.Env[NDArray[np.int8], int]):
 
     def __init__(
         self,
-        schema: str | os.PathLike[str] | Mapping[str, Any] | Schema = "CC3",
-        layout: str | Mapping[str, str] | Layout = RANDOM_LAYOUT,
+        schema: AnySchema = "CC3",
+        layout: LayoutForm = RANDOM_LAYOUT,
         reward: RewardForm = BASIC_REWARD,
         episode: Episode = "attempt",
         attempt_limit: int = ATTEMPT_LIMIT,

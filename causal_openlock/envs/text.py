@@ -7,27 +7,21 @@ action does nothing and costs nothing: the observation says so and lists the act
 
 from __future__ import annotations
 
-import os
 import string
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
 from gymnasium.error import InvalidAction, ResetNeeded
 
-from causal_openlock.envs.settings import ATTEMPT_LIMIT, Checked, check_options
+from causal_openlock.envs.settings import ATTEMPT_LIMIT, AnySchema, Checked, check_options
 from causal_openlock.envs.single import OpenLockEnv
 from causal_openlock.render.words import ANY, Counters, StoryName, Wording
 from causal_openlock.world.rewards import BASIC_REWARD, RewardForm
-from causal_openlock.world.room import RANDOM_LAYOUT, Layout
+from causal_openlock.world.room import RANDOM_LAYOUT, LayoutForm
 
-if TYPE_CHECKING:
-    from causal_openlock.schemas.schema import Schema
-
-LONGEST = 4000
-"""Characters of an observation or an action."""
+LONGEST = 4000  # characters of an observation or an action
 
 
 class OpenLockTextEnv(Checked, gymnasium.Env[str, str]):
@@ -61,8 +55,8 @@ class OpenLockTextEnv(Checked, gymnasium.Env[str, str]):
 
     def __init__(
         self,
-        schema: str | os.PathLike[str] | Mapping[str, Any] | Schema = "CC3",
-        layout: str | Mapping[str, str] | Layout = RANDOM_LAYOUT,
+        schema: AnySchema = "CC3",
+        layout: LayoutForm = RANDOM_LAYOUT,
         reward: RewardForm = BASIC_REWARD,
         attempt_limit: int = ATTEMPT_LIMIT,
         action_limit: int | None = None,

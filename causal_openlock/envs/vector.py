@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from gymnasium.error import InvalidAction, ResetNeeded
@@ -14,6 +12,7 @@ from numpy.typing import NDArray
 
 from causal_openlock.envs.settings import (
     ATTEMPT_LIMIT,
+    AnySchema,
     Checked,
     Episode,
     Settings,
@@ -21,18 +20,16 @@ from causal_openlock.envs.settings import (
 )
 from causal_openlock.errors import OpenLockError
 from causal_openlock.world.rewards import BASIC_REWARD, RewardForm
-from causal_openlock.world.room import RANDOM_LAYOUT, Layout
+from causal_openlock.world.room import RANDOM_LAYOUT, LayoutForm
 from causal_openlock.world.rooms import Rooms, RoomTables
-
-if TYPE_CHECKING:
-    from causal_openlock.schemas.schema import Schema
 
 
 class OpenLockVectorEnv(Checked, VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[Any]]):
     """Many rooms at once, each with its own trial.
 
-    Episodes end and begin as in :class:`OpenLockEnv`. A room whose episode has ended is reset by
-    the next step, which ignores its action and pays nothing (Gymnasium's ``NEXT_STEP``).
+    They are neither drawn nor simulated. Episodes end and begin as in :class:`OpenLockEnv`. A room
+    whose episode has ended is reset by the next step, which ignores its action and pays nothing
+    (Gymnasium's ``NEXT_STEP``).
 
     Whether an action fails by chance is drawn for each room from a stream of its own, so it depends
     neither on the number of rooms nor on what the others do.
@@ -46,12 +43,9 @@ class OpenLockVectorEnv(Checked, VectorEnv[NDArray[np.int8], NDArray[np.int64], 
         attempt_limit: See there.
         action_limit: See there.
         positions: See there.
-        render_mode: None; many rooms are not drawn.
-        physics: False; only a single room has bodies.
         reveal: Whether ``info["latent"]`` holds, for analysis, the ``layout`` of each room,
             ``[num_envs, positions]``: the index of the lever there, -1 for an inactive one; and
             which solutions are ``found``, ``[num_envs, solutions]``.
-        max_episode_steps: None; the room's own limits end an episode.
 
     Raises:
         OpenLockError: If the arguments do not fit together.
@@ -71,47 +65,24 @@ class OpenLockVectorEnv(Checked, VectorEnv[NDArray[np.int8], NDArray[np.int64], 
     def __init__(
         self,
         num_envs: int = 1,
-        schema: str | os.PathLike[str] | Mapping[str, Any] | Schema = "CC3",
-        layout: str | Mapping[str, str] | Layout = RANDOM_LAYOUT,
+        schema: AnySchema = "CC3",
+        layout: LayoutForm = RANDOM_LAYOUT,
         reward: RewardForm = BASIC_REWARD,
         episode: Episode = "attempt",
         attempt_limit: int = ATTEMPT_LIMIT,
         action_limit: int | None = None,
         positions: int | None = None,
-        render_mode: str | None = None,
-        physics: bool = False,
         reveal: bool = False,
-        max_episode_steps: int | None = None,
     ) -> None:
-        if max_episode_steps is not None:
-            raise OpenLockError(
-                "many rooms at once have no max_episode_steps; give attempt_limit, or make them "
-                'with vectorization_mode="sync"'
-            )
-        if physics:
-            raise OpenLockError(
-                "many rooms at once are not simulated; use OpenLockEnv(physics=True), or the same "
-                "rooms without physics, which look the same to a learner"
-            )
-        if render_mode is not None:
-            raise OpenLockError("many rooms at once are not drawn; use OpenLockEnv to see one")
         settings = Settings(schema, layout, reward, episode, attempt_limit, action_limit, positions)
-        self.settings = settings
-        self.num_envs = num_envs
-        self.render_mode = None
-        self._reveal = reveal
+        self.settings, self.num_envs, self._reveal = settings, num_envs, reveal
         self.single_observation_space = settings.observation_space
         self.single_action_space = settings.action_space
         self.observation_space = batch_space(settings.observation_space, num_envs)
         self.action_space = batch_space(settings.action_space, num_envs)
         tables = RoomTables.of([(settings.schema, settings.action_limit)], settings.positions)
-        self._rooms = Rooms(
-            tables,
-            [settings.reward],
-            num_envs,
-            settings.attempt_limit,
-            put_back=settings.whole_trial,
-        )
+        limit, whole_trial = settings.attempt_limit, settings.whole_trial
+        self._rooms = Rooms(tables, [settings.reward], num_envs, limit, put_back=whole_trial)
         self._waits = tables.waits
         self._started = False
         # Rooms whose trial is over: the next step begins another.
