@@ -5,6 +5,7 @@ from __future__ import annotations
 import atexit
 import threading
 import webbrowser
+from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -16,8 +17,10 @@ from causal_openlock.play.server import PlayServer
 from causal_openlock.schemas.finding import schema as declared
 
 
-class OpenedRoom:
+class OpenedRoom(ExitStack):
     """A room that is open in the browser until :meth:`close`, or until Python ends.
+
+    Closing stops the server and completes the record; a temporary folder is deleted.
 
     Attributes:
         url: Where it is, for this machine.
@@ -28,33 +31,22 @@ class OpenedRoom:
         # Records are written with it, and when Python ends it can no longer be imported.
         import pandas  # noqa: F401
 
-        self._people, self._server, self._temporary = people, PlayServer(people), temporary
-        self.url, self.folder = self._server.url, people.store.folder
-        self._open = True
-        self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
+        super().__init__()
+        server = PlayServer(people)
+        self.url, self.folder = server.url, people.store.folder
+        self._thread = threading.Thread(target=server.serve_forever, daemon=True)
         self._thread.start()
         atexit.register(self.close)
-
-    def close(self) -> None:
-        """Stop the server and complete the record; a temporary folder is deleted."""
-        if not self._open:
-            return
-        self._open = False
-        atexit.unregister(self.close)
-        self._server.shutdown()
-        self._thread.join()
-        self._people.close()
-        if self._temporary is not None:
-            self._temporary.cleanup()
-
-    def __enter__(self) -> OpenedRoom:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
+        # Called when it is closed, from the last to the first.
+        if temporary is not None:
+            self.callback(temporary.cleanup)
+        self.callback(people.close)
+        self.callback(self._thread.join)
+        self.callback(server.shutdown)
+        self.callback(atexit.unregister, atexit.register(self.close))
 
     def __repr__(self) -> str:
-        return f"<OpenedRoom at {self.url}>" if self._open else "<OpenedRoom, closed>"
+        return f"<OpenedRoom{f' at {self.url}' if self._thread.is_alive() else ', closed'}>"
 
 
 def play_room(

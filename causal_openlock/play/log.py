@@ -21,6 +21,7 @@ from causal_openlock.files.atomic import write_bytes
 from causal_openlock.files.validation import StrictModel, adapter
 
 Number = Annotated[int, Field(ge=0, lt=1 << 53)]
+Milliseconds = Annotated[int, Field(ge=0, le=24 * 60 * 60 * 1000)]
 Time = Annotated[float, Field(ge=0, lt=1e12)]
 Key = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 Consent = Annotated[str, Field(pattern="^([0-9a-f]{16})?$")]
@@ -59,15 +60,20 @@ class Forgotten(StrictModel):
     forgotten: Literal[True]
 
 
-class Turn(StrictModel):
+class Move(StrictModel):
     """A person acts, says which lever enables which, or, with neither, leaves the practice room."""
 
-    of: Number
     turn: Number
-    at: Time
     action: Number | None = None
-    reaction: Number | None = None  # milliseconds
+    reaction: Milliseconds | None = None
     edges: list[tuple[Number, Number]] | None = None
+
+
+class Turn(Move):
+    """A move by a person."""
+
+    of: Number
+    at: Time
 
 
 Line = Annotated[

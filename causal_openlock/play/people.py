@@ -205,7 +205,7 @@ class People:
             name: The session id.
             turn: The number of the turn.
             what: ``action`` and ``reaction``, or ``edges``, as in
-                :class:`~causal_openlock.play.log.Turn`.
+                :class:`~causal_openlock.play.log.Move`.
 
         Raises:
             Refused: If there is no such session, this is not the turn, or it is not possible.

@@ -7,9 +7,8 @@
 ``POST /join``             ``{"id", "agreed", "recruited"}``: start a session under an id that the
                            page has drawn; answers it
 ``GET /state``             what the person may know now
-``POST /proceed``          ``{"turn"}``: leave the practice room
-``POST /act``              ``{"turn", "action", "reaction"}``: act; reaction in milliseconds or null
-``POST /answer``           ``{"turn", "edges"}``: say which lever enables which
+``POST /turn``             ``{"turn", "action", "reaction", "edges"}``: act, or say which lever
+                           enables which, or with neither leave the practice room
 =========================  =======================================================================
 
 A session id travels as ``Authorization: Bearer ID``, which no other site's page can send. Status
@@ -33,7 +32,7 @@ from collections.abc import Callable
 from typing import Annotated, Any, TypeVar
 from urllib.parse import urlsplit
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from causal_openlock.errors import OpenLockError, StoreError
 
@@ -55,21 +54,18 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from causal_openlock.files.escaping import printable
+from causal_openlock.files.validation import StrictModel
 from causal_openlock.play.game import Answer, Refused
+from causal_openlock.play.log import Move
 from causal_openlock.play.pages import as_html, geometry
 from causal_openlock.play.people import People
 from causal_openlock.play.recruiting import completion as checked_completion
 from causal_openlock.play.recruiting import filled, web_page
 from causal_openlock.world.room import positions_for
 
-MOST_BYTES = 4096
-"""The longest body of a request; three long identifiers have room."""
-LONGEST_REACTION = 24 * 60 * 60 * 1000
-KEEP_EVERY = 10.0
-"""Seconds between two writings of the record; the log is written with every click."""
-KEEP_PAUSE = 0.05
-"""Seconds between the records of two people, in which clicks are answered."""
-
+MOST_BYTES = 4096  # in the body of a request; three long identifiers have room
+KEEP_EVERY = 10.0  # seconds between two writings of the record; the log has every click at once
+KEEP_PAUSE = 0.05  # seconds between the records of two people, in which clicks are answered
 HEADERS = {
     "Content-Security-Policy": (
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
@@ -185,9 +181,7 @@ class PlayServer:
                 _get("/state", lambda request: self._told(request, people.view(_session(request)))),
                 _post("/join", _Join, lambda request, sent: {
                     "id": people.join(sent.agreed, sent.recruited, sent.id)}),
-                _post("/answer", _Answer, self._turn),
-                _post("/proceed", _Turn, self._turn),
-                _post("/act", _Action, self._turn),
+                _post("/turn", Move, self._turn),
                 Mount("/", StaticFiles(packages=[("causal_openlock.play", "static")], html=True)),
             ],
             middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=names, www_redirect=False)],
@@ -212,7 +206,7 @@ class PlayServer:
             "recruiting": self.people.recruiting,
         }
 
-    def _turn(self, request: Request, sent: _Turn) -> Answer:
+    def _turn(self, request: Request, sent: Move) -> Answer:
         return self._told(request, self.people.take(_session(request), **dict(sent)))
 
     def _told(self, request: Request, said: Answer) -> Answer:
@@ -254,45 +248,24 @@ def _checked(address: str) -> str:
 
 def _listening(host: str, port: int) -> socket.socket:
     try:
-        listener = socket.create_server((host, port), backlog=256)
+        return socket.create_server((host, port), backlog=256)
     except OSError as error:
         raise OpenLockError(
             f"cannot listen on {host}, port {port} ({error.strerror or error}); choose another "
             "with --host or --port"
         ) from None
-    listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # for its connections, too
-    return listener
 
 
 # -- requests -------------------------------------------------------------------------------------
 
 
-class _Body(BaseModel):
-    """The body of a request: a JSON object."""
-
-    model_config = ConfigDict(strict=True)
-
-
-class _Join(_Body):
+class _Join(StrictModel):
     agreed: Annotated[str, Field(pattern="^(?:[0-9a-f]{16})?$")] = ""
-    recruited: Annotated[dict[str, str], Field(max_length=3)] = {}
+    recruited: dict[str, str] = Field({}, max_length=3)
     id: Annotated[str, Field(pattern="^(?:[A-Za-z0-9_-]{32})?$")] = ""
 
 
-class _Turn(_Body):
-    turn: Annotated[int, Field(ge=0, le=2**31)]
-
-
-class _Answer(_Turn):
-    edges: Annotated[list[tuple[int, int]], Field(max_length=200)]
-
-
-class _Action(_Turn):
-    action: Annotated[int, Field(ge=0, le=255)]
-    reaction: Annotated[int, Field(ge=0, le=LONGEST_REACTION)] | None = None
-
-
-Sent = TypeVar("Sent", bound=_Body)
+Sent = TypeVar("Sent", bound=StrictModel)
 
 
 def _get(path: str, work: Callable[[Request], Any]) -> Route:

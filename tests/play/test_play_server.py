@@ -76,8 +76,8 @@ def test_nothing_latent_is_in_any_answer(server, caller):
         chosen = [random.integers(15, size=3).tolist(), *solving(server.people, name)]
         for action in [action for actions in chosen for action in actions]:
             call = {"turn": state["turn"], "action": int(action), "reaction": 5}
-            state = caller.call("/act", call, name)[1].get("next") or state
-            caller.call("/act", {**call, "turn": 0}, name)  # refused, and answered too
+            state = caller.call("/turn", call, name)[1].get("next") or state
+            caller.call("/turn", {**call, "turn": 0}, name)  # refused, and answered too
     text = "\n".join(caller.answers)
     latent = [*bundled_schemas(), *room_facts()["layouts"], "schema", "layout", "condition"]
     latent += ["L0", "L1", "L2", "L3", "common", "effect", "cause", "transfer"]
@@ -135,7 +135,7 @@ def test_a_study_has_consent_questions_and_a_link_at_the_end(tmp_path):
             walk_through(home, me, 1)
             now = caller.call("/state", name=me)[1]
             edges = [[now["levers"][0], 7]]
-            _, now = caller.call("/answer", {"turn": now["turn"], "edges": edges}, me)
+            _, now = caller.call("/turn", {"turn": now["turn"], "edges": edges}, me)
         assert now["completion"] == link.replace("%PID%", "5f%26%3Cb%3E")
         assert caller.call("/state", name=me)[1] == now
         until(lambda: counts == [(1, 0), (1, 1)])
@@ -150,7 +150,7 @@ def test_a_study_has_consent_questions_and_a_link_at_the_end(tmp_path):
 
 NO_CALLS = [
     *(b"", b"{", b"[]", b"\xff", b"[" * (MOST_BYTES // 2), b" " * (MOST_BYTES + 1)),
-    *({}, {"turn": 0}, {"turn": "0", "action": 1}, {"turn": 0, "action": 1.0}),
+    *({}, {"action": 1}, {"turn": "0", "action": 1}, {"turn": 0, "action": 1.0}),
     *({"turn": True, "action": True}, {"turn": 0, "action": -1}, {"turn": -1, "action": 1}),
     *({"turn": 0, "action": 1, "reaction": wrong} for wrong in ("fast", -5, 10**12)),
     *(b'{"turn": NaN, "action": 1}', b'{"turn": 0, "action": 1e999}'),
@@ -162,15 +162,15 @@ def test_what_is_no_call_changes_nothing(server, caller, capfd):
     name = caller.join()
     before, held = caller.call("/state", name=name), log(server)
     for body in NO_CALLS:
-        assert caller.call("/act", body, name)[0] == 400, body
+        assert caller.call("/turn", body, name)[0] == 400, body
         caller.connection.close()  # nothing more is read from this one
     for path in ("/nothing", "/../log.jsonl", "/%2e%2e/log.jsonl", "/static/play.js"):
         assert caller.call(path, name=name)[0] == 404
         assert caller.call(path, {"turn": 0, "action": 1}, name)[0] in (404, 405)
     for size in (0, 6, 13, 99):
         assert caller.call(f"/geometry/{size}")[0] == 400
-    for edges in ([[1]], [3], [[1, True]], [[1, 7], [1, 7, 7]]):
-        assert caller.call("/answer", {"turn": 0, "edges": edges}, name)[0] == 400
+    for edges in ([[1]], [3], [[1, True]], [[-1, 7]], [[1, 7], [1, 7, 7]]):
+        assert caller.call("/turn", {"turn": 0, "edges": edges}, name)[0] == 400
     assert (caller.call("/state", name=name), log(server)) == (before, held)
     assert capfd.readouterr().err == ""
 
@@ -178,21 +178,21 @@ def test_what_is_no_call_changes_nothing(server, caller, capfd):
 def test_forged_replayed_and_early_calls_change_nothing(server, caller):
     name, other = caller.join(), caller.join()
     call = {"turn": 0, "action": 4, "reaction": 10}
-    status, first = caller.call("/act", call, name)
+    status, first = caller.call("/turn", call, name)
     assert status == 200
     state, held = first["next"], log(server)
     # Replayed, early, and an action that the room does not have.
     for wrong in (call, {**call, "turn": 2}, {**call, "turn": 1, "action": 15}):
-        status, said = caller.call("/act", wrong, name)
+        status, said = caller.call("/turn", wrong, name)
         assert (status, said["now"]) == (409, state)
-    assert caller.call("/proceed", {"turn": 1}, name)[0] == 409  # there is no practice to leave
+    assert caller.call("/turn", {"turn": 1}, name)[0] == 409  # there is no practice to leave
     # Forged: no session, another's name with a letter changed, the hash that is on file.
     key = json.loads(held.splitlines()[1])["key"]
     for forged in (None, "", name[:-1] + ("A" if name[-1] != "A" else "B"), key, "ä"):
-        assert caller.call("/act", {**call, "turn": 1}, forged)[0] == 404
+        assert caller.call("/turn", {**call, "turn": 1}, forged)[0] == 404
         assert caller.call("/state", name=forged)[0] == 404
     basic = {"Authorization": f"Basic {name}"}
-    assert caller.call("/act", {**call, "turn": 1}, None, basic)[0] == 404
+    assert caller.call("/turn", {**call, "turn": 1}, None, basic)[0] == 404
     assert caller.call("/state", name=name)[1] == state
     assert caller.call("/state", name=other)[1]["turn"] == 0
     assert log(server) == held
@@ -245,7 +245,7 @@ def test_a_server_that_is_killed_goes_on_where_it_was(tmp_path):
             for name in names:
                 turn = states[name]["turn"] if name in states else 0
                 action = (7 * turn + len(name) + names.index(name)) % 15
-                status, said = caller.call("/act", {"turn": turn, "action": action}, name)
+                status, said = caller.call("/turn", {"turn": turn, "action": action}, name)
                 assert status == 200
                 acted.setdefault(name, []).append(action)
                 states[name] = said["next"]
@@ -276,7 +276,7 @@ def test_the_record_is_written_while_people_play(tmp_path, monkeypatch):
         caller = Caller(server.port)
         name = caller.join()
         for turn in range(90):
-            caller.call("/act", {"turn": turn, "action": 1}, name)
+            caller.call("/turn", {"turn": turn, "action": 1}, name)
         until(lambda: list((tmp_path / "cells").glob("*.parquet")))
         until(lambda: json.loads((tmp_path / "experiment.json").read_text())["cells"])
         assert Store(tmp_path).record()[0].num_rows == 30

@@ -57,7 +57,7 @@ def play_one_lever(url):
     assert (room["stage"], room["room"]["solutions_left"]) == ("room", 1)
     grey = room["room"]["observation"].index(1, 7) - 7
     for turn, action in enumerate((grey, 14)):
-        after = asked(url, "act", id=me, turn=turn, action=action, reaction=None)
+        after = asked(url, "turn", id=me, turn=turn, action=action, reaction=None)
     assert after["new_solution"]
 
 

@@ -262,7 +262,7 @@ async function take(action, reaction) {
   say("");
   // The arm sets out at once; what comes of it is known when it arrives.
   const [answer] = await Promise.all([
-    call("/act", { turn: state.turn, action, reaction }),
+    call("/turn", { turn: state.turn, action, reaction }),
     room.approach(action),
   ]);
   if (answer.status !== 200) return adopt(answer);
@@ -315,8 +315,8 @@ async function take(action, reaction) {
 }
 
 // Take a turn that moves nothing, and show what comes next.
-async function turn(path, what) {
-  const answer = await call(path, { turn: state.turn, ...what });
+async function turn(what) {
+  const answer = await call("/turn", { turn: state.turn, ...what });
   if (answer.status !== 200) return adopt(answer);
   state = answer.said;
   return enter();
@@ -376,18 +376,14 @@ $("ask-go").onclick = () => {
   $("ask-go").disabled = true;
   const ticked = [...$("ask-levers").querySelectorAll("input:checked")];
   const edges = ticked.map(({ dataset }) => [Number(dataset.lever), Number(dataset.other)]);
-  return turn("/answer", { edges });
+  return turn({ edges });
 };
 $("proceed").onclick = () => {
   if (busy && !state.room.over) return;
   occupied(true);
-  return turn("/proceed");
+  return turn({});
 };
-$("another").onclick = async () => {
-  const there = await fetch("/brief").then((answer) => answer.ok, () => false);
-  $("another").hidden = !there;
-  $("over").hidden = there;
-  if (!there) return;
+$("another").onclick = () => {
   remember(null);
   location.reload();
 };
