@@ -113,7 +113,7 @@ def film(
         )
     what = "" if path.suffix.lower() in STILLS else f", {frames / fps:.0f} seconds"
     cut = f", the first {shown} of {len(played.attempts)} attempts (--attempts shows more)"
-    many = counted(len(played.schema.solutions), "solution")
+    many = counted(len(played.room.schema.solutions), "solution")
     by_whom = "shown to the subject" if played.shown else "found in the trial"
     found = f"{played.found} of {many} {by_whom}"
     say(f"{path} written{what}{cut * (shown < len(played.attempts))}; {found}")

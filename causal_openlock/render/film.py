@@ -94,7 +94,7 @@ def shots(
         for index, (action, moved) in enumerate(zip(row["actions"], row["moved"], strict=True), 1):
             if physical:
                 poses.clear()
-                physical.act(action, yields=moved or trial.schema.deterministic)
+                physical.act(action, yields=moved or room.schema.deterministic)
                 shown = [*actions, ShownAction(names[action])]
                 panel = _panel(trial, number, shown, found)
                 pressed = action == 2 * room.positions
@@ -108,7 +108,7 @@ def shots(
             actions.append(ShownAction.of(names[action], *seen, row["new_solution"]))
             over, last = index == len(row["actions"]), number == len(rows)
             if over and row["new_solution"]:
-                solution = room.action_of(trial.schema.solutions[row["solution"]])[:-1]
+                solution = room.action_of(room.schema.solutions[row["solution"]])[:-1]
                 found.append(", ".join(names[push].removeprefix("push ") for push in solution))
             seconds = (END if last else BETWEEN) if over else AFTER
             remark = _remark(trial, number, len(found)) if over and last else ""
@@ -125,19 +125,19 @@ def _panel(
     remark: str = "",
 ) -> Panel:
     """The console in an attempt: after these actions, the last of which may be under way."""
-    missing = len(trial.schema.solutions) - len(found)
+    schema, name = trial.room.schema, trial.room.layout.name
+    missing = len(schema.solutions) - len(found)
     solved = (trial.shown or trial.protocol.stop_when_solved) and not missing
     limit, done = trial.protocol.attempt_limit, sum(bool(action.outcome) for action in actions)
-    name = trial.layout.name
-    layout = f" in {name}" if name in published_layouts(trial.schema) else ""
+    layout = f" in {name}" if name in published_layouts(schema) else ""
     return Panel(
         solutions=(*found, *[""] * missing),
         attempts_left=None if solved else limit + 1 - number - over,
         actions_left=0 if over else trial.action_limit - done,
         heading=trial.learner,
         lines=(
-            f"{trial.condition}, protocol {trial.protocol.name}, subject {trial.subject}",
-            f"{trial.place.capitalize()}: {trial.schema.name}{layout}",
+            f"{trial.condition.name}, protocol {trial.protocol.name}, subject {trial.subject}",
+            f"{trial.place.capitalize()}: {schema.name}{layout}",
             f"Attempt {number} of at most {limit}",
         ),
         actions=tuple(actions),
@@ -149,7 +149,7 @@ def _remark(trial: FilmedTrial, shown: int, found: int) -> str:
     """The last line of a film that shows the first ``shown`` attempts."""
     if more := len(trial.attempts) - shown:
         return f"{counted(more, 'more attempt')} not shown"
-    if missing := len(trial.schema.solutions) - found:
+    if missing := len(trial.room.schema.solutions) - found:
         return f"{counted(missing, 'solution')} not found"
     what = "shown" if trial.shown else "found"
     return f"All solutions {what} in {counted(shown, 'attempt')}"

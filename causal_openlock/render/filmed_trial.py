@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
@@ -16,10 +17,9 @@ from causal_openlock.errors import StoreError
 from causal_openlock.experiment.declare import SHOWN, Condition, LearnerSpec, Protocol
 from causal_openlock.experiment.plan import check_trial
 from causal_openlock.experiment.session import Session
-from causal_openlock.schemas.schema import Schema
 from causal_openlock.wording import nearest
 from causal_openlock.world.rewards import PAPER_REWARD, RewardFunction
-from causal_openlock.world.room import Layout, Room, positions_for
+from causal_openlock.world.room import Room, positions_for
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -33,43 +33,43 @@ class FilmedTrial:
 
     Attributes:
         learner: Label of the learner.
-        condition: Name of the condition.
+        condition: The condition.
         protocol: Its budgets.
         subject: Number of the subject.
         trial: Number of the trial in the whole condition, from 1.
         trials: How many trials the condition has.
-        schema: The schema of the room.
-        layout: The positions of its levers.
         attempts: The rows of the record that are its attempts.
-        shown: Whether the subject was shown the trial and did not act itself.
     """
 
     learner: str
-    condition: str
+    condition: Condition
     protocol: Protocol
     subject: int
     trial: int
     trials: int
-    schema: Schema
-    layout: Layout
-    attempts: tuple[dict[str, Any], ...]
-    shown: bool = False
+    attempts: Sequence[dict[str, Any]]
+
+    @property
+    def shown(self) -> bool:
+        """Whether the subject was shown the trial and did not act itself."""
+        return bool(self.attempts[0]["phase"] == SHOWN)
 
     @property
     def place(self) -> str:
         """Place in the condition: ``trial 1 of 7``, perhaps ``(shown to the subject)``."""
-        shown = " (shown to the subject)" if self.shown else ""
-        return f"trial {self.trial} of {self.trials}{shown}"
+        return f"trial {self.trial} of {self.trials}{' (shown to the subject)' * self.shown}"
 
-    @property
+    @cached_property
     def room(self) -> Room:
         """The room."""
-        return Room(self.schema, self.layout)
+        schemas = {schema.name: schema for schema in self.condition.schemas}
+        positions = max(map(positions_for, schemas.values()))
+        return Room.of(schemas[self.attempts[0]["schema"]], self.attempts[0]["layout"], positions)
 
     @property
     def action_limit(self) -> int:
         """Actions in an attempt."""
-        return self.protocol.actions_for(self.schema)
+        return self.protocol.actions_for(self.room.schema)
 
     @property
     def found(self) -> int:
@@ -111,15 +111,8 @@ def play_trial(
     for step in session.steps(learner):
         if step.trial_over[0]:
             break
-    return _filmed(
-        _trials(session.record())[trial - 1],
-        condition,
-        learner=label,
-        protocol=protocol,
-        subject=subject,
-        trial=trial,
-        trials=session.brief.trials,
-    )
+    attempts, trials = _trials(session.record())[trial - 1], session.brief.trials
+    return FilmedTrial(label, condition, protocol, subject, trial, trials, attempts)
 
 
 def recorded_trial(
@@ -163,15 +156,8 @@ def recorded_trial(
             f"{spec.subjects - 1}, and compare completes what is missing"
         )
     check_trial(trial, len(trials), f"subject {subject} of {learner} in {condition}")
-    return _filmed(
-        trials[trial - 1],
-        played,
-        learner=learner,
-        protocol=spec.protocol,
-        subject=subject,
-        trial=trial,
-        trials=len(trials),
-    )
+    attempts = trials[trial - 1]
+    return FilmedTrial(learner, played, spec.protocol, subject, trial, len(trials), attempts)
 
 
 def _named(parts: Sequence[Any], name: str, otherwise: str) -> Any:
@@ -185,18 +171,3 @@ def _trials(record: pa.Table) -> list[list[dict[str, Any]]]:
     """The attempts of one subject, trial by trial."""
     runs = groupby(record.to_pylist(), key=lambda row: (row["phase"], row["loop"], row["trial"]))
     return [list(run) for _, run in runs]
-
-
-def _filmed(attempts: Sequence[dict[str, Any]], condition: Condition, **about: Any) -> FilmedTrial:
-    """The trial of these rows of a record."""
-    schemas = {schema.name: schema for schema in condition.schemas}
-    schema = schemas[attempts[0]["schema"]]
-    positions = max(map(positions_for, schemas.values()))
-    return FilmedTrial(
-        condition=condition.name,
-        schema=schema,
-        layout=Layout.of(schema, attempts[0]["layout"], positions),
-        attempts=tuple(attempts),
-        shown=attempts[0]["phase"] == SHOWN,
-        **about,
-    )

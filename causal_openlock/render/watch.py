@@ -58,10 +58,10 @@ class WatchedTrial:
     @property
     def title(self) -> str:
         """Learner, condition and trial, in words."""
-        trial = self.trial
+        trial, room = self.trial, self.trial.room
         return (
-            f"{trial.learner} in {trial.condition}, {trial.place} "
-            f"({trial.schema.name} in {trial.layout.name}), subject {trial.subject}"
+            f"{trial.learner} in {trial.condition.name}, {trial.place} "
+            f"({room.schema.name} in {room.layout.name}), subject {trial.subject}"
         )
 
     def save(self, path: Path | str, **options: Any) -> int:

@@ -100,8 +100,8 @@ def test_what_is_not_in_a_record_is_named(results, learner, condition, where, na
 def test_a_room_that_is_larger_for_another_schemas_sake_is_filmed_as_it_was_played():
     layout = Layout((6, 5, 4, 3, 2, 1, 0))
     played = play_trial(create("oracle"), one_room("seven", layout), HUMAN)
-    assert played.layout.places == layout.places
-    assert played.action_limit == played.schema.least_action_limit
+    assert played.room.layout.places == layout.places
+    assert played.action_limit == played.room.schema.least_action_limit
 
 
 def test_the_number_of_a_trial_counts_over_all_loops():
@@ -117,7 +117,7 @@ def test_the_number_of_a_trial_counts_over_all_loops():
 
 def check_against_record(played, sequence):
     """Whenever the arm stands still, the room is as the record says, and so is the console."""
-    room, solutions = played.room, len(played.schema.solutions)
+    room, solutions = played.room, len(played.room.schema.solutions)
     limit, found = played.protocol.attempt_limit, 0
     rests = iter([shot for shot in sequence if not shot.moving])
     for number, attempt in enumerate(played.attempts, 1):
@@ -153,8 +153,8 @@ def test_a_film_shows_what_the_record_says(trial, film):
     assert trial.found == 2
     assert film[-1].panel.remark == "All solutions found in 2 attempts"
     assert all(not shot.panel.remark for shot in film[:-1])
-    names = trial.layout.as_mapping(trial.schema)
-    solutions = [trial.schema.solutions[attempt["solution"]] for attempt in trial.attempts]
+    names = trial.room.layout.as_mapping(trial.room.schema)
+    solutions = [trial.room.schema.solutions[attempt["solution"]] for attempt in trial.attempts]
     assert list(film[-1].panel.solutions) == [
         ", ".join(names[lever] for lever in levers) for levers in solutions
     ]
