@@ -249,12 +249,16 @@ def trace_trial(
     def chosen() -> IntArray:
         if given is None or session.shown is not None:
             return session.chosen(learner)
-        learner.probabilities(session.view)  # as the contract has it where actions are given
+        learner.beliefs.enter(session.view)
         return np.array([next(given, 0)])
+
+    def learn(step: Step) -> None:
+        # Where actions are given, beliefs are all that is needed: no network is trained.
+        (learner.learn if given is None else learner.beliefs.update)(step)
 
     session.begin(learner)
     while session.view.trial[0] < trial:
-        learner.learn(session.step(chosen()))
+        learn(session.step(chosen()))
     room = session.truth.rooms[int(session.truth.room[0])]
     moments: list[Moment] = []
     over = False
@@ -266,7 +270,7 @@ def trace_trial(
         step = session.step(action)
         over, event = bool(step.trial_over[0]), observed(step, 0, belief.slots, belief.found)
         # The end of the trial would make the learner forget the room.
-        learner.learn(replace(step, trial_over=np.zeros_like(step.trial_over)))
+        learn(replace(step, trial_over=np.zeros_like(step.trial_over)))
         attempt = int(view.attempt[0])
         moment = Moment.of(
             learner,

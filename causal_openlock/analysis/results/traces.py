@@ -9,6 +9,7 @@ rooms are not those on record, there is no trace.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from itertools import chain
 from typing import TYPE_CHECKING
 
@@ -31,25 +32,21 @@ if TYPE_CHECKING:
     from causal_openlock.belief.trace import Trace
 
 
-def believers(results: Material) -> dict[str, LearnerSpec]:
-    """The learners of the results that hold beliefs, in the order of the experiment.
-
-    Results are only read: code that they name, and that no package brings along, does not run.
-    """
-    from causal_openlock.belief.belief_learner import BeliefLearner
+def installed(spec: LearnerSpec) -> type:
+    """A learner's class, or ``object`` if no package brings it along: no code of results runs."""
     from causal_openlock.contract.registry import learner_class
 
-    found = {}
-    for spec in results.experiment.learners:
-        if ":" in spec.learner:
-            continue
-        try:
-            kind = learner_class(spec.learner)
-        except OpenLockError:
-            continue
-        if issubclass(kind, BeliefLearner):
-            found[spec.name] = spec
-    return found
+    with suppress(OpenLockError):
+        return object if ":" in spec.learner else learner_class(spec.learner)
+    return object
+
+
+def believers(results: Material) -> dict[str, LearnerSpec]:
+    """The learners of the results that hold beliefs, in the order of the experiment."""
+    from causal_openlock.belief.belief_learner import BeliefLearner
+
+    learners = results.experiment.learners
+    return {spec.name: spec for spec in learners if issubclass(installed(spec), BeliefLearner)}
 
 
 def replayed(
@@ -127,7 +124,9 @@ def replayed(
     )
     schema = next(one for one in rooms[condition].schemas if one.name == row["schema"])
     room = Room.of(schema, row["layout"], len(trace.nodes) - 1)
-    if _done(trace) != recorded[-1] or not same_structure(by_position(room), trace.truth):
+    names = action_names(room.positions)
+    done = [[names.index(action.action) for action in attempt] for attempt in trace.attempts]
+    if done != recorded[-1] or not same_structure(by_position(room), trace.truth):
         raise _unknown(learner, "other rooms")
     return trace
 
@@ -139,18 +138,12 @@ def _unknown(learner: str, trials: str) -> NothingToDrawError:
     )
 
 
-def _done(trace: Trace) -> list[list[int]]:
-    """The actions of each attempt of the traced trial."""
-    names = action_names(len(trace.nodes) - 1)
-    return [[names.index(action.action) for action in attempt] for attempt in trace.attempts]
-
-
 def _recorded(record: pa.Table, visits: pd.DataFrame) -> Iterator[list[list[int]]]:
     """The actions of each attempt, of each of a subject's trials."""
-    import pyarrow.compute as pc
+    from pyarrow.compute import field
 
     # A number first: it leaves few rows, in which names are cheap to compare.
-    own = record.filter(pc.equal(record["subject"], int(visits["subject"].iloc[0])))
+    own = record.filter(field("subject") == int(visits["subject"].iloc[0]))
     names = [*CELL, *VISIT]
     rows = own.select([*names, "attempt", "actions"]).to_pandas().sort_values("attempt")
     known = dict(iter(rows.groupby(names, observed=True)["actions"]))

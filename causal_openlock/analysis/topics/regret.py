@@ -9,8 +9,10 @@ learners. Only what is on record is used.
 
 from __future__ import annotations
 
+from functools import cache
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT
@@ -63,7 +65,7 @@ def regret(results: Material) -> pd.DataFrame:
     record = played(results.record).select([*_TRIAL, *_ROOM, "attempt", "actions"])
     table = record.drop("actions").to_pandas().assign(actions=record["actions"].to_pylist())
     table = table.sort_values([*_TRIAL, "attempt"], ignore_index=True)
-    actions = table.pop("actions").to_numpy()
+    actions = table.pop("actions").tolist()
     observers = {
         (spec.name, condition.name, schema.name): observer_of(
             schema, spec.protocol.actions_for(schema)
@@ -72,23 +74,24 @@ def regret(results: Material) -> pd.DataFrame:
         for condition in results.experiment.conditions
         for schema in condition.schemas
     }
+    placed = cache(lambda one, layout: Layout.of(one.schema, layout, positions_for(one.schema)))
     worths: dict[Observer, dict[int, Worth]] = {}
     out_of_reach = set()
-    trials = table.groupby([*_TRIAL, *_ROOM], observed=True, sort=False, dropna=False)
-    for (learner, condition, *_, name, layout), rows in trials.indices.items():
-        observer = observers.get((learner, condition, name))
+    begins = np.flatnonzero(table["attempt"] == 1).tolist()  # of trials
+    rooms = table.loc[begins, ["learner", "condition", "schema", "layout"]].itertuples(index=False)
+    for begin, end, (*room, layout) in zip(begins, [*begins[1:], len(table)], rooms, strict=True):
+        observer = observers.get(tuple(room))
         if observer is None or observer in out_of_reach:
             continue
         try:
-            placed = Layout.of(observer.schema, layout, positions_for(observer.schema))
-            own = zip(rows.tolist(), observer.trial(placed, actions[rows]), strict=False)
+            own = observer.trial(placed(observer, layout), actions[begin:end])
         except TooLargeError:
             # All rooms of the schema are left out, as its other trials are no fair sample.
             out_of_reach.add(observer)
         except OpenLockError:
             continue  # no layout of these levers
         else:
-            worths.setdefault(observer, {}).update(own)
+            worths.setdefault(observer, {}).update(enumerate(own, begin))
     held = [own for observer, own in worths.items() if observer not in out_of_reach]
     worth = {row: one for own in held for row, one in own.items()}
     found = pd.DataFrame([*worth.values()], columns=WORTH, index=[*worth])

@@ -13,6 +13,7 @@ only to find out which lever is which.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -25,13 +26,14 @@ from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_of
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.structure_errors import structure_distance
+from causal_openlock.analysis.results.traces import installed
 from causal_openlock.analysis.statistics import mean_intervals, sizes
 from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Section, Topic, drawn
 from causal_openlock.contract.checks import failures_of
 from causal_openlock.contract.learner import Learner, Structure
-from causal_openlock.contract.registry import create, learner_class, parse_parameters
-from causal_openlock.errors import LearnerError, NothingToDrawError, OpenLockError
+from causal_openlock.contract.registry import create, parse_parameters
+from causal_openlock.errors import NothingToDrawError, OpenLockError
 from causal_openlock.experiment.beside_record import read_answers
 from causal_openlock.experiment.declare import Condition, LearnerSpec
 from causal_openlock.experiment.plan import shown_trials
@@ -106,31 +108,22 @@ def recovered(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _can_say(spec: LearnerSpec) -> bool:
-    """Whether a learner, as installed here, has its parameters and says what it believes.
-
-    No code of results runs.
-    """
-    if ":" in spec.learner:
-        return False
-    try:
-        kind = learner_class(spec.learner)
+    """Whether a learner, as installed here, has its parameters and says what it believes."""
+    kind = installed(spec)
+    with suppress(OpenLockError):
         parse_parameters(spec.learner, spec.parameters)
-    except OpenLockError:
-        return False
-    return issubclass(kind, Learner) and kind.structure is not Learner.structure
+        return issubclass(kind, Learner) and kind.structure is not Learner.structure
+    return False
 
 
 def _own(
     results: Material, spec: LearnerSpec, condition: Condition, most: int | None
 ) -> pd.DataFrame:
     """The attempts of a learner in a condition, in the order of time."""
-    import pyarrow.compute as pc
+    from pyarrow.compute import field
 
-    here = pc.and_(
-        pc.equal(pc.cast(results.record["learner"], "string"), spec.name),
-        pc.equal(pc.cast(results.record["condition"], "string"), condition.name),
-    )
-    columns = ["seed", "subject", "phase", "loop", "trial", "attempt", "actions"]
+    here = (field("learner") == spec.name) & (field("condition") == condition.name)
+    columns = ["seed", "subject", *VISIT, "attempt", "actions"]
     table = results.record.filter(here).select(columns).to_pandas()
     table["phase"] = pd.Categorical(table["phase"], PHASES)
     table = table.sort_values(["subject", *VISIT, "attempt"], kind="stable")
@@ -157,12 +150,6 @@ def _again(own: pd.DataFrame, spec: LearnerSpec, condition: Condition) -> Iterat
                 if believed is None:
                     continue
                 room = now.rooms[now.room[row]]
-                positions = room.layout.positions
-                if not isinstance(believed, Structure) or len(believed.edges) != positions:
-                    raise LearnerError(
-                        f"the structure of {spec.name} is not a Structure for {positions} "
-                        "positions; return None where the learner cannot say"
-                    )
                 visit = {"subject": numbers[row], "visit": int(step.view.trial[row])}
                 errors = structure_distance(believed, room.schema, room.layout)
                 found.append({**about, **visit, "schema": room.schema.name, **errors})
