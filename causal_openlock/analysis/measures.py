@@ -58,19 +58,7 @@ BLOCKS = 5
 AT_ONCE = 1_000_000
 """Attempts that :func:`count` counts at once, or those of one cell where it has more."""
 
-_FIRST = {
-    "condition": PAPER_CONDITIONS,
-    "protocol": ("human",),
-    "phase": PHASES,
-    "category": CATEGORIES,
-}
-_WHOLE = dict.fromkeys(
-    [
-        *("seed", "subject", "loop", "trial", "attempts", "first_solution", "last_attempt"),
-        *("solutions_found", "solutions", *OUTCOMES, "opened_at_start"),
-    ],
-    np.int64,
-)
+_FIRST = {"condition": PAPER_CONDITIONS, "protocol": ("human",), "phase": PHASES}
 COLUMNS = [
     *(*TRIAL, "attempts", *SOLUTIONS, "first_solution", "last_attempt", "solved"),
     *("solutions_found", "solutions", *OUTCOMES, "opened_at_start"),
@@ -172,8 +160,8 @@ def _named(record: pa.Table) -> pa.Table:
 
 def _attempts(record: pa.Table) -> pd.DataFrame:
     """A row for each attempt; names are categories, the paper's first."""
-    frame = record.select([*TRIAL, "attempt", "category", "solutions_found", "solutions"])
-    frame = frame.to_pandas()
+    columns = [*TRIAL, "attempt", "category", "solutions_found", "solutions"]
+    frame = record.select(columns).to_pandas()
     for name in NAMES:
         held = frame[name].cat.categories
         known = CATEGORIES if name == "category" else ordered(held, _FIRST.get(name, ()))
@@ -201,8 +189,7 @@ def _trials(frame: pd.DataFrame) -> tuple[pd.DataFrame, IntArray]:
         **{name: (name, "min") for name in reached},
     ).reset_index()
     _check_complete(trials)
-    last = trials["last_attempt"]
-    size = len(CATEGORIES)
+    last, size = trials["last_attempt"], len(CATEGORIES)
     codes = frame["category"].cat.codes.to_numpy().astype(np.int64)
     counts = np.bincount(trial * size + codes, minlength=len(trials) * size).reshape(-1, size)
     at_start = attempt.to_numpy() <= np.maximum(last // START, 1).to_numpy()[trial]
@@ -216,22 +203,8 @@ def _trials(frame: pd.DataFrame) -> tuple[pd.DataFrame, IntArray]:
         **dict(zip(OUTCOMES, counts.T, strict=True)),
         opened_at_start=np.bincount(opened, minlength=len(trials)),
     )
-
-    return trials[COLUMNS].astype(_WHOLE), trial
-
-
-def _count(record: pa.Table) -> Counts:
-    """Trials, and how many attempts of each category each block has, where it has some."""
-    frame = _attempts(record)
-    trials, trial = _trials(frame)
-    lengths = trials.groupby(PHASE, observed=True, sort=False)["last_attempt"]
-    before = (lengths.cumsum() - trials["last_attempt"]).to_numpy()
-    total = lengths.transform("sum").to_numpy()
-    # In the order of time, attempt i of n is in block floor(i * BLOCKS / n).
-    time = before[trial] + frame["attempt"].to_numpy() - 1
-    frame = frame.assign(block=time * BLOCKS // total[trial] + 1)
-    outcomes = frame.groupby([*CELL, "phase", "block", "category"], observed=True).size()
-    return Counts(trials, outcomes)
+    whole = ["attempts", "first_solution", *trials.select_dtypes("integer")]
+    return trials.astype(dict.fromkeys(whole, np.int64))[COLUMNS], trial
 
 
 def _check_complete(trials: pd.DataFrame) -> None:
@@ -246,6 +219,20 @@ def _check_complete(trials: pd.DataFrame) -> None:
         )
 
 
+def _count(record: pa.Table) -> Counts:
+    """Trials, and ``[C, B]`` how many attempts of each category the blocks of a phase have."""
+    frame = _attempts(record)
+    trials, trial = _trials(frame)
+    lengths = trials.groupby(PHASE, observed=True, sort=False)["last_attempt"]
+    before = (lengths.cumsum() - trials["last_attempt"]).to_numpy()[trial]
+    total = lengths.transform("sum").to_numpy()[trial]
+    # In the order of time, attempt i of n is in block floor(i * BLOCKS / n).
+    block = (before + frame["attempt"].to_numpy() - 1) * BLOCKS // total + 1
+    by = [*CELL, "phase", "block", "category"]
+    outcomes = frame.assign(block=block).groupby(by, observed=True).size()
+    return Counts(trials, outcomes.unstack(["block", "category"]))
+
+
 def _together(pieces: Sequence[Counts]) -> Counts:
     """The counts of pieces of a record, added up."""
     trials = pd.concat([piece.trials for piece in pieces], ignore_index=True)
@@ -255,15 +242,13 @@ def _together(pieces: Sequence[Counts]) -> Counts:
     if len(phases) < sum(piece.trials.groupby(PHASE, observed=True).ngroups for piece in pieces):
         raise StoreError("the attempts of a subject are in several pieces")
     by = [*CELL, "phase"]
-    outcomes = pd.concat([piece.blocks for piece in pieces])
-    outcomes = outcomes.groupby([*by, "block", "category"], observed=True).sum()
-    wide = outcomes.unstack(["block", "category"], fill_value=0)
+    counts = pd.concat([piece.blocks for piece in pieces]).groupby(by, observed=True).sum()
     every = pd.MultiIndex.from_product(
         [range(1, BLOCKS + 1), pd.CategoricalIndex(CATEGORIES, CATEGORIES)],
         names=["block", "category"],
     )
-    counts = wide.reindex(columns=every, fill_value=0).stack(["block", "category"])
-    table = counts.rename("count").reset_index()
+    counts = counts.reindex(columns=every).fillna(0).astype(np.int64)
+    table = counts.stack(["block", "category"]).rename("count").reset_index()
     lengths = phases.groupby(by, observed=True).agg(subjects="size", until="mean").reset_index()
     table = table.merge(lengths, on=by)
     return Counts(trials, table.assign(until=table["until"] * table["block"] / BLOCKS))

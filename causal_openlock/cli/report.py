@@ -75,8 +75,7 @@ def report_results(
 
     Without ``reasons`` it is not said why some learners are not applicable: ``compare`` has.
     """
-    from causal_openlock.analysis.report.about_people import exclusions
-    from causal_openlock.analysis.report.warnings import not_applicable
+    from causal_openlock.analysis.report.warnings import exclusions, not_applicable
     from causal_openlock.analysis.report.writing import make_report
     from causal_openlock.analysis.results.missing import missing_cells, unfinished
     from causal_openlock.comparison.console import Terminal, print_leaderboard

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from causal_openlock.comparison.progress_bar import Show, shown_here
 from causal_openlock.errors import CellsFailed, ExperimentError, Interrupted, OpenLockError
-from causal_openlock.experiment.declare import Experiment, find_condition
+from causal_openlock.experiment.declare import Condition, Experiment, find_condition
 from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.making import (
     Changes,
@@ -197,8 +197,9 @@ def _experiment(
                 "declare another one with make_experiment"
             )
         return what
-    is_condition = isinstance(what, str | Path) and _is_condition(str(what))
-    if isinstance(what, str | Path) and not (learners and (is_condition or not _is_file(what))):
+    named = isinstance(what, str | Path)
+    is_condition = named and _is_found(find_condition, str(what))
+    if named and not (learners and (is_condition or not _is_found(find_experiment, what))):
         if is_condition:
             raise ExperimentError(
                 f"{what} is a condition; also name the learners: compare({str(what)!r}, ['bayes'])"
@@ -217,21 +218,13 @@ def _experiment(
     return make_experiment(what, learners, **given)
 
 
-def _is_condition(name: str) -> bool:
-    """Whether ``name`` is that of a condition."""
+def _is_found(find: Callable[[Any], Path | Condition], name: str | Path) -> bool:
+    """Whether there is a condition, or an experiment file, of this name."""
     try:
-        find_condition(name)
+        found = find(name)
     except OpenLockError:
         return False
-    return True
-
-
-def _is_file(name: str | Path) -> bool:
-    """Whether ``name`` is that of an experiment file."""
-    try:
-        return find_experiment(name).exists()
-    except OpenLockError:
-        return False
+    return not isinstance(found, Path) or found.exists()
 
 
 @cache

@@ -227,7 +227,7 @@ def test_verdicts_name_protocols_and_conditions_only_if_there_are_several(tmp_pa
     assert first_sentence(of("a", 0.3, protocol="human")) is None
     each = [of("a", 0.0, name) for name in ("CC4", "CE4", "CC3")]
     whole = first_sentence(*each, conditions="CC4, CE4, CC3")
-    assert whole == "Does not learn: a (every condition)."
+    assert whole == "Does not learn: a (CC4, CE4, CC3)."
     mixed = first_sentence(each[0], of("a", 0.5, "CE4"), each[2], conditions="CC4, CE4, CC3")
     assert mixed == "Learns: a (CE4). Does not learn: a (CC4, CC3)."
     both = first_sentence(able, of("a", 0.0, protocol="long"))

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping
 import pandas as pd
 
 from causal_openlock.analysis.effects import ALPHA
-from causal_openlock.analysis.report.about_people import about_people
 from causal_openlock.analysis.report.described import described, in_words, pairs
+from causal_openlock.analysis.report.warnings import about_people
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import Reference
 from causal_openlock.analysis.statistics import LEVEL

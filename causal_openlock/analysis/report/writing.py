@@ -18,11 +18,10 @@ import pandas as pd
 from causal_openlock.analysis.effects import ALPHA
 from causal_openlock.analysis.plots.categories import counts_like_ddqn, plot_categories
 from causal_openlock.analysis.plots.course import plot_course
-from causal_openlock.analysis.report.about_people import about_people
 from causal_openlock.analysis.report.described import described, in_words
 from causal_openlock.analysis.report.learner_pages import learner_pages
 from causal_openlock.analysis.report.page import write_page
-from causal_openlock.analysis.report.warnings import not_applicable, warnings_of
+from causal_openlock.analysis.report.warnings import about_people, not_applicable, warnings_of
 from causal_openlock.analysis.results.by_condition import condition_tables
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.missing import missing_cells, unfinished, with_missing

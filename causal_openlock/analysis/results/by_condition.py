@@ -35,42 +35,37 @@ def _table(results: Material, protocol: str, name: str, rows: pd.DataFrame) -> T
     conditions = ordered(rows["condition"], results.conditions)
     cells = {(str(row["learner"]), str(row["condition"])): row for row in records(rows)}
     of = {name: [row for (_, one), row in cells.items() if one == name] for name in conditions}
-    lines: list[list[str]] = []
-    looks: dict[int, str] = {}
-
-    def add(name: str, detail: str, texts: Sequence[str], look: str = "") -> None:
-        if look:
-            looks[len(lines)] = look
-        lines.append([f"{name}\n{detail}", *texts])
-
+    lines: list[tuple[str, str, list[str]]] = []  # a row's look, its head, its cells
     for one in results.references:
-        reference = one.reference
-        if reference.points.empty:
+        if one.reference.points.empty:
             continue
         texts = [_of_reference(one, *played) for played in of.items()]
         if set(texts) != {"–"}:
-            about = reference.detail, sizes(reference.points)
-            add(reference.title, ", ".join(filter(None, about)), texts, "published")
+            about = ", ".join(filter(None, [one.reference.detail, sizes(one.reference.points)]))
+            lines.append(("published", f"{one.reference.title}\n{about}", texts))
     bounds = [{row["ideal_attempts"] for row in played} for played in of.values()]
     ideal = [None if len(known) > 1 else known.pop() for known in bounds]
     if any(ideal):
         texts = ["–" if attempts is None else f"{attempts:.2f}" for attempts in ideal]
-        add("Ideal observer", "schema known", texts, "ideal")
-    asked = {spec.name: spec.protocol.name for spec in results.experiment.learners}
+        lines.append(("ideal", "Ideal observer\nschema known", texts))
+    asked = [spec.name for spec in results.experiment.learners if spec.protocol.name == protocol]
     reasons = results.experiment.not_applicable  # of a learner that plays nothing, one for each
-    absent = [name for name in reasons if len(reasons[name]) == len(results.experiment.conditions)]
-    absent = [name for name in absent if asked.get(name) == protocol]
+    absent = [
+        one for one in asked if len(reasons.get(one, ())) == len(results.experiment.conditions)
+    ]
     for learner in ordered([*rows["learner"], *absent], results.learners):
         own = rows[rows["learner"] == learner]
+        about = sizes(own) if len(own) else "not applicable"
         texts = [_in_cell(cells.get((learner, condition))) for condition in conditions]
         look = "published" if learner in results.people else ""
-        add(learner, sizes(own) if len(own) else "not applicable", texts, look)
+        lines.append((look, f"{learner}\n{about}", texts))
     measured = [" or ".join(dict.fromkeys(row["measured"] for row in of[c])) for c in conditions]
     heads = ["Learner", *map("\n".join, zip(conditions, measured, strict=True))]
-    frame = pd.DataFrame(lines, columns=heads)
+    frame = pd.DataFrame([[head, *texts] for _, head, texts in lines], columns=heads)
     return Table(
         f"attempts_by_condition_{name}", f"Protocol {protocol}", frame,
-        dict.fromkeys(heads[1:], "s"), looks=looks, verbatim=True,
+        dict.fromkeys(heads[1:], "s"), verbatim=True,
+        looks={number: look for number, (look, *_) in enumerate(lines) if look},
     )  # fmt: skip
 
 

@@ -23,7 +23,6 @@ from causal_openlock.storage.versions import merged_versions
 from causal_openlock.wording import joined
 
 if TYPE_CHECKING:
-    import pandas as pd
     import pyarrow as pa
 
     from causal_openlock.experiment.declare import Condition, LearnerSpec
@@ -98,7 +97,8 @@ def beside(
     excluded: dict[str, int] = {}
     played: set[tuple[str, str]] = set()
     for record, experiment in results:
-        cells = set(_names(record).itertuples(index=False, name=None))
+        names = record.select(["learner", "condition"]).to_pandas().drop_duplicates()
+        cells = {*names.itertuples(index=False, name=None)}
         twice = sorted(played & cells)
         played |= cells
         for spec in experiment.learners:
@@ -133,8 +133,3 @@ def beside(
         warned=tuple(dict.fromkeys(said for one in experiments for said in one.warned)),
     )
     return pa.concat_tables([record for record, _ in results]), together
-
-
-def _names(record: pa.Table) -> pd.DataFrame:
-    """The learners of a record, each with the conditions that it played."""
-    return record.select(["learner", "condition"]).to_pandas().drop_duplicates()

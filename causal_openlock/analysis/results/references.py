@@ -144,23 +144,16 @@ def with_references(
     first.
     """
     added: dict[str, Any] = {}
+    leading = [one for one in references if one.reference.in_leaderboard]
     for one in references:
-        reference = one.reference
-        if reference.points.empty:
+        prefix = one.reference.prefix
+        if one.reference.points.empty:
             continue
-        found = one.columns(table)
-        added |= found
-        if name := difference_from(reference, references):
-            added[name] = table["attempts"] - found[f"{reference.prefix}_attempts"]
+        added |= one.columns(table)
+        if one in leading:
+            name = "difference" if one is leading[0] else f"{prefix}_difference"
+            added[name] = table["attempts"] - added[f"{prefix}_attempts"]
     return table.assign(**added), list(added)
-
-
-def difference_from(reference: Reference, references: Sequence[Beside]) -> str:
-    """The column of differences from a reference; empty if it is not in the leaderboard."""
-    leading = [one.reference for one in references if one.reference.in_leaderboard]
-    if reference not in leading or reference.points.empty:
-        return ""
-    return "difference" if reference is leading[0] else f"{reference.prefix}_difference"
 
 
 def gap_column(name: str) -> str:

@@ -59,9 +59,6 @@ SURE_OF_SUBJECT = 0.01
 MARGIN = 0.1
 """The smallest share beyond chance that matters: surely less than this is not learning."""
 
-MANY_CONDITIONS = 3
-"""Number of conditions from which those of a learner are not named one by one."""
-
 
 class Group(NamedTuple):
     """Subjects that are compared: a learner in a condition under a protocol."""
@@ -337,17 +334,15 @@ def _shown(name: str, title: str, share: str, rows: pd.DataFrame) -> Table:
 
 def verdicts(rows: pd.DataFrame) -> str:
     """Learners and conditions of each verdict, by one measure of :func:`progress`, in words."""
-    found: dict[str, list[str]] = {verdict: [] for verdict in VERDICTS}
-    for learner, own in rows.groupby("learner", sort=False):
-        several = own["protocol"].nunique() > 1
-        for protocol, part in own.groupby("protocol", sort=False):
-            under = f" under {protocol}" if several else ""
-            for verdict, mine in part.groupby("verdict")["condition"]:
-                every = len(mine) == len(part) >= MANY_CONDITIONS
-                where = "every condition" if every else ", ".join(mine)
-                found[str(verdict)].append(f"{learner}{under} ({where})")
-    each = [f"{verdict.capitalize()}: {'; '.join(who)}." for verdict, who in found.items() if who]
-    return " ".join(each)
+    several = rows["protocol"].nunique() > 1
+    learner = rows["learner"] + (" under " + rows["protocol"] if several else "")
+    of = rows["condition"].groupby([rows["verdict"], learner], sort=False).agg(", ".join)
+    each = [
+        (verdict, "; ".join(f"{name} ({where})" for name, where in of[verdict].items()))
+        for verdict in VERDICTS
+        if verdict in of
+    ]
+    return " ".join(f"{verdict.capitalize()}: {who}." for verdict, who in each)
 
 
 TOPIC = Topic("learning", 100, section)

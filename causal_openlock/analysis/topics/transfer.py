@@ -31,7 +31,7 @@ from causal_openlock.analysis.table import Table, p_value, printed
 from causal_openlock.analysis.topic import Section, Topic, drawn, sentences
 from causal_openlock.errors import NothingToDrawError
 from causal_openlock.experiment.declare import HUMAN_PROTOCOL
-from causal_openlock.wording import counted, file_names, joined
+from causal_openlock.wording import file_names, joined, some
 
 CONGRUENT = {"CC4": "CC3-CC4", "CE4": "CE3-CE4"}
 """The condition with congruent training, by the schema of the test."""
@@ -317,10 +317,8 @@ def _answer(rows: pd.DataFrame, trained: Mapping[str, float]) -> str:
     named = [
         f"{name} {_effects(found[found['learner'] == name])}"
         + (" (one network: intervals are over rooms)" if trained.get(name, 0) > 0 else "")
-        for name in largest[:NAMED]
+        for name in largest
     ]
-    more = len(largest) - NAMED
-    named += [counted(more, "other learner")] if more > 0 else []
     people = rows[rows["reference"] & rows["condition"].isin(own["condition"])]
     people = people[people["learner"].isin(people["learner"].head(1))]
     known = [f": {name} {_effects(part)}. Significant" for name, part in people.groupby("learner")]
@@ -328,7 +326,7 @@ def _answer(rows: pd.DataFrame, trained: Mapping[str, float]) -> str:
     return sentences(
         "Attempts that training with the structure of the test saves, against training with the "
         f"other structure{(known or [', significant'])[0]} for learners "
-        f"(p < {level}, each test by itself): {'; '.join(named) or 'none'}.",
+        f"(p < {level}, each test by itself): {some(named, NAMED) or 'none'}.",
         f"Learners that solved less than {NEARLY_ALL:.0%} of these tests are not named, as the "
         "limit hides their effect."
         if (cut & (own["solved"] > 0)).any()

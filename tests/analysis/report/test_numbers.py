@@ -131,14 +131,14 @@ def test_every_trial_in_the_summary(folder, solved):
 
 def test_pages_of_learners_have_the_headline_and_what_is_published(folder, page, solved):
     with (folder / "tables" / "learner_oracle_human.csv").open(newline="") as file:
-        rows = {row["Condition"]: row for row in csv.DictReader(file)}  # the last trial of each
+        rows = {row["condition"]: row for row in csv.DictReader(file)}  # the last trial of each
     for condition, people in (("CC4", 6.45), ("CE4", 9.425), ("CC3-CC4", 5.525)):
         mean = judged(solved, "oracle", condition).mean()
-        assert float(rows[condition]["Attempts"]) == pytest.approx(mean, rel=1e-5)
-        assert float(rows[condition]["People"]) == pytest.approx(people, abs=0.006)
-        away = float(rows[condition]["People"]) + float(rows[condition]["− People"])
+        assert float(rows[condition]["attempts"]) == pytest.approx(mean, rel=1e-5)
+        assert float(rows[condition]["human_attempts"]) == pytest.approx(people, abs=0.006)
+        away = float(rows[condition]["human_attempts"]) + float(rows[condition]["difference"])
         assert away == pytest.approx(mean, abs=1e-4)
-    shown = next(rows for rows in page.tables if rows[0][:2] == ["Condition", "Phase"])
+    shown = next(rows for rows in page.tables if rows[0][:2] == ["condition", "phase"])
     assert [*{row[0]: row[5] for row in shown[1:]}.values()] == ["3.00"] * 3
 
 
