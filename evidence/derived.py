@@ -26,11 +26,11 @@ def distances_from_people(study: Study, units: pd.DataFrame) -> pd.DataFrame:
     trials, like = beside_people(study, units)
     played = trials[trials["learner"].isin(like.points)]
     table = beside_null_models(like, played, study.file.fitted)
-    effects = like.table[["learner", "shown"]].rename(columns={"shown": "effects"})
-    table = table.merge(effects.astype({"effects": "Int64"}), on="learner", how="left")
+    effects = {name: own["like_people"].sum() for name, own in like.effects.items()}
     model = points_of_model()["mean"].to_numpy()
     far = {name: distance(own.assign(people_mean=model))[0] for name, own in like.points.items()}
-    return table.assign(model=table["learner"].map(far))
+    learners = table["learner"]
+    return table.assign(effects=learners.map(effects).astype("Int64"), model=learners.map(far))
 
 
 def beside_people(study: Study, units: pd.DataFrame) -> tuple[pd.DataFrame, Likeness]:

@@ -123,7 +123,7 @@ def fit_to_means(space: SearchSpace, how: FitSettings, workers: int, folder: Pat
             "dim",
         )
     console.print_line("\nWhat people show, differences in attempts", "bold")
-    effects = fitted.effects.set_index("effect").drop(columns="df")
+    effects = fitted.effects.set_index("effect")
     effects["p < .05"] = effects["like_people"] & (effects["p"] < CLEAR)
     effects["p"] = effects["p"].map("{:.2g}".format)
     yes = {True: "yes", False: "no"}

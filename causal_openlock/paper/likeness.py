@@ -21,7 +21,6 @@ is fitted to. What a distance is worth is the question of
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -42,7 +41,6 @@ from causal_openlock.paper.published import (
     people,
     people_in_training,
 )
-from causal_openlock.paper.significance import contrast_test
 
 PUBLISHED_MODEL = "published model"
 TRAINING_MODEL = "model of CogSci 2019"
@@ -93,22 +91,6 @@ EFFECTS = (
     ),
 )
 """People's effects at the fourteen points; the last four are tested in the paper as well."""
-
-
-@cache
-def published_points() -> pd.DataFrame:
-    """People's and the published model's means and error bars at each of the fourteen points.
-
-    Nobody may change them.
-
-    Columns: :data:`~causal_openlock.paper.published.POINT`, and for people and
-    model ``X_subjects``, ``X_mean`` and ``X_se``, in attempts.
-    """
-    both = [
-        table.set_index(POINT)[MEANS].add_prefix(f"{name}_")
-        for name, table in (("people", people()), ("model", model()))
-    ]
-    return both[0].join(both[1], validate="one_to_one").reset_index()
 
 
 def points_of(trials: pd.DataFrame, reference: pd.DataFrame | None = None) -> pd.DataFrame:
@@ -202,8 +184,8 @@ def effects_of(points: pd.DataFrame, trials: pd.DataFrame | None = None) -> pd.D
 
     Returns:
         One row for each of :data:`EFFECTS` that there are points for: ``effect``, ``difference``
-        in attempts (positive in people), ``t``, ``df``, ``p`` and ``like_people``, whether the sign
-        is people's.
+        in attempts (positive in people), ``low`` and ``high``, its 95% interval, ``p`` of Student's
+        t and ``like_people``, whether the sign is people's.
     """
     at = {
         (row.condition, row.phase, row.trial): Group.published(row.mean, row.se, int(row.subjects))
@@ -214,42 +196,27 @@ def effects_of(points: pd.DataFrame, trials: pd.DataFrame | None = None) -> pd.D
     for name, _, weights in EFFECTS:
         if not all(place in at for place in weights):
             continue
-        if each is not None and len({condition for condition, *_ in weights}) == 1:
-            tested = _within(weights, each)
+        conditions = {condition for condition, *_ in weights}
+        if each is not None and len(conditions) == 1:
+            attempts, places = at_places(each[each["condition"].isin(conditions)])
+            columns = [places.index((phase, trial)) for _, phase, trial in weights]
+            groups = [Group.of(attempts[:, columns] @ [*weights.values()])]
         else:
-            found = contrast_test([at[place] for place in weights], [*weights.values()])
-            t = float(np.copysign(np.sqrt(found.value), found.difference))
-            tested = found.difference, t, found.df[1], found.p
-        rows.append((name, *tested, tested[0] > 0))
-    return pd.DataFrame(rows, columns=["effect", "difference", "t", "df", "p", "like_people"])
-
-
-def _within(
-    weights: Mapping[tuple[str, str, int], float], each: pd.DataFrame
-) -> tuple[float, float, int, float]:
-    """An effect within subjects: the mean of each one's weighted sum, tested against zero."""
-    condition = next(iter(weights))[0]
-    attempts, places = at_places(each[each["condition"] == condition])
-    columns = [places.index((phase, trial)) for _, phase, trial in weights]
-    sums = attempts[:, columns] @ [*weights.values()]
-    group = Group.of(sums)
-    if not group.variance:  # as of a single subject
-        return group.mean, float("nan"), group.size - 1, float("nan")
-    t = group.mean / float(np.sqrt(group.variance / group.size))
-    return group.mean, t, group.size - 1, weighted_difference([group]).p
+            groups = [at[place]._replace(weight=weight) for place, weight in weights.items()]
+        found = weighted_difference(groups, pooled=True)
+        rows.append((name, *found, found.value > 0))
+    columns = ["effect", "difference", "low", "high", "p", "like_people"]
+    return pd.DataFrame(rows, columns=columns)
 
 
 class Likeness(NamedTuple):
     """Learners compared with people, and the published model.
 
     Attributes:
-        table: The nearest first: ``learner``, ``rmse`` in attempts, and ``shown``, how many effects
-            have people's sign.
-        points: By learner, in that order, as :func:`points_of` gives them.
+        points: By learner, the nearest first, as :func:`points_of` gives them.
         effects: By learner, as :func:`effects_of` gives them.
     """
 
-    table: pd.DataFrame
     points: dict[str, pd.DataFrame]
     effects: dict[str, pd.DataFrame]
 
@@ -270,15 +237,12 @@ def likeness(trials: pd.DataFrame, people: Beside, learners: Sequence[str]) -> L
         return None
     found = points_of(trials)
     points = {name: found[found["learner"] == name] for name in learners}
-    points = {name: own for name, own in points.items() if len(own) == len(published_points())}
+    points = {name: own for name, own in points.items() if len(own) == len(points_of_people())}
     if not points:
         return None
     effects = {name: effects_of(own, trials[trials["learner"] == name])
                for name, own in points.items()}  # fmt: skip
     points[PUBLISHED_MODEL] = points_of_model()
     effects[PUBLISHED_MODEL] = effects_of(points[PUBLISHED_MODEL])
-    rmse = {name: distance(own)[0] for name, own in points.items()}
-    order = sorted(points, key=rmse.__getitem__)
-    rows = [(name, rmse[name], int(effects[name]["like_people"].sum())) for name in order]
-    table = pd.DataFrame(rows, columns=["learner", "rmse", "shown"])
-    return Likeness(table, {name: points[name] for name in order}, effects)
+    nearest_first = sorted(points, key=lambda name: distance(points[name]))
+    return Likeness({name: points[name] for name in nearest_first}, effects)

@@ -52,8 +52,8 @@ def section(material: Material) -> Section | None:
         title = "Distance from references"
         return Section("human_likeness", title, tables=others) if others else None
     beside = beside_null_models(like, material.trials)
-    rmse = like.table.set_index("learner")["rmse"]
-    nearest = next(name for name in rmse.index if name != PUBLISHED_MODEL)
+    rmse = beside.set_index("learner")["rmse"]
+    nearest = next(name for name in like.points if name != PUBLISHED_MODEL)
     ceiling, fit = noise_ceiling(points_of_people()), misfit(like.points[nearest])
     shown = like.effects[nearest]["like_people"].sum()
     answer = (

@@ -273,23 +273,31 @@ def beside_null_models(
     played = {str(name): own for name, own in trials.groupby("learner", observed=True)}
     drawn = {name: drawn_means(own, played.get(name), rng) for name, own in like.points.items()}
     nearest = next(name for name in like.points if name in played)
-    training = training_points_of(trials)
+    people, in_training = points_of_people(), training_points_of(trials)
+    models = {
+        name: (own, in_training[in_training["learner"] == name], fitted.get(name, 0))
+        for name, own in like.points.items()
+    }
+    models[CURVE] = null_curve(), people[:0], CURVE_NUMBERS
+    models[TRAINING_MODEL] = people[:0], training_points_of_model(), 0
+    # A perfect model deviates by people's standard errors alone.
+    perfect = [own.assign(mean=own["people_mean"] + _error(own, "people_"))
+               for own in (people, training_points_of_model())]  # fmt: skip
+    models[PERFECT] = *perfect, 0
     rows = []
-    for name, points in like.points.items():
-        row = _row(name, points, training[training["learner"] == name], fitted.get(name, 0))
-        if name != nearest:
+    for name, (points, training, numbers) in models.items():
+        test = points["phase"] == "test"
+        row: dict[str, object] = {"learner": name, "ceiling": noise_ceiling(points, numbers).both}
+        parts = (points, points[~test], points[test], training)
+        for part, title, own in zip(_PARTS, _MISFITS, parts, strict=True):
+            row[part] = distance(own)[0]
+            # How many of the fitted numbers count in a part of the points is not known.
+            if not numbers or part in ("rmse", "all"):
+                row[title] = misfit(own, numbers if part == "rmse" else 0).in_words or None
+        if name in drawn and name != nearest:
             pair = (points, like.points[nearest]), (drawn[name], drawn[nearest])
             row |= rmse_difference(*pair, rng)._asdict()
-        rows.append(row)
-    rows.append(_row(CURVE, null_curve(), fitted=CURVE_NUMBERS))
-    trained = training_points_of_model()
-    rows.append(_row(TRAINING_MODEL, None, trained))
-    # A perfect model deviates by people's standard errors alone.
-    perfect = [
-        own.assign(mean=own["people_mean"] + _error(own, "people_"))
-        for own in (points_of_people(), trained)
-    ]
-    rows.append({**_row(PERFECT, *perfect), **dict.fromkeys([*_MISFITS, "ceiling"])})
+        rows.append(row if name != PERFECT else {**row, **dict.fromkeys([*_MISFITS, "ceiling"])})
     columns = [name for both in zip(_PARTS, _MISFITS, strict=True) for name in both]
     table = pd.DataFrame(rows, columns=["learner", *columns, "ceiling", *Difference._fields])
     return table.sort_values("rmse", kind="stable", ignore_index=True)
@@ -297,25 +305,3 @@ def beside_null_models(
 
 _PARTS = ("rmse", "baselines", "tests", "all")
 _MISFITS = ("misfit", *(f"misfit_{part}" for part in _PARTS[1:]))
-
-
-def _row(
-    name: str,
-    points: pd.DataFrame | None,
-    training: pd.DataFrame | None = None,
-    fitted: int = 0,
-) -> dict[str, object]:
-    """Distances over all points and parts of them, and in training; the ceiling."""
-    row: dict[str, object] = {"learner": name}
-    parts = [points, None, None, training]
-    if points is not None:
-        test = points["phase"] == "test"
-        parts[1:3] = points[~test], points[test]
-        row["ceiling"] = noise_ceiling(points, fitted).both
-    for part, title, own in zip(_PARTS, _MISFITS, parts, strict=True):
-        if own is not None and len(own):
-            row[part] = distance(own)[0]
-            # How many of the fitted numbers count in a part of the points is not known.
-            if not fitted or part in ("rmse", "all"):
-                row[title] = misfit(own, fitted if part == "rmse" else 0).in_words
-    return row

@@ -39,7 +39,6 @@ from causal_openlock.paper.likeness import (
     points_of,
     points_of_model,
     points_of_people,
-    published_points,
 )
 from causal_openlock.schemas.finding import bundled
 from causal_openlock.testing import LearnerContract
@@ -251,7 +250,7 @@ def test_the_fitted_learner_is_written_as_an_experiment_that_can_be_run(tmp_path
     assert experiment.seed not in (3, 4, 5)
     points = pd.read_csv(tmp_path / "points.csv")
     assert points["held_out"].tolist() == [False] * 10 + [True] * 4
-    assert (points[POINT].to_numpy() == published_points()[POINT].to_numpy()).all()
+    assert (points[POINT].to_numpy() == points_of_people()[POINT].to_numpy()).all()
     distances, _ = fitted.compared()
     far = distances.loc["published model", "all 14 points"]
     assert far == pytest.approx(3.057, abs=1e-3)

@@ -18,9 +18,9 @@ from causal_openlock.paper.likeness import (
     points_of,
     points_of_model,
     points_of_people,
-    published_points,
 )
 from causal_openlock.paper.likeness_figure import MOST_DRAWN, draw_points, plot_likeness, signs
+from causal_openlock.paper.published import POINT, model
 from causal_openlock.paper.significance import contrast_test
 from support.fabricated_records import table
 from support.made_up_experiments import BESIDE_ALL, NOBODY
@@ -46,7 +46,7 @@ def by_name(effects, name):
 
 
 def test_there_are_ten_points_of_baselines_and_four_of_tests():
-    points = published_points()
+    points = points_of_people()
     assert len(points) == 14
     assert (points["phase"] == "train").sum() == 10
     assert points["people_se"].gt(0).all()
@@ -55,8 +55,8 @@ def test_there_are_ten_points_of_baselines_and_four_of_tests():
 def test_the_published_model_is_three_attempts_from_people():
     attempts, errors = distance(points_of_model())
     assert attempts == pytest.approx(3.06, abs=0.005)
-    table = published_points()
-    off = (table["model_mean"] - table["people_mean"]) / table["people_se"]
+    people = points_of_people()
+    off = (model()["mean"] - people["mean"]) / people["se"]
     assert errors == pytest.approx(np.sqrt((off**2).mean()))
 
 
@@ -65,8 +65,10 @@ def test_people_show_every_effect_and_the_published_model_all_but_one():
     assert effects["like_people"].all()
     printed = {"CE harder, last trial": 2.00, "congruency, CC4": 2.62, "congruency, CE4": 4.27}
     for name, t in printed.items():
-        assert effects.loc[name, "df"] == 78
-        assert effects.loc[name, "t"] == pytest.approx(t, abs=0.005)
+        assert effects.loc[name, "p"] == pytest.approx(2 * stats.t.sf(t, 78), rel=0.02)
+        half = effects.loc[name, "high"] - effects.loc[name, "difference"]
+        error = effects.loc[name, "difference"] / t
+        assert half == pytest.approx(stats.t.ppf(0.975, 78) * error, rel=0.005)
     missing = effects_of(points_of_model()).query("not like_people")
     assert missing["effect"].tolist() == ["congruency, CC4"]
 
@@ -76,7 +78,7 @@ def test_people_show_every_effect_and_the_published_model_all_but_one():
 
 def test_the_distance_is_the_root_mean_square_over_points():
     points = points_of(made_up(off=2.0))
-    error = published_points()["people_se"].to_numpy()
+    error = points_of_people()["se"].to_numpy()
     assert distance(points) == pytest.approx((2.0, np.sqrt((4 / error**2).mean())))
     assert distance(points_of(made_up()))[0] == pytest.approx(0.0, abs=1e-12)
     two = points_of_people().iloc[:2].copy()  # up and down do not cancel
@@ -88,8 +90,7 @@ def test_points_come_in_the_order_of_publication_with_the_mean_over_subjects():
     trials = made_up(seed=3)
     training = trials.query("condition == 'CC3-CC4'").assign(phase="train")  # is no point
     points = points_of(pd.concat([trials, training]).sample(frac=1, random_state=1))
-    order = ["condition", "trial"]
-    assert (points[order].to_numpy() == published_points()[order].to_numpy()).all()
+    assert (points[POINT].to_numpy() == points_of_people()[POINT].to_numpy()).all()
     own = trials.query("condition == 'CE4' and trial == 2")["attempts"]
     point = points.query("condition == 'CE4' and trial == 2").iloc[0]
     assert point["mean"] == pytest.approx(own.mean())
@@ -121,17 +122,19 @@ def test_learning_of_a_learner_is_tested_within_its_subjects():
     )
     expected = stats.ttest_rel(own[1], own[5])
     found = by_name(effects_of(points_of(trials), trials), "learning, CC4")
-    assert found["t"] == pytest.approx(expected.statistic)
-    assert found["df"] == 11
+    interval = expected.confidence_interval()
+    assert [found["p"], found["low"], found["high"]] == pytest.approx([expected.pvalue, *interval])
     # From means alone it is a comparison of two groups.
-    assert by_name(effects_of(points_of(trials)), "learning, CC4")["df"] == 22
-    last = trials["trial"] == 5  # a gain that is the same in every subject has no t
+    apart = by_name(effects_of(points_of(trials)), "learning, CC4")
+    assert apart["p"] == pytest.approx(stats.ttest_ind(own[1], own[5]).pvalue)
+    last = trials["trial"] == 5  # a gain that is the same in every subject has no interval
     first = trials[trials["trial"] == 1].set_index(["condition", "subject"])["attempts"]
     at = pd.MultiIndex.from_frame(trials.loc[last, ["condition", "subject"]])
     trials.loc[last, "attempts"] = first.reindex(at).to_numpy() - 2
     found = by_name(effects_of(points_of(trials), trials), "learning, CC4")
-    assert (found["difference"], found["df"]) == (pytest.approx(2), 11)
-    assert np.isnan(found["t"])
+    assert found["difference"] == pytest.approx(2)
+    assert np.isnan(found["low"])
+    assert found["p"] == pytest.approx(2 / 2**12)  # the sign test
 
 
 def test_an_effect_in_the_other_direction_or_of_no_size_is_none():
@@ -144,7 +147,7 @@ def test_an_effect_in_the_other_direction_or_of_no_size_is_none():
     assert by_name(effects, "congruency, CE4")["difference"] == pytest.approx(-6.025)
     none = effects_of(points_of_people().assign(mean=5.0, se=0.0))
     assert not none["like_people"].any()
-    assert none["t"].isna().all()
+    assert none["p"].isna().all()
 
 
 def test_the_nearest_stands_first_and_a_learner_with_fewer_points_is_left_out():
@@ -152,9 +155,11 @@ def test_the_nearest_stands_first_and_a_learner_with_fewer_points_is_left_out():
     assert effects_of(points_of(part))["effect"].tolist() == ["learning, CC4"]
     trials = pd.concat([made_up("far", off=-4.0), part, made_up("near", off=0.5)])
     like = likeness(trials, BESIDE_ALL[1], ["far", "part", "near"])
-    assert [*like.points] == like.table["learner"].tolist() == ["near", PUBLISHED_MODEL, "far"]
-    assert like.table["rmse"].tolist() == pytest.approx([0.5, 3.057, 4.0], abs=1e-3)
-    assert like.table["shown"].tolist() == [len(EFFECTS), len(EFFECTS) - 1, len(EFFECTS)]
+    rmse = {name: distance(own)[0] for name, own in like.points.items()}
+    assert [*rmse] == ["near", PUBLISHED_MODEL, "far"]
+    assert [*rmse.values()] == pytest.approx([0.5, 3.057, 4.0], abs=1e-3)
+    shown = [like.effects[name]["like_people"].sum() for name in rmse]
+    assert shown == [len(EFFECTS), len(EFFECTS) - 1, len(EFFECTS)]
 
 
 # -- the section ----------------------------------------------------------------------------------

@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from causal_openlock.paper.likeness import published_points
+from causal_openlock.paper.published import people
 
 
 def made_up(name: str = "a", subjects: int = 12, off: float = 0.0, seed: int = 0) -> pd.DataFrame:
     """Trials of a learner whose means are people's, but for ``off``, and a little luck."""
     rng = np.random.default_rng(seed)
     rows = []
-    for point in published_points().itertuples():
+    for point in people().itertuples():
         luck = rng.normal(0, 1, subjects)
-        attempts = point.people_mean + off + luck - luck.mean()
+        attempts = point.mean + off + luck - luck.mean()
         rows += [
             (name, point.condition, "human", "made up", 1, subject, point.phase, 1, point.trial,
              value, value / 2, True)
