@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
@@ -61,7 +61,6 @@ def run(
     progress: Callable[[RunProgress], None] | None = None,
     watching: Watching | None = None,
     time_limit: float | None = None,
-    elsewhere: Collection[str] = (),
 ) -> Store:
     """Run the cells of an experiment that are not done yet.
 
@@ -80,7 +79,6 @@ def run(
         watching: How often checkpoints are taken inside a cell, and what is logged.
         time_limit: Seconds after which a cell is ended, counted from its start or continuation, by
             a process of this machine. It counts as failed, and keeps its checkpoint.
-        elsewhere: File names of cells that are not played, as their results are kept elsewhere.
 
     Raises:
         CellsFailed: If cells failed, after all others were played; ``errors`` has the reasons.
@@ -121,7 +119,7 @@ def run(
         place = store.folder.resolve()  # a worker may be in another directory
         code = store_code(experiment, place)
         playing = _Run(store, cells, warn, progress or (lambda standing: None))
-        playing.jobs = jobs = playing.missing(elsewhere, retry_failed)
+        playing.jobs = jobs = playing.missing(retry_failed)
         if jobs and not allow_version:
             store.require_versions()
         if jobs and not here:  # cells there end when this file is gone
@@ -183,12 +181,11 @@ class _Run:
     losses: dict[str, tuple[int, int]] = field(default_factory=dict)
     paces: dict[str, float] = field(default_factory=dict)  # seconds of an attempt, by learner
 
-    def missing(self, elsewhere: Collection[str], retry_failed: bool) -> deque[Cell]:
+    def missing(self, retry_failed: bool) -> deque[Cell]:
         """The cells that have to be played, in order."""
         for cell in self.cells:
             path = self.store.path(cell)
-            fault = None if cell.file_name in elsewhere else self.store.check(cell)
-            if fault is None:
+            if (fault := self.store.check(cell)) is None:
                 self.is_done(cell)
                 continue
             if retry_failed:
