@@ -14,6 +14,7 @@ IPython runs, what notebooks show.
 from __future__ import annotations
 
 import sys
+import warnings
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,6 @@ from typing import Any
 import lazy_loader
 from gymnasium.envs.registration import register, registry
 
-from causal_openlock.errors import renamed
 from causal_openlock.version import __version__ as __version__
 
 _public, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
@@ -33,7 +33,8 @@ def __getattr__(name: str) -> Any:
         for line in Path(__file__).with_name("moved.txt").read_text(encoding="utf-8").splitlines():
             moved, module, now = line.split()
             if moved == name:
-                renamed(f"causal_openlock.{name}", f"imported by: from {module} import {now}")
+                text = f"causal_openlock.{name} is now imported by: from {module} import {now}"
+                warnings.warn(text, DeprecationWarning, stacklevel=2)
                 return getattr(import_module(module), now)
     return _public(name)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import traceback
-import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -169,8 +168,3 @@ def in_short(error: BaseException) -> str:
     if isinstance(error, OpenLockError):
         return text[:2000]
     return text if len(text) <= 200 else f"{text[:200].rpartition(' ')[0] or text[:199]} …"
-
-
-def renamed(former: str, present: str) -> None:
-    """Warn that something has another name now; the former one stays for one release."""
-    warnings.warn(f"{former} is now {present}", DeprecationWarning, stacklevel=3)
