@@ -39,7 +39,8 @@ evidence: .venv/installed # play a study, as NAME=worth_rooms; without a name, l
 evidence-check: .venv/installed # that all numbers and verdicts follow from what is stored
 	$(RUN) evidence --check
 json-schemas: .venv/installed # the JSON Schemas that editors use, after a file format has changed
-	$(RUN) causal_openlock.experiment.json_schemas
+	$(BIN)/python -c "import json; from causal_openlock.schemas.schema import json_schema; print(json.dumps(json_schema(), indent=2))" > schemas/schema.json
+	$(BIN)/python -c "import json; from causal_openlock.experiment.declare import json_schema; print(json.dumps(json_schema(), indent=2))" > experiments/schema.json
 lock: # the exact versions of everything, from a fresh environment: constraints.txt
 	rm -rf .venv-lock && $(PYTHON) -m venv .venv-lock
 	.venv-lock/bin/python -m pip install -q torch==2.13.0 -e ".[test,notebooks]"

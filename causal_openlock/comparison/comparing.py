@@ -30,13 +30,12 @@ from causal_openlock.experiment.making import (
     listed,
     make_experiment,
 )
-from causal_openlock.experiment.plan import too_short_to_learn
+from causal_openlock.experiment.plan import warnings_of
 from causal_openlock.files.atomic import folder_at
 from causal_openlock.files.validation import known_arguments
 from causal_openlock.running.runner import run
 from causal_openlock.running.worker import Watching
-from causal_openlock.storage.store import Store
-from causal_openlock.storage.stored import StoredExperiment
+from causal_openlock.storage.store import Store, StoredExperiment
 from causal_openlock.world.rewards import RewardForm
 
 if TYPE_CHECKING:
@@ -171,7 +170,7 @@ def play(
         OpenLockError: If what is asked for cannot be done.
     """
     reasons = experiment.reasons if experiment.cells() else ()  # else it is an error
-    for warning in [*experiment.warnings(), *too_short_to_learn(experiment), *reasons]:
+    for warning in [*warnings_of(experiment), *reasons]:
         warn(warning)
     try:
         run(experiment, folder, warn=warn, progress=progress, **options)

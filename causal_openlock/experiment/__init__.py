@@ -4,7 +4,6 @@
 ``declare``       What an experiment is: protocols, conditions, learners, cells.
 ``making``        Declaring one in Python, and changing what a file declares.
 ``file``          Experiment files: YAML in.
-``json_schemas``  The JSON Schemas that editors use.
 ``origin``        The code of a learner, which distinguishes results.
 ``plan``          The trials of a subject, drawn from its condition and protocol.
 ``session``       B subjects play the trials of a condition.

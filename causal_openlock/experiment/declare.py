@@ -55,7 +55,7 @@ from causal_openlock.files.validation import (
 from causal_openlock.schemas.finding import SUFFIXES, bundled_schemas, find_schema
 from causal_openlock.schemas.schema import JSON_SCHEMA_ID, NAME, Schema
 from causal_openlock.version import RESULTS_VERSION
-from causal_openlock.wording import counted, joined, nearest
+from causal_openlock.wording import joined, nearest
 from causal_openlock.world.reward_code import OwnReward
 from causal_openlock.world.rewards import (
     PAPER_REWARD,
@@ -604,13 +604,6 @@ class LearnerSpec(Part):
         """The learner's recorded origin, or that of the installed code."""
         return self.recorded or origin_of(self.learner, self.parameters)
 
-    @property
-    def first_update(self) -> int:
-        """Actions of a subject before the first that the learner can learn from."""
-        parameters = parse_parameters(self.learner, self.parameters)
-        first: int = answer_of(self.learner, "first_update", int, parameters)
-        return first
-
     def cannot_play(self, condition: Condition) -> str:
         """Why the learner cannot play a condition, in a sentence; empty if it can."""
         if self.recorded is not None:  # its code need not be installed
@@ -825,16 +818,6 @@ class Experiment(Part):
             entry["train"] = [trials.as_file() for trials in condition.train]
             entry["test"] = [trials.as_file() for trials in condition.test]
         return {**data, "learners": [spec.as_file() for spec in self.learners]}
-
-    def warnings(self) -> list[str]:
-        """A sentence for each schema that cannot be solved under a protocol."""
-        return [
-            f"{schema.name} has {len(schema.solutions)} solutions and protocol {protocol.name} "
-            f"gives {counted(protocol.attempt_limit, 'attempt')}, so its trials cannot be solved"
-            for protocol in self.protocols
-            for schema in self.schemas
-            if len(schema.solutions) > protocol.attempt_limit
-        ]
 
     @cached_property
     def identity(self) -> str:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import product
 from typing import Any
 
 import numpy as np
 
+from causal_openlock.contract.registry import parse_parameters
 from causal_openlock.errors import ExperimentError
 from causal_openlock.experiment.declare import (
     SHOWN,
@@ -18,6 +20,7 @@ from causal_openlock.experiment.declare import (
     Protocol,
     Trials,
 )
+from causal_openlock.experiment.origin import answer_of
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.wording import counted
 from causal_openlock.world.room import Layout, positions_for, published_layouts
@@ -148,11 +151,17 @@ def check_trial(trial: int, trials: int, where: str) -> None:
         raise ExperimentError(f"{where} has no trial {trial}; choose one from 1 to {trials}")
 
 
-def too_short_to_learn(experiment: Experiment) -> list[str]:
-    """A sentence for each learner that learns, by its numbers, after all that a subject can do."""
-    warnings = []
+def warnings_of(experiment: Experiment) -> list[str]:
+    """A sentence for each schema that cannot be solved, and for each learner that never learns."""
+    warnings = [
+        f"{schema.name} has {len(schema.solutions)} solutions and protocol {protocol.name} "
+        f"gives {counted(protocol.attempt_limit, 'attempt')}, so its trials cannot be solved"
+        for protocol, schema in product(experiment.protocols, experiment.schemas)
+        if len(schema.solutions) > protocol.attempt_limit
+    ]
     for spec in experiment.learners:
-        first = 0 if spec.recorded else spec.first_update
+        parameters = parse_parameters(spec.learner, spec.parameters)
+        first = answer_of(spec.learner, "first_update", int, parameters)
         most = 0
         for condition in experiment.conditions if first else ():
             if condition.name not in experiment.not_applicable.get(spec.name, {}):

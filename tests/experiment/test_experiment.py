@@ -16,10 +16,11 @@ from causal_openlock.errors import FileError
 from causal_openlock.experiment.declare import PAPER_CONDITIONS, Condition, find_condition
 from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.making import Changes, learner, make_experiment, sweep
+from causal_openlock.experiment.plan import warnings_of
 from causal_openlock.files.yaml_file import dump_yaml
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.schemas.graphs import write_schema
-from causal_openlock.storage.stored import parse_experiment
+from causal_openlock.storage.store import parse_experiment
 from support.any_experiment import experiments
 
 SMALL = """\
@@ -159,7 +160,7 @@ def test_a_file_with_no_name_has_no_other_fault(line, tmp_path):
 def test_trials_with_more_solutions_than_attempts_are_warned_about():
     def warnings(attempt_limit):
         made = make_experiment(["two_of_four", "CC3"], "random", attempt_limit=attempt_limit)
-        return made.warnings()
+        return warnings_of(made)
 
     (warning,) = warnings(5)
     for word in ("two_of_four", "6 solutions", "5 attempts"):
