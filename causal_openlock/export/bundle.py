@@ -34,7 +34,7 @@ from causal_openlock.experiment.record import played, record_schema
 from causal_openlock.files.atomic import replacing
 from causal_openlock.files.yaml_file import dump_yaml
 from causal_openlock.storage.own_code import stored_code, stored_files
-from causal_openlock.storage.stored import StoredExperiment
+from causal_openlock.storage.store import StoredExperiment
 from causal_openlock.usercode.session_code import is_of_session
 from causal_openlock.version import RESULTS_VERSION
 from causal_openlock.world.reward_code import OwnReward

@@ -48,7 +48,7 @@ from causal_openlock.scoring.recorded import Recorded, recorded_subjects, subjec
 from causal_openlock.scoring.score_table import GROUP
 from causal_openlock.scoring.scores import Scores, score_learners, scores_of
 from causal_openlock.scoring.teacher_forcing import EXACT, scored_parts
-from causal_openlock.storage.stored import StoredExperiment
+from causal_openlock.storage.store import StoredExperiment
 from causal_openlock.wording import joined
 
 if TYPE_CHECKING:

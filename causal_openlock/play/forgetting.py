@@ -21,8 +21,7 @@ from causal_openlock.play.people import dealt
 from causal_openlock.play.person import LEARNER
 from causal_openlock.play.recruiting import RECRUITED, read_identifiers, write_identifiers
 from causal_openlock.storage.folder_lock import locked
-from causal_openlock.storage.store import LOG, Store
-from causal_openlock.storage.stored import StoredExperiment
+from causal_openlock.storage.store import LOG, Store, StoredExperiment
 
 DATA = ("cells", REACTIONS, STRUCTURES)
 """The folders that have a file for each person."""

@@ -20,8 +20,7 @@ from typing import NamedTuple
 from causal_openlock.experiment.declare import Cell
 from causal_openlock.experiment.plan import trials_of
 from causal_openlock.storage.beside_cell import failures_of, reported_progress
-from causal_openlock.storage.store import Store
-from causal_openlock.storage.stored import StoredExperiment
+from causal_openlock.storage.store import Store, StoredExperiment
 
 QUIET = 120.0  # seconds without a report after which a cell counts as stopped
 

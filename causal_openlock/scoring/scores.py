@@ -32,8 +32,7 @@ from causal_openlock.scoring.model_selection import frequencies_of, select_model
 from causal_openlock.scoring.recorded import ATTEMPT, record_digest
 from causal_openlock.scoring.score_table import GROUP, read_scores, write_scores
 from causal_openlock.scoring.teacher_forcing import EXACT, score_actions
-from causal_openlock.storage.store import Store
-from causal_openlock.storage.stored import StoredExperiment
+from causal_openlock.storage.store import Store, StoredExperiment
 from causal_openlock.wording import joined, nearest
 from causal_openlock.world.room import action_names, positions_for
 

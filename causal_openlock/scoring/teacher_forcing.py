@@ -25,7 +25,7 @@ from causal_openlock.running.workers import worker_pool
 from causal_openlock.scoring.inverse_binomial import Draws, by_draws
 from causal_openlock.scoring.recorded import Recorded, recorded_subjects
 from causal_openlock.scoring.score_table import COLUMNS
-from causal_openlock.storage.stored import StoredExperiment
+from causal_openlock.storage.store import StoredExperiment
 from causal_openlock.wording import nearest
 
 if TYPE_CHECKING:

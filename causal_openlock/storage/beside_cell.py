@@ -15,6 +15,7 @@ from causal_openlock.files.atomic import sweep, write_bytes
 
 AWAITED = ".awaited-"  # begins the names of files that are there while a run waits for its workers
 CHECKPOINT, PROGRESS = ".checkpoint", ".progress"
+ERRORS = "errors"
 COUNT = "\nfailures: "
 MOST_SECONDS = 1e9  # upper bound of a cell's time: thirty years
 
@@ -50,7 +51,7 @@ def remove_files_of(record: Path) -> None:
 
 def failure_file(record: Path) -> Path:
     """The path of the reason why a cell failed."""
-    return record.parents[1] / "errors" / f"{record.stem}.txt"
+    return record.parents[1] / ERRORS / f"{record.stem}.txt"
 
 
 def failures_of(record: Path) -> tuple[int, str]:
@@ -77,10 +78,10 @@ def keep_failure(record: Path, cell: Cell, what: str, trace: str, failures: int 
 
 def tidy(folder: Path, names: Collection[str]) -> None:
     """Remove what killed runs left, and checkpoints and errors of cells without these names."""
-    cells, errors = folder / "cells", folder / "errors"
+    cells = folder / "cells"
     sweep(folder)
     sweep(cells)
-    leftovers = [*cells.glob(f"*{CHECKPOINT}"), *(errors.iterdir() if errors.exists() else ())]
+    leftovers = [*cells.glob(f"*{CHECKPOINT}"), *(folder / ERRORS).glob("*")]
     leftovers = [path for path in leftovers if path.stem not in names]
     for path in [*leftovers, *folder.glob(f"{AWAITED}*"), *cells.glob(f"*{PROGRESS}")]:
         path.unlink(missing_ok=True)

@@ -21,11 +21,13 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import replace
+from dataclasses import field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from causal_openlock.errors import OpenLockError, StoreError
+from pydantic import AliasChoices, Field, ValidationError
+
+from causal_openlock.errors import OpenLockError, StoreError, in_short
 from causal_openlock.experiment.beside_record import unwritten_actions
 from causal_openlock.experiment.declare import Cell, Experiment
 from causal_openlock.experiment.plan import trials_of
@@ -38,10 +40,9 @@ from causal_openlock.files.checksums import (
     table_bytes,
 )
 from causal_openlock.files.digest import digest
-from causal_openlock.files.validation import adapter, present
-from causal_openlock.storage.beside_cell import failures_of, tidy
+from causal_openlock.files.validation import adapter, errors_of, part, present
+from causal_openlock.storage.beside_cell import ERRORS, failures_of, tidy
 from causal_openlock.storage.folder_lock import Shard, locked
-from causal_openlock.storage.stored import StoredExperiment, parse_experiment
 from causal_openlock.storage.versions import Versions, merged_versions, other_versions, versions
 from causal_openlock.version import RESULTS_VERSION
 from causal_openlock.wording import counted
@@ -56,6 +57,26 @@ WARNINGS = b"causal_openlock.warnings"
 
 LOG = "log.jsonl"
 """The actions of people, in a folder of ``play``; see :mod:`causal_openlock.play.log`."""
+
+
+@part(kw_only=True)
+class StoredExperiment(Experiment):
+    """An experiment read from a results folder, with the state of its cells.
+
+    Stored parameters stay as they are.
+    """
+
+    identity: str = ""  #: its identity when it was run
+    files: Annotated[tuple[str, ...], Field(validation_alias=AliasChoices("cells", "files"))] = ()
+    """Names of the files of its cells."""
+    versions: Versions = field(default_factory=dict)  #: that it, or its record, was made with
+    missing: tuple[str, ...] = ()  #: names of the missing cells
+    failures: Mapping[str, str] = field(default_factory=dict)  #: why, by the name of the cell
+    not_applicable: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    """By learner and condition, why the learner could not play it."""
+    excluded: Mapping[str, int] = field(default_factory=dict)
+    """By the label of people, how many of them an analysis leaves out."""
+    warned: tuple[str, ...] = ()  #: warnings while its cells were played
 
 
 class Store:
@@ -96,6 +117,8 @@ class Store:
                 if to_declare:
                     self.declare(experiment, files)
                 self.cells.mkdir(exist_ok=True)
+                if (errors := self.folder / ERRORS).exists():
+                    errors.mkdir(exist_ok=True)  # which refuses a file
                 if shard is None:  # others may be at work beside a shard
                     tidy(self.folder, {Path(name).stem for name in files})
             except OSError as error:
@@ -351,3 +374,19 @@ class Store:
 
 def _damaged(path: Path, why: object) -> StoreError:
     return StoreError(f"{path} is damaged ({why}); the command that made it makes it again")
+
+
+def parse_experiment(data: Mapping[str, Any]) -> StoredExperiment:
+    """The experiment in the content of ``experiment.json``; no code that it names is loaded."""
+    try:
+        stored: StoredExperiment = adapter(StoredExperiment).validate_json(
+            json.dumps(data), context={"recorded": True}
+        )
+        return stored
+    except ValidationError as error:
+        fault = errors_of(error, StoredExperiment)[0]
+        if not fault.at:
+            raise StoreError("it is nested too deeply, or holds text that is not Unicode") from None
+        raise StoreError(f"{'.'.join(map(str, fault.at))}: {fault}") from None
+    except (LookupError, TypeError, AttributeError) as error:
+        raise StoreError(f"it holds something else ({in_short(error)})") from None

@@ -151,6 +151,11 @@ def test_file_plays_into_a_folder_and_learners_are_added(file, tmp_path):
     assert played_at(whole) == before
     assert played_at(ol.compare(ol.read_experiment(file), out=out, workers=0)) == before
     assert ol.compare(file, ["random"], subjects=1, workers=0).learners == ("random",)
+    file.write_text(file.read_text().replace("name: e", "name: own"))
+    before = played_at(ol.compare(file, out=tmp_path / "own", workers=0))
+    again = ol.compare(file, ["win_stay", "oracle"], out=tmp_path / "own", workers=0)
+    assert (again.experiment.name, again.learners) == ("own", ("win_stay", "oracle"))
+    assert played_at(again) == before
 
 
 def test_workers_decide_which_process_plays(monkeypatch):

@@ -28,7 +28,7 @@ from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.origin import Origin
 from causal_openlock.files.checksums import json_bytes, read_json
 from causal_openlock.schemas.finding import bundled_schemas
-from causal_openlock.storage.stored import StoredExperiment, parse_experiment
+from causal_openlock.storage.store import StoredExperiment, parse_experiment
 from causal_openlock.world.rewards import find_reward
 from support.fabricated_records import table
 

@@ -32,7 +32,7 @@ from causal_openlock.analysis.report.page import write_page
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Section, drawn
-from causal_openlock.storage.stored import StoredExperiment
+from causal_openlock.storage.store import StoredExperiment
 from causal_openlock.wording import counted, some
 
 MOST_DRAWN = 60

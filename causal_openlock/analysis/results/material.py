@@ -20,7 +20,7 @@ from causal_openlock.analysis.results.bounds import Bounds, ideal_bounds
 from causal_openlock.analysis.results.references import Beside, beside_any, references_beside
 from causal_openlock.analysis.results.summary import headline, summarise
 from causal_openlock.experiment.declare import PERSON
-from causal_openlock.storage.stored import StoredExperiment
+from causal_openlock.storage.store import StoredExperiment
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import pandas as pd
 
-from causal_openlock.storage.stored import StoredExperiment
+from causal_openlock.storage.store import StoredExperiment
 
 _CELL = re.compile(r"(.+)_(\d+)-(\d+)_[0-9a-f]{12}")
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from causal_openlock.experiment.declare import Condition, LearnerSpec
-    from causal_openlock.storage.stored import StoredExperiment
+    from causal_openlock.storage.store import StoredExperiment
 
 UNREAD = ("moved", "reward", "wall_time")
 """Columns that are not read: a quarter of a record, and of no use to analyses."""
