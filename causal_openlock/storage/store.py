@@ -281,17 +281,14 @@ class Store:
             table.validate(full=True)
             if any(column.null_count for column in table.columns):
                 raise ChecksumError("values are missing")
+            made_with = adapter(Versions).validate_json(metadata.get(VERSIONS, b"{}"))
+            warnings = adapter(list[str]).validate_json(metadata.get(WARNINGS, b"[]"))
         except FileNotFoundError:
             raise StoreError(f"{path} is missing; run compare again to make it") from None
         except (OSError, ChecksumError) as error:
             raise _damaged(path, error) from None
         except (pa.ArrowException, ValueError, KeyError):
-            raise _damaged(path, "its columns are not those of a record") from None
-        try:
-            made_with = adapter(Versions).validate_json(metadata.get(VERSIONS, b"{}"))
-            warnings = adapter(list[str]).validate_json(metadata.get(WARNINGS, b"[]"))
-        except ValueError:
-            raise _damaged(path, "it does not say what it was made with") from None
+            raise _damaged(path, "its columns or metadata are not those of a record") from None
         return table, made_with, warnings
 
     def write(self, cell: Cell, record: pa.Table, warnings: Sequence[str] = ()) -> None:

@@ -218,7 +218,7 @@ def test_tables_of_another_form_are_named_and_their_cells_played_again(experimen
     path.write_bytes(table_bytes(longer, metadata))
     assert contents(store).equals(before)
     path.write_bytes(table_bytes(table, {**metadata, b"causal_openlock.versions": b"[]"}))
-    with pytest.raises(StoreError, match="does not say what it was made with"):
+    with pytest.raises(StoreError, match="metadata are not those of a record"):
         store.record()
 
 
