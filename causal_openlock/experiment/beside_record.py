@@ -8,18 +8,16 @@ reaction times also hold the attempts of a trial that is not over yet, which a r
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pydantic import BaseModel, ValidationError
-
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.record import schema_of
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.files.checksums import ChecksumError, read_table, table_bytes
-from causal_openlock.files.validation import adapter
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -58,29 +56,19 @@ def write_reactions(path: Path, condition: str, subject: int, actions: Iterable[
     _write(path, rows, reactions_schema())
 
 
-class _Line(BaseModel):
-    """A line of a log of ``play``, as far as actions are counted."""
-
-    join: int | None = None
-    practice: bool = False
-    of: int | None = None
-    key: str | None = None
-    edges: Any = None
-    action: int | None = None
-
-
 def unwritten_actions(log: Path) -> int:
     """Number of actions in a log of ``play`` that the tables of its folder lack."""
     done: dict[int, int] = {}  # by person, once they have left the practice room
     for text in log.read_bytes().splitlines() if log.exists() else ():
-        with suppress(ValidationError):  # play says what is wrong
-            line = adapter(_Line).validate_json(text.partition(b"\t")[0])
-            if line.join is not None and not line.practice:
-                done[line.join] = 0
-            elif line.of is not None and (line.action, line.edges, line.key) == (None, None, None):
-                done[line.of] = 0
-            elif line.of in done and line.action is not None:
-                done[line.of] += 1
+        with suppress(ValueError, RecursionError):  # play says what is wrong
+            match json.loads(text.partition(b"\t")[0]):
+                case {"join": int(person), "practice": False}:
+                    done[person] = 0
+                case {"of": int(person), "action": int()}:
+                    if person in done:
+                        done[person] += 1
+                case {"of": int(person), "turn": _, **said} if said.get("edges") is None:
+                    done[person] = 0
     written = 0
     for path in (log.parent / REACTIONS).glob("*.parquet"):
         with suppress(OSError, ChecksumError):
