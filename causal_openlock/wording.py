@@ -12,16 +12,6 @@ def counted(number: int, one: str, many: str | None = None) -> str:
     return f"{number:,} {one if number == 1 else many or f'{one}s'}"
 
 
-def significant(number: float, digits: int = 4) -> int | float:
-    """A number as it is printed: a few significant digits, and whole ones without a point.
-
-    >>> significant(10.000000000000002), significant(0.123456), significant(0.123456, 6)
-    (10, 0.1235, 0.123456)
-    """
-    short = float(f"{number:.{digits}g}")
-    return int(short) if short.is_integer() else short
-
-
 def joined(names: Sequence[str]) -> str:
     """``a, b and c``; empty for none."""
     return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))

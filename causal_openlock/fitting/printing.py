@@ -25,7 +25,7 @@ from causal_openlock.scoring.recorded import recorded_subjects
 from causal_openlock.scoring.scores import choices_in
 from causal_openlock.scoring.teacher_forcing import known_learners
 from causal_openlock.storage.store import Store
-from causal_openlock.wording import counted, joined, significant
+from causal_openlock.wording import counted, joined
 
 MOST_ROWS = 20
 """Fits that are printed; the file has all."""
@@ -160,7 +160,7 @@ def _show_fits(table: pd.DataFrame, names: Sequence[str], console: Terminal, dig
 def _print_entry(entry: Mapping[str, Any], console: Terminal) -> None:
     """Print the fitted learner, to paste, with six significant digits."""
     parameters = {
-        name: significant(value, 6) if isinstance(value, float) else value
+        name: float(f"{value:.6g}") if isinstance(value, float) else value
         for name, value in entry["parameters"].items()
     }
     console.print_line("for an experiment file, under learners:")
@@ -175,7 +175,7 @@ def marked(value: float, name: str, at_bound: Collection[str], idle: Collection[
     ('0.5*', '0.5?', '10')
     """
     mark = IDLE if name in idle else BOUND if name in at_bound else ""
-    return f"{significant(value)}{mark}"
+    return f"{value:.4g}{mark}"
 
 
 def legend(at_bound: Collection[str], idle: Collection[str]) -> list[str]:

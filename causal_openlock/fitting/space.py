@@ -37,7 +37,7 @@ from causal_openlock.files.validation import Part, StrictModel, part, read
 from causal_openlock.files.yaml_file import Document, read_document
 from causal_openlock.scoring import LAPSE
 from causal_openlock.version import RESULTS_VERSION
-from causal_openlock.wording import joined, nearest, significant
+from causal_openlock.wording import joined, nearest
 
 BUNDLED = Path(__file__).parent
 FORM = "name=low:high, or name=low:high:log"
@@ -161,7 +161,7 @@ def _plain(value: Any) -> str:
     """A parameter as an experiment file has it."""
     if isinstance(value, bool):
         return str(value).lower()
-    return str(significant(value)) if isinstance(value, float) else str(value)
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 class FitSettings(StrictModel):
