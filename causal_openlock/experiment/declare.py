@@ -44,29 +44,13 @@ from causal_openlock.contract.registry import learner_class, name_of, parse_para
 from causal_openlock.errors import ExperimentError, LearnerError, OpenLockError, together
 from causal_openlock.experiment.origin import NOTES, Origin, answer_of, origin_of
 from causal_openlock.files.digest import digest
-from causal_openlock.files.validation import (
-    Part,
-    adapter,
-    part,
-    plain,
-    present,
-    read,
-)
+from causal_openlock.files.validation import Part, adapter, part, plain, present, read
 from causal_openlock.schemas.finding import SUFFIXES, bundled_schemas, find_schema
 from causal_openlock.schemas.schema import JSON_SCHEMA_ID, NAME, Schema
 from causal_openlock.version import RESULTS_VERSION
 from causal_openlock.wording import joined, nearest
+from causal_openlock.world import rewards
 from causal_openlock.world.reward_code import OwnReward
-from causal_openlock.world.rewards import (
-    PAPER_REWARD,
-    PRESETS,
-    TERMS,
-    AuthorsReward,
-    Reward,
-    RewardFunction,
-    RewardWeights,
-    find_reward,
-)
 from causal_openlock.world.room import Layout
 
 HUMAN_PROTOCOL = "human"
@@ -146,19 +130,21 @@ AnySchema = Annotated[
 ]
 
 
-def _reward(value: Any, info: ValidationInfo) -> RewardFunction:
+def _reward(value: Any, info: ValidationInfo) -> rewards.RewardFunction:
     """A reward in any form; a recorded one as it was, without its code."""
     if not (isinstance(value, Mapping) and _context(info).get("recorded")):
-        return find_reward(value)
-    recorded: Any = adapter(Reward | OwnReward | AuthorsReward).validate_python(value)
-    if unknown := {*getattr(recorded, "terms", ())} - {*TERMS}:
+        return rewards.find_reward(value)
+    recorded: Any = adapter(rewards.Reward | OwnReward | rewards.AuthorsReward).validate_python(
+        value
+    )
+    if unknown := {*getattr(recorded, "terms", ())} - {*rewards.TERMS}:
         raise ExperimentError(f"there is no reward term {min(unknown)!r}")
     return recorded
 
 
 AnyReward = Annotated[
-    InstanceOf[RewardFunction],
-    BeforeValidator(_reward, json_schema_input_type=str | list[str] | RewardWeights),
+    InstanceOf[rewards.RewardFunction],
+    BeforeValidator(_reward, json_schema_input_type=str | list[str] | rewards.RewardWeights),
     PlainSerializer(lambda reward: reward.as_dict()),
 ]
 
@@ -229,7 +215,7 @@ PROTOCOLS = {
     "rl": Protocol("rl", 300, False, 5, 6, 5, baseline_loops=10, train_loops=100, test_loops=10),
     "rl_2020": Protocol("rl_2020", 700, True, 5, 6, 5, 200, 200, 200),
 }
-HUMAN, PAPER = PROTOCOLS[HUMAN_PROTOCOL], PRESETS[PAPER_REWARD]
+HUMAN, PAPER = PROTOCOLS[HUMAN_PROTOCOL], rewards.PRESETS[rewards.PAPER_REWARD]
 
 
 def find_protocol(name: str, own: Mapping[str, Protocol] | None = None) -> Protocol:
@@ -494,8 +480,7 @@ def _once(part: Any, info: ValidationInfo) -> Any:
 
 
 AnyCondition = Annotated[
-    Condition,
-    BeforeValidator(_condition, json_schema_input_type=str | list[str] | Condition),
+    Condition, BeforeValidator(_condition, json_schema_input_type=str | list[str] | Condition)
 ]
 
 

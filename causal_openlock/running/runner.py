@@ -31,14 +31,7 @@ from causal_openlock.running.cluster import in_cluster
 from causal_openlock.running.progress import RunProgress, paces_of, playing_in, progress_of, work
 from causal_openlock.running.worker import Watching, play_cell
 from causal_openlock.running.workers import Doing, LostError, ThisProcess, TooLateError, done_jobs
-from causal_openlock.storage.beside_cell import (
-    AWAITED,
-    checkpointed,
-    failure_file,
-    failures_of,
-    keep_failure,
-    remove_files_of,
-)
+from causal_openlock.storage import beside_cell
 from causal_openlock.storage.folder_lock import Shard
 from causal_openlock.storage.own_code import store_code
 from causal_openlock.storage.store import Store
@@ -123,7 +116,7 @@ def run(
         if jobs and not allow_version:
             store.require_versions()
         if jobs and not here:  # cells there end when this file is gone
-            awaited = place / f"{AWAITED}{uuid4().hex}"
+            awaited = place / f"{beside_cell.AWAITED}{uuid4().hex}"
             awaited.touch()
             stack.callback(awaited.unlink, missing_ok=True)
             watching = replace(watching, awaited=str(awaited))
@@ -189,8 +182,8 @@ class _Run:
                 self.is_done(cell)
                 continue
             if retry_failed:
-                failure_file(path).unlink(missing_ok=True)
-            failures, why = failures_of(path)
+                beside_cell.failure_file(path).unlink(missing_ok=True)
+            failures, why = beside_cell.failures_of(path)
             if failures >= MOST_FAILURES:
                 often = f"it has failed {failures} times and is left out"
                 self.has_failed(cell, f"{why}; {often}, --retry-failed tries it again")
@@ -228,7 +221,7 @@ class _Run:
             self.has_lost(cell, error)
         elif isinstance(error, LearnerError):
             # It has to be corrected, so its checkpoint is of no use.
-            remove_files_of(self.store.path(cell))
+            beside_cell.remove_files_of(self.store.path(cell))
             self.has_failed(cell, str(error))
         elif error:  # such as a full disk, which stops all of them
             raise error
@@ -241,13 +234,15 @@ class _Run:
     def is_done(self, cell: Cell) -> None:
         """Take note of a finished cell."""
         path = self.store.path(cell)
-        remove_files_of(path)
-        failure_file(path).unlink(missing_ok=True)
+        beside_cell.remove_files_of(path)
+        beside_cell.failure_file(path).unlink(missing_ok=True)
         self.left.pop(cell.file_name, None)
 
     def has_failed(self, cell: Cell, why: str) -> None:
         """Take note of a failed cell."""
-        self.reasons[cell.file_name] = f"{why}; see {failure_file(self.store.path(cell))}"
+        self.reasons[cell.file_name] = (
+            f"{why}; see {beside_cell.failure_file(self.store.path(cell))}"
+        )
         self.warn(self.reasons[cell.file_name])
         self.left.pop(cell.file_name, None)
 
@@ -257,7 +252,7 @@ class _Run:
         With a checkpoint between two losses there was progress, and the count starts again.
         """
         path, is_late = self.store.path(cell), isinstance(error, TooLateError)
-        taken = checkpointed(path)
+        taken = beside_cell.checkpointed(path)
         losses, before = self.losses.get(cell.file_name, (0, taken))
         losses = losses + 1 if taken == before else 1
         self.losses[cell.file_name] = losses, taken
@@ -267,4 +262,4 @@ class _Run:
             return
         trace = "A process that ends so leaves no traceback.\n"
         failures = 0 if is_late else MOST_FAILURES  # one that is late may have made progress
-        self.has_failed(cell, keep_failure(path, cell, str(error), trace, failures))
+        self.has_failed(cell, beside_cell.keep_failure(path, cell, str(error), trace, failures))

@@ -164,8 +164,7 @@ class SchemaForm(StrictModel):
         description="cause: [effects]; the effect `door` is the door."
     )
     gates: dict[str, GateForm] = Field(
-        default_factory=dict,
-        description="How a node combines its causes; `any` where not given.",
+        default_factory=dict, description="How a node combines its causes; `any` where not given."
     )
     inert: Names = Field(
         default_factory=list, description="Levers that are meant to lie on no path to the door."

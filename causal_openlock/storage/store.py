@@ -31,14 +31,8 @@ from causal_openlock.errors import OpenLockError, StoreError, in_short
 from causal_openlock.experiment.beside_record import unwritten_actions
 from causal_openlock.experiment.declare import Cell, Experiment
 from causal_openlock.experiment.plan import trials_of
+from causal_openlock.files import checksums
 from causal_openlock.files.atomic import folder_at, is_empty, unwritable, write_bytes
-from causal_openlock.files.checksums import (
-    ChecksumError,
-    json_bytes,
-    read_json,
-    read_table,
-    table_bytes,
-)
 from causal_openlock.files.digest import digest
 from causal_openlock.files.validation import adapter, errors_of, part, present
 from causal_openlock.storage.beside_cell import ERRORS, failures_of, tidy
@@ -186,7 +180,7 @@ class Store:
             "versions": versions(),
             "not_applicable": experiment.not_applicable or None,
         }
-        write_bytes(self._declared, json_bytes(present(data)))
+        write_bytes(self._declared, checksums.json_bytes(present(data)))
 
     @property
     def name(self) -> str | None:
@@ -202,13 +196,13 @@ class Store:
             StoreError: If the folder holds no results, or the file is damaged or malformed.
         """
         try:
-            experiment = parse_experiment(read_json(self._declared.read_bytes()))
+            experiment = parse_experiment(checksums.read_json(self._declared.read_bytes()))
         except OSError:
             raise StoreError(
                 f"{self.folder} holds no results (there is no experiment.json); give the folder "
                 "that compare wrote to; if it has cells, the same command writes it again"
             ) from None
-        except (ChecksumError, StoreError) as error:
+        except (checksums.ChecksumError, StoreError) as error:
             raise _damaged(self._declared, error) from None
         self._check_inside(experiment.files)
         return experiment
@@ -268,11 +262,11 @@ class Store:
         from causal_openlock.experiment.record import record_schema
 
         try:
-            table = read_table(path.read_bytes(), columns)
+            table = checksums.read_table(path.read_bytes(), columns)
             metadata = table.schema.metadata or {}
             identity = metadata.get(IDENTITY, b"").decode(errors="replace")
             if not identity or not identity.startswith(path.stem.rpartition("_")[2]):
-                raise ChecksumError("it holds another cell")
+                raise checksums.ChecksumError("it holds another cell")
             fields = [
                 field for field in record_schema() if columns is None or field.name in columns
             ]
@@ -280,12 +274,12 @@ class Store:
             table = table.cast(pa.schema(fields))  # other programs may encode names differently
             table.validate(full=True)
             if any(column.null_count for column in table.columns):
-                raise ChecksumError("values are missing")
+                raise checksums.ChecksumError("values are missing")
             made_with = adapter(Versions).validate_json(metadata.get(VERSIONS, b"{}"))
             warnings = adapter(list[str]).validate_json(metadata.get(WARNINGS, b"[]"))
         except FileNotFoundError:
             raise StoreError(f"{path} is missing; run compare again to make it") from None
-        except (OSError, ChecksumError) as error:
+        except (OSError, checksums.ChecksumError) as error:
             raise _damaged(path, error) from None
         except (pa.ArrowException, ValueError, KeyError):
             raise _damaged(path, "its columns or metadata are not those of a record") from None
@@ -296,7 +290,7 @@ class Store:
         metadata = {IDENTITY: cell.identity.encode(), VERSIONS: json.dumps(versions()).encode()}
         if warnings:
             metadata[WARNINGS] = json.dumps(warnings).encode()
-        write_bytes(self.path(cell), table_bytes(record, metadata))
+        write_bytes(self.path(cell), checksums.table_bytes(record, metadata))
 
     def write_transcripts(
         self, cell: Cell, transcripts: Sequence[Sequence[Mapping[str, Any]]]

@@ -78,10 +78,7 @@ class Streams:
     """
 
     def __init__(
-        self,
-        generators: Sequence[np.random.Generator],
-        width: int | None = None,
-        block: int = 512,
+        self, generators: Sequence[np.random.Generator], width: int | None = None, block: int = 512
     ) -> None:
         self._generators = tuple(generators)
         self._shape = (block,) if width is None else (block, width)

@@ -25,12 +25,7 @@ import numpy as np
 
 from causal_openlock.errors import ExperimentError
 from causal_openlock.schemas.fsm import FloatArray
-from causal_openlock.usercode.own_files import (
-    MODULE_AND_NAME,
-    code_digest,
-    load_named,
-    module_source,
-)
+from causal_openlock.usercode import own_files
 from causal_openlock.usercode.session_code import is_of_session, session_origin
 from causal_openlock.world.events import Events, RewardFunction, rewards_by_event
 
@@ -78,7 +73,7 @@ def own_reward(given: str | Callable[..., Any]) -> OwnReward:
     name = given
     if not isinstance(name, str):
         name = f"{given.__module__}:{getattr(given, '__qualname__', '')}"
-        if not (MODULE_AND_NAME.fullmatch(name) and _function(name) is given):
+        if not (own_files.MODULE_AND_NAME.fullmatch(name) and _function(name) is given):
             raise ExperimentError(
                 f"the reward {given!r} cannot be found by a name, as workers have to; define it "
                 "with def at the top level of a notebook or of a module"
@@ -90,7 +85,7 @@ def own_reward(given: str | Callable[..., Any]) -> OwnReward:
 
 def _function(name: str) -> Callable[[Events], Any]:
     """A user's function by its name."""
-    function = load_named(name, "reward", inspect.isfunction)
+    function = own_files.load_named(name, "reward", inspect.isfunction)
     if not callable(function) or isinstance(function, type):
         raise ExperimentError(f"{name!r} is not a function; a reward is a function of events")
     return function
@@ -102,7 +97,7 @@ def reward_source(name: str) -> str:
     if is_of_session(name):
         return session_origin(name)
     module = name.partition(":")[0]  # even if it has the function from elsewhere
-    source = module_source(module)
+    source = own_files.module_source(module)
     if source is None:
         raise ExperimentError(f"{name!r} has no source that can be recorded; write it in a file")
-    return f"{source.name} {code_digest([module], imported=True)}"
+    return f"{source.name} {own_files.code_digest([module], imported=True)}"
