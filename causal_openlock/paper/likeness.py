@@ -199,8 +199,8 @@ def effects_of(points: pd.DataFrame, trials: pd.DataFrame | None = None) -> pd.D
         conditions = {condition for condition, *_ in weights}
         if each is not None and len(conditions) == 1:
             attempts, places = at_places(each[each["condition"].isin(conditions)])
-            columns = [places.index((phase, trial)) for _, phase, trial in weights]
-            groups = [Group.of(attempts[:, columns] @ [*weights.values()])]
+            at_trials = [places.index((phase, trial)) for _, phase, trial in weights]
+            groups = [Group.of(attempts[:, at_trials] @ [*weights.values()])]
         else:
             groups = [at[place]._replace(weight=weight) for place, weight in weights.items()]
         found = weighted_difference(groups, pooled=True)
