@@ -87,6 +87,8 @@ def test_beliefs_follow_one_another(name):
     assert (table["gain_predicted"] >= 0).all()
     assert table["chance"].between(0, 1 + 1e-9).all()
     assert (table["number"] == table.groupby("attempt").cumcount() + 1).all()
+    arrows = table.filter(like=" -> ").to_numpy()
+    assert arrows.sum(axis=1) == pytest.approx(trace.edges[1:].sum(axis=(1, 2)))
 
 
 def test_chances_and_snapshots_are_those_of_the_learner(cc4):
