@@ -30,7 +30,7 @@ class BeliefLearner(Learner):
         >>> learner = create("bayes")
         >>> session.begin(learner)
         >>> _ = session.step(learner.act(session.view))
-        >>> learner.belief(0), learner.edges(0).shape
+        >>> learner.belief(0), learner.structure(0).edges.shape
         (Belief(4,278 hypotheses, 7.86 bits), (7, 8))
     """
 
@@ -60,10 +60,6 @@ class BeliefLearner(Learner):
     def posterior(self, subject: int) -> Posterior:
         """A subject's belief, spread over structures on the positions of its current room."""
         return Posterior.of(self.belief(subject), self.classes(subject))
-
-    def edges(self, subject: int) -> FloatArray:
-        """``[P, P + 1]`` probability that a lever enables another, or the door, by position."""
-        return self.posterior(subject).expected().edges
 
     def structure(self, subject: int) -> Structure | None:
         """Probabilities of edges and gates, of the room that a subject is in or has just left."""

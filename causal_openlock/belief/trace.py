@@ -368,15 +368,6 @@ def trace_text(trace: Trace, most: int = 30) -> Iterator[str]:
         f"{end} in {counted(len(trace.attempts), 'attempt')}. In truth, {in_words(trace.truth)}. "
         f"What it believes most probable {verdict}."
     )
-    # Entropies of other hypotheses cannot be compared.
-    kept = [action for action in trace.actions if not action.renewed]
-    predicted = _bits(sum(action.gain_predicted for action in kept))
-    obtained = _bits(sum(action.gain_obtained for action in kept))
-    yield from _wrapped(
-        f"Information in all: {predicted} bits expected, {obtained} obtained. The two agree on "
-        "average over rooms that are as probable as the subject believes, not in every room or "
-        "action."
-    )
 
 
 def agreement(trace: Trace) -> str:

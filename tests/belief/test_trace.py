@@ -100,7 +100,7 @@ def test_chances_and_snapshots_are_those_of_the_learner(cc4):
         belief = learner.belief(0)
         assert cc4.entropies[number] == pytest.approx(belief.entropy)
         assert cc4.moments[number].hypotheses == len(belief.which)
-        np.testing.assert_allclose(cc4.edges[number], learner.edges(0))
+        np.testing.assert_allclose(cc4.edges[number], learner.structure(0).edges)
         before = dict(zip(belief.which, belief.weight, strict=True))
         learner.learn(session.step(chosen))
         survived = sum(before[which] for which in learner.belief(0).which)

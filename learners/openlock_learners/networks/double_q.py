@@ -82,22 +82,11 @@ class DoubleQ:
             np.zeros((agents, len(rows)), dtype=bool),
         )
 
-    def layers(self) -> list[tuple[Floats, Floats]]:
-        """``[N, in, out]`` weights and ``[N, 1, out]`` biases of each layer, as views."""
-        layers, begin = [], 0
-        for width_in, width_out in pairwise(self.sizes.tolist()):
-            end = begin + (width_in + 1) * width_out
-            both = self.online[:, begin:end].reshape(-1, width_in + 1, width_out)
-            layers.append((both[:, :-1], both[:, -1:]))
-            begin = end
-        return layers
-
     def values(self) -> Floats:
         """``[N, D, out]`` the values of the actions in each observation of the table."""
-        values = self._table.rows[None]
-        for weights, biases in self.layers():
-            values = np.maximum(values, 0) @ weights + biases  # observations are 0 or 1
-        return values
+        rows, last = self._table.rows, len(self.sizes) - 1
+        traces = [loops.evaluate(parameters, self.sizes, rows) for parameters in self.online]
+        return np.array([loops.given_to(trace, self.sizes, last, len(rows)) for trace in traces])
 
     def greedy(self, observations: NDArray[Any], wanted: BoolArray) -> IntArray:
         """``[N]`` the best action for each agent's observation, ``[N, in]``.

@@ -59,11 +59,9 @@ def read_network(path: Path | str) -> tuple[LeverPolicy, dict[str, Any]]:
     """
     content = content_of(path)
     try:
-        archive = _archive(content)
-        about = _about(archive)
+        archive, about = _opened(content)
         network = empty_policy(About.model_validate(about).sizes)
-        expected = network.state_dict()
-        weights = {name: _weights(archive, name, part) for name, part in expected.items()}
+        weights = {name: _weights(archive, name, w) for name, w in network.state_dict().items()}
     except Exception as error:  # a file from anywhere can be wrong in any way
         raise LearnerError(
             f"{path} is not a checkpoint of rl2 ({in_short(error)}); make one with "
@@ -79,7 +77,7 @@ def trained_actions(path: Path | str) -> int:
     0 if the file does not say or is none; :func:`read_network` names what is wrong with it.
     """
     try:
-        return About.model_validate(_about(_archive(content_of(path)))).actions
+        return About.model_validate(_opened(content_of(path))[1]).actions
     except Exception:
         return 0
 
@@ -94,16 +92,12 @@ def stored_name(name: str) -> str:
     return f"{layer}.{STORED_NAMES.get(weight, weight)}"
 
 
-def _archive(content: bytes) -> Any:
-    """NumPy's archive of arrays, which are unpacked when they are asked for."""
+def _opened(content: bytes) -> tuple[Any, Any]:
+    """NumPy's archive of arrays, which are unpacked when they are asked for, and ``about``."""
     archive = np.load(BytesIO(content), allow_pickle=False)
     if sum(part.file_size for part in archive.zip.infolist()) > MOST_BYTES:
         raise ValueError("its arrays are too large")
-    return archive
-
-
-def _about(archive: Any) -> Any:
-    return json.loads(str(archive["about"]))
+    return archive, json.loads(str(archive["about"]))
 
 
 def _weights(archive: Any, name: str, expected: Tensor) -> Tensor:

@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from openlock_learners.networks.double_q import DoubleQ
+from openlock_learners.networks.double_q_loops import layer_of
 from openlock_learners.networks.replay_buffer import Batch
 
 pytestmark = pytest.mark.slow
@@ -34,12 +35,19 @@ def minibatch(rng, known, many=32):
     return Batch(before, action, reward, after, (rng.random(shape) < 0.6).astype(float))
 
 
+def layers_of(q):
+    """Weights and biases of each layer in turn, of all agents."""
+    layers = range(len(SIZES) - 1)
+    by_agent = [[part for i in layers for part in layer_of(own, q.sizes, i)] for own in q.online]
+    return [*map(np.array, zip(*by_agent, strict=True))]
+
+
 class PlainDoubleQ:
     """The same for N agents as users of torch write it, with autograd and torch's Adam."""
 
     def __init__(self, q):
         self.agents, self.gamma, self.double = len(q.online), q.gamma, q.double
-        self.online = [torch.tensor(part) for layer in q.layers() for part in layer]
+        self.online = [*map(torch.tensor, layers_of(q))]
         self.target_period, self.updates = q.target_period, 0
         for part in self.online:
             part.requires_grad_()
@@ -103,9 +111,10 @@ def test_autograd_follows_compiled_code_through_all_that_can_happen(double, peri
         seen = rng.integers(0, rows, AGENTS)
         best = plain.values(plain.online)[range(AGENTS), seen].argmax(dim=1)
         assert ours.greedy(observations[seen], np.ones(AGENTS, bool)).tolist() == best.tolist()
-    for number, layer in enumerate(ours.layers()):
-        for part, its in zip(layer, plain.online[2 * number :], strict=False):
-            np.testing.assert_allclose(part, its.detach().numpy(), atol=1e-9)
+    for part, its in zip(layers_of(ours), plain.online, strict=True):
+        np.testing.assert_allclose(part, its.detach().numpy(), atol=1e-9)
+    values = plain.values(plain.online).detach().numpy()
+    np.testing.assert_allclose(ours.values(), values, atol=1e-9)
     assert np.abs(start - ours.online).max() > 0.01
 
 
