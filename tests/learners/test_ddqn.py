@@ -14,6 +14,7 @@ from openlock_learners.ddqn import (
     SemiMarkovDDQN,
     SemiMarkovDDQNParameters,
 )
+from openlock_learners.networks.double_q_loops import layer_of
 from support.session_play import one_room
 
 pytestmark = pytest.mark.slow
@@ -47,8 +48,8 @@ def solving(session, *solutions):
 
 def test_the_network_has_the_shape_of_figure_5():
     learner, _ = begun(None, subjects=2)
-    layers = learner.q.layers()
-    shapes = [weights.shape[1:] for weights, _ in layers]
+    layers = [layer_of(learner.q.online[1], learner.q.sizes, number) for number in range(5)]
+    shapes = [weights.shape for weights, _ in layers]
     assert shapes == [(16, 128), (128, 128), (128, 128), (128, 128), (128, 15)]
     assert learner.q.online.shape == (2, 53_647)
     for (weights, _), bound in zip(layers, [1 / 4, *[128**-0.5] * 4], strict=True):
