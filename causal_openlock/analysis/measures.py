@@ -7,7 +7,7 @@ values (phase, loop, trial, attempt), so the order in which cells are read makes
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -56,7 +56,7 @@ BLOCKS = 5
 """Shares of a phase in which categories are counted, as in the paper's Figure 6."""
 
 AT_ONCE = 1_000_000
-"""Attempts that :func:`count` counts at once, or those of one cell where it has more."""
+"""Attempts that :func:`count` counts at once, or those of one subject number where it has more."""
 
 _FIRST = {"condition": PAPER_CONDITIONS, "protocol": ("human",), "phase": PHASES}
 COLUMNS = [
@@ -120,36 +120,35 @@ class Counts(NamedTuple):
 def count(record: pa.Table, at_once: int = AT_ONCE) -> Counts:
     """Count the trials of a record and the categories of its attempts, in little memory.
 
-    A few cells are counted at a time, roughly ``at_once`` attempts, since a trial is within one
-    cell. A record whose trials are cut apart, because its rows are in another order, is counted as
-    a whole.
+    Some subjects are counted at a time, which have roughly ``at_once`` attempts.
 
     Raises:
         StoreError: If a trial has attempts missing or twice.
     """
     record = _named(played(record))
-    try:
-        return _together([_count(piece) for piece in _pieces(record, at_once)])
-    except StoreError:  # a trial in several pieces has attempts missing in each
-        return _together([_count(record)])
-
-
-def _pieces(record: pa.Table, at_once: int) -> Iterator[pa.Table]:
-    """The record in whole chunks, which are cells as a results folder gives them."""
-    start = length = 0
-    for chunk in record["attempt"].chunks:
-        length += len(chunk)
-        if length >= at_once:
-            yield record.slice(start, length)
-            start, length = start + length, 0
-    if length or not start:
-        yield record.slice(start)
+    piece = record["subject"].to_numpy() % max(-(-record.num_rows // at_once), 1)
+    counts = [_count(record.filter(piece == one)) for one in np.unique(piece).tolist() or [0]]
+    trials = pd.concat([one.trials for one in counts], ignore_index=True)
+    trials = trials.sort_values([*CELL, *SUBJECT, *VISIT], kind="stable", ignore_index=True)
+    by = [*CELL, "phase"]
+    blocks = pd.concat([one.blocks for one in counts]).groupby(by, observed=True).sum()
+    every = pd.MultiIndex.from_product(
+        [range(1, BLOCKS + 1), pd.CategoricalIndex(CATEGORIES, CATEGORIES)],
+        names=["block", "category"],
+    )
+    blocks = blocks.reindex(columns=every).fillna(0).astype(np.int64)
+    table = blocks.stack(["block", "category"]).rename("count").reset_index()
+    lengths = trials.groupby(PHASE, observed=True)["last_attempt"].sum().groupby(by, observed=True)
+    about = lengths.agg(subjects="size", until="mean").reset_index()
+    table = table.merge(about, on=by)
+    return Counts(trials, table.assign(until=table["until"] * table["block"] / BLOCKS))
 
 
 def _named(record: pa.Table) -> pa.Table:
-    """A record whose columns of text are codes, of the same names in every chunk."""
+    """What is counted of a record; its columns of text are codes, the same in every chunk."""
     import pyarrow as pa
 
+    record = record.select([*TRIAL, "attempt", "category", "solutions_found", "solutions"])
     for name in NAMES:
         column = record[name]
         if not pa.types.is_dictionary(column.type):
@@ -160,8 +159,7 @@ def _named(record: pa.Table) -> pa.Table:
 
 def _attempts(record: pa.Table) -> pd.DataFrame:
     """A row for each attempt; names are categories, the paper's first."""
-    columns = [*TRIAL, "attempt", "category", "solutions_found", "solutions"]
-    frame = record.select(columns).to_pandas()
+    frame = record.to_pandas()
     for name in NAMES:
         held = frame[name].cat.categories
         known = CATEGORIES if name == "category" else ordered(held, _FIRST.get(name, ()))
@@ -231,27 +229,6 @@ def _count(record: pa.Table) -> Counts:
     by = [*CELL, "phase", "block", "category"]
     outcomes = frame.assign(block=block).groupby(by, observed=True).size()
     return Counts(trials, outcomes.unstack(["block", "category"]))
-
-
-def _together(pieces: Sequence[Counts]) -> Counts:
-    """The counts of pieces of a record, added up."""
-    trials = pd.concat([piece.trials for piece in pieces], ignore_index=True)
-    trials = trials.sort_values([*CELL, *SUBJECT, *VISIT], kind="stable", ignore_index=True)
-    phases = trials.groupby(PHASE, observed=True)["last_attempt"].sum()
-    # Blocks are shares of a subject's phase, which must not be cut apart.
-    if len(phases) < sum(piece.trials.groupby(PHASE, observed=True).ngroups for piece in pieces):
-        raise StoreError("the attempts of a subject are in several pieces")
-    by = [*CELL, "phase"]
-    counts = pd.concat([piece.blocks for piece in pieces]).groupby(by, observed=True).sum()
-    every = pd.MultiIndex.from_product(
-        [range(1, BLOCKS + 1), pd.CategoricalIndex(CATEGORIES, CATEGORIES)],
-        names=["block", "category"],
-    )
-    counts = counts.reindex(columns=every).fillna(0).astype(np.int64)
-    table = counts.stack(["block", "category"]).rename("count").reset_index()
-    lengths = phases.groupby(by, observed=True).agg(subjects="size", until="mean").reset_index()
-    table = table.merge(lengths, on=by)
-    return Counts(trials, table.assign(until=table["until"] * table["block"] / BLOCKS))
 
 
 def by_subject(trials: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:

@@ -6,12 +6,7 @@ from statsmodels.duration.survfunc import SurvfuncRight
 
 from causal_openlock.analysis.measures import attempts_to_solve
 from causal_openlock.analysis.results.bounds import Bound
-from causal_openlock.analysis.topics.learning_cost import (
-    learning_costs,
-    median_cost,
-    shown,
-    subject_costs,
-)
+from causal_openlock.analysis.topics.learning_cost import learning_costs, shown, subject_costs
 from causal_openlock.analysis.topics.solution_costs import TOPIC as SOLUTION_COSTS
 from causal_openlock.analysis.topics.solution_costs import solution_costs
 from causal_openlock.analysis.topics.survival import unsolved_after
@@ -129,17 +124,6 @@ def test_where_no_bound_is_known_nothing_is_asked():
     found = cost_of([*solved_at(2, subject=0), *unsolved(3, subject=1)])
     assert found["subject"].tolist() == [0, 1]
     assert found["cost"].tolist() == [2, np.inf]
-
-
-def test_the_median_is_infinite_where_half_never_came_so_far():
-    assert median_cost(np.array([4.0, *[np.inf] * 5])) == (np.inf, 4, np.inf)
-    middle, low, high = median_cost(np.array([3.0, 5, 6, 9, 200, np.inf]))
-    assert middle == 7.5
-    assert 3 <= low <= 6
-    assert high == np.inf
-    assert median_cost(np.full(6, np.inf)) == (np.inf, np.inf, np.inf)
-    assert np.isnan(median_cost(np.array([3.0]))[1:]).all()
-    assert median_cost(np.array([9.0, *[4.0] * 60])) == (4, 4, 4)
 
 
 def test_training_before_the_experiment_counts():

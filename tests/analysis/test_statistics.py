@@ -93,6 +93,8 @@ def test_shares_have_wilsons_interval_and_medians_that_of_the_sign_test():
     values = seeded(1).permutation(40).astype(float)
     assert median_interval(values) == (13.0, 26.0)  # 14th lowest and highest: P(X <= 13) = .019
     assert np.isnan(median_interval(np.ones(5))).all()
+    assert median_interval(np.array([4.0, *[np.inf] * 5])) == (4, np.inf)
+    assert median_interval(np.array([9.0, *[4.0] * 60])) == (4, 4)
 
 
 # -- differences ----------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import cycle
 from typing import Any
 
@@ -20,6 +21,7 @@ from causal_openlock.errors import NothingToDrawError
 
 _BINS = 30  # heights that circles can have
 _WIDEST = 16.0  # diameter of a circle that is all subjects, in points
+_MEAN: Any = {"color": "black", "zorder": 3}
 
 
 def plot_subjects(
@@ -53,10 +55,10 @@ def plot_subjects(
         for one, marker in zip(results.leading, cycle("Ds^v"), strict=False)
         if table[f"{one.reference.prefix}_attempts"].notna().any()
     }
-    points: dict[str, Any] = {"color": style.current().other(2), "ls": "", "ms": 4.5}
+    points: Any = {"color": style.current().other(2), "ls": "", "ms": 4.5, "zorder": 3}
     keys = [
         Line2D([], [], **_circle(""), marker="o", ls="", ms=7, label="subjects"),
-        Line2D([], [], color="black", lw=2, label="mean, 95% interval"),
+        Line2D([], [], **_MEAN, lw=2, label="mean, 95% interval"),
         *(Line2D([], [], **points, marker=marker, label=name)
           for name, (_, marker) in references.items()),
     ]  # fmt: skip
@@ -75,21 +77,17 @@ def plot_subjects(
             axes.set(xlim=(-0.6, len(names) - 0.4), ylim=(-0.07 * highest, 1.07 * highest))
             style.name_places(axes, range(len(names)), [style.label(one, 16) for one in names])
             axes.yaxis.set_major_locator(MaxNLocator(6, integer=True, steps=[1, 2, 5, 10]))
-            played = played[played["learner"] == name]
-            for row in own.to_dict("records"):
-                place = names.index(row["condition"])
-                mine = played.loc[played["condition"] == row["condition"], "attempts"]
-                _draw_circles(axes, place, mine, max(1.0, highest / _BINS), _circle(name))
-                ends = [row["ci_low"], row["ci_high"]]
-                axes.plot([place + 0.14] * 2, ends, color="black", lw=1.4, zorder=3)
-                mean = [row["attempts"]] * 2
-                axes.plot([place + 0.08, place + 0.2], mean, color="black", lw=2, zorder=3)
-                for number, (of, marker) in enumerate(references.values()):
-                    axes.errorbar(
-                        place + 0.3 + 0.08 * number, row[f"{of}_attempts"], row[f"{of}_se"],
-                        elinewidth=1, capsize=2, zorder=3, marker=marker, **points,
-                    )  # fmt: skip
-                style.ideal_line(axes, row["ideal_attempts"], place - 0.38, place + 0.4)
+            _draw_circles(axes, names, played[played["learner"] == name], highest, name)
+            place = np.array([names.index(one) for one in own["condition"]], float)
+            axes.vlines(place + 0.14, own["ci_low"], own["ci_high"], lw=1.4, **_MEAN)
+            axes.hlines(own["attempts"], place + 0.08, place + 0.2, lw=2, **_MEAN)
+            for number, (of, marker) in enumerate(references.values()):
+                axes.errorbar(
+                    place + 0.3 + 0.08 * number, own[f"{of}_attempts"], own[f"{of}_se"],
+                    elinewidth=1, capsize=2, marker=marker, **points,
+                )  # fmt: skip
+            for spot, attempts in zip(place, own["ideal_attempts"], strict=True):
+                style.ideal_line(axes, attempts, spot - 0.38, spot + 0.4)
             if len(shown) > 1:
                 title = protocol if table["learner"].nunique() == 1 else name
                 under = f"{protocol}, " if len(protocols) > 1 and title != protocol else ""
@@ -109,12 +107,16 @@ def _circle(name: str) -> dict[str, Any]:
 
 
 def _draw_circles(
-    axes: Axes, place: float, attempts: pd.Series, width: float, look: dict[str, Any]
+    axes: Axes, names: Sequence[str], played: pd.DataFrame, highest: float, name: str
 ) -> None:
     """Draw a circle for the subjects of each interval of attempts, as large as their share."""
-    heights, counts = np.unique(np.round(attempts / width) * width, return_counts=True)
+    width, look = max(1.0, highest / _BINS), _circle(name)
+    played = played[played["condition"].isin(names)]
+    place = [names.index(one) for one in played["condition"]]
+    height = np.round(played["attempts"].to_numpy() / width) * width
+    circles, counts = np.unique([place, height], axis=1, return_counts=True)
+    share = counts / np.bincount(place)[circles[0].astype(int)]
     axes.scatter(
-        np.full(len(heights), place - 0.16), heights, s=_WIDEST**2 * counts / len(attempts),
-        color=look["color"], alpha=look["alpha"], linewidths=0.5, edgecolors=look["mec"],
-        zorder=2, clip_on=False,
+        circles[0] - 0.16, circles[1], s=_WIDEST**2 * share, color=look["color"],
+        alpha=look["alpha"], linewidths=0.5, edgecolors=look["mec"], zorder=2, clip_on=False,
     )  # fmt: skip

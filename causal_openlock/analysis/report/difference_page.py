@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -165,10 +166,9 @@ def write_difference(
     label = re.sub(r"\W+", "_", path.stem, flags=re.ASCII)
     changed, table = changes(first.experiment, second.experiment), compared(first, second)
     text = [sentence_on_differences(table)]
-    opening = []
-    for place, name, results, other in (
-        ("First", names[0], first, second),
-        ("Second", names[1], second, first),
+    opening, both = [], (first, second)
+    for place, name, results, other in zip(
+        ("First", "Second"), names, both, both[::-1], strict=True
     ):
         missing = counted(len(results.experiment.missing), "cell")
         opening.append(
@@ -189,13 +189,9 @@ def write_difference(
         "others are undecided, which does not show that they are equal."
     )
     means = Table(f"{label}_means", "Differences of the results", table, FORMATS, caption)
-    parts = [
-        ("changes", "What changed", (sentence_on_changes(changed),), differ),
-        ("noise", "Do the results differ?", tuple(text), means),
-    ]
     sections = [
-        Section(name, title, text, (table,) if len(table.frame) else (), is_open=True)
-        for name, title, text, table in parts
+        Section("changes", "What changed", (sentence_on_changes(changed),), (differ,)),
+        Section("noise", "Do the results differ?", tuple(text), (means,)),
     ]
     if len(table):
         title = f"Attempts in {names[1]} less those in {names[0]}"
@@ -207,9 +203,10 @@ def write_difference(
             caption += f" The first {MOST_DRAWN} of {len(table)}."
         plot = drawn(f"{label}_means", plot_differences, table, title, caption, "", names=names)
         title = "Differences with their intervals"
-        sections.append(Section("intervals", title, plots=(plot,), is_open=True))
+        sections.append(Section("intervals", title, plots=(plot,)))
     title = f"{names[0]} and {names[1]}"
-    write_page(path, "page.html.j2", sections, figures, title=title, opening=opening)
+    opened = [replace(section, is_open=True) for section in sections]
+    write_page(path, "page.html.j2", opened, figures, title=title, opening=opening)
     return changed, table
 
 

@@ -126,8 +126,8 @@ def make_report(
         sentences[protocol] += [one.answer for one in found if one.answer]
     begin("drawing")
     course = Section("figures", "Course and categories", plots=tuple(figures_of(material)))
-    sections = [_conditions(material), *found, course, learner_pages(material)]
-    sections.append(_what_was_run(material))
+    run = _what_was_run(material)
+    sections = [_conditions(material), *found, course, learner_pages(material), run]
     pictures = [plot for one in found for plot in one.plots if plot.opening]
     write_page(
         folder / "report.html",
@@ -198,9 +198,6 @@ def _what_was_run(material: Material) -> Section:
         "all are), and L0 -> door that the door is unlocked then; a number in brackets is the "
         "probability that an enabled push takes effect, if it is not 1.",
     )
-    tables = tuple(
-        Table("", title, frame, verbatim=True)
-        for title, frame in described(experiment, trials).items()
-        if len(frame)
-    )
+    told = described(experiment, trials).items()
+    tables = tuple(Table("", title, frame, verbatim=True) for title, frame in told)
     return Section("run", "What was run", tuple(filter(None, text)), tables)

@@ -24,7 +24,7 @@ from causal_openlock.analysis.results.references import Beside, gap_column
 from causal_openlock.analysis.statistics import APPROXIMATE, FEW_SUBJECTS
 from causal_openlock.analysis.table import Table, number, p_value, printed, share
 from causal_openlock.analysis.topics.pairwise import Outcomes, all_outcomes, compared
-from causal_openlock.experiment.declare import HUMAN_PROTOCOL, default_action_limit
+from causal_openlock.experiment.declare import HUMAN_PROTOCOL
 from causal_openlock.wording import counted, joined, some
 from causal_openlock.world.room import positions_for
 
@@ -164,7 +164,7 @@ def best_learner(held: Outcomes, informed: set[str]) -> str | None:
 
 def _ends(results: Material, protocol: str, limit: int) -> dict[str, tuple[float, float]]:
     """Attempts of random actions and of the ideal observer where each condition is judged."""
-    budgets = {one.name: one.action_limit for one in results.experiment.protocols}
+    protocols = {one.name: one for one in results.experiment.protocols}
     found = {}
     for condition in results.experiment.conditions:
         phase = "test" if condition.test else "train"
@@ -172,10 +172,9 @@ def _ends(results: Material, protocol: str, limit: int) -> dict[str, tuple[float
         schemas = {one.name: one for one in condition.schemas}
         if bound is None or bound.schema not in schemas or limit > MOST_ATTEMPTS:
             continue
-        schema = schemas[bound.schema]
-        actions = budgets.get(protocol) or default_action_limit(schema)
+        actions = protocols[protocol].actions_for(schemas[bound.schema])
         positions = max(map(positions_for, condition.schemas))
-        random = attempts_at_random(schema, actions, positions, limit)
+        random = attempts_at_random(schemas[bound.schema], actions, positions, limit)
         if random > bound.attempts:
             found[condition.name] = (random, bound.attempts)
     return found

@@ -30,7 +30,7 @@ from causal_openlock.analysis.statistics import (
 )
 from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Section, Topic
-from causal_openlock.experiment.declare import Experiment, default_action_limit
+from causal_openlock.experiment.declare import Experiment
 from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.world.room import positions_for
 
@@ -254,18 +254,14 @@ def _luck(
 
 def _chance(experiment: Experiment, group: Group, rows: pd.DataFrame, measure: str) -> float:
     """Mean share that random actions reach in these visits."""
-    limits = {one.name: one.action_limit for one in experiment.protocols}
-    (known,) = (
-        {schema.name: schema for schema in condition.schemas}
-        for condition in experiment.conditions
-        if condition.name == group.condition
-    )
+    protocol = next(one for one in experiment.protocols if one.name == group.protocol)
+    condition = next(one for one in experiment.conditions if one.name == group.condition)
+    known = {schema.name: schema for schema in condition.schemas}
     positions = max(map(positions_for, known.values()))
     chances, weights = [], []
     rooms = rows.groupby(["schema", "last_attempt"], observed=True).size()
     for (name, attempts), visited in rooms.items():
-        schema = known[name]
-        limit = limits[group.protocol] or default_action_limit(schema)
+        schema, limit = known[name], protocol.actions_for(known[name])
         if measure == OPENS:
             chances.append(chance_of_opening(schema, limit, positions))
             weights.append(visited * attempts)

@@ -27,7 +27,6 @@ from causal_openlock.analysis.statistics import median_interval
 from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Section, Topic, drawn
 from causal_openlock.errors import NothingToDrawError
-from causal_openlock.schemas.fsm import FloatArray
 
 WITHIN = 1.5
 """A room is solved well in at most this multiple of the ideal observer's attempts."""
@@ -63,7 +62,8 @@ def costs_by_learner(each: pd.DataFrame) -> pd.DataFrame:
         reached = float(np.isfinite(cost).mean())
         size, before = len(own), own["before"].iloc[0]
         about = (str(learner), str(protocol), size, before, reached)
-        rows.append((*about, *median_cost(cost), int(own["asked"].max())))
+        middle = float(np.median(cost)), *median_interval(cost)  # inf: half never came so far
+        rows.append((*about, *middle, int(own["asked"].max())))
     columns = ["learner", "protocol", "subjects", "before", "reached"]
     return pd.DataFrame(rows, columns=[*columns, "attempts", "ci_low", "ci_high", "asked"])
 
@@ -100,15 +100,6 @@ def subject_costs(results: Material, trials: pd.DataFrame, within: float = WITHI
     trained = table["learner"].astype(str).map(lambda name: results.trained_before.get(name, 0))
     added = table[["cost", "asked"]].add(trained.fillna(0).astype(float), axis=0)
     return table.assign(before=trained, **added)
-
-
-def median_cost(cost: FloatArray) -> tuple[float, float, float]:
-    """The median of subjects, inf where half of them never came so far, and its 95% interval.
-
-    >>> median_cost(np.array([4.0, 4.0, 4.0, 5.0, 4.0, np.inf]))
-    (4.0, 4.0, inf)
-    """
-    return (float(np.median(cost)), *median_interval(cost))
 
 
 def plot_cost(
@@ -174,7 +165,7 @@ def draw_costs(table: pd.DataFrame, learners: Sequence[str], ax: Any = None) -> 
             y = place + 0.22 * np.sin(2.4 * np.arange(len(reached)))
             colour = style.current().colors.get(own["learner"].iloc[0], style.current().other(3))
             axes.plot(reached, y, **dots, ms=3.5, color=colour, mew=0.4, alpha=0.8, zorder=2)
-            middle, *ends = median_cost(cost)
+            middle, ends = np.median(cost), median_interval(cost)
             if np.isfinite(ends[0]):
                 axes.plot(np.minimum(ends, high), [place] * 2, **line, zorder=3)
             if np.isfinite(middle):

@@ -36,7 +36,6 @@ PAIR_COLUMNS = [
     *("difference", "ci_low", "ci_high", "p", "probability", "p_corrected"),
 ]
 """Columns of :func:`pairwise_table`."""
-_PAIRS = "P(row needs fewer attempts than column)"
 _COLOURS = LinearSegmentedColormap.from_list("worse_better", ["#8C510A", "#F7F7F7", "#01665E"])
 _NAMES = {"ci_low": "low", "ci_high": "high", "probability": "P(fewer)"}
 _FORMATS = {
@@ -170,22 +169,20 @@ def plot_pairs(
     )
     shown = [style.label(name, 22) for name in names]
     counts = sorted(set(table["conditions"]))
-    many = str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
-    note = f"mean over {many} condition{'' if counts == [1] else 's'}; ties count half"
+    many = counted(counts[-1], "condition")
+    many = many if len(counts) == 1 else f"{counts[0]} to {many}"
     edge = 0.25 + 0.07 * max(map(len, shown))  # names along the left and, slanted, along the top
     cell = min(0.55, (style.WIDTH - edge - 0.5 * edge) / size)
 
     def lay_out(figure: Figure) -> list[Axes]:
         set_size(figure, max(3.5, 1.5 * edge + cell * size), 0.75 + 0.7 * edge + cell * size)
-        figure.suptitle(_PAIRS, x=0.01, ha="left", weight="bold", size="medium")
-        figure.supxlabel(note, x=0.01, ha="left", size="medium")
         return [figure.subplots()]
 
     with panels(ax, 1, lay_out) as at:
         (axes,) = at.axes
-        if at.figure is None:
-            axes.set_title(_PAIRS, fontsize="medium")
-            axes.set_xlabel(note, fontsize="small")
+        axes.set_xlabel(
+            f"P(row needs fewer attempts than column),\nmean over {many}; ties count half"
+        )
         axes.pcolormesh(
             range(size), range(size), values, shading="nearest", cmap=_COLOURS, vmin=0, vmax=1,
             edgecolors="white", linewidth=1.2,
