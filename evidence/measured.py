@@ -112,12 +112,9 @@ class Evidence:
     def _decided(self, contrast: Contrast) -> Decided:
         if not self.was_run:
             return Decided(contrast, why="not run yet")
-        networks = self.study.file.networks
-        trained = next(iter(networks.files)) if networks else ""
-        same = dict.fromkeys(networks.parameters, trained) if networks else {}
         units = self.units  # of a damaged file nothing is undecided
         try:
-            found = compared(units, contrast, self.study.unit, same)
+            found = compared(units, contrast, self.study.file.networks)
         except EvidenceError as error:
             return Decided(contrast, why=str(error))
         return Decided(contrast, verdict(found, contrast.expected, contrast.smallest), found)
@@ -297,7 +294,7 @@ def signed(found: Estimate, measure: str) -> str:
 
 def ends(found: Estimate, measure: str, least: float = -1.0, level: float = LEVEL) -> str:
     """An interval; of shares, as far as there can be any."""
-    low, high = found.intervals[level]
+    low, high = found.ends(level)
     if np.isnan(low):
         return found.alike
     if measure not in NO_SHARES:

@@ -121,7 +121,7 @@ def _with_network(study: Study, label: str, seed: int, results: Path, say: Say) 
     """The experiment as a network plays it, which is trained if it is not there."""
     networks = study.file.networks
     assert networks
-    trained = label if label in networks.files else next(iter(networks.files))
+    trained = networks.played_by(label)
     file = study.folder / networks.files[trained]
     name = f"{trained}-{seed}-{digest(file.read_bytes())[:8]}"  # of another training another one
     network = (results / "networks" / f"{name}.npz").absolute()

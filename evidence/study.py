@@ -135,6 +135,10 @@ class Networks(StrictModel):
     learner: Name = "rl2"
     parameters: dict[Name, dict[str, Any]] = Field(default_factory=dict)
 
+    def played_by(self, label: str) -> str:
+        """The label of the networks that a learner plays with."""
+        return label if label in self.files else next(iter(self.files))
+
 
 class Theories(StrictModel):
     """How theories predict subjects, and which learners' parameters are recovered.

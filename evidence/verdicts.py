@@ -7,9 +7,9 @@ difference of exactly the margin matters.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -26,7 +26,7 @@ from causal_openlock.analysis.statistics import (
 from causal_openlock.errors import EvidenceError
 from causal_openlock.schemas.fsm import FloatArray
 from evidence.published import PUBLISHED
-from evidence.study import CORRELATION, Contrast, selection
+from evidence.study import CORRELATION, Contrast, Networks, selection
 from evidence.units import selected
 
 Verdict = Literal["holds", "in part", "does not hold", "undecided"]
@@ -42,7 +42,7 @@ class Estimate:
 
     Attributes:
         value: The estimate.
-        intervals: By level, the ends of the interval that covers the true value with that
+        ends: Returns the ends of the interval that covers the true value with a given
             probability; NaN where there is none.
         units: How many units each side has: one number where they are paired or compared with a
             known number.
@@ -50,14 +50,14 @@ class Estimate:
     """
 
     value: float
-    intervals: Mapping[float, Ends]
+    ends: Callable[[float], Ends]
     units: tuple[int, ...]
     groups: tuple[Group, ...] = ()
 
     @property
     def interval(self) -> Ends:
         """The ends of the 95% interval."""
-        return self.intervals[LEVEL]
+        return self.ends(LEVEL)
 
     @property
     def n(self) -> str:
@@ -77,7 +77,7 @@ class Estimate:
         A difference of exactly the margin lies beyond it, as seen from 0.
         """
         edge = margin - 1e-9 * np.sign(margin)
-        low, high = self.intervals[level]
+        low, high = self.ends(level)
         if not np.isnan(low):
             return int(low > edge) - int(high < edge)
         first, *others = self.groups
@@ -90,11 +90,11 @@ class Estimate:
 
 def estimate(groups: Sequence[Group], units: tuple[int, ...]) -> Estimate:
     """The sum of the weighted means of groups, with its intervals."""
-    found = weighted_difference(groups)
-    ends = {LEVEL: (found.low, found.high), EQUIVALENCE: (np.nan, np.nan)}
-    if not np.isnan(found.low):
-        ends[EQUIVALENCE] = weighted_difference(groups, level=EQUIVALENCE)[1:3]
-    return Estimate(found.value, ends, units, tuple(groups))
+
+    def ends(level: float) -> Ends:
+        return weighted_difference(groups, level=level)[1:3]
+
+    return Estimate(weighted_difference(groups).value, ends, units, tuple(groups))
 
 
 def mean_of(values: FloatArray, known: float = 0.0) -> Estimate:
@@ -106,16 +106,17 @@ def mean_of(values: FloatArray, known: float = 0.0) -> Estimate:
     """
     if len(values) < LEAST_UNITS or not np.isin(values, (0.0, 1.0)).all():
         return estimate([Group.of(values - known)], (len(values),))
-    share = float(np.mean(values))  # of units that did it
-    ends = {one: share_interval(share, len(values), one) for one in (LEVEL, EQUIVALENCE)}
-    return _from(known, share, ends, len(values))
+    share, size = float(np.mean(values)), len(values)  # of units that did it
+    return _from(known, share, lambda level: share_interval(share, size, level), size)
 
 
-def _from(known: float, value: float, intervals: Mapping[float, Any], units: int) -> Estimate:
+def _from(known: float, value: float, of: Callable[[float], Ends], units: int) -> Estimate:
     """An estimate from a known number on."""
-    ends = {
-        one: (float(low) - known, float(high) - known) for one, (low, high) in intervals.items()
-    }
+
+    def ends(level: float) -> Ends:
+        low, high = of(level)
+        return float(low) - known, float(high) - known
+
     return Estimate(value - known, ends, (units,))
 
 
@@ -136,20 +137,16 @@ def mean_selected(units: pd.DataFrame, words: str, measure: str, known: float = 
     if len(true) < LEAST_UNITS or min(np.ptp(true), np.ptp(fitted)) == 0:
         raise EvidenceError(f"{words} was recovered of too few sets, or comes out always the same")
     found = stats.pearsonr(true, fitted)
-    ends = {level: found.confidence_interval(level) for level in (LEVEL, EQUIVALENCE)}
-    return _from(known, float(found.statistic), ends, len(true))
+    return _from(known, float(found.statistic), found.confidence_interval, len(true))
 
 
-def compared(
-    units: pd.DataFrame, contrast: Contrast, unit: str, same: Mapping[str, str] | None = None
-) -> Estimate:
+def compared(units: pd.DataFrame, contrast: Contrast, networks: Networks | None) -> Estimate:
     """The difference that a contrast asks for.
 
     Args:
         units: From :func:`~evidence.units.with_differences`.
         contrast: What is compared.
-        unit: ``"subject"`` or ``"network"``.
-        same: Of learners that play with the networks of another one, its label.
+        networks: Those that are the units, if subjects are not.
 
     Raises:
         EvidenceError: If a side has not been run.
@@ -167,9 +164,8 @@ def compared(
         error, size = (selected(units, side, name).mean() for name in ("error", "trials"))
         people = Group(int(size), float(minus.mean()), size * error**2, -1.0)
         return estimate([Group.of(of), people], (len(of),))
-    networks = {(same or {}).get(name, name) for name in (*one["learner"], learner)}
-    if unit == "network":
-        paired = len(networks) == 1
+    if networks:
+        paired = networks.played_by(one["learner"][0]) == networks.played_by(learner)
     else:
         paired = one.get("condition") == other.get("condition")
     if not paired:

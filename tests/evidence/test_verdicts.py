@@ -12,7 +12,7 @@ from statsmodels.stats.weightstats import ttost_ind, ttost_paired
 from causal_openlock.analysis.effects import Group, weighted_difference
 from causal_openlock.errors import EvidenceError
 from evidence.published import published_units
-from evidence.study import Contrast
+from evidence.study import Contrast, Networks
 from evidence.units import selected, with_differences
 from evidence.verdicts import (
     EQUIVALENCE,
@@ -55,7 +55,7 @@ def at(low, high):
     middle, half = (low + high) / 2, (high - low) / 2
     half *= float(stats.norm.ppf(0.95) / stats.norm.ppf(0.975))
     ends = {LEVEL: (low, high), EQUIVALENCE: (middle - half, middle + half)}
-    return Estimate(middle, ends, (1000,))
+    return Estimate(middle, ends.__getitem__, (1000,))
 
 
 @pytest.mark.parametrize(
@@ -81,7 +81,8 @@ def at(low, high):
 )
 def test_the_table_of_verdicts(low, high, expected, wanted):
     assert verdict(at(low, high), expected, 1.0) == wanted
-    within = Estimate(0.0, {LEVEL: (-2.0, 2.0), EQUIVALENCE: (-0.9, 0.9)}, (1000,))
+    ends = {LEVEL: (-2.0, 2.0), EQUIVALENCE: (-0.9, 0.9)}
+    within = Estimate(0.0, ends.__getitem__, (1000,))
     assert verdict(within, "same", 1.0) == "holds"
 
 
@@ -148,7 +149,7 @@ def test_people_count_with_their_standard_error():
     there = published_units()
     mean, error, n = (float(selected(there, people, name).iloc[0])
                       for name in ("attempts", "error", "trials"))  # fmt: skip
-    found = compared(table.assign(found=1.0, trials=1), asked, "subject")
+    found = compared(table.assign(found=1.0, trials=1), asked, None)
     theirs = Group(int(n), mean, n * error**2, -1.0)
     own = Group.of(table["attempts"].to_numpy())
     assert found.interval == pytest.approx(weighted_difference([own, theirs])[1:3])
@@ -173,20 +174,19 @@ def units():
 def test_subjects_are_paired_where_they_meet_the_same_rooms():
     table = units()
     table.loc[(table["learner"] == "b") & (table["unit"] == 2), "attempts"] += 0.5
-    same, apart = (
-        compared(table, contrast("b CC4", minus), "subject") for minus in ("a CC4", "a CE4")
-    )
+    same, apart = (compared(table, contrast("b CC4", minus), None) for minus in ("a CC4", "a CE4"))
     assert (same.units, apart.units) == ((5,), (5, 5))
     assert same.value == pytest.approx(2.0 + 0.5 / 5)
     assert np.diff(apart.interval) > np.diff(same.interval)
 
 
 def test_networks_are_paired_with_themselves_alone():
-    def sides(of, minus, same=None):
-        return len(compared(units(), contrast(of, minus), "network", same).units)
+    def sides(of, minus, **files):
+        networks = Networks(files={"a": "a.yaml", **files}, seeds=[1])
+        return len(compared(units(), contrast(of, minus), networks).units)
 
-    assert sides("b CC4", "a CC4") == 2
-    assert sides("b CC4", "a CC4", {"b": "a"}) == 1
+    assert sides("b CC4", "a CC4", b="b.yaml") == 2
+    assert sides("b CC4", "a CC4") == 1  # a variant has the networks of the first file
     assert sides("a CC4", "a CE4") == 1
 
 
