@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -110,7 +110,7 @@ def mean_of(values: FloatArray, known: float = 0.0) -> Estimate:
     return _from(known, share, lambda level: share_interval(share, size, level), size)
 
 
-def _from(known: float, value: float, of: Callable[[float], Ends], units: int) -> Estimate:
+def _from(known: float, value: float, of: Callable[[float], Any], units: int) -> Estimate:
     """An estimate from a known number on."""
 
     def ends(level: float) -> Ends:

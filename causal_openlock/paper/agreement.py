@@ -1,11 +1,9 @@
 """Learners next to the paper's own DDQN: Figures 6 and 7 as shares.
 
 The paper counts attempts by category: in five blocks of the baselines (Figure 6), and in the tests
-of the transfer cases (Figure 7). It does not say how many agents the counts add up, so their error
-is unknown. Two intervals of a learner's share allow for that: of the mean over subjects, and of one
-more subject. A count of very many agents may be compared with the first; what one agent did, with
-the second. So a share of the paper outside both differs in any case, one inside both may be the
-same, and of one between them the paper does not say enough.
+of the transfer cases (Figure 7). It does not say how many agents the counts add up. So a learner's
+share has two intervals: of the mean over subjects, for a count of very many agents, and of one more
+subject, for what one agent did.
 """
 
 from __future__ import annotations
@@ -58,8 +56,8 @@ def published_shares() -> pd.DataFrame:
     [0.43, 18000.0]
 
     Returns:
-        Rows by ``condition``, ``phase`` and ``block``: ``opens``, ``unlocks`` and ``else``, shares
-        of attempts; ``finds_all``, the share of visits; and the number of ``attempts``.
+        Rows by ``condition``, ``phase`` and ``block``: the shares of attempts ``opens``,
+        ``unlocks`` and ``else``, of visits ``finds_all``; and the number of ``attempts``.
     """
     key = ["condition", "phase", "block"]
     counts = paper_ddqn().pivot_table(index=key, columns="category", values="count")

@@ -15,8 +15,7 @@ which levers are active              n (n - 1)
 
 The last two are of an ideal observer (:mod:`causal_openlock.belief.worth`), who also uses which
 levers move: first with the prior of the learner ``bayes``, after the training if there is any, and
-then with the schema. All are exact. The search does not use the number of solutions, so that
-knowing it saves nothing there; for the ideal observer, who knows it, this was not computed.
+then with the schema. All are exact.
 """
 
 from __future__ import annotations
@@ -119,10 +118,9 @@ def _ideal(name: str, *training: str) -> tuple[tuple[float, ...], ...]:
 def peoples_rooms() -> pd.DataFrame:
     """Return people's published attempts in the first and in the last room of each condition.
 
-    Returns:
-        One row for each ``condition``, with ``first_room`` and ``last_room`` (until all solutions;
-        the only test room of a transfer is its first) and, in three-lever rooms,
-        ``first_solution_first_room`` and ``first_solution_last_room``.
+    Columns: ``condition``, ``first_room`` and ``last_room`` (until all solutions; the only test
+    room of a transfer is its first) and, in three-lever rooms, ``first_solution_first_room`` and
+    ``first_solution_last_room``.
     """
     training = people_in_training().rename(columns={"schema": "condition"})
     whole = pd.concat([training[training["solution"] == "all"], people()])

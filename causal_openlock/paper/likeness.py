@@ -3,18 +3,13 @@
 The paper reports what people did at fourteen *points*: the five trials of each baseline, and the
 test of each of the four transfer conditions. A learner's likeness is measured there in two ways.
 
-* *Distance*: the root mean square of its deviations from people's means, in attempts, and in
-  people's standard errors, which weighs each deviation by how well people's mean is known.
-* *Effects*: what people show, each a difference of means: they learn over the trials, they find
-  common effect harder than common cause, and training with the structure of the test helps more
-  than training with the other one. A learner shows an effect if its difference has people's sign.
+* *Distance*: the root mean square of its deviations from people's means.
+* *Effects*: what people show, each a difference of means. A learner shows an effect if its
+  difference has people's sign.
 
 A small distance without the effects is an average, and effects without a small distance are a
-caricature; so both are reported. The same is computed for the published theory-based model, of
-which, as of people, only means and error bars are known: a t-test needs no more.
-
-People's training in three-lever rooms is published elsewhere: twelve more means, which nothing here
-is fitted to. What a distance is worth is the question of
+caricature; so both are reported. People's training in three-lever rooms is published elsewhere:
+twelve more means, which nothing here is fitted to. What a distance is worth is the question of
 :mod:`~causal_openlock.paper.noise_ceiling`.
 """
 
@@ -49,17 +44,11 @@ _OF_PEOPLE = {name: f"people_{name}" for name in MEANS}
 
 
 class Effect(NamedTuple):
-    """Something that people show: a difference of means, positive in people.
-
-    Attributes:
-        name: For tables.
-        claim: What it means, for captions.
-        weights: Of each point in the difference.
-    """
+    """Something that people show: a difference of means, positive in people."""
 
     name: str
-    claim: str
-    weights: Mapping[tuple[str, str, int], float]
+    claim: str  #: what it means, for captions
+    weights: Mapping[tuple[str, str, int], float]  #: of each point in the difference
 
 
 EFFECTS = (
@@ -99,8 +88,7 @@ def points_of(trials: pd.DataFrame, reference: pd.DataFrame | None = None) -> pd
     Args:
         trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`, of learners that
             did what the reference did.
-        reference: Its means, as ``points`` of a
-            :class:`~causal_openlock.analysis.results.references.Reference`.
+        reference: Its means, as ``Reference.points``.
 
     Returns:
         One row for each ``learner`` and point, in the order of the reference: ``condition``,
@@ -210,15 +198,10 @@ def effects_of(points: pd.DataFrame, trials: pd.DataFrame | None = None) -> pd.D
 
 
 class Likeness(NamedTuple):
-    """Learners compared with people, and the published model.
+    """Learners compared with people, and the published model."""
 
-    Attributes:
-        points: By learner, the nearest first, as :func:`points_of` gives them.
-        effects: By learner, as :func:`effects_of` gives them.
-    """
-
-    points: dict[str, pd.DataFrame]
-    effects: dict[str, pd.DataFrame]
+    points: dict[str, pd.DataFrame]  #: by learner, the nearest first, from :func:`points_of`
+    effects: dict[str, pd.DataFrame]  #: by learner, from :func:`effects_of`
 
 
 def likeness(trials: pd.DataFrame, people: Beside, learners: Sequence[str]) -> Likeness | None:

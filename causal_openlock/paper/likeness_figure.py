@@ -46,19 +46,17 @@ def plot_likeness(
 ) -> Any:
     """Draw people's means at the fourteen points, and one learner's in each panel.
 
-    The learners stand in the order of their distance from people, the nearest first. The published
-    model stands last, even where it is nearer than they are. Above a panel: that distance (RMSE),
-    that of a perfect model with the same number of subjects, whether sampling error explains it
-    (:func:`~causal_openlock.paper.noise_ceiling.misfit`), and how many differences between
-    conditions or trials go the same way as people's.
+    The nearest to people stands first, the published model last. Above a panel: the distance
+    (RMSE), that of a perfect model with as many subjects, whether sampling error explains it
+    (:func:`~causal_openlock.paper.noise_ceiling.misfit`), and how many effects have people's sign.
 
     >>> [axes.get_title(loc="left") for axes in plot_likeness(results, learners=["random"])]
     ['random', 'published model']
 
     With ``together`` there are two panels: people with the published model, and the learners that
-    are given neither the schema nor the room. By default the nearest :data:`MOST_DRAWN` learners
-    are drawn. Arguments, what is returned and
-    errors are those of :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`.
+    are given neither the schema nor the room. By default the nearest :data:`MOST_DRAWN` are drawn.
+    Arguments, what is returned and errors are those of
+    :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`.
     """
     found = results.once(likeness_of)
     if learners is not None:

@@ -1,21 +1,20 @@
 """Noise ceiling and null models, to judge a distance from people.
 
-Fourteen means of forty people each are not what people do, but a measurement of it. So a distance
-is compared with three others:
+Fourteen means of forty people each are not what people do, but a measurement of it. Four things say
+what a distance from them is worth:
 
-* The *noise ceiling*: how far a perfect model would be, because people's means are off by their
-  standard errors. A learner's own means are off as well, the more so the fewer its subjects are.
-  Numbers that were fitted to the means follow people's error: each takes away one point's share.
-* The *misfit*, which asks whether people's sampling error and the model's own suffice to explain
-  the distance. Attempts do not say so: a model may be near where means are uncertain and
-  many standard errors off where they are known well. So each squared deviation is divided by its
-  variance, and the sum is compared with χ².
-* The *null curve*: four numbers fitted to the same fourteen means. Attempts fall exponentially with
-  the number of rooms that were played before, ``last + gain · exp(-rooms / rate)``; the fourth
-  number is added in common effect rooms and, once more, in tests after training with the other
-  structure. A model that is not nearer explains no more than it, with as many parameters.
+* The *noise ceiling*: how far a perfect model would be, as people's means and its own are off by
+  their standard errors. Numbers that were fitted to the means follow people's error.
+* The *misfit*: whether these errors explain the distance. A model may be near where means are
+  uncertain and many standard errors off where they are known well. So each squared deviation is
+  divided by its variance, and the sum is compared with χ².
+* The *null curve*: four numbers fitted to the same means. Attempts fall exponentially with the
+  rooms that were played before, ``last + gain · exp(-rooms / rate)``; the fourth number is added in
+  common effect rooms and, once more, in tests after training with the other structure.
 * *The difference of two models* with its interval. Where that includes zero, people's own sampling
   error could have put the models in the other order, and they are not ranked.
+
+Trials are treated as independent: how one person's vary together is not known.
 """
 
 from __future__ import annotations
@@ -43,41 +42,25 @@ from causal_openlock.schemas.fsm import FloatArray
 
 PERFECT = "perfect model"
 CURVE, CURVE_NUMBERS = "curve of 4 numbers", 4
-VERDICTS = ("nearer", "farther", "not ranked")
 RESAMPLES = 2000
 """Studies of people, and of subjects, that are drawn."""
 
 
 class Ceiling(NamedTuple):
-    """The distance of a perfect model from people, in attempts (root mean square).
+    """The distance of a perfect model from people, in attempts (root mean square)."""
 
-    Attributes:
-        people: The distance due to people's sampling error.
-        low: Between this and ``high`` it is in 95 of 100 such studies of people.
-        high: See there.
-        both: The distance due to people's sampling error and that of the learner's own means.
-    """
-
-    people: float
-    low: float
+    people: float  #: due to people's sampling error
+    low: float  #: between this and ``high`` it is in 95 of 100 such studies of people
     high: float
-    both: float
+    both: float  #: due to people's sampling error and that of the learner's own means
 
 
 class Misfit(NamedTuple):
-    """How well sampling error explains a distance from people.
+    """How well sampling error explains a distance from people."""
 
-    Attributes:
-        chi2: Sum of squared deviations, each divided by the sum of the squared standard errors of
-            the two means.
-        df: Number of points, less that of fitted numbers times people's share in the variances: the
-            learner's own error is new in what it plays later, and no number was fitted to it.
-        p: Probability of a sum as large or larger for a perfect model; NaN without points.
-    """
-
-    chi2: float
+    chi2: float  #: sum of squared deviations, each divided by the variance of the difference
     df: float
-    p: float
+    p: float  #: probability of as large a sum for a perfect model; NaN without points
 
     @property
     def in_words(self) -> str:
@@ -98,11 +81,10 @@ def misfit(points: pd.DataFrame, fitted: int = 0) -> Misfit:
     >>> misfit(points_of_model()).in_words
     'χ²(14) = 62.3, p < .001'
 
-    Trials are treated as independent, as in :func:`noise_ceiling`.
-
     Args:
         points: As for :func:`noise_ceiling`.
-        fitted: Numbers that were fitted to these means.
+        fitted: Numbers that were fitted to these means. Each takes away people's share in the
+            variances from the degrees of freedom: none was fitted to the learner's own error.
     """
     from scipy.special import chdtrc
 
@@ -123,15 +105,12 @@ def noise_ceiling(points: pd.DataFrame, fitted: int = 0) -> Ceiling:
     >>> f"{found.people:.2f}, with 40 subjects of its own {found.both:.2f}"
     '1.21, with 40 subjects of its own 1.34'
 
-    The interval treats trials as independent; how one person's trials vary together is not known.
-    With fitted numbers k of N points, all squares of people's part are (N - k)/N times as large,
-    which is exact where errors are alike and the model is linear in these numbers.
-
     Args:
-        points: Of one learner, from
-            :func:`~causal_openlock.paper.likeness.points_of`; all is NaN
+        points: Of one learner, from :func:`~causal_openlock.paper.likeness.points_of`; all is NaN
             without points.
-        fitted: Numbers that were fitted to these means.
+        fitted: Numbers that were fitted to these means. With k of N points, squares of people's
+            part are (N - k)/N times as large, which is exact where errors are alike and the model
+            is linear in these numbers.
     """
     if points.empty:
         return Ceiling(*[float("nan")] * 4)
@@ -181,19 +160,12 @@ def null_curve() -> pd.DataFrame:
 
 
 class Difference(NamedTuple):
-    """Difference of two models' distances from people.
+    """Difference of two models' distances from people, with its 95% interval."""
 
-    Attributes:
-        difference: Of their RMSEs, in attempts; negative if the first is nearer.
-        low: Lower end of its 95% interval.
-        high: Upper end.
-        verdict: One of :data:`VERDICTS`, about the first: not ranked if the interval includes 0.
-    """
-
-    difference: float
+    difference: float  #: of their RMSEs, in attempts; negative if the first is nearer
     low: float
     high: float
-    verdict: str
+    verdict: str  #: on the first: nearer, farther, or not ranked, if the interval includes 0
 
 
 def drawn_means(
@@ -203,8 +175,8 @@ def drawn_means(
 
     Args:
         points: From :func:`~causal_openlock.paper.likeness.points_of`.
-        trials: What its subjects did; they are resampled. Without it, means are drawn from normal
-            distributions with their standard errors.
+        trials: What its subjects did; they are resampled. Without it, means are drawn by their
+            standard errors.
         rng: Generator of the resampling.
     """
     if trials is None:
@@ -228,10 +200,9 @@ def rmse_difference(
 ) -> Difference:
     """The difference of two models' distances from people, with a verdict.
 
-    People's means are drawn anew from normal distributions with their standard errors, the same
-    for both models, and so are the models' means. In the difference of mean squares people's
-    sampling error has no bias, as it is in both terms; the interval is computed there and divided
-    by the sum of the two RMSEs.
+    People's means are drawn anew, the same for both models. In the difference of mean squares
+    people's sampling error has no bias, as it is in both terms; the interval is computed there and
+    divided by the sum of the two RMSEs.
 
     Args:
         points: Of the two models, in the same order.
@@ -243,8 +214,7 @@ def rmse_difference(
     rmse = [distance(own)[0] for own in points]
     scale = max(sum(rmse), np.finfo(float).tiny)
     low, high = (np.quantile(squares[0] - squares[1], _TAILS) / scale).tolist()
-    nearer, farther, undecided = VERDICTS
-    verdict = nearer if high < 0 else farther if low > 0 else undecided
+    verdict = "nearer" if high < 0 else "farther" if low > 0 else "not ranked"
     return Difference(rmse[0] - rmse[1], low, high, verdict)
 
 
@@ -256,18 +226,17 @@ def beside_null_models(
     """Distances from people, next to the noise ceiling and null models.
 
     Args:
-        like: The learners, from
-            :func:`~causal_openlock.paper.likeness.likeness`.
+        like: The learners, from :func:`~causal_openlock.paper.likeness.likeness`.
         trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
         fitted: How many numbers were fitted to these means, of learners of which any were.
 
     Returns:
         A row for each learner, the published models, the null curve and a perfect model, the
-        nearest first. Distances are in attempts, each followed by its :class:`Misfit` in words
-        (``misfit``, ``misfit_baselines``, ...), and missing where there is nothing to compare:
-        ``learner``, ``rmse`` over all points, ``baselines``, ``tests`` and ``all`` (in training in
-        three-lever rooms). Then ``ceiling`` (of a perfect model with as many subjects and fitted
-        numbers), and against the nearest learner ``difference``, ``low``, ``high``, ``verdict``.
+        nearest first: ``learner``; distances in attempts, ``rmse`` over all points, ``baselines``,
+        ``tests`` and ``all`` (in training in three-lever rooms), each followed by its misfit in
+        words (``misfit``, ``misfit_baselines``, ...); ``ceiling`` (of a perfect model with as many
+        subjects and fitted numbers), and against the nearest learner ``difference``, ``low``,
+        ``high``, ``verdict``.
     """
     rng = np.random.default_rng(SEED)
     played = {str(name): own for name, own in trials.groupby("learner", observed=True)}

@@ -33,11 +33,6 @@ from causal_openlock.paper.significance import (
 from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.world import facts
 
-TEST_COLUMNS = (
-    *("learner", "family", "test", "subjects", "difference", "statistic", "df", "value"),
-    *("p", "effect", "effect_size", "hedges_g"),
-)
-"""Columns of the tables of this module; see :func:`paper_tests`."""
 PEOPLE = "People"
 _CC3, _CE3 = ("CC3-CC4", "CC3-CE4"), ("CE3-CC4", "CE3-CE4")
 FAMILIES = {
@@ -53,29 +48,17 @@ _FORMATS = {
 
 
 class PaperTest(NamedTuple):
-    """One of the paper's tests.
+    """One of the paper's tests."""
 
-    Attributes:
-        family: What it belongs to: ``baseline``, ``training`` or ``transfer``.
-        name: What is compared; a difference of two is the first minus the second.
-        key: Name of what the paper prints of it.
-        kind: ``trials``, ``one-way``, ``t`` or ``interaction``.
-        sides: Conditions that are compared; those of a side are one group.
-        phase: Of the trials: ``train`` or ``test``.
-        last: Whether the last trial alone is compared, and not the mean of all.
-        claim: What it tests, as the end of a sentence about people or learners.
-        directed: Whether only a difference above zero confirms it.
-    """
-
-    family: str
-    name: str
-    key: str
-    kind: str
-    sides: tuple[tuple[str, ...], ...]
-    phase: str
-    last: bool
-    claim: str
-    directed: bool = True
+    family: str  #: ``baseline``, ``training`` or ``transfer``
+    name: str  #: what is compared; a difference of two is the first minus the second
+    key: str  #: name of what the paper prints of it
+    kind: str  #: ``trials``, ``one-way``, ``t`` or ``interaction``
+    sides: tuple[tuple[str, ...], ...]  #: conditions that are compared; those of a side together
+    phase: str  #: of the trials
+    last: bool  #: whether the last trial alone is compared, and not the mean of all
+    claim: str  #: what it tests, as the end of a sentence about people or learners
+    directed: bool = True  #: whether only a difference above zero confirms it
 
     @property
     def conditions(self) -> tuple[str, ...]:
@@ -167,7 +150,7 @@ def paper_tests(trials: pd.DataFrame, learners: Sequence[str]) -> pd.DataFrame:
 
     Returns:
         A row for each test of the paper's conditions that a learner played, in the paper's order
-        (nothing at all if none did), with the columns :data:`TEST_COLUMNS`:
+        (nothing at all if none did):
 
         - ``learner``, ``family``, ``test``; ``subjects``: in all groups together.
         - ``difference``: of means, in attempts: the first minus the second of ``test``; of trials
@@ -179,9 +162,8 @@ def paper_tests(trials: pd.DataFrame, learners: Sequence[str]) -> pd.DataFrame:
     """
     means = by_subject(trials, ["phase", "trial"])
     rows = [row for name in learners for row in _tests_of(means, name)]
-    if not rows:
-        return pd.DataFrame(columns=list(TEST_COLUMNS))
-    return pd.concat([printed_tests(), pd.DataFrame(rows)], ignore_index=True)
+    people = printed_tests()
+    return pd.concat([people, pd.DataFrame(rows)], ignore_index=True) if rows else people[:0]
 
 
 def _tests_of(means: pd.DataFrame, learner: str) -> list[dict[str, object]]:

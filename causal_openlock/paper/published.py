@@ -1,17 +1,10 @@
 """Published results: means of people and of models, and counts of the paper's DDQN.
 
-Only means and error bars are published, of the same trials: the baseline trials, and the test after
-training. People are those of the paper (Figures 3 and 4). The published model is the theory-based
-causal model of a later paper, *Theory-based Causal Transfer* (Edmonds et al., AAAI 2020, Figure 5),
-whose agents played as people had. :mod:`causal_openlock.paper.references` says which
-learners they are compared with.
-
-Of the paper's own DDQN the categories of attempts are published (Figures 6 and 7).
-
-Of the learners by reinforcement of AAAI 2020 the curves of attempts are published (its Figure 4).
-
-How people trained in three-lever rooms before the test is published in a third paper, *Decomposing
-Human Causal Learning* (Edmonds et al., CogSci 2019, Figure 4), with a model of its own.
+Published are means and error bars of people (the paper's Figures 3 and 4), counts of its DDQN by
+category (Figures 6 and 7); means of the theory-based model and curves of learners by reinforcement
+in *Theory-based Causal Transfer* (Edmonds et al., AAAI 2020, Figures 5 and 4); and how people and a
+model trained in three-lever rooms, in *Decomposing Human Causal Learning* (Edmonds et al., CogSci
+2019, Figure 4). With whom they are compared stands in :mod:`causal_openlock.paper.references`.
 """
 
 from __future__ import annotations
@@ -28,9 +21,6 @@ POINT = ["condition", "phase", "trial"]
 
 AGENTS = 40
 """Number of agents behind each published mean of the model."""
-
-TRAINING_POINT = ["schema", "solution", "trial"]
-"""Columns that identify the training trials of which means are published."""
 
 
 def people() -> pd.DataFrame:
@@ -82,10 +72,9 @@ def people_in_training() -> pd.DataFrame:
 
     Returns:
         One row for each ``schema`` (CC3, CE3), ``solution`` and ``trial``, with ``subjects``,
-        ``mean`` and ``se``. ``all`` counts attempts until both solutions are found, a trial that
-        is not solved as 30; ``first`` those until the first is found, and ``second`` those from
-        there to the second, in people who solved every trial (which is inferred: the paper does
-        not say who is left out).
+        ``mean`` and ``se``: attempts until ``all`` solutions are found (30 in a trial that is not
+        solved), until the ``first``, and from there to the ``second``, in people who solved every
+        trial (which is inferred: the paper does not say who is left out).
     """
     return _training("human")
 
@@ -103,7 +92,7 @@ def _training(who: str) -> pd.DataFrame:
         for schema, values in by_schema.items()
         for trial, (mean, se) in enumerate(zip(values["mean"], values["se"], strict=True), 1)
     ]
-    return pd.DataFrame(rows, columns=[*TRAINING_POINT, "subjects", "mean", "se"])
+    return pd.DataFrame(rows, columns=["schema", "solution", "trial", "subjects", "mean", "se"])
 
 
 def paper_ddqn() -> pd.DataFrame:

@@ -51,23 +51,13 @@ def p_in_words(p: float) -> str:
 
 
 class SignificanceTest(NamedTuple):
-    """The result of a significance test; its numbers are NaN where it is not defined.
+    """The result of a significance test; its numbers are NaN where it is not defined."""
 
-    Attributes:
-        statistic: ``t`` or ``F``.
-        df: Its degrees of freedom.
-        difference: The difference tested, in the unit of the values; its sign is that of the
-            means, the first minus the second.
-        value: Of the statistic.
-        effect: Size of the effect: Cohen's d for t; for F partial η², the share of the variance
-            left by other effects that this one explains.
-    """
-
-    statistic: str
+    statistic: str  #: ``t`` or ``F``
     df: tuple[int, ...]
-    difference: float
-    value: float
-    effect: float
+    difference: float  #: that was tested, in the unit of the values
+    value: float  #: of the statistic
+    effect: float  #: Cohen's d for t, partial η² for F
 
     @classmethod
     def of_f(cls, value: float, df: tuple[int, int], difference: float) -> SignificanceTest:

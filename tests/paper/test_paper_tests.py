@@ -12,7 +12,6 @@ from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import Beside
 from causal_openlock.analysis.topic import sections_of
 from causal_openlock.paper.paper_tests import (
-    TEST_COLUMNS,
     TESTS,
     paper_tests,
     printed_tests,
@@ -132,7 +131,7 @@ def test_conditions_and_subjects_that_are_not_whole_are_left_out():
     rows = play("good", scattered(3), 4, ("CE4", "CC3-CC4", "CE3-CC4"))
     tests = learner_tests(material(rows, ("good",)).trials, "good")
     assert tests["test"].tolist() == ["CC4: CE3 − CC3"]
-    assert tests.columns.tolist() == list(TEST_COLUMNS)
+    assert tests.columns.tolist() == printed_tests().columns.tolist()
     assert learner_tests(material(rows, ("good",)).trials, "who").empty
     rows = play("good", scattered(3), 6, ("CC4", "CE4"))
     whole = learner_tests(material(rows, ("good",)).trials, "good")
