@@ -193,9 +193,9 @@ class Results(Material):
     def score(self, learners: LearnerForm | Sequence[LearnerForm] = (), **options: Any) -> Scores:
         """Let learners predict every action of these subjects: who predicts best?
 
-        Arguments, errors and an example: :func:`~causal_openlock.fitting.of_results.score`.
+        Arguments, errors and an example: :func:`~causal_openlock.fitting.predicting.score`.
         """
-        from causal_openlock.fitting.of_results import score
+        from causal_openlock.fitting.predicting import score
 
         return score(self, learners, **options)
 

@@ -34,7 +34,6 @@ from causal_openlock.fitting.steps import begin, fitting_in, steps
 from causal_openlock.running.worker import made
 from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.scoring import LAPSE
-from causal_openlock.scoring.inverse_binomial import Draws
 from causal_openlock.scoring.recorded import Recorded, recorded_subjects
 from causal_openlock.scoring.teacher_forcing import known_learners, score_part
 from causal_openlock.wording import joined
@@ -126,7 +125,7 @@ class Simulated:
         if self.draws and unknown(theory):  # with nothing unknown, all draws are the same
             numbers = range(self.first * self.draws, (self.first + 1) * self.draws)
             specs = [drawn(theory, self.experiment.seed, "theory", number) for number in numbers]
-        scores = [score_part(part, spec, self.lapse, Draws(most=self.copies)) for spec in specs]
+        scores = [score_part(part, spec, self.lapse, self.copies) for spec in specs]
         nats = [[own.sum() for _, own in score.groupby("subject")["log_probability"]]
                 for score in scores]  # fmt: skip
         mean: FloatArray = np.logaddexp.reduce(nats) - math.log(len(nats))

@@ -28,6 +28,7 @@ import pandas as pd
 from causal_openlock.contract.registry import learner_class
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.declare import LearnerSpec
+from causal_openlock.experiment.making import LearnerForm, listed, make_experiment
 from causal_openlock.files.validation import adapter
 from causal_openlock.fitting.search import NONE
 from causal_openlock.fitting.space import FitSettings, Plan, Range, search_space
@@ -43,16 +44,22 @@ from causal_openlock.fitting.to_actions import (
     subjects_of,
 )
 from causal_openlock.scoring import LAPSE
-from causal_openlock.scoring.inverse_binomial import Draws
-from causal_openlock.scoring.recorded import Recorded, recorded_subjects, subject_names
-from causal_openlock.scoring.score_table import GROUP
-from causal_openlock.scoring.scores import Scores, score_learners, scores_of
-from causal_openlock.scoring.teacher_forcing import EXACT, scored_parts
-from causal_openlock.storage.store import StoredExperiment
+from causal_openlock.scoring.recorded import (
+    GROUP,
+    Recorded,
+    record_digest,
+    recorded_subjects,
+    subject_names,
+)
+from causal_openlock.scoring.scores import Scores, choices_in
+from causal_openlock.scoring.teacher_forcing import known_learners, score_actions, scored_parts
+from causal_openlock.storage.store import Store, StoredExperiment
 from causal_openlock.wording import joined
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+    from causal_openlock.comparison.results import Results
 
 
 @dataclass(frozen=True)
@@ -147,22 +154,62 @@ def _check_named(
         )
 
 
-def score_fits(
+def score(
+    results: Results,
+    /,
+    learners: LearnerForm | Sequence[LearnerForm] = (),
+    *,
+    fits: Sequence[Path | str] = (),
+    of: Sequence[str] | str = (),
+    lapse: float = LAPSE,
+    workers: int = 1,
+) -> Scores:
+    """Let learners predict every action of these subjects: who predicts best?
+
+    Args:
+        results: The results of one folder; in ``results.score(...)`` it is given.
+        learners: As in :func:`~causal_openlock.compare`.
+        fits: Folders of fits to actions; each predicts by its folder's name.
+        of: Labels of the learners whose subjects are predicted; by default all.
+        lapse: The share of actions that are taken to be random.
+        workers: How many processes work; with one it is this process.
+
+    Raises:
+        LearnerError: If a learner cannot be put in another's place.
+        StoreError: If the results are from several folders, or cannot be played again.
+
+    Example:
+        >>> from causal_openlock import compare
+        >>> results = compare("CC3", ["oracle"], subjects=2, workers=1)
+        >>> results.score(["random", "oracle"]).ranking["scored"].tolist()
+        ['oracle', 'random']
+    """
+    if len(results.folders) != 1:
+        raise StoreError("score the results of one folder at a time")
+    asked = listed(learners)
+    specs = make_experiment(["CC4"], asked).learners if asked else ()
+    fitted = [read_fit(Path(folder), [spec.learner for spec in specs]) for folder in fits]
+    of = [spec.name for spec in known_learners(of, results.experiment.learners)]
+    stored = Store(results.folders[0]).record()
+    return score_learners(*stored, specs, fitted, of=of, lapse=lapse, workers=workers)
+
+
+def score_learners(
     record: pa.Table,
     experiment: StoredExperiment,
-    fits: Sequence[FitOfActions],
-    learners: Sequence[LearnerSpec] = (),
+    learners: Sequence[LearnerSpec],
+    fits: Sequence[FitOfActions] = (),
     *,
     of: Sequence[str] = (),
     lapse: float = LAPSE,
-    draws: Draws = EXACT,
+    draws: int | None = None,
     workers: int = 1,
     report: Callable[[int, int], None] = lambda done, total: None,
 ) -> Scores:
-    """Score fitted learners, and other learners, on the subjects of all these fits.
+    """Score learners, and those that were fitted, on the subjects of all these fits.
 
     The other arguments and errors are those of
-    :func:`~causal_openlock.scoring.scores.score_learners`.
+    :func:`~causal_openlock.scoring.teacher_forcing.score_actions`.
 
     Raises:
         StoreError: If a fit is of other subjects, or of other actions of theirs.
@@ -170,24 +217,23 @@ def score_fits(
             took another share of lapses, or have the same name.
     """
     if not (fits or learners):
-        raise OpenLockError("name who predicts: learners, or fits")
+        raise OpenLockError("name who predicts: learners (--learner, --from), or fits (--fits)")
     tables = []
     if learners:
-        given: dict[str, Any] = {"of": of, "lapse": lapse, "draws": draws, "workers": workers}
-        scores = score_learners(record, experiment, learners, **given, report=report)
-        if not fits:
-            return scores
-        tables = [scores.actions]
-    subjects = alone(recorded_subjects(record, experiment, of))
-    _check(fits, [spec.name for spec in learners], subjects_of([*subjects.values()]), lapse)
-    shared = {who: own for who, own in subjects.items() if all(who in f.subjects for f in fits)}
-    if not shared:
-        labels = joined([fit.label for fit in fits])
-        raise StoreError(f"no subject was fitted in each of {labels}; fit to the same subjects")
-    tables = [table[subject_names(table).isin(shared)] for table in tables]
-    predicted = [_predicted(fit, shared, draws, workers) for fit in fits]
-    actions = pd.concat([*predicted, *tables], ignore_index=True)
-    return scores_of(record, experiment, actions)
+        how: dict[str, Any] = {"of": of, "draws": draws, "workers": workers, "report": report}
+        tables = [score_actions(record, experiment, learners, lapse, **how)]
+    if fits:
+        subjects = alone(recorded_subjects(record, experiment, of))
+        _check(fits, [spec.name for spec in learners], subjects_of([*subjects.values()]), lapse)
+        shared = {who: own for who, own in subjects.items() if all(who in f.subjects for f in fits)}
+        if not shared:
+            labels = joined([fit.label for fit in fits])
+            raise StoreError(f"no subject was fitted in each of {labels}; fit to the same subjects")
+        predicted = [_predicted(fit, shared, draws, workers) for fit in fits]
+        tables = [*predicted, *(table[subject_names(table).isin(shared)] for table in tables)]
+    actions = pd.concat(tables, ignore_index=True)
+    digest = record_digest(record, experiment, set(actions["learner"]))
+    return Scores(actions, choices_in(experiment), digest)
 
 
 def _check(
@@ -219,22 +265,17 @@ def _check(
 
 
 def _predicted(
-    fit: FitOfActions, subjects: Mapping[str, Recorded], draws: Draws, workers: int
+    fit: FitOfActions, subjects: Mapping[str, Recorded], draws: int | None, workers: int
 ) -> pd.DataFrame:
     """The scores of a fitted learner, where possible by what was fitted without the action."""
     plan = fit.plan
     folds = [fold for fold in numbers_of_folds(plan) if (fold != WHOLE) == fit.holds_out]
     jobs = [(who, fold) for who in subjects for fold in folds]
-    specs = [plan.space.spec(fit.of(*job).chosen) for job in jobs]
-    scored = scored_parts(
-        [
-            (subjects[who], replace(spec, name=fit.label))
-            for (who, _), spec in zip(jobs, specs, strict=True)
-        ],
-        plan.fit.lapse,
-        draws,
-        workers,
-    )
+    parts = [
+        (subjects[who], replace(plan.space.spec(fit.of(who, fold).chosen), name=fit.label))
+        for who, fold in jobs
+    ]
+    scored = scored_parts(parts, plan.fit.lapse, draws, workers)
     tables = [
         table[held_out(table, plan, fold) == fit.holds_out]
         for (_, fold), table in zip(jobs, scored, strict=True)

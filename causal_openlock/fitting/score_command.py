@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from causal_openlock.cli.options import Workers
-from causal_openlock.errors import OpenLockError, StoreError
+from causal_openlock.errors import StoreError
 from causal_openlock.scoring import LAPSE
 
 _HEADS = {
@@ -70,9 +70,8 @@ def score(
     from causal_openlock.comparison.progress_bar import counting, shown_steps
     from causal_openlock.experiment.file import find_experiment, read_experiment
     from causal_openlock.experiment.making import make_experiment
-    from causal_openlock.fitting.predicting import read_fit, score_fits
+    from causal_openlock.fitting.predicting import read_fit, score_learners
     from causal_openlock.running.workers import available_cores
-    from causal_openlock.scoring.inverse_binomial import Draws
     from causal_openlock.scoring.scores import FOLDER, Scores
     from causal_openlock.scoring.teacher_forcing import known_learners
     from causal_openlock.storage.store import Store
@@ -83,24 +82,20 @@ def score(
     if experiment:
         asked = read_experiment(find_experiment(experiment), tell=console.print_line).learners
         predicting = known_learners(learner, asked) if learner else list(asked)
-    elif learner:
-        predicting = list(make_experiment(["CC4"], learner).learners)
-    elif fits:
-        predicting = []
     else:
-        raise OpenLockError("name who predicts, with --learner, --from or --fits")
+        predicting = list(make_experiment(["CC4"], learner).learners) if learner else []
     known_learners(of or (), played.learners)
     fitted = [read_fit(one, [spec.learner for spec in predicting]) for one in fits or ()]
     with shown_steps("score") as begin:
         begin("no part is scored yet")
-        scores = score_fits(
+        scores = score_learners(
             record,
             played,
-            fitted,
             predicting,
+            fitted,
             of=of or (),
             lapse=lapse,
-            draws=Draws(draws),
+            draws=draws,
             workers=workers or available_cores(),
             report=counting(begin, "parts are scored"),
         )

@@ -43,7 +43,7 @@ from causal_openlock.fitting.steps import fitting_in, steps
 from causal_openlock.schemas.fsm import BoolArray
 from causal_openlock.scoring.recorded import Recorded, subject_names
 from causal_openlock.scoring.scores import LN2
-from causal_openlock.scoring.teacher_forcing import EXACT, score_part
+from causal_openlock.scoring.teacher_forcing import score_part
 
 FILE = "fit_to_actions.json"
 """File of a finished fit."""
@@ -124,7 +124,7 @@ class Predictions:
         key, plan = tuple(chosen.values()), self._plan
         if key not in self._known:
             spec = plan.space.spec(chosen)
-            tables = [score_part(part, spec, plan.fit.lapse, EXACT) for part in self._parts]
+            tables = [score_part(part, spec, plan.fit.lapse) for part in self._parts]
             self._known[key] = pd.concat(tables, ignore_index=True)
             self._tried()
         return self._known[key]

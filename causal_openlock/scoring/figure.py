@@ -15,7 +15,7 @@ from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import in_rows, panels
 from causal_openlock.analysis.statistics import sizes
-from causal_openlock.scoring.score_table import GROUP
+from causal_openlock.scoring.recorded import GROUP
 
 _NOTHING: Any = {"color": "#666666", "lw": 1.0, "ls": (0, (1, 1.5))}
 

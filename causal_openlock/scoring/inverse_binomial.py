@@ -29,12 +29,13 @@ Subjects are played again with more copies until every action has been hit, or t
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from functools import lru_cache
 from math import ceil
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import digamma, hyperu, polygamma
 
 from causal_openlock.contract.learner import InformedLearner, Truth
@@ -57,30 +58,20 @@ TERMS = 100_000
 """Most terms of a sum that are added up one by one."""
 
 
-@dataclass(frozen=True)
-class Draws:
-    """Settings of draws from learners without probabilities.
+def limit_of_draws(most: int | None, lapse: float, actions: int) -> int:
+    """Return the most copies of a subject that are asked.
 
-    Attributes:
-        most: How many copies of a subject are asked at most; by default as many as a lapse needs
-            in the mean to do an action.
+    >>> limit_of_draws(None, 0.01, 15), limit_of_draws(128, 0.01, 15)
+    (1500, 128)
+
+    Args:
+        most: The limit; None for as many as a lapse needs in the mean to do an action.
+        lapse: Share of actions that are taken to be random.
+        actions: Number of actions to choose from.
     """
-
-    most: int | None = None
-
-    def limit(self, lapse: float, actions: int) -> int:
-        """Return the most copies of a subject that are asked.
-
-        >>> Draws().limit(0.01, 15), Draws(most=128).limit(0.01, 15)
-        (1500, 128)
-
-        Args:
-            lapse: Share of actions that are taken to be random.
-            actions: Number of actions to choose from.
-        """
-        if self.most is not None:
-            return self.most
-        return ceil(actions / lapse) if lapse else WITHOUT_LAPSES
+    if most is not None:
+        return most
+    return ceil(actions / lapse) if lapse else WITHOUT_LAPSES
 
 
 class Tally:
@@ -129,47 +120,25 @@ class Tally:
             self.open[place] = not hit.any()
             self._misses[place] += hit.argmax() if hit.any() else len(hit)
 
-    def estimates(self) -> Estimates:
-        """The estimates from the draws so far."""
+    def scores(self) -> dict[str, NDArray[Any]]:
+        """``[B, T]`` scores from the draws so far; beyond a subject's last action without meaning.
+
+        1 + 1/2 + ... + 1/n is the digamma function of n + 1, plus Euler's constant, and the sum of
+        squares is the trigamma function's difference from pi²/6.
+        """
         share = self._own / np.maximum(self._asked, 1)
         mixed = (1.0 - self._lapse) * share + self._by_lapse
-        total = -harmonic(self._misses)
+        total = -(digamma(self._misses + 1.0) + np.euler_gamma)
         for place in zip(*np.nonzero(self.open), strict=True):
             total[place] -= expected_rest(int(self._misses[place]), float(mixed[place]))
-        variance = harmonic_of_squares(self._misses)
-        return Estimates(total, variance, self._own == 0, self.open.copy())
-
-
-class Estimates(NamedTuple):
-    """Estimates of B subjects' actions; beyond a subject's last action they mean nothing.
-
-    Attributes:
-        log_probability: ``[B, T]`` log-probabilities with lapses, in nats.
-        variance: ``[B, T]`` their variances.
-        impossible: ``[B, T]`` which actions no copy did.
-        at_limit: ``[B, T]`` which actions were not hit before the limit of draws.
-    """
-
-    log_probability: FloatArray
-    variance: FloatArray
-    impossible: BoolArray
-    at_limit: BoolArray
-
-
-def harmonic(number: IntArray) -> FloatArray:
-    """1 + 1/2 + ... + 1/n.
-
-    >>> harmonic(np.array([0, 1, 2])).round(6).tolist()
-    [0.0, 1.0, 1.5]
-    """
-    found: FloatArray = digamma(number + 1.0) + np.euler_gamma
-    return found
-
-
-def harmonic_of_squares(number: IntArray) -> FloatArray:
-    """1 + 1/4 + ... + 1/n²."""
-    found: FloatArray = np.maximum(np.pi**2 / 6 - polygamma(1, number + 1.0), 0.0)
-    return found
+        variance = np.maximum(np.pi**2 / 6 - polygamma(1, self._misses + 1.0), 0.0)
+        return {
+            "log_probability": total,
+            "standard_error": np.sqrt(variance),
+            **dict.fromkeys(("entropy", "highest"), np.full(total.shape, np.nan)),
+            "impossible": self._own == 0,  # no copy did it
+            "at_limit": self.open.copy(),
+        }
 
 
 @lru_cache(maxsize=4096)
@@ -206,19 +175,19 @@ def tiled(given: Any, copies: int) -> Any:
 
 
 def by_draws(
-    part: Recorded, scored: LearnerSpec, draws: Draws, lapse: float, actions: int
-) -> Estimates:
-    """Log-probabilities of what subjects did, by asking copies of a learner.
+    part: Recorded, scored: LearnerSpec, draws: int | None, lapse: float, actions: int
+) -> dict[str, NDArray[Any]]:
+    """``[B, T]`` scores of what subjects did, by asking copies of a learner.
 
     Args:
         part: The subjects.
         scored: The learner.
-        draws: How often to ask.
+        draws: How often to ask, as for :func:`limit_of_draws`.
         lapse: The share of a subject's actions that are taken to be random.
         actions: How many actions there are to choose from.
     """
     tally = Tally(part.asked, part.starts.cumsum(axis=1), lapse, actions)
-    for asked, copies in _rounds(draws.limit(lapse, actions)):
+    for asked, copies in _rounds(limit_of_draws(draws, lapse, actions)):
         left = np.flatnonzero(tally.open.any(axis=1)).tolist()
         together = max(1, MOST_COPIES // copies)
         for first in range(0, len(left), together):
@@ -229,7 +198,7 @@ def by_draws(
                 for copy in range(copies)
             ]
             _ask(part, scored, places, numbers, tally)
-    return tally.estimates()
+    return tally.scores()
 
 
 def _rounds(most: int) -> Iterator[tuple[int, int]]:

@@ -18,15 +18,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import (
-    digamma,
-    expit,
-    gammainc,
-    gammaincinv,
-    gammaln,
-    logsumexp,
-    softmax,
-)
+from scipy.special import digamma, expit, gammainc, gammaincinv, gammaln, logsumexp, softmax
 
 from causal_openlock.schemas.fsm import FloatArray
 
@@ -66,10 +58,17 @@ def select_models(evidence: FloatArray) -> Selection:
         >>> found.frequencies.round(2).tolist(), found.exceedance.round(2).tolist()
         ([0.67, 0.33], [0.89, 0.11])
     """
-    learners = evidence.shape[1]
-    counts, followed = frequencies_of(evidence)
+    subjects, learners = evidence.shape
+    prior = np.ones(learners)
+    counts, followed = prior + subjects / learners, np.zeros_like(evidence)
+    for _ in range(ROUNDS):
+        followed = softmax(evidence + _expected(counts), axis=1)
+        before, counts = counts, prior + followed.sum(axis=0)
+        if np.abs(counts - before).max() < ENOUGH:
+            break
     exceedance = exceedance_of(counts)
-    all_equal = float(expit(_equal(evidence) - _bound(evidence, followed, counts)))
+    equal = float((logsumexp(evidence, axis=1) - np.log(learners)).sum())
+    all_equal = float(expit(equal - _differ(evidence, followed, counts)))
     return Selection(
         frequencies=counts / counts.sum(),
         exceedance=exceedance,
@@ -79,26 +78,10 @@ def select_models(evidence: FloatArray) -> Selection:
     )
 
 
-def frequencies_of(evidence: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Frequencies of learners, and the probabilities that subjects follow them.
-
-    Args:
-        evidence: As :func:`select_models` takes it.
-
-    Returns:
-        ``[M]`` counts of the Dirichlet distribution of the frequencies, and ``[S, M]`` the
-        probability that each subject followed each learner.
-    """
-    subjects, learners = evidence.shape
-    prior = np.ones(learners)
-    counts, followed = prior + subjects / learners, np.zeros_like(evidence)
-    for _ in range(ROUNDS):
-        expected = digamma(counts) - digamma(counts.sum())
-        followed = softmax(evidence + expected, axis=1)
-        before, counts = counts, prior + followed.sum(axis=0)
-        if np.abs(counts - before).max() < ENOUGH:
-            break
-    return counts, followed
+def _expected(counts: FloatArray) -> FloatArray:
+    """Expected logarithms of frequencies with a Dirichlet distribution of these counts."""
+    logs: FloatArray = digamma(counts) - digamma(counts.sum())
+    return logs
 
 
 def exceedance_of(counts: FloatArray) -> FloatArray:
@@ -111,31 +94,20 @@ def exceedance_of(counts: FloatArray) -> FloatArray:
     [0.333333, 0.333333, 0.333333]
     """
     chances = (np.arange(QUANTILES) + 0.5) / QUANTILES
-    greatest = np.array(
-        [
-            gammainc(np.delete(counts, which)[:, None], gammaincinv(count, chances)).prod(axis=0)
-            for which, count in enumerate(counts)
-        ]
-    ).mean(axis=1)
+    below = [
+        gammainc(np.delete(counts, which)[:, None], gammaincinv(count, chances)).prod(axis=0)
+        for which, count in enumerate(counts)
+    ]
+    greatest = np.array(below).mean(axis=1)
     return greatest / greatest.sum()
 
 
-def _bound(evidence: FloatArray, followed: FloatArray, counts: FloatArray) -> float:
+def _differ(evidence: FloatArray, followed: FloatArray, counts: FloatArray) -> float:
     """The variational bound on the log evidence that frequencies differ."""
-    expected = digamma(counts) - digamma(counts.sum())
-    prior = np.ones_like(counts)
+    prior, expected = np.ones_like(counts), _expected(counts)
     joint = (followed * (evidence + expected)).sum()
     entropy = -(followed * np.log(np.maximum(followed, np.finfo(float).tiny))).sum()
-    return float(joint + entropy - _divergence(counts, prior))
-
-
-def _divergence(counts: FloatArray, prior: FloatArray) -> float:
-    """The Kullback-Leibler divergence of a Dirichlet distribution from another."""
-    expected = digamma(counts) - digamma(counts.sum())
+    # The Kullback-Leibler divergence of a Dirichlet distribution from another.
     own, other = (gammaln(one.sum()) - gammaln(one).sum() for one in (counts, prior))
-    return float(own - other + ((counts - prior) * expected).sum())
-
-
-def _equal(evidence: FloatArray) -> float:
-    """The log evidence that all learners are equally frequent."""
-    return float((logsumexp(evidence, axis=1) - np.log(evidence.shape[1])).sum())
+    divergence = own - other + ((counts - prior) * expected).sum()
+    return float(joint + entropy - divergence)

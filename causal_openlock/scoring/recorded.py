@@ -21,11 +21,12 @@ from causal_openlock.errors import StoreError
 from causal_openlock.experiment.declare import SHOWN, Experiment, LearnerSpec
 from causal_openlock.experiment.session import AT_ONCE, Session, padded
 from causal_openlock.schemas.fsm import BoolArray, IntArray
-from causal_openlock.scoring.score_table import GROUP
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
+GROUP = ["learner", "condition", "protocol", "experiment", "seed"]
+"""Columns that identify subjects who can be replayed in one session."""
 ATTEMPT = [
     *(*GROUP, "subject", "phase", "loop", "trial", "attempt", "schema", "layout"),
     *("actions", "moved", "opened"),
@@ -53,14 +54,24 @@ class Recorded:
         return np.unique(self.rows["subject"]).tolist()
 
     @cached_property
-    def attempts(self) -> list[list[NDArray[Any]]]:
-        """Actions of each attempt, by subject, in the order of the record."""
-        by_number = self.rows.groupby("subject", sort=True)["actions"]
-        return [[np.asarray(one, np.int64) for one in own] for _, own in by_number]
+    def each(self) -> pd.DataFrame:
+        """A row for each action, subject by subject, with the columns of a score that say which."""
+        rows = self.rows.sort_values("subject", kind="stable").rename(
+            columns={"actions": "action_index"}
+        )
+        rows["trial"] = rows["attempt"].eq(1).groupby(rows["subject"]).cumsum()
+        each = rows[["subject", "phase", "trial", "attempt", "action_index"]]
+        each = each.explode("action_index").dropna(subset="action_index")
+        each.insert(4, "action", each.groupby(level=0).cumcount() + 1)
+        return each.astype({"action_index": np.int64})
+
+    def by_subject(self, values: pd.Series[Any]) -> list[NDArray[Any]]:
+        """``[B]`` arrays of what a column of :attr:`each` has of each subject."""
+        return [own.to_numpy() for _, own in values.groupby(self.each["subject"])]
 
     def done(self) -> list[IntArray]:
         """``[B]`` arrays of all actions of each subject."""
-        return [np.concatenate(own) for own in self.attempts]
+        return self.by_subject(self.each["action_index"])
 
     @cached_property
     def actions(self) -> IntArray:
@@ -70,40 +81,18 @@ class Recorded:
     @cached_property
     def asked(self) -> BoolArray:
         """``[B, T]`` which actions there are that the subjects chose: none that they were shown."""
-        chose = self.rows["phase"].ne(SHOWN).groupby(self.rows["subject"], sort=True)
-        _, exists = padded(self.done())
-        for row, own, (_, each) in zip(exists, self.attempts, chose, strict=True):
-            row[: row.sum()] = np.repeat(each.to_numpy(), [len(one) for one in own])
-        return exists
+        return padded(self.by_subject(self.each["phase"].ne(SHOWN)))[0].astype(bool)
 
     @cached_property
     def starts(self) -> BoolArray:
         """``[B, T]`` whether an action is the first one of its attempt."""
-        starts = np.zeros(self.asked.shape, dtype=bool)
-        for row, attempts in zip(starts, self.attempts, strict=True):
-            row[np.cumsum([0, *map(len, attempts)])[:-1]] = True
-        return starts
+        return padded(self.by_subject(self.each["action"].eq(1)))[0].astype(bool)
 
     def alone(self) -> dict[str, Recorded]:
         """Each subject by itself, by its name; see :func:`subject_names`."""
         return {
             subject_names(rows).iloc[0]: replace(self, rows=rows)
             for _, rows in self.rows.groupby("subject", sort=True)
-        }
-
-    @cached_property
-    def about(self) -> dict[str, NDArray[Any]]:
-        """Columns of scores that no learner changes, with a row for each action that is scored."""
-        who, moment = np.nonzero(self.asked)
-        trials = self.rows.sort_values("subject", kind="stable")
-        trials = trials.assign(number=_trial_numbers(trials))[trials["phase"] != SHOWN]
-        each = trials["actions"].map(len).to_numpy(np.int64)
-        return {
-            "subject": np.array(self.numbers)[who],
-            "trial": np.repeat(trials["number"].to_numpy(), each),
-            "attempt": np.repeat(trials["attempt"].to_numpy(), each),
-            "action": np.array([place for one in each for place in range(1, one + 1)], np.int64),
-            "action_index": self.actions[who, moment],
         }
 
     def session(
@@ -133,18 +122,14 @@ class Recorded:
         for acts, step in session.following(self.done()):
             if not step.view.playing[acts].all():
                 raise StoreError("the record has more actions than its protocol allows")
-        again = session.record().to_pandas()
-        columns = ["subject", "actions", "moved", "opened"]
-        key = ["subject", "phase", "loop", "trial", "attempt"]
-        both = self.rows.merge(
-            again[[*key, *columns[1:]]].astype({"phase": str}), on=key, how="left"
-        )
-        same = len(both) == len(self.rows) and all(
-            isinstance(other, np.ndarray) and np.array_equal(one, other)
-            for name in ("actions", "moved")
-            for one, other in zip(both[f"{name}_x"], both[f"{name}_y"], strict=True)
-        )
-        if not (same and (both["opened_x"] == both["opened_y"]).all()):
+        places = ["subject", "phase", "loop", "trial", "attempt"]
+
+        def happened(rows: pd.DataFrame) -> dict[tuple[Any, ...], list[Any]]:
+            table = rows.astype({"phase": str}).set_index(places)[["actions", "moved", "opened"]]
+            return {place: [np.asarray(value).tolist() for value in outcome]
+                    for place, *outcome in table.itertuples()}  # fmt: skip
+
+        if not happened(self.rows).items() <= happened(session.record().to_pandas()).items():
             raise StoreError(
                 f"what {self.group['learner']} did in {self.group['condition']} does not come out "
                 "again in the rooms of its experiment, so no learner can be put in its place; was "
@@ -199,13 +184,9 @@ def recorded_subjects(
     Raises:
         StoreError: If no subject has played, or what is on record cannot be played again.
     """
-    if of:
-        import pyarrow as pa
-        import pyarrow.compute as pc
-
-        record = record.filter(pc.is_in(record["learner"].cast(pa.string()), pa.array([*of])))
     attempts = record.select(ATTEMPT).to_pandas()
     attempts = attempts.astype(dict.fromkeys(["learner", "condition", "protocol", "phase"], str))
+    attempts = attempts[attempts["learner"].isin(of)] if of else attempts
     if attempts.empty:
         raise StoreError("no subject of these learners has played yet; run compare to the end")
     parts = []
@@ -216,10 +197,3 @@ def recorded_subjects(
             parts.append(Recorded(dict(zip(GROUP, group, strict=True)), own, experiment))
             parts[-1].check()
     return parts
-
-
-def _trial_numbers(rows: pd.DataFrame) -> IntArray:
-    """``[N]`` the number of each attempt's trial in the whole condition, from 1."""
-    first = (rows["attempt"] == 1).to_numpy()
-    by_subject = pd.Series(first).groupby(rows["subject"].to_numpy())
-    return by_subject.cumsum().to_numpy(np.int64)

@@ -8,11 +8,11 @@ is the mean of subjects, and two learners are compared on the same subjects.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -21,26 +21,30 @@ from causal_openlock.analysis.effects import Group, weighted_difference
 from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.statistics import mean_intervals
-from causal_openlock.contract.registry import changed_parameters
-from causal_openlock.errors import OpenLockError, StoreError
-from causal_openlock.experiment.declare import Experiment, LearnerSpec
-from causal_openlock.files.atomic import write_text
+from causal_openlock.errors import OpenLockError, StoreError, in_short
+from causal_openlock.experiment.declare import Experiment
+from causal_openlock.files.atomic import write_bytes, write_text
+from causal_openlock.files.checksums import ChecksumError, read_table, table_bytes
 from causal_openlock.files.escaping import csv_of
-from causal_openlock.scoring import LAPSE
-from causal_openlock.scoring.inverse_binomial import Draws
-from causal_openlock.scoring.model_selection import frequencies_of, select_models
-from causal_openlock.scoring.recorded import ATTEMPT, record_digest
-from causal_openlock.scoring.score_table import GROUP, read_scores, write_scores
-from causal_openlock.scoring.teacher_forcing import EXACT, score_actions
-from causal_openlock.storage.store import Store, StoredExperiment
+from causal_openlock.scoring.model_selection import Selection, select_models
+from causal_openlock.scoring.recorded import ATTEMPT, GROUP, record_digest
+from causal_openlock.storage.store import Store
 from causal_openlock.wording import joined, nearest
 from causal_openlock.world.room import action_names, positions_for
 
-if TYPE_CHECKING:
-    import pyarrow as pa
-
 SUBJECT = [*GROUP, "subject"]
 LN2 = float(np.log(2.0))
+COLUMNS = {
+    "scored": "string",
+    **dict.fromkeys(GROUP[:-1], "string"),
+    **dict.fromkeys(("seed", "subject", "trial", "attempt", "action", "action_index"), "int64"),
+    **dict.fromkeys(("log_probability", "standard_error", "entropy", "highest"), "double"),
+    **dict.fromkeys(("impossible", "at_limit"), "bool"),
+    "price": "double",
+}
+"""Columns of scores of actions in their file, with their types."""
+RECORD = b"causal_openlock.record"
+"""Where the file has the digest of the record that was scored: subjects may be played again."""
 FOLDER, ACTIONS = "scores", "actions.parquet"
 """Folder and file of scores in a results folder."""
 BY_SUBJECT, FOLLOWED = "subjects.csv", "followed.csv"
@@ -140,16 +144,10 @@ class Scores:
         :func:`~causal_openlock.scoring.model_selection.select_models`, with -BIC/2 for the log
         evidence; a learner that never does what a subject did is taken to be very unlikely for it.
         """
-        evidence = self._evidence
-        found = select_models(evidence.to_numpy(float))
-        return pd.DataFrame(
-            {
-                "scored": evidence.columns,
-                "frequency": found.frequencies,
-                "exceedance": found.exceedance,
-                "protected": found.protected,
-            }
-        )
+        found = self._selection
+        shares = [found.frequencies, found.exceedance, found.protected]
+        table = dict(zip(("frequency", "exceedance", "protected"), shares, strict=True))
+        return pd.DataFrame({"scored": self._evidence.columns, **table})
 
     @cached_property
     def attributed(self) -> pd.DataFrame:
@@ -160,8 +158,7 @@ class Scores:
         far its evidence, as :attr:`followed` takes it, is ``ahead`` of the best of the others, in
         nats (negative where another one is more frequent; NaN if there is no other).
         """
-        evidence = self._evidence
-        _, shares = frequencies_of(evidence.to_numpy(float))
+        evidence, shares = self._evidence, self._selection.followed
         which, rows = shares.argmax(axis=1), np.arange(len(shares))
         others = evidence.to_numpy(float, copy=True)
         own = others[rows, which]
@@ -177,6 +174,11 @@ class Scores:
     def _evidence(self) -> pd.DataFrame:
         """-BIC/2 by subject, and learner that predicts it."""
         return (-0.5 * self._by_learner("bic")).clip(lower=-1e6)
+
+    @cached_property
+    def _selection(self) -> Selection:
+        """Who follows whom, from :attr:`_evidence`."""
+        return select_models(self._evidence.to_numpy(float))
 
     def _by_learner(self, column: str) -> pd.DataFrame:
         """A number by subject that all learners predict, and learner."""
@@ -257,14 +259,24 @@ class Scores:
         Raises:
             StoreError: If there are none, they are damaged, or another version made them.
         """
+        path = folder / ACTIONS
         try:
-            actions, record = read_scores(folder / ACTIONS)
+            table = read_table(path.read_bytes())
         except FileNotFoundError:
             raise StoreError(
                 f"{folder} holds no scores; make them with: causal-openlock score {folder.parent} "
                 "--learner NAME"
             ) from None
-        return cls(actions, record=record)
+        except (OSError, ChecksumError) as error:
+            raise StoreError(
+                f"{path} cannot be read ({in_short(error)}); remove it, and score the subjects "
+                "again"
+            ) from None
+        known = {field.name: str(field.type) for field in table.schema}
+        record = (table.schema.metadata or {}).get(RECORD, b"").decode(errors="replace")
+        if known != COLUMNS or not record:
+            raise StoreError(f"{path} was not made by this version; score the subjects again")
+        return cls(table.replace_schema_metadata(None).to_pandas(), record=record)
 
     def save(self, folder: Path) -> list[Path]:
         """Write ``actions.parquet``, ``subjects.csv`` and ``followed.csv``; returns where.
@@ -272,42 +284,15 @@ class Scores:
         Raises:
             OSError: If they cannot be written.
         """
+        import pyarrow as pa
+
         files = [folder / ACTIONS, folder / BY_SUBJECT, folder / FOLLOWED]
-        write_scores(files[0], self.actions, self.record)
+        schema = pa.schema([(name, pa.type_for_alias(kind)) for name, kind in COLUMNS.items()])
+        table = pa.Table.from_pandas(self.actions[[*COLUMNS]], schema, preserve_index=False)
+        write_bytes(files[0], table_bytes(table, {RECORD: self.record.encode()}))
         write_text(files[1], csv_of(self.subjects.round(6)))
         write_text(files[2], csv_of(self.attributed.round(6)))
         return files
-
-
-def score_learners(
-    record: pa.Table,
-    experiment: StoredExperiment,
-    learners: Sequence[LearnerSpec],
-    *,
-    of: Sequence[str] = (),
-    lapse: float = LAPSE,
-    draws: Draws = EXACT,
-    workers: int = 1,
-    report: Callable[[int, int], None] = lambda done, total: None,
-) -> Scores:
-    """Score learners on recorded subjects: those of some learners, by default all.
-
-    The other arguments and errors are those of
-    :func:`~causal_openlock.scoring.teacher_forcing.score_actions`.
-    """
-    actions = score_actions(
-        record, experiment, learners, lapse, of=of, draws=draws, workers=workers, report=report
-    )
-    chosen = {one.name: len(changed_parameters(one.learner, one.parameters)) for one in learners}
-    done = actions.groupby(["scored", *SUBJECT], observed=True)["action"].transform("size")
-    price = actions["scored"].map(chosen).to_numpy(float) * np.log(done)
-    return scores_of(record, experiment, actions.assign(price=price))
-
-
-def scores_of(record: pa.Table, experiment: Experiment, actions: pd.DataFrame) -> Scores:
-    """Scores of actions on record, with what is known of the record."""
-    digest = record_digest(record, experiment, set(actions["learner"]))
-    return Scores(actions, choices_in(experiment), digest)
 
 
 def choices_in(experiment: Experiment) -> dict[str, int]:

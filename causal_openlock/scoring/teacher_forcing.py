@@ -17,21 +17,18 @@ from numpy.typing import NDArray
 
 from causal_openlock.contract.checks import are_probabilities, failures_of
 from causal_openlock.contract.learner import InformedLearner, Learner
-from causal_openlock.contract.registry import create
+from causal_openlock.contract.registry import changed_parameters, create
 from causal_openlock.errors import LearnerError
-from causal_openlock.experiment.declare import LearnerSpec
+from causal_openlock.experiment.declare import SHOWN, LearnerSpec
 from causal_openlock.experiment.session import Session
 from causal_openlock.running.workers import worker_pool
-from causal_openlock.scoring.inverse_binomial import Draws, by_draws
+from causal_openlock.scoring.inverse_binomial import by_draws
 from causal_openlock.scoring.recorded import Recorded, recorded_subjects
-from causal_openlock.scoring.score_table import COLUMNS
 from causal_openlock.storage.store import StoredExperiment
 from causal_openlock.wording import nearest
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-EXACT = Draws()
 
 
 def score_actions(
@@ -41,7 +38,7 @@ def score_actions(
     lapse: float = 0.0,
     *,
     of: Sequence[str] = (),
-    draws: Draws = EXACT,
+    draws: int | None = None,
     workers: int = 1,
     report: Callable[[int, int], None] = lambda done, total: None,
 ) -> pd.DataFrame:
@@ -54,20 +51,21 @@ def score_actions(
         lapse: The share of a subject's actions that are taken to be random, so that one action
             that the learner would never do does not outweigh all others.
         of: Labels of the learners whose subjects are predicted; by default all.
-        draws: How those are asked that give no probabilities.
+        draws: Most copies to ask of a learner that gives no probabilities; see
+            :func:`~causal_openlock.scoring.inverse_binomial.limit_of_draws`.
         workers: How many processes work; with one it is this process.
         report: Called with how many parts of the work are done, of how many.
 
     Returns:
         A row for each action. ``scored`` is the learner that predicts; ``learner`` and the rest of
-        :data:`~causal_openlock.scoring.score_table.GROUP` and ``subject`` say who acted; ``trial``
+        :data:`~causal_openlock.scoring.recorded.GROUP` and ``subject`` say who acted; ``trial``
         (in the whole condition), ``attempt`` and ``action`` when, each from 1; ``action_index``
         what. ``log_probability`` is in nats, with lapses, and its ``standard_error`` 0 where it is
         exact; ``entropy`` is that of the learner's own probabilities, in nats; ``highest``, the
         probability of the action that it finds likeliest (both NaN where it gives none);
         ``impossible``, whether it would never do what was done, but for lapses; ``at_limit``,
         whether draws stopped before it was hit, so that its estimate is biased; ``price``, what the
-        subject's BIC has for parameters (here 0).
+        subject's BIC has for the parameters of the learner that are not its defaults.
 
     Raises:
         LearnerError: If a learner cannot be put in another's place, or does not give
@@ -80,13 +78,13 @@ def score_actions(
     for table in scored_parts(jobs, lapse, draws, workers):
         tables.append(table)
         report(len(tables), len(jobs))
-    return pd.concat(tables, ignore_index=True)[[*COLUMNS]]
+    return pd.concat(tables, ignore_index=True)
 
 
 def scored_parts(
     jobs: Sequence[tuple[Recorded, LearnerSpec]],
     lapse: float,
-    draws: Draws,
+    draws: int | None,
     workers: int,
 ) -> Iterator[pd.DataFrame]:
     """The scores of learners on parts of a record, in the order of the jobs."""
@@ -100,42 +98,35 @@ def scored_parts(
             yield job.result()
 
 
-def score_part(part: Recorded, scored: LearnerSpec, lapse: float, draws: Draws) -> pd.DataFrame:
+def score_part(
+    part: Recorded, scored: LearnerSpec, lapse: float, draws: int | None = None
+) -> pd.DataFrame:
     """The scores of one learner on some subjects of a group.
 
     Raises:
         LearnerError: If the learner cannot be put in another's place, or fails there.
     """
     with failures_of(scored.name):
-        return _scored(part, scored, lapse, draws)
-
-
-def _scored(part: Recorded, scored: LearnerSpec, lapse: float, draws: Draws) -> pd.DataFrame:
-    learner, session = create(scored.learner, scored.parameters), part.session(scored)
-    if not learner.learns_from_others:
-        raise LearnerError(
-            f"{scored.name} learns from its own actions alone, so it cannot be put in the place of "
-            "a subject that did others; leave it out"
-        )
-    session.begin(learner)
-    if learner.probabilities(session.view) is None:
-        drawn = by_draws(part, scored, draws, lapse, session.brief.actions)
-        scores = {
-            "log_probability": drawn.log_probability,
-            "standard_error": np.sqrt(drawn.variance),
-            **dict.fromkeys(("entropy", "highest"), np.full(part.asked.shape, np.nan)),
-            "impossible": drawn.impossible,
-            "at_limit": drawn.at_limit,
-        }
-    else:
-        scores = _told(part, session, learner, scored.name, lapse)
+        learner, session = create(scored.learner, scored.parameters), part.session(scored)
+        if not learner.learns_from_others:
+            raise LearnerError(
+                f"{scored.name} learns from its own actions alone, so it cannot be put in the "
+                "place of a subject that did others; leave it out"
+            )
+        session.begin(learner)
+        if learner.probabilities(session.view) is None:
+            scores = by_draws(part, scored, draws, lapse, session.brief.actions)
+        else:
+            scores = _told(part, session, learner, scored.name, lapse)
+    which = part.each[part.each["phase"] != SHOWN].drop(columns="phase")
+    chosen, actions = changed_parameters(scored.learner, scored.parameters), which["subject"]
     return pd.DataFrame(
         {
             "scored": scored.name,
             **part.group,
-            **part.about,
+            **{name: column.to_numpy() for name, column in which.items()},
             **{name: values[part.asked] for name, values in scores.items()},
-            "price": 0.0,
+            "price": len(chosen) * np.log(actions.groupby(actions).transform("size")).to_numpy(),
         }
     )
 

@@ -28,7 +28,6 @@ from causal_openlock.experiment.declare import Cell
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.making import learner, make_experiment
 from causal_openlock.running.worker import made
-from causal_openlock.scoring.inverse_binomial import Draws
 from causal_openlock.scoring.recorded import recorded_subjects
 from causal_openlock.scoring.teacher_forcing import score_actions
 from causal_openlock.storage.store import Store
@@ -183,7 +182,7 @@ def test_subjects_and_likelihoods_are_those_of_compare_and_score(asked, tmp_path
     store = Store(tmp_path / "played")
     assert not play(asked, store.folder, workers=1, warn=print)
     record, played = store.record()
-    scores = score_actions(record, played, asked.learners, 0.01, draws=Draws(most=8))
+    scores = score_actions(record, played, asked.learners, 0.01, draws=8)
     by = ["learner", "condition", "subject"]
     sums = scores.groupby([*by, "scored"], observed=True)["log_probability"].sum().unstack()
     own = found.set_index(by)[[f"nats {name}" for name in sums]].sort_index()

@@ -29,7 +29,7 @@ from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.making import make_experiment
 from causal_openlock.export.as_csv import write_csv
 from causal_openlock.files.checksums import ZEROS
-from causal_openlock.fitting.predicting import read_fit
+from causal_openlock.fitting.predicting import read_fit, score_learners
 from causal_openlock.fitting.space import FitSettings, Plan, Range, read_plan, search_space
 from causal_openlock.fitting.to_actions import FILE as FITS
 from causal_openlock.fitting.to_actions import fit_all, jobs_of
@@ -39,7 +39,7 @@ from causal_openlock.running.runner import run
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.schemas.graphs import FORMATS, export_schema, read_schema
 from causal_openlock.scoring.recorded import recorded_subjects
-from causal_openlock.scoring.scores import ACTIONS, FOLDER, Scores, score_learners
+from causal_openlock.scoring.scores import ACTIONS, FOLDER, Scores
 from causal_openlock.storage.store import Store
 from openlock_learners.language.replies import FOLDER as REPLIES
 from openlock_learners.language.replies import Replies

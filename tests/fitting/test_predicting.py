@@ -10,7 +10,7 @@ from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.making import make_experiment
 from causal_openlock.files.checksums import json_bytes
 from causal_openlock.fitting.hierarchical import fit_group
-from causal_openlock.fitting.predicting import read_fit, score_fits
+from causal_openlock.fitting.predicting import read_fit, score_learners
 from causal_openlock.fitting.space import FitSettings, Plan, Range, search_space
 from causal_openlock.fitting.to_actions import FILE, WHOLE, fit_all, jobs_of
 from causal_openlock.running.runner import run
@@ -42,7 +42,7 @@ def folder(tmp_path_factory):
 
 
 def scored(folder, *fits):
-    return score_fits(*Store(folder).record(), fits)
+    return score_learners(*Store(folder).record(), (), fits)
 
 
 def test_a_fit_predicts_as_it_did_and_its_parameters_have_a_price(folder):

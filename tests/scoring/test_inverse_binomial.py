@@ -9,7 +9,7 @@ import pytest
 import causal_openlock as ol
 from causal_openlock.experiment.making import make_experiment
 from causal_openlock.running.runner import run
-from causal_openlock.scoring.inverse_binomial import TERMS, Draws, Tally, expected_rest
+from causal_openlock.scoring.inverse_binomial import TERMS, Tally, expected_rest, limit_of_draws
 from causal_openlock.scoring.teacher_forcing import score_actions
 from causal_openlock.storage.store import Store
 from openlock_learners.associative import Associative
@@ -53,8 +53,9 @@ def test_the_estimate_and_its_variance_are_right_in_the_mean(probability):
         for subject in np.flatnonzero(counts.open[:, 0]).tolist():
             hits = generator.random(64) < probability
             counts.note(subject, 0, hits, np.ones(64, bool), generator.random(64))
-    estimates, variances, _, at_limit = counts.estimates()
-    assert not at_limit.any()
+    found = counts.scores()
+    estimates, variances = found["log_probability"], found["standard_error"] ** 2
+    assert not found["at_limit"].any()
     error = estimates.std() / np.sqrt(many)
     mixed = 0.9 * probability + 0.1 / 15
     assert estimates.mean() == pytest.approx(np.log(mixed), abs=4 * error)
@@ -62,29 +63,29 @@ def test_the_estimate_and_its_variance_are_right_in_the_mean(probability):
 
 
 def test_an_action_that_no_copy_takes_is_left_to_lapses():
-    assert np.isneginf(tally(1, 0).estimates().log_probability)
-    counts = tally(1, 0.1)
-    assert counts.estimates().log_probability == pytest.approx(np.log(0.1 / 15))
-    assert counts.estimates().impossible.all()
-    assert counts.estimates().at_limit.all()
+    assert np.isneginf(tally(1, 0).scores()["log_probability"])
+    found = tally(1, 0.1).scores()
+    assert found["log_probability"] == pytest.approx(np.log(0.1 / 15))
+    assert found["impossible"].all()
+    assert found["at_limit"].all()
 
 
 @pytest.mark.parametrize("probability", [0.0, 0.001, 0.003])
 def test_the_default_limit_of_draws_makes_hardly_any_bias(probability):
     many, lapse = 3000, 0.01
-    most = Draws().limit(lapse, 15)
+    most = limit_of_draws(None, lapse, 15)
     exact = np.log((1 - lapse) * probability + lapse / 15)
     counts = tally(many, lapse)
     generator = np.random.default_rng(2)
     for subject in range(many):
         draws, luck = generator.random((2, most))
         counts.note(subject, 0, draws < probability, np.ones(most, bool), luck)
-    found = counts.estimates()
-    off = found.log_probability[:, 0] - exact
+    found = counts.scores()
+    off = found["log_probability"][:, 0] - exact
     error = off.std() / np.sqrt(many)
     assert abs(off.mean()) < 0.035 + 3 * error
     expected = (1 - np.exp(exact)) ** most
-    assert found.at_limit.mean() == pytest.approx(expected, abs=4 * np.sqrt(expected / many))
+    assert found["at_limit"].mean() == pytest.approx(expected, abs=4 * np.sqrt(expected / many))
 
 
 @pytest.mark.parametrize("misses", [0, 3, 256])
@@ -119,7 +120,7 @@ def test_draws_agree_with_exact_probabilities(played, monkeypatch, learner, name
         with monkeypatch.context() as patched:
             patched.setattr(learner, "probabilities", lambda *_: None)
             patched.setattr(learner, "act", draws_silently)
-            drawn = score_actions(*own, scored, 0.2, draws=Draws(most=300))
+            drawn = score_actions(*own, scored, 0.2, draws=300)
         gap = (drawn["log_probability"] - exact["log_probability"]).sum()
         error = np.sqrt((drawn["standard_error"] ** 2).sum())
         assert exact["standard_error"].sum() == 0.0 < error
@@ -129,8 +130,8 @@ def test_draws_agree_with_exact_probabilities(played, monkeypatch, learner, name
 def test_copies_carry_on_the_plan_that_the_subject_has_begun(played):
     own = of(played, "posterior_sampling")
     scored = spec("posterior_sampling")
-    actions = score_actions(*own, scored, 0.2, draws=Draws(most=100))
-    assert actions.equals(score_actions(*own, scored, 0.2, draws=Draws(most=100)))
+    actions = score_actions(*own, scored, 0.2, draws=100)
+    assert actions.equals(score_actions(*own, scored, 0.2, draws=100))
     assert np.isnan(actions["entropy"]).all()
     by_place = np.exp(actions["log_probability"]).groupby(actions["action"]).mean()
     assert by_place[3] > by_place[1]  # once the first lever is known, the rest is known better
