@@ -186,9 +186,8 @@ def told_apart(
     ]
     total, rows = sum(part.subjects for part in parts), []
     with fitting_in(folder, workers) as pool:
-        jobs = [(part.about, part) for part in parts]
-        start = partial(begin, pool, Simulated.rows)
-        for found in steps(folder, jobs, start, list[dict[str, Any]]):
+        jobs = [(part.about, partial(begin, pool, part.rows)) for part in parts]
+        for found in steps(folder, jobs, list[dict[str, Any]]):
             rows += found
             report(len(rows), total)
     return pd.DataFrame(rows)

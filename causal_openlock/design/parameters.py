@@ -26,7 +26,7 @@ from causal_openlock.fitting.space import (
     parse_range,
     search_space,
 )
-from causal_openlock.fitting.to_actions import WHOLE, FitJob, fit_all
+from causal_openlock.fitting.to_actions import fit_all
 from causal_openlock.running.worker import made
 from causal_openlock.scoring import LAPSE
 from causal_openlock.scoring.recorded import Recorded, recorded_subjects
@@ -107,11 +107,7 @@ def parameters_recovered(
     settings = FitSettings(
         lapse=lapse, hold_out="none", candidates=candidates, seed=experiment.seed
     )
-    plan = Plan(space, settings)
-    jobs = [FitJob(name, tuple(own), WHOLE, plan) for name, own in parts.items()]
-    fits = fit_all(
-        jobs, folder, workers=workers, report=lambda done, tried: report(done, len(jobs))
-    )
+    fits = fit_all(parts, Plan(space, settings), folder, workers=workers, report=report)
     return pd.DataFrame(
         {"set": number, "parameter": name, "true": true[name], "fitted": fit.chosen[name],
          "at_bound": name in at_bound(space.ranges, fit.chosen)}

@@ -79,7 +79,6 @@ class Peak:
         actions: Number of these actions.
         held_out: Negative log-likelihood of the actions held out.
         held_out_actions: Number of these actions.
-        evaluations: How often likelihoods were computed.
     """
 
     at: list[float]
@@ -89,7 +88,6 @@ class Peak:
     actions: int = 1
     held_out: float = 0.0
     held_out_actions: int = 0
-    evaluations: int = 0
 
 
 def peak(loss: Callable[[FloatArray], float], group: Group, start: FloatArray) -> Peak:

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,20 +30,20 @@ from scipy.stats import norm
 
 from causal_openlock.errors import LearnerError
 from causal_openlock.fitting.group import SETTLED, SPREADS, Group, Peak, evidence_of, group_of, peak
-from causal_openlock.fitting.search import NO_EFFECT, ON_ACTIONS, at_bound, require_effect, spread
+from causal_openlock.fitting.search import NO_EFFECT, at_bound, require_effect, spread
 from causal_openlock.fitting.space import Plan
 from causal_openlock.fitting.steps import begin, fitting_in, steps
 from causal_openlock.fitting.to_actions import (
-    PENALTY,
     WHOLE,
     Fitted,
-    Predictions,
     alone,
     check_folds,
+    folds_of,
     held_out,
-    impossible,
-    numbers_of_folds,
+    predictions,
+    require_possible,
     subjects_of,
+    surprise,
     write_fits,
 )
 from causal_openlock.schemas.fsm import FloatArray
@@ -52,8 +53,6 @@ GROUP = "group"
 """Label of the fit of the group itself."""
 ROUNDS = 25
 """The most rounds in which subjects are asked."""
-Starts = list[list[float]]
-"""By fold, where the search for a subject's peak begins, in log-odds."""
 
 
 def fit_group(
@@ -86,33 +85,37 @@ def fit_group(
     subjects = alone(parts)
     _check(subjects, plan)
     check_folds(parts, plan)
-    about, named, folds = plan.as_dict(), subjects_of(parts).items(), numbers_of_folds(plan)
-    fits, longest = [], 0
+    about, folds, longest = plan.as_dict(), folds_of(plan), 0
+    named = [*zip(subjects_of(parts).items(), subjects.values(), strict=True)]
+    fits: list[Fitted] = []
     with fitting_in(folder, workers) as pool:
         report("looking for where to begin")
-        searches = [
-            ([about, who], (part, plan)) for who, part in zip(named, subjects.values(), strict=True)
-        ]
-        starts = [*steps(folder, searches, lambda job: begin(pool, _starts, *job), Starts)]
+        jobs = [([about, who], partial(begin, pool, _starts, part, plan)) for who, part in named]
+        starts = [*steps(folder, jobs, list[list[float]])]
         for place, fold in enumerate(folds):
             group, at = Group.wide(len(plan.space.ranges)), [start[place] for start in starts]
-            tried = np.full(len(subjects), _points(plan))
             for number in range(1, ROUNDS + 1):
                 report(f"fold {place + 1} of {len(folds)}, round {number}")
                 prior = [about, fold, group.mean.tolist(), group.spread.tolist()]
-                jobs = [
-                    ([*prior, who, start], (part, plan, fold, group, start))
-                    for who, part, start in zip(named, subjects.values(), at, strict=True)
+                searches = [
+                    (
+                        [*prior, who, start],
+                        partial(begin, pool, _peak, part, plan, fold, group, start),
+                    )
+                    for (who, part), start in zip(named, at, strict=True)
                 ]
-                peaks = [*steps(folder, jobs, lambda job: begin(pool, _peak, *job), Peak)]
-                _check_peaks(subjects, plan, fold, peaks)
-                tried += [found.evaluations for found in peaks]
+                peaks = [*steps(folder, searches, Peak)]
+                for part, found in zip(subjects.values(), peaks, strict=True):
+                    require_possible(found.nll, [part], fold, chosen_at(plan, found.at), plan)
+                if fold == WHOLE:
+                    idle = [_idle(plan, found) for found in peaks if found.actions]
+                    require_effect(idle, plan.space.learner)
                 at = [found.at for found in peaks]
                 before, group = group, group_of(peaks, group)
                 if group.apart(before) < SETTLED:
                     break
             longest = max(longest, number)
-            fits += _fitted([*subjects], plan, fold, before, peaks, tried.tolist())
+            fits += _fitted([*subjects], plan, fold, before, peaks)
         write_fits(folder, plan, parts, fits)
     return fits, longest
 
@@ -129,8 +132,8 @@ def _check(subjects: dict[str, Recorded], plan: Plan) -> None:
         raise LearnerError(
             "a group has two subjects at least; fit a single one with --set each=true"
         )
-    middle = chosen_at(plan, [0.0] * len(plan.space.ranges))
-    table = Predictions([next(iter(subjects.values()))], plan)(middle)
+    first, middle = next(iter(subjects.values())), chosen_at(plan, [0.0] * len(plan.space.ranges))
+    table = predictions([first], plan)(middle)
     if (table["standard_error"] > 0).any():
         raise LearnerError(
             f"{plan.space.learner} gives no exact probabilities, and draws are too rough for a "
@@ -139,50 +142,32 @@ def _check(subjects: dict[str, Recorded], plan: Plan) -> None:
         )
 
 
-def _check_peaks(
-    subjects: dict[str, Recorded], plan: Plan, fold: int, peaks: Sequence[Peak]
-) -> None:
-    """Raise LearnerError if an action is impossible, or a parameter makes no difference at all."""
-    for part, found in zip(subjects.values(), peaks, strict=True):
-        if found.nll >= PENALTY:
-            raise impossible([part], plan, fold, chosen_at(plan, found.at))
-    if fold == WHOLE:
-        idle = [_idle(plan, found) for found in peaks if found.actions]
-        require_effect(idle, ON_ACTIONS.format(plan.space.learner))
-
-
-def _points(plan: Plan) -> int:
-    """Number of points of which the best is where the first search begins."""
-    return (plan.candidates + 1) // 2
-
-
-def _starts(part: Recorded, plan: Plan) -> Starts:
-    """Where the search for a subject's peak begins: the best of some points, by fold."""
-    shares = spread(plan.space.ranges, _points(plan), plan.fit.seed)
-    points, predicted = logit(shares.clip(0.01, 0.99)), Predictions([part], plan)
+def _starts(part: Recorded, plan: Plan) -> list[list[float]]:
+    """By fold, the best of some points, where the search for a subject's peak begins."""
+    shares = spread(plan.space.ranges, plan.candidates, plan.fit.seed)
+    points, predicted = logit(shares.clip(0.01, 0.99)), predictions([part], plan)
     prior = norm.logpdf(points, scale=SPREADS[1]).sum(axis=1)
-    starts = []
-    for fold in numbers_of_folds(plan):
-        losses = [predicted.loss(chosen_at(plan, point), fold) for point in points]
-        starts.append(points[np.argmin(losses - prior)].tolist())
-    return starts
+    tables = [predicted(chosen_at(plan, point)) for point in points]
+    losses = [[surprise(table, plan, fold) for table in tables] for fold in folds_of(plan)]
+    return [points[np.argmin(of_fold - prior)].tolist() for of_fold in losses]
 
 
 def _peak(part: Recorded, plan: Plan, fold: int, group: Group, start: Sequence[float]) -> Peak:
     """Find the peak of one subject, and predict what is held out of its actions there."""
-    predicted = Predictions([part], plan)
+    predicted = predictions([part], plan)
     out = held_out(predicted(chosen_at(plan, start)), plan, fold)
     zero = np.zeros_like(group.mean)
     found = Peak(group.mean.tolist(), zero.tolist(), np.diag(zero).tolist(), 0.0)
     if not out.all():
-        found = peak(lambda x: predicted.loss(chosen_at(plan, x), fold), group, np.array(start))
+        found = peak(
+            lambda x: surprise(predicted(chosen_at(plan, x)), plan, fold), group, np.array(start)
+        )
     there = predicted(chosen_at(plan, found.at))
     return replace(
         found,
         actions=int((~out).sum()),
         held_out=-float(there["log_probability"][out].sum()),
         held_out_actions=int(out.sum()),
-        evaluations=len(predicted),
     )
 
 
@@ -193,12 +178,7 @@ def chosen_at(plan: Plan, x: Iterable[float]) -> dict[str, float]:
 
 
 def _fitted(
-    names: Sequence[str],
-    plan: Plan,
-    fold: int,
-    group: Group,
-    peaks: Sequence[Peak],
-    tried: Sequence[int],
+    names: Sequence[str], plan: Plan, fold: int, group: Group, peaks: Sequence[Peak]
 ) -> list[Fitted]:
     """The fit of the group, and those of its subjects."""
     ranges = plan.space.ranges
@@ -207,36 +187,22 @@ def _fitted(
 
     def fitted(who: str, at: Sequence[float], spread: FloatArray, **rest: Any) -> Fitted:
         chosen, low, high = (chosen_at(plan, at + sign * spread) for sign in (0, -1, 1))
+        between = {name: (low[name], high[name]) for name in chosen}
         return Fitted(
-            who,
-            fold,
-            chosen,
-            between={name: (low[name], high[name]) for name in chosen},
-            at_bound=at_bound(ranges, chosen),
-            **rest,
-        )
+            who, fold, chosen, standard_error=0.0, between=between,
+            at_bound=at_bound(ranges, chosen), **rest,
+        )  # fmt: skip
 
-    fits = []
-    for who, found, evaluations in zip(names, peaks, tried, strict=True):
+    fits, summed = [], ("nll", "actions", "held_out", "held_out_actions")
+    for who, found in zip(names, peaks, strict=True):
         evidence, spread = evidence_of(found, group)
-        fits.append(
-            fitted(
-                who,
-                found.at,
-                spread,
-                nll=found.nll,
-                actions=found.actions,
-                held_out=found.held_out,
-                held_out_actions=found.held_out_actions,
-                standard_error=0.0,
-                evaluations=evaluations,
-                bic=float(price - 2 * evidence) if found.actions else 0.0,
-                idle=_idle(plan, found) if found.actions else tuple(ranges),
-            )
-        )
-    summed = ("nll", "actions", "held_out", "held_out_actions", "standard_error", "evaluations",
-              "bic")  # fmt: skip
-    total: dict[str, Any] = {name: sum(getattr(own, name) for own in fits) for name in summed}
+        bic = float(price - 2 * evidence) if found.actions else 0.0
+        idle = _idle(plan, found) if found.actions else tuple(ranges)
+        counted = {name: getattr(found, name) for name in summed}
+        fits.append(fitted(who, found.at, spread, bic=bic, idle=idle, **counted))
+    total: dict[str, Any] = {
+        name: sum(getattr(own, name) for own in fits) for name in (*summed, "bic")
+    }
     return [fitted(GROUP, group.mean.tolist(), group.spread, **total), *fits]
 
 

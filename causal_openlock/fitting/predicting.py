@@ -38,9 +38,8 @@ from causal_openlock.fitting.to_actions import (
     WHOLE,
     Fitted,
     alone,
-    fits_of,
+    folds_of,
     held_out,
-    numbers_of_folds,
     subjects_of,
 )
 from causal_openlock.scoring import LAPSE
@@ -123,12 +122,17 @@ def read_fit(folder: Path, named: Collection[str] = ()) -> FitOfActions:
                 "not what it was fitted with; fit it again"
             )
         plan = Plan(searched, FitSettings.model_validate({name: about[name] for name in names}))
-        fits = {(fitted.who, fitted.fold): fitted for fitted in fits_of(stored, searched)}
-        return FitOfActions(folder.resolve().name, plan, fits, subjects)
+        fits: list[Fitted] = adapter(list[Fitted]).validate_python(stored["done"])
+        for fitted in fits:
+            for name, bounds in searched.ranges.items():
+                if not bounds.low <= fitted.chosen[name] <= bounds.high:
+                    raise ValueError("a parameter is outside its bounds")
+        by_fold = {(fitted.who, fitted.fold): fitted for fitted in fits}
+        return FitOfActions(folder.resolve().name, plan, by_fold, subjects)
 
     fit = read_fit_file(path, read, "give the folder that fit NAME --to wrote")
     for who in fit.subjects:
-        for fold in numbers_of_folds(fit.plan):
+        for fold in folds_of(fit.plan):
             if not {(who, fold), ("all", fold)} & set(fit.fits):
                 raise StoreError(f"{path}: the fit is not whole; give its command again")
     return fit
@@ -140,16 +144,18 @@ def _check_named(
     """Refuse a learner that is code, or a setting that may name a file, unless it is named."""
     if learner in named:
         return
-    why = "is code next to it" if ":" in learner else ""
+    why = ["is code next to it"] if ":" in learner else []
     if not why:
         hints = get_type_hints(learner_class(learner).Parameters)
-        for name, value in fixed.items():
-            is_plain = isinstance(value, bool | int | float)
-            if not is_plain and get_origin(hints.get(name)) is not Literal:
-                why = f"sets {name}, which may name a file"
+        why = [
+            f"sets {name}, which may name a file"
+            for name, value in fixed.items()
+            if not isinstance(value, bool | int | float)
+            and get_origin(hints.get(name)) is not Literal
+        ]
     if why:
         raise StoreError(
-            f"{path}: its learner {learner} {why}; if you trust it, name it too: "
+            f"{path}: its learner {learner} {why[0]}; if you trust it, name it too: "
             f"--learner {learner}"
         )
 
@@ -269,7 +275,7 @@ def _predicted(
 ) -> pd.DataFrame:
     """The scores of a fitted learner, where possible by what was fitted without the action."""
     plan = fit.plan
-    folds = [fold for fold in numbers_of_folds(plan) if (fold != WHOLE) == fit.holds_out]
+    folds = [fold for fold in folds_of(plan) if (fold != WHOLE) == fit.holds_out]
     jobs = [(who, fold) for who in subjects for fold in folds]
     parts = [
         (subjects[who], replace(plan.space.spec(fit.of(who, fold).chosen), name=fit.label))

@@ -12,20 +12,20 @@ import pandas as pd
 from causal_openlock.analysis.statistics import too_few
 from causal_openlock.cli.stopping import resumable
 from causal_openlock.comparison.console import Terminal, plain_table
-from causal_openlock.comparison.progress_bar import shown_steps
+from causal_openlock.comparison.progress_bar import counting, shown_steps
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.escaping import csv_of
 from causal_openlock.files.yaml_file import dump_yaml
 from causal_openlock.fitting import to_means
 from causal_openlock.fitting.hierarchical import ROUNDS, fit_group
 from causal_openlock.fitting.space import FitSettings, Plan, SearchSpace
-from causal_openlock.fitting.to_actions import fit_all, fit_table, jobs_of
+from causal_openlock.fitting.to_actions import fit_all, fit_table, groups_of
 from causal_openlock.paper.likeness_figure import CLEAR, signs
 from causal_openlock.scoring.recorded import recorded_subjects
 from causal_openlock.scoring.scores import choices_in
 from causal_openlock.scoring.teacher_forcing import known_learners
 from causal_openlock.storage.store import Store
-from causal_openlock.wording import counted, joined
+from causal_openlock.wording import joined
 
 MOST_ROWS = 20
 """Fits that are printed; the file has all."""
@@ -43,6 +43,7 @@ def fit_to_actions(
 ) -> None:
     """Fit a learner to recorded subjects, and write and print what was found."""
     console, plan = Terminal(), Plan(space, how)
+    plan.require_hold_out(("trials", "subjects", "none"))
     record, played = Store(results).record()
     known_learners(how.of, played.learners)
     parts = recorded_subjects(record, played, how.of)
@@ -51,15 +52,8 @@ def fit_to_actions(
         if hierarchical:
             fits, rounds = fit_group(parts, plan, folder, workers, begin)
         else:
-            jobs = jobs_of(parts, plan)
-            most = counted(len(jobs) * plan.candidates, "set")
-
-            def report(done: int, tried: int) -> None:
-                of_fits = f"{done} of {counted(len(jobs), 'fit')} done"
-                begin(f"{of_fits}, {tried:,} of up to {most} of parameters tried")
-
-            report(0, 0)
-            fits = fit_all(jobs, folder, workers=workers, report=report)
+            report, groups = counting(begin, "fits are done"), groups_of(parts, plan)
+            fits = fit_all(groups, plan, folder, workers=workers, report=report)
     table = fit_table(fits)
     write_text(folder / "fits.csv", csv_of(table.round(6)))
     first = table.head(MOST_ROWS)

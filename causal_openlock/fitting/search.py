@@ -32,7 +32,6 @@ NO_EFFECT = 1e-6
 """Differences below are rounding errors: of a loss, or of its slopes and curvatures."""
 NONE = "none"
 """Label in a table, instead of names of parameters."""
-ON_ACTIONS = "how likely {} finds what was done"
 
 
 class Tried(NamedTuple):
@@ -42,10 +41,16 @@ class Tried(NamedTuple):
     loss: float
 
 
-def spread(ranges: Mapping[str, Range], points: int, seed: int) -> FloatArray:
-    """``[N, D]`` points that are spread evenly over all ranges, as shares of them."""
-    shares: FloatArray = qmc.Halton(len(ranges), rng=seed).random(points)
-    return shares
+def spread(ranges: Mapping[str, Range], candidates: int, seed: int) -> FloatArray:
+    """``[N, D]`` points that are spread evenly over all ranges, as shares of them.
+
+    They are half of the candidates, or all where the simplex has nothing to move.
+    """
+    half = any(not bounds.whole for bounds in ranges.values())
+    points: FloatArray = qmc.Halton(len(ranges), rng=seed).random(
+        (candidates + 1) // 2 if half else candidates
+    )
+    return points
 
 
 def search(
@@ -73,10 +78,9 @@ def search(
     {'a': 0.3, 'b': 0.1}
     """
     free = [name for name, bounds in ranges.items() if not bounds.whole]
-    shares = spread(ranges, (candidates + 1) // 2 if free else candidates, seed)
     points = [
         {name: ranges[name].at(share) for name, share in zip(ranges, point, strict=True)}
-        for point in shares
+        for point in spread(ranges, candidates, seed)
     ]
     tried = [Tried(*both) for both in zip(points, losses(points), strict=True)]
     known = {tuple(chosen.values()): loss for chosen, loss in tried}
@@ -139,12 +143,12 @@ def without_effect(
     )
 
 
-def require_effect(idle: Sequence[Collection[str]], on: str) -> None:
+def require_effect(idle: Sequence[Collection[str]], learner: str) -> None:
     """Refuse a parameter that makes no difference to any of some subjects, or fits.
 
     Args:
         idle: For each of them, the parameters that make none.
-        on: To what they make none, in words.
+        learner: The learner that is fitted.
 
     Raises:
         LearnerError: If there is such a parameter.
@@ -153,6 +157,6 @@ def require_effect(idle: Sequence[Collection[str]], on: str) -> None:
     for name in first:
         if all(name in names for names in others):
             raise LearnerError(
-                f"{name} makes no difference to {on}, as it is set; take it out of what is "
-                "searched, or set otherwise what it depends on (--fix)"
+                f"{name} makes no difference to how likely {learner} finds what was done, as it is "
+                "set; take it out of what is searched, or set otherwise what it depends on (--fix)"
             )

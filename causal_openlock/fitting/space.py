@@ -97,7 +97,7 @@ class SearchSpace:
         lowest = self.parameters({name: bounds.low for name, bounds in self.ranges.items()})
         origin = origin_of(self.learner, lowest)
         code = f"{origin.package} {origin.artifact_hash}".strip()
-        if is_ours(self.learner):
+        if is_ours(self.learner):  # a text may name a file
             named = any(isinstance(value, str) for value in lowest.values())
             code = origin.artifact_hash if named else ""
         return {self.learner: code} if code else {}
@@ -118,12 +118,10 @@ class SearchSpace:
         >>> SearchSpace("bayes", {"policy": "thompson"}, {}).in_words
         'bayes was fitted with policy thompson (fixed) and forgets everything (default).'
         """
-        parts = [f"{name} {_plain(value)} (fixed)" for name, value in self.fixed.items()]
-        parts += [
-            f"{info.name} {info.default} (default)"
-            for info in parameter_table(self.learner)
-            if isinstance(info.default, str) and info.name not in {*self.fixed, *self.ranges}
-        ]
+        parts = [f"{name} {value} (fixed)" for name, value in self.fixed.items()]
+        for info in parameter_table(self.learner):
+            if isinstance(info.default, str) and info.name not in {*self.fixed, *self.ranges}:
+                parts.append(f"{info.name} {info.default} (default)")
         return f"{self.learner} was fitted with {joined(parts) or 'its defaults'}."
 
     @property
@@ -148,20 +146,6 @@ class SearchSpace:
         """The learner with the parameters of a choice."""
         made = with_parameters(self.learner, **self.parameters(chosen))
         return make_experiment(["CC4"], [made]).learners[0]
-
-    def check(self, chosen: Chosen) -> None:
-        """Raise a ValueError unless there is a value for each range, within its bounds."""
-        if set(chosen) != set(self.ranges):
-            raise ValueError("other parameters are searched")
-        if not all(own.low <= chosen[name] <= own.high for name, own in self.ranges.items()):
-            raise ValueError("a parameter is outside its bounds")
-
-
-def _plain(value: Any) -> str:
-    """A parameter as an experiment file has it."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 class FitSettings(StrictModel):
@@ -215,35 +199,28 @@ class Plan:
     Attributes:
         space: The parameters that are searched.
         fit: The settings.
-        hold_outs: What can be held out of fits of this kind, the default first.
-        tries: Sets of parameters that are tried by default.
     """
 
     space: SearchSpace
     fit: FitSettings
-    hold_outs: tuple[str, ...] = ("trials", "subjects", "none")
-    tries: int = 160
-
-    def __post_init__(self) -> None:
-        if self.hold_out not in self.hold_outs:
-            raise OpenLockError(
-                f"{self.hold_out!r} cannot be held out of this fit (hold_out); "
-                f"{nearest(self.hold_out, self.hold_outs)}"
-            )
 
     @property
     def hold_out(self) -> str:
-        """What is held out."""
-        return self.fit.hold_out or self.hold_outs[0]
+        """What is held out, by default of a fit to actions."""
+        return self.fit.hold_out or "trials"
 
     @property
     def candidates(self) -> int:
-        """Sets of parameters that are tried, at most."""
-        return self.fit.candidates or self.tries
+        """Sets of parameters that are tried, at most; by default of a fit to actions."""
+        return self.fit.candidates or 160
 
-    def changed(self, **settings: Any) -> Plan:
-        """This plan with other settings."""
-        return replace(self, fit=self.fit.model_copy(update=settings))
+    def require_hold_out(self, known: Sequence[str]) -> None:
+        """Raise OpenLockError unless what is held out is one of these."""
+        if self.hold_out not in known:
+            raise OpenLockError(
+                f"{self.hold_out!r} cannot be held out of this fit (hold_out); "
+                f"{nearest(self.hold_out, known)}"
+            )
 
     def as_dict(self) -> dict[str, Any]:
         """All that determines what is fitted, as plain data."""
@@ -272,17 +249,16 @@ def search_space(
         LearnerError: If a parameter is unknown, is not a number, is both fixed and searched, or has
             bounds that it cannot take.
     """
-    fixed = dict(fixed or {})
+    fixed, checked = dict(fixed or {}), {}
     if not ranges:
         raise LearnerError(f"nothing is searched; choose parameters of {learner}: {FORM}")
     defaults = {info.name: info.default for info in parameter_table(learner)}
-    checked = {}
     for name, bounds in ranges.items():
         if name not in defaults:
             raise LearnerError(
                 f"the learner {learner} has no parameter {name!r}; {nearest(name, defaults)}"
             )
-        default = defaults[name]
+        default, ends = defaults[name], (bounds.low, bounds.high)
         if isinstance(default, bool) or not isinstance(default, int | float):
             raise LearnerError(
                 f"the parameter {name} of {learner} is not a number, so it cannot be searched; "
@@ -290,15 +266,13 @@ def search_space(
             )
         if name in fixed:
             raise LearnerError(f"{name} is both fixed and searched; take one of them out")
-        finite = math.isfinite(bounds.low) and math.isfinite(bounds.high)
-        if not (finite and bounds.low < bounds.high) or (bounds.log and bounds.low <= 0):
-            above = ", and low above 0 for a logarithm" if bounds.log else ""
+        if not (-math.inf < ends[0] < ends[1] < math.inf) or (bounds.log and ends[0] <= 0):
             raise LearnerError(
-                f"{name} cannot be searched from {bounds.low:g} to {bounds.high:g}; low must be "
-                f"below high, and both finite{above}"
+                f"{name} cannot be searched from {ends[0]:g} to {ends[1]:g}; low must be below "
+                "high and both finite, and of a logarithm above 0"
             )
         whole = isinstance(default, int)
-        if whole and not (bounds.low.is_integer() and bounds.high.is_integer()):
+        if whole and not all(end.is_integer() for end in ends):
             raise LearnerError(f"the bounds of {name} must be whole numbers, as {name} is one")
         checked[name] = replace(bounds, whole=whole)
     space = SearchSpace(learner, fixed, checked)

@@ -23,7 +23,6 @@ from causal_openlock.running.workers import worker_pool
 from causal_openlock.storage.folder_lock import locked
 from causal_openlock.version import RESULTS_VERSION
 
-Job = TypeVar("Job")
 T = TypeVar("T")
 STEPS = "steps"
 """Folder of the steps of a fit."""
@@ -32,7 +31,7 @@ SEEDS = 3
 
 
 @contextmanager
-def fitting_in(folder: Path, workers: int, prepare: Any = None) -> Iterator[Executor | None]:
+def fitting_in(folder: Path, workers: int) -> Iterator[Executor | None]:
     """A block in which no other fit works in a folder; files of killed fits are removed.
 
     Yields:
@@ -45,7 +44,7 @@ def fitting_in(folder: Path, workers: int, prepare: Any = None) -> Iterator[Exec
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise unwritable(folder, error) from None
-    pools = worker_pool(workers, prepare) if workers > 1 else nullcontext()
+    pools = worker_pool(workers) if workers > 1 else nullcontext()
     with locked(folder, "fit"), pools as pool:
         sweep(folder / STEPS)
         sweep(folder)
@@ -58,17 +57,14 @@ def begin(pool: Executor | None, work: Callable[..., T], *args: Any) -> Callable
 
 
 def steps(
-    folder: Path,
-    jobs: Sequence[tuple[Any, Job]],
-    start: Callable[[Job], Callable[[], T]],
-    kind: Any,
+    folder: Path, jobs: Sequence[tuple[Any, Callable[[], Callable[[], T]]]], kind: Any
 ) -> Iterator[T]:
     """Results of steps, in order: as they are stored, or else done now and then stored.
 
     Args:
         folder: The folder of the fit.
-        jobs: All that decides the result of a step, as plain data, and its job.
-        start: Begins a job, and returns what waits for its result; all that are not stored begin
+        jobs: Of each step all that decides its result, as plain data, and what begins it and
+            returns what waits for its result, as :func:`begin` does. All that are not stored begin
             before the first is waited for.
         kind: Type of the results, which Pydantic reads and writes.
 
@@ -76,10 +72,10 @@ def steps(
         StoreError: If a file is not a step.
     """
     begun = []
-    for about, job in jobs:
+    for about, start in jobs:
         text = json.dumps([RESULTS_VERSION, about], sort_keys=True, default=str)
         path = folder / STEPS / f"{digest(text)}.json"
-        begun.append((path, None if path.exists() else start(job)))
+        begun.append((path, None if path.exists() else start()))
     for path, wait in begun:
         if wait:
             result = adapter(kind).dump_python(wait(), mode="json")

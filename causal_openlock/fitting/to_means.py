@@ -22,6 +22,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -78,7 +79,10 @@ def means_plan(space: SearchSpace, fit: FitSettings) -> Plan:
     """
     if fit.target not in TARGETS:
         raise OpenLockError(f"a fit has no target {fit.target!r}; {nearest(fit.target, TARGETS)}")
-    return Plan(space, fit, hold_outs=("transfer", "none"), tries=60)
+    usual = {"hold_out": fit.hold_out or "transfer", "candidates": fit.candidates or 60}
+    plan = Plan(space, fit.model_copy(update=usual))
+    plan.require_hold_out(("transfer", "none"))
+    return plan
 
 
 def play(
@@ -281,8 +285,8 @@ def fit(
                 trials = begin_to_play(chosen, conditions, subjects, seed)
                 return lambda: distance(parts_of(points_towards(trials(), target), hold_out)[0])[0]
 
-            jobs = [({**about, "chosen": dict(chosen)}, chosen) for chosen in sets]
-            return steps(folder, jobs, start, float)
+            jobs = [({**about, "chosen": dict(chosen)}, partial(start, chosen)) for chosen in sets]
+            return steps(folder, jobs, float)
 
         def losses(sets: Sequence[Chosen]) -> Iterator[float]:
             for rmse in distances(sets, how.subjects, how.seed):

@@ -32,7 +32,7 @@ from causal_openlock.files.checksums import ZEROS
 from causal_openlock.fitting.predicting import read_fit, score_learners
 from causal_openlock.fitting.space import FitSettings, Plan, Range, read_plan, search_space
 from causal_openlock.fitting.to_actions import FILE as FITS
-from causal_openlock.fitting.to_actions import fit_all, jobs_of
+from causal_openlock.fitting.to_actions import fit_all, groups_of
 from causal_openlock.importing.folder import import_files
 from causal_openlock.play.people import People
 from causal_openlock.running.runner import run
@@ -93,7 +93,8 @@ def readers(work):
     score_learners(*Store(work / "out").record(), made.learners).save(work / "out" / FOLDER)
     space = search_space("associative", {"temperature": Range(0.02, 2.0, log=True)})
     plan = Plan(space, FitSettings(candidates=2))
-    fit_all(jobs_of(recorded_subjects(*Store(work / "out").record()), plan), work / "fit")
+    groups = groups_of(recorded_subjects(*Store(work / "out").record()), plan)
+    fit_all(groups, plan, work / "fit")
     asked = {"learner": "person", "condition": "CC3", "subject": 0, "visit": 1, "time": 2.5}
     pairs = [asked | {"cause": 0, "effect": effect, "enables": effect == 7} for effect in (3, 7)]
     write_answers(work / "asked" / "structures" / "one.parquet", pairs)

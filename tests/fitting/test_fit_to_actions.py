@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -17,23 +16,25 @@ from causal_openlock.fitting.space import FitSettings, Plan, Range, search_space
 from causal_openlock.fitting.steps import STEPS, fitting_in
 from causal_openlock.fitting.to_actions import (
     FILE,
+    WHOLE,
     check_folds,
     fit_all,
-    fit_job,
+    fit_fold,
     fit_table,
-    jobs_of,
+    groups_of,
 )
 from causal_openlock.running.runner import run
 from causal_openlock.scoring.recorded import recorded_subjects
 from causal_openlock.scoring.teacher_forcing import score_actions
 from causal_openlock.storage.store import Store
 from support.command import at_once
+from support.fits import with_settings
 
 pytestmark = pytest.mark.slow
 
 SPACE = search_space("associative", {"temperature": Range(0.02, 2.0, log=True)})
 PLAN = Plan(SPACE, FitSettings(candidates=20))
-QUICK = PLAN.changed(candidates=1)
+QUICK = with_settings(PLAN, candidates=1)
 
 
 @pytest.fixture(scope="module")
@@ -55,11 +56,9 @@ def parts(folder, *learners):
 
 @pytest.mark.parametrize(("learner", "true"), [("cool", 0.06), ("warm", 0.5)])
 def test_the_temperature_that_made_subjects_is_found(folder, learner, true):
-    (job,) = jobs_of(parts(folder, learner), PLAN.changed(hold_out="none"))
-    found = fit_job(job)
+    found = fit_fold("all", parts(folder, learner), WHOLE, PLAN)
     assert found.chosen["temperature"] == pytest.approx(true, rel=0.25)
     assert found.held_out_actions == 0
-    assert found.evaluations <= 20 + 2  # and whether the parameter makes a difference
     record, experiment = Store(folder).record()
     made = make_experiment(["CC3"], [ol.learner("associative", **found.chosen)])
     scored = score_actions(record, experiment, made.learners, PLAN.fit.lapse, of=[learner])
@@ -68,9 +67,9 @@ def test_the_temperature_that_made_subjects_is_found(folder, learner, true):
 
 
 @pytest.mark.parametrize("hold_out", ["trials", "subjects"])
-def test_every_action_is_held_out_once_and_predicted_no_better(folder, hold_out):
-    jobs = jobs_of(parts(folder, "warm"), PLAN.changed(hold_out=hold_out))
-    whole, *folds = [fit_job(job) for job in jobs]
+def test_every_action_is_held_out_once_and_predicted_no_better(folder, tmp_path, hold_out):
+    plan = with_settings(PLAN, hold_out=hold_out)
+    whole, *folds = fit_all(groups_of(parts(folder, "warm"), plan), plan, tmp_path)
     assert whole.actions == sum(one.held_out_actions for one in folds)
     assert all(one.actions + one.held_out_actions == whole.actions for one in folds)
     table = fit_table([whole, *folds])
@@ -79,24 +78,32 @@ def test_every_action_is_held_out_once_and_predicted_no_better(folder, hold_out)
 
 
 def test_a_fit_continues_where_it_was_stopped(folder, tmp_path):
-    jobs = jobs_of(parts(folder, "cool"), PLAN.changed(candidates=2, each=True))
-    assert len(jobs) == 6 * 3
+    plan = with_settings(PLAN, candidates=2, each=True)
+    groups = groups_of(parts(folder, "cool"), plan)
+    assert len(groups) == 6
+    two = dict([*groups.items()][:2])
 
     def stop(done, _):
         if done == 2:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        fit_all(jobs[:4], tmp_path, report=stop)
+        fit_all(two, plan, tmp_path, report=stop)
     assert not (tmp_path / FILE).exists()
+    stored = {path: path.stat().st_mtime_ns for path in (tmp_path / STEPS).iterdir()}
     counted = []
-    resumed = fit_all(jobs[:4], tmp_path, report=lambda *both: counted.append(both))
-    assert [done for done, tried in counted if not tried] == [1, 2]  # what was stored
-    assert resumed == [fit_job(job) for job in jobs[:4]]
-    counted.clear()
-    fit_all(jobs[:3], tmp_path, report=lambda *both: counted.append(both))
-    assert counted == [(1, 0), (2, 0), (3, 0)]
+    resumed = fit_all(two, plan, tmp_path, report=lambda *both: counted.append(both))
+    assert counted == [(done, 6) for done in range(1, 7)]
+    assert resumed == [fit_fold(who, two[who], fold, plan) for who in two for fold in (-1, 0, 1)]
+    assert (
+        stored.items()
+        <= {path: path.stat().st_mtime_ns for path in (tmp_path / STEPS).iterdir()}.items()
+    )
+    assert len(stored) == 2
+    (who, own), *_ = two.items()
+    fit_all({who: own}, plan, tmp_path)
     assert len(json.loads((tmp_path / FILE).read_text())["done"]) == 3
+    assert len([*(tmp_path / STEPS).iterdir()]) == 6
 
 
 def test_one_fit_at_a_time_works_in_a_folder(folder, tmp_path):
@@ -114,18 +121,18 @@ def test_one_fit_at_a_time_works_in_a_folder(folder, tmp_path):
 
 
 def test_a_stored_fit_that_cannot_be_is_refused(folder, tmp_path):
-    jobs = jobs_of(parts(folder, "cool"), QUICK.changed(each=True))[:2]
-    fit_all(jobs, tmp_path)
+    groups = groups_of(parts(folder, "cool"), QUICK)
+    fit_all(groups, QUICK, tmp_path)
     path = next((tmp_path / STEPS).iterdir())
     content = path.read_bytes()
     path.write_bytes(content.replace(b'"actions": ', b'"actions": 1', 1))
     with pytest.raises(StoreError, match="checksum"):
-        fit_all(jobs, tmp_path)
+        fit_all(groups, QUICK, tmp_path)
     path.write_bytes(json_bytes({"result": {"who": "me"}}))
     with pytest.raises(StoreError, match=f"{path.name}.* delete it"):
-        fit_all(jobs, tmp_path)
+        fit_all(groups, QUICK, tmp_path)
     path.unlink()
-    fit_all(jobs, tmp_path)
+    fit_all(groups, QUICK, tmp_path)
     assert path.read_bytes() == content
 
 
@@ -134,18 +141,18 @@ def test_folds_need_trials_and_subjects_enough(folder):
     short = part.rows[(part.rows["subject"] != 3) | (part.rows["trial"] == 1)]
     short = replace(part, rows=short[short["phase"] == "train"])
     with pytest.raises(OpenLockError, match=r"cool/CC3/.*/3"):
-        jobs_of([short], PLAN.changed(each=True))
-    assert len(jobs_of([short], PLAN.changed(hold_out="none", each=True))) == 6
-    assert len(jobs_of([short], PLAN)) == 3
-    plan = PLAN.changed(hold_out="subjects", folds=7)
+        groups_of([short], with_settings(PLAN, each=True))
+    assert len(groups_of([short], with_settings(PLAN, hold_out="none", each=True))) == 6
+    assert [*groups_of([short], PLAN)] == ["all"]
+    plan = with_settings(PLAN, hold_out="subjects", folds=7)
     with pytest.raises(OpenLockError, match="there are 6; give fewer"):
-        jobs_of([part], plan)
+        groups_of([part], plan)
     one = replace(part, rows=part.rows[part.rows["subject"] == 0])
     with pytest.raises(OpenLockError, match="hold_out=trials"):
-        jobs_of([one], plan)
+        groups_of([one], plan)
     with pytest.raises(OpenLockError, match="7 folds"):
         fit_group([part], plan, folder)
-    check_folds([part], plan.changed(folds=6))
+    check_folds([part], with_settings(plan, folds=6))
     with pytest.raises(LearnerError, match="each=true"):
         fit_group([one], PLAN, folder)
 
@@ -167,26 +174,6 @@ def test_the_command_marks_an_estimate_at_a_bound(folder, tmp_path):
     assert kept["chosen"]["temperature"] == pytest.approx(10)
 
 
-def _note(seen, *both):
-    seen.append(both)
-
-
-def test_sets_of_parameters_are_counted_here_and_in_workers(folder, tmp_path):
-    jobs = jobs_of(parts(folder, "cool"), PLAN.changed(candidates=6))[:2]
-    counts = {1: [], 2: []}
-    fits = {}
-    for workers, seen in counts.items():
-        report = partial(_note, seen)
-        fits[workers] = fit_all(jobs, tmp_path / str(workers), workers=workers, report=report)
-    assert fits[1] == fits[2]
-    total = counts[1][-1]
-    # Whether a parameter makes a difference is tried once the fit is found.
-    assert total[1] >= sum(fit.evaluations for fit in fits[1])
-    assert {tried for _, tried in counts[1]} == {*range(1, total[1] + 1)}
-    assert counts[2] == sorted(counts[2])
-    assert counts[2][-1] == total
-
-
 # -- what is no estimate is not shown as one ------------------------------------------------------
 
 NEVER = r"associative cannot have done what random/CC3/.*/0 did.*(push|pull)_\w+ \(trial 1, attempt"
@@ -205,31 +192,32 @@ def doubtful(tmp_path_factory):
 
 @pytest.mark.parametrize("each", [False, True])
 def test_an_action_that_a_learner_never_takes_is_named(doubtful, tmp_path, each):
-    sure = QUICK.changed(hold_out="none", candidates=4, lapse=0.0, each=each)
-    jobs = jobs_of(parts(doubtful), sure)
+    sure = with_settings(QUICK, hold_out="none", candidates=4, lapse=0.0, each=each)
+    groups = groups_of(parts(doubtful), sure)
     for _ in range(2):  # what is stored is not shown either
         with pytest.raises(LearnerError, match=NEVER):
-            fit_all(jobs, tmp_path)
+            fit_all(groups, sure, tmp_path)
         assert not (tmp_path / FILE).exists()
     with pytest.raises(LearnerError, match=NEVER):
         fit_group(parts(doubtful), sure, tmp_path / "group")
 
 
 def test_a_parameter_without_effect_is_refused_and_marked(doubtful, tmp_path):
-    plan = QUICK.changed(hold_out="none", candidates=4)
+    plan = with_settings(QUICK, hold_out="none", candidates=4)
     nothing = dict.fromkeys(("lever", "position", "colour"), 0.0)
     idle = Plan(search_space("associative", SPACE.ranges, nothing), plan.fit)
     for each in (False, True):
         for _ in range(2):
+            other = with_settings(idle, each=each)
             with pytest.raises(LearnerError, match="temperature makes no difference"):
-                fit_all(jobs_of(parts(doubtful), idle.changed(each=each)), tmp_path / str(each))
+                fit_all(groups_of(parts(doubtful), other), other, tmp_path / str(each))
     # Who acted once had learnt nothing, so that the temperature was all the same.
     (part,) = parts(doubtful, "own")
     brief = replace(part, rows=part.rows[(part.rows["subject"] == 1) | (part.rows["attempt"] == 1)])
     brief.rows["actions"] = [own[:1] for own in brief.rows["actions"]]
-    each = plan.changed(each=True)
-    jobs = [*jobs_of([part], each)[1:], *jobs_of([brief], each)[:1]]
-    table = fit_table(fit_all(jobs, tmp_path / "one"))
+    each = with_settings(plan, each=True)
+    (first, _), (_, second) = (groups_of([who], each).items() for who in (brief, part))
+    table = fit_table(fit_all(dict([second, first]), each, tmp_path / "one"))
     assert table["without_effect"].tolist() == ["none", "temperature"]
 
 

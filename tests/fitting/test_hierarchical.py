@@ -20,6 +20,7 @@ from causal_openlock.running.runner import run
 from causal_openlock.scoring.recorded import recorded_subjects
 from causal_openlock.storage.store import Store
 from support.command import at_once
+from support.fits import with_settings
 
 pytestmark = pytest.mark.slow
 
@@ -193,7 +194,7 @@ def test_a_stored_peak_that_cannot_be_is_refused(folder, stopped, tmp_path):
 
 def test_a_subject_that_is_held_out_is_predicted_by_the_group(tmp_path):
     play(tmp_path / "played", ["associative"], 4, 2)
-    plan = PLAN.changed(hold_out="subjects", candidates=4)
+    plan = with_settings(PLAN, hold_out="subjects", candidates=4)
     fits, _ = fit_group(parts(tmp_path / "played"), plan, tmp_path)
     fold = {one.who[-2:]: one for one in fits if one.fold == 0}
     assert (fold["/0"].actions, fold["/1"].held_out_actions) == (0, 0)

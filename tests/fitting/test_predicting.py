@@ -12,11 +12,12 @@ from causal_openlock.files.checksums import json_bytes
 from causal_openlock.fitting.hierarchical import fit_group
 from causal_openlock.fitting.predicting import read_fit, score_learners
 from causal_openlock.fitting.space import FitSettings, Plan, Range, search_space
-from causal_openlock.fitting.to_actions import FILE, WHOLE, fit_all, jobs_of
+from causal_openlock.fitting.to_actions import FILE, WHOLE, fit_all, groups_of
 from causal_openlock.running.runner import run
 from causal_openlock.scoring.recorded import recorded_subjects
 from causal_openlock.storage.store import Store
 from support.command import at_once
+from support.fits import with_settings
 
 SPACE = search_space("associative", {"temperature": Range(0.02, 2.0, log=True)})
 PLAN = Plan(SPACE, FitSettings(candidates=2))
@@ -33,11 +34,11 @@ def folder(tmp_path_factory):
     parts = recorded_subjects(*Store(folder).record())
     for way in WAYS:
         held_out = "trials" if way.endswith("held") else "none"
-        plan = PLAN.changed(hold_out=held_out, each=way.startswith("each"))
+        plan = with_settings(PLAN, hold_out=held_out, each=way.startswith("each"))
         if way == "group":
             fit_group(parts, plan, folder / way)
         else:
-            fit_all(jobs_of(parts, plan), folder / way)
+            fit_all(groups_of(parts, plan), plan, folder / way)
     return folder
 
 
