@@ -19,6 +19,8 @@ from causal_openlock.files.escaping import printable
 if TYPE_CHECKING:
     import pandas as pd
 
+    from causal_openlock.analysis.table import Table as PrintedTable
+
 MOST_COLUMNS = 1000
 """Most characters of a table that is wider than the terminal."""
 
@@ -40,6 +42,13 @@ class Terminal(RichConsole):
     def warn(self, sentence: str) -> None:
         """Print a warning."""
         self.print_line(f"warning: {sentence}", "yellow")
+
+    def print_table(self, table: PrintedTable) -> None:
+        """Print a table, as its values are printed in a report."""
+        shown = plain_table(*table.heads)
+        for row in table.rows:
+            shown.add_row(*row)
+        self.print_whole(shown)
 
     def print_whole(self, table: Table) -> None:
         """Print a table with all its columns, wider than the terminal if it must be."""

@@ -17,7 +17,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,13 +28,13 @@ import pandas as pd
 from causal_openlock.contract.registry import learner_class, parse_parameters
 from causal_openlock.design import COPIES
 from causal_openlock.errors import LearnerError, OpenLockError
-from causal_openlock.experiment.declare import Cell, Condition, Experiment, LearnerSpec
+from causal_openlock.experiment.declare import Cell, Experiment, LearnerSpec
 from causal_openlock.fitting.space import Range, bundled_search
 from causal_openlock.fitting.steps import begin, fitting_in, steps
 from causal_openlock.running.worker import made
 from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.scoring import LAPSE
-from causal_openlock.scoring.recorded import Recorded, recorded_subjects
+from causal_openlock.scoring.recorded import recorded_subjects
 from causal_openlock.scoring.teacher_forcing import known_learners, score_part
 from causal_openlock.wording import joined
 from causal_openlock.world.randomness import generators
@@ -71,65 +71,45 @@ def drawn(theory: LearnerSpec, seed: int, use: str, number: int) -> LearnerSpec:
     return replace(theory, parameters=parameters)
 
 
-@dataclass(frozen=True)
-class Simulated:
-    """Subjects to simulate together, and the theories that predict them; see :func:`told_apart`."""
+def simulated(
+    cell: Cell,
+    experiment: Experiment,
+    theories: Sequence[LearnerSpec],
+    draws: int,
+    lapse: float,
+    copies: int,
+) -> list[dict[str, Any]]:
+    """Simulate the subjects of a cell, and let theories predict them; see :func:`told_apart`."""
+    first, maker = cell.first_subject, cell.spec
+    if draws:
+        cell = replace(cell, spec=drawn(maker, experiment.seed, "subject", first))
+    session, learner = made(cell)
+    (part,) = recorded_subjects(session.play(learner), experiment)
 
-    experiment: Experiment
-    condition: Condition
-    maker: LearnerSpec
-    first: int
-    subjects: int
-    theories: tuple[LearnerSpec, ...]
-    draws: int
-    lapse: float
-    copies: int
-
-    @property
-    def about(self) -> list[Any]:
-        """All that decides the rows, as plain data."""
-        experiment, numbers = self.experiment, [self.first, self.subjects]
-        about: list[Any] = [experiment.name, experiment.seed, numbers]
-        about += [self.condition.as_dict(), self.draws, self.lapse, self.copies]
-        for theory in (self.maker, *self.theories):
-            ranges = {name: vars(bounds) for name, bounds in unknown(theory).items()}
-            about += [{**theory.as_dict(), "subjects": 1}, ranges]
-        return about
-
-    def rows(self) -> list[dict[str, Any]]:
-        """Simulate the subjects, and let the theories predict them."""
-        experiment, seed, maker = self.experiment, self.experiment.seed, self.maker
-        if self.draws:
-            maker = drawn(maker, seed, "subject", self.first)
-        cell = Cell(experiment.name, seed, maker, self.condition, self.first, self.subjects)
-        session, learner = made(cell)
-        (part,) = recorded_subjects(session.play(learner), experiment)
-        nats = {NATS + theory.name: self._predicted(part, theory) for theory in self.theories}
-        attempts, actions = part.rows.groupby("subject").size(), part.asked.sum(axis=1)
-        return [
-            {
-                "learner": maker.name,
-                "condition": self.condition.name,
-                "protocol": maker.protocol.name,
-                "subject": number,
-                "attempts": int(attempts[number]),
-                "actions": int(actions[place]),
-                **{name: float(values[place]) for name, values in nats.items()},
-            }
-            for place, number in enumerate(part.numbers)
-        ]
-
-    def _predicted(self, part: Recorded, theory: LearnerSpec) -> FloatArray:
+    def predicted(theory: LearnerSpec) -> FloatArray:
         """``[B]`` log-likelihood of what each subject did, averaged over draws of parameters."""
         specs = [theory]
-        if self.draws and unknown(theory):  # with nothing unknown, all draws are the same
-            numbers = range(self.first * self.draws, (self.first + 1) * self.draws)
-            specs = [drawn(theory, self.experiment.seed, "theory", number) for number in numbers]
-        scores = [score_part(part, spec, self.lapse, self.copies) for spec in specs]
+        if draws and unknown(theory):  # with nothing unknown, all draws are the same
+            numbers = range(first * draws, (first + 1) * draws)
+            specs = [drawn(theory, experiment.seed, "theory", number) for number in numbers]
+        scores = [score_part(part, spec, lapse, copies) for spec in specs]
         nats = [[own.sum() for _, own in score.groupby("subject")["log_probability"]]
                 for score in scores]  # fmt: skip
         mean: FloatArray = np.logaddexp.reduce(nats) - math.log(len(nats))
         return mean
+
+    rows = pd.DataFrame(
+        {
+            "learner": maker.name,
+            "condition": cell.condition.name,
+            "protocol": maker.protocol.name,
+            "subject": part.numbers,
+            "attempts": part.rows.groupby("subject").size().to_numpy(),
+            "actions": part.asked.sum(axis=1),
+            **{NATS + theory.name: predicted(theory) for theory in theories},
+        }
+    )
+    return rows.to_dict("records")
 
 
 def told_apart(
@@ -174,19 +154,28 @@ def told_apart(
     if lapse <= 0:
         raise OpenLockError("lapse must be above 0, or nothing can be said of unexpected actions")
     together = 1 if draws else TOGETHER  # each subject has parameters of its own, or all have one
-    parts = [
-        Simulated(
-            *(experiment, condition, maker, first, min(together, maker.subjects - first)),
-            *(theories, draws, lapse, copies),
-        )
+    name, seed, apart = experiment.name, experiment.seed, experiment.not_applicable
+    cells = [
+        Cell(name, seed, maker, condition, first, min(together, maker.subjects - first))
         for condition in experiment.conditions
         for maker in experiment.learners
-        if condition.name not in experiment.not_applicable.get(maker.name, {})
+        if condition.name not in apart.get(maker.name, {})
         for first in range(0, maker.subjects, together)
     ]
-    total, rows = sum(part.subjects for part in parts), []
+
+    def about(cell: Cell) -> list[Any]:
+        """All that decides the rows of a cell, as plain data."""
+        decides: list[Any] = [name, seed, [cell.first_subject, cell.subjects]]
+        decides += [cell.condition.as_dict(), draws, lapse, copies]
+        for theory in (cell.spec, *theories):
+            ranges = {key: vars(bounds) for key, bounds in unknown(theory).items()}
+            decides += [{**theory.as_dict(), "subjects": 1}, ranges]
+        return decides
+
+    total, rows = sum(cell.subjects for cell in cells), []
     with fitting_in(folder, workers) as pool:
-        jobs = [(part.about, partial(begin, pool, part.rows)) for part in parts]
+        given = (experiment, theories, draws, lapse, copies)
+        jobs = [(about(cell), partial(begin, pool, simulated, cell, *given)) for cell in cells]
         for found in steps(folder, jobs, list[dict[str, Any]]):
             rows += found
             report(len(rows), total)
@@ -220,10 +209,9 @@ def _check(theories: Sequence[LearnerSpec], experiment: Experiment, draws: int) 
         known = {name: value for name, value in theory.parameters.items() if name not in ranges}
         what = json.dumps([theory.learner, known, [*ranges]], sort_keys=True, default=str)
         if (other := same.setdefault(what, theory.name)) != theory.name:
+            why = f", as {joined([*ranges])} can be anything in its range" if ranges else ""
             raise LearnerError(
-                f"{other} and {theory.name} are the same theory"
-                + (f", as {joined([*ranges])} can be anything in its range" if ranges else "")
-                + "; leave one of them out"
+                f"{other} and {theory.name} are the same theory{why}; leave one of them out"
             )
         if not learner_class(theory.learner).learns_from_others:
             raise LearnerError(

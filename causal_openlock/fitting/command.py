@@ -63,6 +63,7 @@ def fit(
     from causal_openlock.contract.registry import learner_class
     from causal_openlock.fitting.printing import fit_to_actions, fit_to_means
     from causal_openlock.fitting.space import FitSettings, bundled_search, changed, read_plan
+    from causal_openlock.fitting.steps import STEPS
     from causal_openlock.running.workers import available_cores
 
     learner_class(learner)  # fails at once if there is none
@@ -75,46 +76,15 @@ def fit(
         )
     kind = "-hierarchical" if hierarchical else "-each" if how.each else ""
     folder = out or (to or Path("results")) / f"fit-{learner.replace(':', '.')}{kind}"
-    _check_folder(folder)
+    if not ((folder_at(folder) / STEPS).exists() or is_empty(folder)):
+        raise StoreError(
+            f"{folder} is not empty and holds no fit that can be continued; choose another folder "
+            "with --out"
+        )
     if space and space.learner != learner:
         raise LearnerError(f"{plan} is for the learner {space.learner}, and not for {learner}")
-    if not (space or search):
-        raise LearnerError(_nothing_searched(learner))
     searched = changed(space, learner, search or (), fix or ())
     if to:
         fit_to_actions(searched, how, to, hierarchical, workers or available_cores(), folder)
     else:
         fit_to_means(searched, how, workers or available_cores(), folder)
-
-
-def _check_folder(folder: Path) -> None:
-    """Refuse a folder that holds something else, before anything is played."""
-    from causal_openlock.fitting.steps import STEPS
-
-    if not folder_at(folder).exists() or (folder / STEPS).exists():
-        return
-    if (folder / "experiment.json").exists():
-        raise StoreError(f"{folder} holds results of compare; choose another folder with --out")
-    if not is_empty(folder):
-        raise StoreError(
-            f"{folder} is not empty and holds no fit that can be continued; choose another folder "
-            "with --out"
-        )
-
-
-def _nothing_searched(learner: str) -> str:
-    """A message on a learner without a search space, with an example for it."""
-    from causal_openlock.contract.registry import parameter_table
-
-    names = [
-        info.name
-        for info in parameter_table(learner)
-        if isinstance(info.default, int | float) and not isinstance(info.default, bool)
-    ]
-    if not names:
-        return f"nothing is searched: {learner} has no parameter that is a number; fit another one"
-    name = "learning_rate" if "learning_rate" in names else names[0]
-    return (
-        f"nothing is searched, as {learner} has no search space of its own; give one with --plan, "
-        f"or ranges such as --search {name}=low:high"
-    )

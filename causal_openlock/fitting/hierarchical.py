@@ -97,11 +97,9 @@ def fit_group(
             for number in range(1, ROUNDS + 1):
                 report(f"fold {place + 1} of {len(folds)}, round {number}")
                 prior = [about, fold, group.mean.tolist(), group.spread.tolist()]
+                search = partial(begin, pool, _peak, plan, fold, group)
                 searches = [
-                    (
-                        [*prior, who, start],
-                        partial(begin, pool, _peak, part, plan, fold, group, start),
-                    )
+                    ([*prior, who, start], partial(search, part, start))
                     for (who, part), start in zip(named, at, strict=True)
                 ]
                 peaks = [*steps(folder, searches, Peak)]
@@ -152,7 +150,7 @@ def _starts(part: Recorded, plan: Plan) -> list[list[float]]:
     return [points[np.argmin(of_fold - prior)].tolist() for of_fold in losses]
 
 
-def _peak(part: Recorded, plan: Plan, fold: int, group: Group, start: Sequence[float]) -> Peak:
+def _peak(plan: Plan, fold: int, group: Group, part: Recorded, start: Sequence[float]) -> Peak:
     """Find the peak of one subject, and predict what is held out of its actions there."""
     predicted = predictions([part], plan)
     out = held_out(predicted(chosen_at(plan, start)), plan, fold)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from causal_openlock.analysis.statistics import too_few
+from causal_openlock.analysis.table import Table, p_value
 from causal_openlock.cli.stopping import resumable
-from causal_openlock.comparison.console import Terminal, plain_table
+from causal_openlock.comparison.console import Terminal
 from causal_openlock.comparison.progress_bar import counting, shown_steps
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.escaping import csv_of
@@ -56,13 +57,13 @@ def fit_to_actions(
             fits = fit_all(groups, plan, folder, workers=workers, report=report)
     table = fit_table(fits)
     write_text(folder / "fits.csv", csv_of(table.round(6)))
-    first = table.head(MOST_ROWS)
+    first = table.head(MOST_ROWS).set_index("who")
     chance = math.log2(max(choices_in(played).values(), default=1))
     worse = first["bits"].gt(chance).map({True: f" (worse than at random: {chance:.2f} bits)"})
     columns = [*space.ranges, "bits", "held_out_bits", "actions", "at_bound", "without_effect"]
-    shown = first.astype({"actions": str})[columns].set_axis(first["who"] + worse.fillna(""))
     names = {"bits": "bits/action", "held_out_bits": "held out"}
-    _show_fits(shown.rename(columns=names), list(space.ranges), console, 3)
+    shown = first.set_axis(first.index + worse.fillna(""))[columns].rename(columns=names)
+    _show_fits(shown, list(space.ranges), console, 3)
     if len(table) > MOST_ROWS:
         console.print_line(f"and {len(table) - MOST_ROWS} others")
     console.print_line(space.in_words)
@@ -119,36 +120,41 @@ def fit_to_means(space: SearchSpace, how: FitSettings, workers: int, folder: Pat
     console.print_line("\nWhat people show, differences in attempts", "bold")
     effects = fitted.effects.set_index("effect")
     effects["p < .05"] = effects["like_people"] & (effects["p"] < CLEAR)
-    effects["p"] = effects["p"].map("{:.2g}".format)
-    yes = {True: "yes", False: "no"}
-    _show(effects.replace({"like_people": yes, "p < .05": yes}), console)
+    _show(effects.assign(p=effects["p"].map(p_value)), console)
     console.print_line(signs(fitted.effects))
     _print_entry(fitted.entry, console)
     console.print_line(f"to play it: causal-openlock compare {folder / 'experiment.yaml'}")
     console.print_line(f"figure: {folder / 'fit.svg'}")
 
 
-def _show(table: pd.DataFrame, console: Terminal, digits: int = 2) -> None:
-    """Print a table; empty is what is not a number."""
-    shown = plain_table(table.index.name or "", *table.columns)
-    for name, *row in table.itertuples():
-        texts = [cell if isinstance(cell, str) else f"{cell:.{digits}f}" for cell in row]
-        shown.add_row(str(name), *("" if text == "nan" else text for text in texts))
-    console.print_whole(shown)
+def _show(frame: pd.DataFrame, console: Terminal, digits: int = 2) -> None:
+    """Print a table whose rows are named by its index."""
+    formats = dict.fromkeys(frame.select_dtypes("float"), f".{digits}f")
+    frame = frame.rename_axis("").reset_index()
+    console.print_table(Table("fits", "Fits", frame, formats, verbatim=True))
 
 
 def _show_fits(table: pd.DataFrame, names: Sequence[str], console: Terminal, digits: int) -> None:
     """Print fits, with marks at parameters that are no estimates, and what the marks mean."""
-    bounds, idle = (table[column].str.split() for column in ("at_bound", "without_effect"))
-    shown = table.drop(columns=["at_bound", "without_effect"]).astype(object)
+    shown = table.drop(columns=["at_bound", "without_effect"])
     for name in names:
-        values = zip(table[name], bounds, idle, strict=True)
-        shown[name] = [marked(value, name, *lists) for value, *lists in values]
+        rows = zip(table[name], table["at_bound"], table["without_effect"], strict=True)
+        shown[name] = [f"{value:.4g}{_mark(name, *lists)}" for value, *lists in rows]
     _show(shown, console, digits)
-    for sentence in legend(
-        *([n for n in names if n in {*row.explode()}] for row in (bounds, idle))
-    ):
-        console.print_line(sentence)
+    if at_bound := [name for name in names if shown[name].str.endswith(BOUND).any()]:
+        console.print_line(
+            f"{BOUND} at a bound of what was searched ({joined(at_bound)}): better values may lie "
+            "beyond it."
+        )
+    else:
+        console.print_line("No estimate is at a bound of what was searched.")
+    if any(shown[name].str.endswith(IDLE).any() for name in names):
+        console.print_line(f"{IDLE} makes no difference here: any other value would do as well.")
+
+
+def _mark(name: str, at_bound: str, idle: str) -> str:
+    """The mark at a parameter, from lists of those at a bound and of those without effect."""
+    return IDLE if name in idle.split() else BOUND if name in at_bound.split() else ""
 
 
 def _print_entry(entry: Mapping[str, Any], console: Terminal) -> None:
@@ -160,31 +166,3 @@ def _print_entry(entry: Mapping[str, Any], console: Terminal) -> None:
     console.print_line("for an experiment file, under learners:")
     text = dump_yaml([{**entry, "parameters": parameters}])
     console.print(text, highlight=False, soft_wrap=True, end="")
-
-
-def marked(value: float, name: str, at_bound: Collection[str], idle: Collection[str]) -> str:
-    """The value of a parameter, with its mark.
-
-    >>> marked(0.5, "a", ["a"], []), marked(0.5, "a", ["a"], ["a"]), marked(10.0, "a", [], [])
-    ('0.5*', '0.5?', '10')
-    """
-    mark = IDLE if name in idle else BOUND if name in at_bound else ""
-    return f"{value:.4g}{mark}"
-
-
-def legend(at_bound: Collection[str], idle: Collection[str]) -> list[str]:
-    """Explanations of the marks, with their parameters; also where none stands at a bound.
-
-    >>> legend([], [])
-    ['No estimate is at a bound of what was searched.']
-    """
-    estimates = [name for name in at_bound if name not in idle]
-    lines = ["No estimate is at a bound of what was searched."]
-    if estimates:
-        lines = [
-            f"{BOUND} at a bound of what was searched ({joined(estimates)}): better values may "
-            "lie beyond it."
-        ]
-    if idle:
-        lines.append(f"{IDLE} makes no difference here: any other value would do as well.")
-    return lines

@@ -66,7 +66,7 @@ def score(
     """
     from causal_openlock.analysis.statistics import too_few
     from causal_openlock.analysis.table import Table
-    from causal_openlock.comparison.console import Terminal, plain_table
+    from causal_openlock.comparison.console import Terminal
     from causal_openlock.comparison.progress_bar import counting, shown_steps
     from causal_openlock.experiment.file import find_experiment, read_experiment
     from causal_openlock.experiment.making import make_experiment
@@ -104,11 +104,8 @@ def score(
         before = Scores.read(out).actions["scored"].unique().tolist()
     files = scores.save(out)
     ranked = scores.ranking.merge(scores.followed, on="scored")
-    printed = Table("scores", "Scores", ranked[[*_HEADS]].rename(columns=_HEADS), _FORMATS)
-    shown = plain_table(*printed.heads)
-    for row in printed.rows:
-        shown.add_row(*row)
-    console.print_whole(shown)
+    shown = ranked[[*_HEADS]].rename(columns=_HEADS)
+    console.print_table(Table("scores", "Scores", shown, _FORMATS))
     subjects, number = scores.subjects, int(ranked["subjects"].iloc[0])
     who = [counted(subjects[name].nunique(), name) for name in ("learner", "condition")]
     console.print_line(

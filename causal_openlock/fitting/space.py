@@ -21,7 +21,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -172,7 +172,7 @@ class FitSettings(StrictModel):
     candidates: Count | None = None
     seed: Annotated[int, Field(ge=0, le=2**62)] = 31
     hold_out: str | None = None
-    target: str = "people"
+    target: Literal["people", "model"] = "people"
     subjects: Annotated[int, Field(ge=2)] = 40
     finalists: Count = 5
     final_subjects: Annotated[int, Field(ge=2)] = 200
@@ -250,16 +250,24 @@ def search_space(
             bounds that it cannot take.
     """
     fixed, checked = dict(fixed or {}), {}
-    if not ranges:
-        raise LearnerError(f"nothing is searched; choose parameters of {learner}: {FORM}")
     defaults = {info.name: info.default for info in parameter_table(learner)}
+    numbers = [
+        name
+        for name, default in defaults.items()
+        if isinstance(default, int | float) and not isinstance(default, bool)
+    ]
+    if not ranges:
+        raise LearnerError(
+            f"nothing is searched; give --plan, or --search {FORM}, for a number of {learner}: "
+            f"{joined(numbers) or 'it has none'}"
+        )
     for name, bounds in ranges.items():
         if name not in defaults:
             raise LearnerError(
                 f"the learner {learner} has no parameter {name!r}; {nearest(name, defaults)}"
             )
         default, ends = defaults[name], (bounds.low, bounds.high)
-        if isinstance(default, bool) or not isinstance(default, int | float):
+        if name not in numbers:
             raise LearnerError(
                 f"the parameter {name} of {learner} is not a number, so it cannot be searched; "
                 f"fix it: {name}={default}"

@@ -223,13 +223,11 @@ def fit_all(
     about, done = plan.as_dict(), list[Fitted]()
     with fitting_in(folder, min(workers, len(groups) * len(folds_of(plan)))) as pool:
         jobs = [
-            (
-                [about, subjects_of(parts), who, fold],
-                partial(begin, pool, fit_fold, who, parts, fold, plan),
-            )
+            ([about, subjects_of(parts), who, fold],
+             partial(begin, pool, fit_fold, who, parts, fold, plan))
             for who, parts in groups.items()
             for fold in folds_of(plan)
-        ]
+        ]  # fmt: skip
         for fitted in steps(folder, jobs, Fitted):
             parts = groups[fitted.who]
             require_possible(fitted.nll, parts, fitted.fold, fitted.chosen, plan)

@@ -33,7 +33,6 @@ from matplotlib.figure import Figure
 from causal_openlock.analysis.measures import TRANSFERS, attempts_to_solve
 from causal_openlock.analysis.plots import style
 from causal_openlock.contract.registry import create
-from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.declare import PAPER_CONDITIONS, PROTOCOLS, find_condition
 from causal_openlock.experiment.session import Session
 from causal_openlock.files.atomic import write_bytes, write_text
@@ -59,7 +58,6 @@ from causal_openlock.paper.noise_ceiling import (
     null_curve,
 )
 from causal_openlock.paper.published import model, people
-from causal_openlock.wording import nearest
 
 FILE = "fit.json"
 """File of a finished fit."""
@@ -75,10 +73,8 @@ def means_plan(space: SearchSpace, fit: FitSettings) -> Plan:
     """The plan of a fit to means.
 
     Raises:
-        OpenLockError: If there is no such target, or nothing of this name can be held out.
+        OpenLockError: If nothing of this name can be held out.
     """
-    if fit.target not in TARGETS:
-        raise OpenLockError(f"a fit has no target {fit.target!r}; {nearest(fit.target, TARGETS)}")
     usual = {"hold_out": fit.hold_out or "transfer", "candidates": fit.candidates or 60}
     plan = Plan(space, fit.model_copy(update=usual))
     plan.require_hold_out(("transfer", "none"))
@@ -167,29 +163,26 @@ class MeansFit:
         A row for the fitted learner and, if it is fitted to people, for other models; the perfect
         model has as many subjects and fitted numbers. Columns are :data:`PARTS`.
         """
-        label, target, hold_out = (
-            self.plan.space.fitted_name,
-            self.plan.fit.target,
-            self.plan.hold_out,
-        )
-        models = {label: points_towards(self.trials, target)}
-        numbers = len(self.plan.space.ranges)
-        fits = [*zip(parts_of(models[label], hold_out), (numbers, 0, numbers), strict=True)]
-        perfect = [noise_ceiling(*part).both for part in fits]
-        misfits = {label: [misfit(*part).in_words for part in fits]}
+        space, target, hold_out = self.plan.space, self.plan.fit.target, self.plan.hold_out
+        searched = len(space.ranges)
+        own = points_towards(self.trials, target), (searched, 0, searched)
+        models: dict[str, tuple[pd.DataFrame, tuple[int | None, ...]]] = {space.fitted_name: own}
         if target == "people":
-            models[PUBLISHED_MODEL] = published = points_of_model()
-            misfits[PUBLISHED_MODEL] = [misfit(p).in_words for p in parts_of(published, hold_out)]
-            models[CURVE] = null_curve()
+            models[PUBLISHED_MODEL] = points_of_model(), (0, 0, 0)
             # How many of the curve's numbers count in a part of the points is not known.
-            misfits[CURVE] = ["", "", misfit(models[CURVE], CURVE_NUMBERS).in_words]
-        distances = {
-            name: [distance(part)[0] for part in parts_of(points, hold_out)]
-            for name, points in models.items()
-        }
+            models[CURVE] = null_curve(), (None, None, CURVE_NUMBERS)
+        distances, misfits = {}, {}
+        for name, (points, numbers) in models.items():
+            parts = parts_of(points, hold_out)
+            distances[name] = [distance(part)[0] for part in parts]
+            fits = zip(parts, numbers, strict=True)
+            misfits[name] = ["" if many is None else misfit(part, many).in_words
+                             for part, many in fits]  # fmt: skip
+        fitted = zip(parts_of(own[0], hold_out), own[1], strict=True)
+        distances["perfect model"] = [noise_ceiling(part, many).both for part, many in fitted]
         first, second = (
             pd.DataFrame.from_dict(rows, orient="index", columns=PARTS)
-            for rows in ({**distances, "perfect model": perfect}, misfits)
+            for rows in (distances, misfits)
         )
         return first, second
 

@@ -13,7 +13,7 @@ import pandas as pd
 
 from causal_openlock.analysis.effects import ALPHA, holm
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.table import Table
+from causal_openlock.analysis.table import Table, p_value
 from causal_openlock.analysis.topic import Section, Topic, drawn, sentences
 from causal_openlock.scoring.scores import SUBJECT, Scores, stored_scores
 from causal_openlock.wording import counted, file_names, joined
@@ -33,7 +33,7 @@ _NAMES = {
 _FORMATS = {
     **dict.fromkeys(("bits", "probability"), ".2f"),
     **dict.fromkeys(("more than best", "low", "high"), "+.2f"),
-    **{"p corrected": ".2g", "followed": ".0%", "subjects": ",", "ahead": ",.1f"},
+    **{"p corrected": "s", "followed": ".0%", "subjects": ",", "ahead": ",.1f"},
 }
 
 
@@ -54,7 +54,8 @@ def section(material: Material) -> Section | None:
         "selection with −BIC/2 for the log evidence)."
     )
     columns = ["of", "scored", "subjects", "bits", *[*_NAMES][1:]]
-    frame = _of_each(ranked)[columns].rename(columns=_NAMES)
+    table = _of_each(ranked)[columns]
+    frame = table.assign(p_corrected=table["p_corrected"].map(p_value)).rename(columns=_NAMES)
     tables = [Table("scores", "Bits per action, and who follows whom", frame, _FORMATS, caption)]
     followed = _of_each({of: by_learner[of].attributed for of in ranked if len(ranked[of]) > 1})
     if 0 < len(followed) <= MOST_SUBJECTS:
