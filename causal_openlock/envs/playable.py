@@ -21,15 +21,9 @@ from causal_openlock.files.validation import whole_number
 from causal_openlock.render.paint import Panel, ShownAction
 from causal_openlock.render.room import room_text
 from causal_openlock.schemas.finding import schema as declared
-from causal_openlock.schemas.schema import Schema
 from causal_openlock.wording import counted
 from causal_openlock.world.rewards import PAPER_REWARD
-from causal_openlock.world.room import (
-    Layout,
-    action_index,
-    action_names,
-    first_layout,
-)
+from causal_openlock.world.room import Layout, action_index, action_names, first_layout
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -78,16 +72,17 @@ class PlayableRoom:
 
     Attributes:
         schema: Its schema.
+        positions: Number of positions, P.
         layout: The positions of its levers.
         actions: The names of all actions, by index.
         observation: ``[2P + 2]`` bits, as of :class:`Seen`, of the room now.
         solutions_found: The solutions found in this trial, as the positions to push.
     """
 
-    def __init__(
-        self, schema: Schema, env: OpenLockEnv, seed: int | None, reveal: bool = True
-    ) -> None:
-        self.schema, self._env, self._reveal = schema, env, reveal
+    def __init__(self, env: OpenLockEnv, seed: int | None, reveal: bool) -> None:
+        self._env, self._reveal = env, reveal
+        self.schema, self.positions = env.settings.schema, env.settings.positions
+        self.actions = tuple(name.replace("_", " ") for name in action_names(self.positions))
         self._begin(env.reset(seed=seed))
 
     def reset(self) -> PlayableRoom:
@@ -99,14 +94,8 @@ class PlayableRoom:
         self.observation, self._info = seen
         layout = Layout.of(self.schema, dict(self._info["latent"]["layout"]), self.positions)
         self.layout = Layout.of(self.schema, layout.places, self.positions)  # with its name
-        self.actions = tuple(name.replace("_", " ") for name in action_names(self.positions))
         self.solutions_found: tuple[tuple[str, ...], ...] = ()
         self._done: list[ShownAction] = []
-
-    @property
-    def positions(self) -> int:
-        """Number of positions, P."""
-        return len(self.observation) // 2 - 1
 
     @property
     def over(self) -> bool:
@@ -196,8 +185,6 @@ def room(
         (('LOWERLEFT', 'UPPERRIGHT'),)
     """
     found = declared(schema)
-    if seed is not None:
-        seed = whole_number(seed, "seed")
     env = OpenLockEnv(
         found,
         first_layout(found) if layout is None else layout,
@@ -207,4 +194,4 @@ def room(
         action_limit=action_limit,
         reveal=True,  # the room shows solutions by their positions, and names its layout
     )
-    return PlayableRoom(found, env, seed, reveal)
+    return PlayableRoom(env, None if seed is None else whole_number(seed, "seed"), reveal)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 import numpy as np
 from gymnasium import spaces
 
 from causal_openlock.errors import ExperimentError, OpenLockError
 from causal_openlock.experiment.declare import MAX_ACTION_LIMIT, default_action_limit
-from causal_openlock.files.validation import check_arguments, whole_number
+from causal_openlock.files.validation import whole_number
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.rewards import RewardForm, find_reward
@@ -95,15 +95,6 @@ class Settings:
     def action_space(self) -> spaces.Discrete[Any]:
         """``Discrete(2P + 1)``: 15 actions in the paper's room."""
         return spaces.Discrete(2 * self.positions + 1)
-
-
-class Checked:
-    """An environment that refuses arguments that it does not have, with the nearest one."""
-
-    def __new__(cls, *_: Any, **given: Any) -> Self:
-        """Check the names of the arguments."""
-        check_arguments(given, cls.__init__, cls.__name__)
-        return super().__new__(cls)
 
 
 def check_options(options: Any, name: str) -> Any:

@@ -11,14 +11,7 @@ import numpy as np
 from gymnasium.error import InvalidAction, ResetNeeded
 from numpy.typing import NDArray
 
-from causal_openlock.envs.settings import (
-    ATTEMPT_LIMIT,
-    AnySchema,
-    Checked,
-    Episode,
-    Settings,
-    check_options,
-)
+from causal_openlock.envs.settings import ATTEMPT_LIMIT, AnySchema, Episode, Settings, check_options
 from causal_openlock.errors import OpenLockError
 from causal_openlock.files.validation import whole_number
 from causal_openlock.schemas.fsm import compile_schema
@@ -63,7 +56,7 @@ class _Lists:
         (self.paid,) = rewards_by_event([settings.reward], tables.event, most)
 
 
-class OpenLockEnv(Checked, gymnasium.Env[NDArray[np.int8], int]):
+class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
     """One room as a Gymnasium environment.
 
     Args:

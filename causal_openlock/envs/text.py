@@ -15,7 +15,7 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.error import InvalidAction, ResetNeeded
 
-from causal_openlock.envs.settings import ATTEMPT_LIMIT, AnySchema, Checked, check_options
+from causal_openlock.envs.settings import ATTEMPT_LIMIT, AnySchema, check_options
 from causal_openlock.envs.single import OpenLockEnv
 from causal_openlock.render.words import ANY, Counters, StoryName, Wording
 from causal_openlock.world.rewards import BASIC_REWARD, RewardForm
@@ -24,7 +24,7 @@ from causal_openlock.world.room import RANDOM_LAYOUT, LayoutForm
 LONGEST = 4000  # characters of an observation or an action
 
 
-class OpenLockTextEnv(Checked, gymnasium.Env[str, str]):
+class OpenLockTextEnv(gymnasium.Env[str, str]):
     """One room in words; an episode is a trial.
 
     Args:

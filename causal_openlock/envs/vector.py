@@ -10,21 +10,14 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from causal_openlock.envs.settings import (
-    ATTEMPT_LIMIT,
-    AnySchema,
-    Checked,
-    Episode,
-    Settings,
-    check_options,
-)
+from causal_openlock.envs.settings import ATTEMPT_LIMIT, AnySchema, Episode, Settings, check_options
 from causal_openlock.errors import OpenLockError
 from causal_openlock.world.rewards import BASIC_REWARD, RewardForm
 from causal_openlock.world.room import RANDOM_LAYOUT, LayoutForm
 from causal_openlock.world.rooms import Rooms, RoomTables
 
 
-class OpenLockVectorEnv(Checked, VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[Any]]):
+class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[Any]]):
     """Many rooms at once, each with its own trial.
 
     They are neither drawn nor simulated. Episodes end and begin as in :class:`OpenLockEnv`. A room
