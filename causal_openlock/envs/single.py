@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 
 
 SMALLEST, LARGEST = 32, 4320  # height of a picture in pixels
-KEPT_ROWS = 500_000  # most rows, over all layouts, to keep observations of: about 100 bytes each
 
 
 class _Lists:
@@ -128,8 +127,6 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         self._whole_trial = self.settings.whole_trial
         self._stochastic = not self.settings.schema.deterministic
         self._layout: Layout | None = None
-        # For each layout, its observation at each row and the tables' column of each action.
-        self._layouts: dict[Layout, tuple[list[NDArray[np.int8]], list[int]]] = {}
         self._row, self._over, self.trial_over = 0, True, True
         self._bodies: PhysicalRoom | None = None
         self._watch: Callable[[Pose], None] | None = None
@@ -158,19 +155,16 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         return self._observations[0].copy(), self._info()
 
     def _begin_trial(self) -> None:
-        layout = self.settings.draw_layout(self.np_random)
-        if layout not in self._layouts:
-            state, lever = self._lists.tables.state, layout.lever_at()
-            if len(self._layouts) * len(state) >= KEPT_ROWS:
-                self._layouts.clear()
-            columns = [*lever, *(layout.positions + lever), 2 * layout.positions]
-            observations = [*layout.observations(self._fsm, state)]
-            self._layouts[layout] = observations, [*map(int, columns)]
-        self._layout, (self._observations, self._column) = layout, self._layouts[layout]
+        before, self._layout = self._layout, self.settings.draw_layout(self.np_random)
+        if self._layout != before:
+            # The observation at each row, and the tables' column of each action.
+            lever, positions = self._layout.lever_at().tolist(), self._layout.positions
+            self._column = [*lever, *(positions + place for place in lever), 2 * positions]
+            self._observations = [*self._layout.observations(self._fsm, self._lists.tables.state)]
         if self._movements:
             from causal_openlock.physics.room import PhysicalRoom
 
-            self._bodies = PhysicalRoom(self._fsm, layout)
+            self._bodies = PhysicalRoom(self._fsm, self._layout)
         self._attempts_left = self.settings.attempt_limit
         self._found: set[int] = set()
         self._solutions_left = len(self.settings.schema.solutions)
