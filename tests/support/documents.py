@@ -40,7 +40,7 @@ FENCE = re.compile(
     r"(?:^<!-- test: (?P<note>[^\n]*?) -->\n\n?)?^```(?P<language>[^\n`]*)\n(?P<text>.*?)^```$",
     flags=re.DOTALL | re.MULTILINE,
 )
-LINK = re.compile(r'(?<!`)\]\((?P<target>[^)\s]+)(?:\s+"[^"]*")?\)')
+LINK = re.compile(r'\]\((?P<target>[^)\s]+)(?:\s+"[^"]*")?\)')
 
 
 @dataclass(frozen=True)
