@@ -85,8 +85,7 @@ def film(
     The film is a GIF or MP4; a PNG or SVG is its last moment.
     """
     from causal_openlock.comparison.console import Terminal
-    from causal_openlock.render.film import check_suffix, save_film
-    from causal_openlock.render.filmed_trial import play_trial, recorded_trial
+    from causal_openlock.render.film import check_suffix, play_trial, recorded_trial, save_film
     from causal_openlock.render.suffixes import STILLS
 
     path = check_suffix(out or Path(f"film_{Path(condition).stem}_{learner.split(':')[-1]}.gif"))

@@ -22,8 +22,7 @@ from causal_openlock.errors import ExperimentError
 from causal_openlock.experiment.declare import Condition, Protocol
 from causal_openlock.experiment.making import ConditionForm, LearnerForm, make_experiment
 from causal_openlock.files.validation import whole_number
-from causal_openlock.render.film import Shot, save_film, shots
-from causal_openlock.render.filmed_trial import FilmedTrial, play_trial
+from causal_openlock.render.film import FilmedTrial, Shot, play_trial, save_film, shots
 from causal_openlock.schemas.schema import DOOR
 from causal_openlock.world.room import Layout, position_coordinates
 

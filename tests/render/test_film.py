@@ -15,8 +15,16 @@ from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.making import Changes
 from causal_openlock.physics.room import PhysicalRoom
-from causal_openlock.render.film import AFTER, BEFORE, BETWEEN, END, save_film, shots
-from causal_openlock.render.filmed_trial import play_trial, recorded_trial
+from causal_openlock.render.film import (
+    AFTER,
+    BEFORE,
+    BETWEEN,
+    END,
+    play_trial,
+    recorded_trial,
+    save_film,
+    shots,
+)
 from causal_openlock.render.paint import draw
 from causal_openlock.render.scene import frame
 from causal_openlock.world.room import Layout

@@ -8,8 +8,7 @@ import pytest
 
 import causal_openlock as ol
 from causal_openlock.experiment.declare import PROTOCOLS, find_condition
-from causal_openlock.render.film import shots
-from causal_openlock.render.filmed_trial import play_trial
+from causal_openlock.render.film import play_trial, shots
 from causal_openlock.render.watch import BELIEVED, TRUE, belief_svg
 
 
