@@ -31,7 +31,7 @@ from causal_openlock.files.validation import read
 from causal_openlock.importing.reading import Action, actions_in
 from causal_openlock.importing.replaying import Replayed, replay
 from causal_openlock.play.people import MOST_PEOPLE
-from causal_openlock.play.person import LABEL, LEARNER
+from causal_openlock.play.person import LABEL, as_learner
 from causal_openlock.schemas.finding import bundled_schemas
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.storage.store import Store
@@ -177,7 +177,7 @@ def _spec(label: str, protocol: str, known: Experiment | None) -> LearnerSpec:
     budget = find_protocol(protocol, {spec.protocol.name: spec.protocol for spec in specs})
     rewards = {spec.name: spec.reward for spec in specs}
     reward = rewards.get(label) or find_reward(PAPER_REWARD)
-    return LearnerSpec(learner=LEARNER, name=label, protocol=budget, reward=reward, subjects=1)
+    return as_learner(budget, reward, label)
 
 
 def _warnings(

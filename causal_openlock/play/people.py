@@ -33,14 +33,14 @@ from causal_openlock.experiment.beside_record import (
     write_answers,
     write_reactions,
 )
-from causal_openlock.experiment.declare import Cell, Condition, Experiment, LearnerSpec, Protocol
+from causal_openlock.experiment.declare import Cell, Condition, Experiment, Protocol
 from causal_openlock.experiment.plan import plan
 from causal_openlock.experiment.record import with_times
 from causal_openlock.files.atomic import sweep, write_text
 from causal_openlock.files.digest import digest
 from causal_openlock.play import log
 from causal_openlock.play.game import EXPERIMENT, Answer, Game, Refused
-from causal_openlock.play.person import LABEL, LEARNER
+from causal_openlock.play.person import as_learner
 from causal_openlock.play.recruiting import identified, read_identifiers, write_identifiers
 from causal_openlock.storage.store import LOG, Store
 from causal_openlock.world.rewards import PAPER_REWARD, find_reward
@@ -90,10 +90,6 @@ class People:
     ) -> None:
         for condition in conditions:
             plan(condition, protocol, np.random.default_rng(0))
-        reward = find_reward(PAPER_REWARD)
-        people = LearnerSpec(
-            learner=LEARNER, name=LABEL, protocol=protocol, reward=reward, subjects=1
-        )
         self.experiment = Experiment(
             name=EXPERIMENT,
             title="People",
@@ -101,7 +97,7 @@ class People:
             seed=seed,
             cell_size=1,
             conditions=tuple(conditions),
-            learners=(people,),
+            learners=(as_learner(protocol, find_reward(PAPER_REWARD)),),
         )
         self.practice, self.ask, self.consent, self._clock = practice, ask, consent, clock
         self.recruiting = tuple(recruiting)
@@ -130,14 +126,14 @@ class People:
     # -- what the page requests -----------------------------------------------------------------
 
     def join(
-        self, agreed: str = "", recruited: Mapping[str, str] | None = None, name: str = ""
+        self, agreed: str = "", recruited: Mapping[str, str] | None = None, session_id: str = ""
     ) -> str:
         """Add a person, or let one who has joined continue; returns the session id.
 
         Args:
             agreed: The ``consent_mark`` of the text that the person was shown and has agreed to.
             recruited: Identifiers that the recruiting service gives them.
-            name: The session id that their browser has drawn, with which a call that is repeated
+            session_id: The one that their browser has drawn, with which a call that is repeated
                 joins once; by default one is drawn here.
 
         Raises:
@@ -149,8 +145,8 @@ class People:
             title = "What you agree to has changed"
             raise Refused(403, title, "Please read it before you begin.")
         given = identified(recruited or {}, self.recruiting)
-        name = name or secrets.token_urlsafe(24)
-        key, at, consent = _key(name), self._clock(), self.consent_mark
+        session_id = session_id or secrets.token_urlsafe(24)
+        key, at, consent = _key(session_id), self._clock(), self.consent_mark
         with self._joining:
             if key not in self._sessions:  # else the answer to a first call was lost
                 before, number = self._number(given), self.number
@@ -170,7 +166,7 @@ class People:
             if given.items() - self._identifiers.get(number, {}).items():
                 self._identifiers[number] = self._identifiers.get(number, {}) | given
                 write_identifiers(self.store.folder, self._identifiers)
-        return name
+        return session_id
 
     def _number(self, given: Mapping[str, str]) -> int | None:
         """The number of the person who has joined with the first of these identifiers."""
@@ -180,9 +176,9 @@ class People:
                     return number
         return None
 
-    def game(self, name: str) -> Game:
+    def game(self, session_id: str) -> Game:
         """The game in a session; :class:`Refused` if there is none."""
-        game = self._sessions.get(_key(name))
+        game = self._sessions.get(_key(session_id))
         if game is None:
             raise Refused(
                 404,
@@ -192,17 +188,17 @@ class People:
             )
         return game
 
-    def view(self, name: str) -> Answer:
+    def view(self, session_id: str) -> Answer:
         """State of a person's game that the person may know now; refused as :meth:`game` is."""
-        game = self.game(name)
+        game = self.game(session_id)
         with game.lock:
             return game.view()
 
-    def take(self, name: str, turn: int, **what: Any) -> Answer:
+    def take(self, session_id: str, turn: int, **what: Any) -> Answer:
         """Take a person's turn.
 
         Args:
-            name: The session id.
+            session_id: Who takes it.
             turn: The number of the turn.
             what: ``action`` and ``reaction``, or ``edges``, as in
                 :class:`~causal_openlock.play.log.Move`.
@@ -211,7 +207,7 @@ class People:
             Refused: If there is no such session, this is not the turn, or it is not possible.
             StoreError: If it cannot be written to the log; nothing has changed then.
         """
-        game = self.game(name)
+        game = self.game(session_id)
         with game.lock:
             line = log.Turn(of=game.number, turn=turn, at=self._clock(), **what)
             if not game.allows(line):
@@ -220,9 +216,9 @@ class People:
             self._log.append(line)  # first it is on file, then it is done, then it is answered
             return game.take(line)
 
-    def identifiers(self, name: str) -> dict[str, str]:
+    def identifiers(self, session_id: str) -> dict[str, str]:
         """The identifiers that a recruiting service has given a person; empty without one."""
-        given = self._identifiers.get(self.game(name).number, {})
+        given = self._identifiers.get(self.game(session_id).number, {})
         return {key: given.get(key, "") for key in self.recruiting}
 
     # -- what the log holds ---------------------------------------------------------------------
@@ -360,5 +356,5 @@ def dealt(experiment: Experiment, number: int) -> tuple[int, int]:
     return int(order[place]), subject
 
 
-def _key(name: str) -> str:
-    return hashlib.sha256(name.encode()).hexdigest()
+def _key(session_id: str) -> str:
+    return hashlib.sha256(session_id.encode()).hexdigest()

@@ -6,11 +6,15 @@ from typing import NoReturn
 
 from causal_openlock.contract.learner import Brief, Learner, View
 from causal_openlock.errors import LearnerError
-from causal_openlock.experiment.declare import PERSON as LEARNER
-
-__all__ = ["LABEL", "LEARNER", "Person"]
+from causal_openlock.experiment.declare import PERSON, LearnerSpec, Protocol
+from causal_openlock.world.rewards import RewardFunction
 
 LABEL = "person"
+
+
+def as_learner(protocol: Protocol, reward: RewardFunction, label: str = LABEL) -> LearnerSpec:
+    """People as an experiment has them; they play until nobody joins any more."""
+    return LearnerSpec(learner=PERSON, name=label, protocol=protocol, reward=reward, subjects=1)
 
 
 class Person(Learner):

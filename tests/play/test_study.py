@@ -9,12 +9,11 @@ from causal_openlock import Results
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.beside_record import read_answers
-from causal_openlock.experiment.declare import PROTOCOLS, Experiment, find_condition
+from causal_openlock.experiment.declare import PERSON, PROTOCOLS, Experiment, find_condition
 from causal_openlock.experiment.session import Session
 from causal_openlock.play.forgetting import forget_person
 from causal_openlock.play.game import Refused
 from causal_openlock.play.people import dealt
-from causal_openlock.play.person import LEARNER
 from causal_openlock.storage.store import Store
 from support.command import at_once
 from support.made_up_experiments import spec
@@ -250,7 +249,7 @@ def test_the_same_command_deletes_what_a_killed_one_has_left(tmp_path, changed):
 def test_what_was_imported_of_a_person_is_deleted_of_this_condition_alone(tmp_path):
     ce3 = find_condition("CE3")
     labels = "a", "a_b"  # a_b_CE3_0-0 is of a in b_CE3, or of a_b in CE3
-    specs = tuple(replace(spec(label, subjects=1), learner=LEARNER) for label in labels)
+    specs = tuple(replace(spec(label, subjects=1), learner=PERSON) for label in labels)
     experiment = Experiment(
         name="in", cell_size=1, conditions=(ce3, replace(ce3, name="b_CE3")), learners=specs
     )
