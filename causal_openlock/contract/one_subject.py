@@ -69,11 +69,10 @@ class PerSubjectAdapter(Learner):
         super().__init__(single.Parameters() if parameters is None else parameters)
         self.single = single
         self.learns_from_others, self.resumable = single.learns_from_others, single.resumable
-        self._players: list[OneSubjectLearner] = []
 
     def begin(self, brief: Brief) -> None:
         """Make one player for each subject."""
-        self._players = []
+        self._players: list[OneSubjectLearner] = []
         for generator in brief.generators:
             player = self.single(self.parameters)
             player.brief = replace(brief, subjects=1, generators=(generator,))

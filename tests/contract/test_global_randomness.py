@@ -5,6 +5,7 @@ import warnings
 
 import numpy as np
 import pytest
+import rich.style  # noqa: F401 - draws a number when it is imported
 
 import causal_openlock as ol
 from causal_openlock.contract.checks import GlobalRandomness

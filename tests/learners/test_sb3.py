@@ -224,10 +224,15 @@ class Late(OneSubjectLearner):
         return 0
 
 
+class InTime(Late):
+    def updates_made(self):
+        return 3
+
+
 def test_who_never_learns_is_named_before_and_after(tmp_path):
     short = Protocol("short", attempt_limit=5, stop_when_solved=True, baseline_trials=1)
     quick = spec_of("sb3", label="quick", settings={"n_steps": 5, "batch_size": 5})
-    learners = ["sb3", quick, Late]
+    learners = ["sb3", quick, Late, InTime]
     told = []
     made = make_experiment(["CC3"], learners, subjects=1, protocol=short)
     play_experiment(made, tmp_path, warn=told.append, workers=0)
