@@ -73,4 +73,4 @@ def test_what_the_structure_learner_believes_at_first_is_a_parameter():
     assert isinstance(learner, BayesNetDDQN)
     learner.begin(Session(named("CC3"), HUMAN, 1).brief)
     assert learner.beliefs.unsure.all()
-    assert learner.beliefs.knowledge.prior.concentration == 4.0
+    assert learner.beliefs.settings.concentration == 4.0
