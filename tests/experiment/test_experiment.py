@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from causal_openlock.contract.registry import registry
+from causal_openlock.contract.registry import learner_class, registry
 from causal_openlock.errors import FileError
 from causal_openlock.experiment.declare import PAPER_CONDITIONS, Condition, find_condition
 from causal_openlock.experiment.file import find_experiment, read_experiment
@@ -238,6 +238,7 @@ def test_labels_show_values_as_they_are_written():
     assert sweep("theory_based", top_down=[True])[0]["name"] == "theory_based-top_down-True"
     (own,) = sweep(learner("bayes", noise=0.2), lapse=[0.1])
     assert own["parameters"] == {"noise": 0.2, "lapse": 0.1}
+    assert learner(learner_class("bayes"))["learner"] == "bayes"  # as a file names it
 
 
 def test_a_sweep_or_one_of_its_learners_can_be_chosen_by_name(tmp_path):

@@ -152,6 +152,8 @@ def test_a_bundle_holds_everything_and_nothing_else_and_is_the_same_every_time(m
     with zipfile.ZipFile("own.zip") as bundle:
         packages = bundle.read("own_everything/requirements.txt").decode()
         card = bundle.read("own_everything/README.md").decode()
+        declared = bundle.read("own_everything/experiment.yaml").decode()
+    assert "edges" not in declared  # schemas are named, and stand beside it
     assert re.search(r"^# Python \d", packages, re.M)
     assert re.search(r"^numpy==[\d.]+$", packages, re.M)
     assert "`solutions_found`" in card
