@@ -35,12 +35,12 @@ from causal_openlock.experiment.making import Changes, learner
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.files.checksums import (
     ChecksumError,
+    digest,
     json_bytes,
     read_json,
     read_table,
     table_bytes,
 )
-from causal_openlock.files.digest import digest
 from causal_openlock.storage.versions import versions
 from causal_openlock.version import RESULTS_VERSION
 from causal_openlock.wording import joined

@@ -43,7 +43,7 @@ from pydantic.json_schema import SkipJsonSchema
 from causal_openlock.contract.registry import learner_class, name_of, parse_parameters
 from causal_openlock.errors import ExperimentError, LearnerError, OpenLockError, together
 from causal_openlock.experiment.origin import NOTES, Origin, answer_of, origin_of
-from causal_openlock.files.digest import digest
+from causal_openlock.files.checksums import digest
 from causal_openlock.files.validation import Part, adapter, part, plain, present, read
 from causal_openlock.schemas.finding import SUFFIXES, bundled_schemas, find_schema
 from causal_openlock.schemas.schema import JSON_SCHEMA_ID, NAME, Schema

@@ -27,6 +27,16 @@ class ChecksumError(OpenLockError):
     """A file is not what was written; the message gives the reason."""
 
 
+def digest(content: bytes | str) -> str:
+    """A short hash: 16 hexadecimal digits of the SHA-256 of a content; a text is taken as UTF-8.
+
+    >>> digest("the same"), digest(b"the same")
+    ('fa0487f2dc91544a', 'fa0487f2dc91544a')
+    """
+    whole = content if isinstance(content, bytes) else content.encode()
+    return hashlib.sha256(whole).hexdigest()[:16]
+
+
 def table_bytes(table: pa.Table, metadata: Mapping[bytes, bytes] | None = None) -> bytes:
     """A table as a Parquet file with checksums."""
     import pyarrow.parquet as pq

@@ -16,8 +16,7 @@ from typing import Any, TypeVar
 
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.files.atomic import sweep, unwritable, write_bytes
-from causal_openlock.files.checksums import ChecksumError, json_bytes, read_json
-from causal_openlock.files.digest import digest
+from causal_openlock.files.checksums import ChecksumError, digest, json_bytes, read_json
 from causal_openlock.files.validation import adapter
 from causal_openlock.running.workers import worker_pool
 from causal_openlock.storage.folder_lock import locked

@@ -23,8 +23,7 @@ import pandas as pd
 from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.experiment.declare import SHOWN
 from causal_openlock.files.atomic import write_bytes
-from causal_openlock.files.checksums import json_bytes
-from causal_openlock.files.digest import digest
+from causal_openlock.files.checksums import digest, json_bytes
 from causal_openlock.fitting.search import NONE, at_bound, require_effect, search, without_effect
 from causal_openlock.fitting.space import Chosen, Plan
 from causal_openlock.fitting.steps import begin, fitting_in, steps

@@ -37,7 +37,7 @@ from causal_openlock.experiment.declare import Cell, Condition, Experiment, Prot
 from causal_openlock.experiment.plan import plan
 from causal_openlock.experiment.record import with_times
 from causal_openlock.files.atomic import sweep, write_text
-from causal_openlock.files.digest import digest
+from causal_openlock.files.checksums import digest
 from causal_openlock.play import log
 from causal_openlock.play.game import EXPERIMENT, Answer, Game, Refused
 from causal_openlock.play.person import as_learner

@@ -33,7 +33,7 @@ from causal_openlock.experiment.declare import Cell, Experiment
 from causal_openlock.experiment.plan import trials_of
 from causal_openlock.files import checksums
 from causal_openlock.files.atomic import folder_at, is_empty, unwritable, write_bytes
-from causal_openlock.files.digest import digest
+from causal_openlock.files.checksums import digest
 from causal_openlock.files.validation import adapter, errors_of, part, present
 from causal_openlock.storage.beside_cell import ERRORS, failures_of, tidy
 from causal_openlock.storage.folder_lock import Shard, locked

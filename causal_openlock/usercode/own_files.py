@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from causal_openlock.errors import ExperimentError, LearnerError, OpenLockError, in_short
-from causal_openlock.files.digest import digest
+from causal_openlock.files.checksums import digest
 from causal_openlock.wording import nearest
 
 _INSTALLED_IN = Path(__file__).resolve().parents[2]

@@ -29,7 +29,7 @@ from uuid import uuid4
 import numpy as np
 
 from causal_openlock.errors import LearnerError, in_short
-from causal_openlock.files.digest import digest
+from causal_openlock.files.checksums import digest
 from causal_openlock.usercode.own_files import digest_of, own_files
 
 SESSION = "__main__"

@@ -18,7 +18,7 @@ import numpy as np
 
 from causal_openlock.contract.learner import Brief, Learner, Step, View
 from causal_openlock.experiment.declare import PAPER_ACTION_LIMIT
-from causal_openlock.files.digest import digest
+from causal_openlock.files.checksums import digest
 from causal_openlock.schemas.fsm import FloatArray
 from openlock_learners.networks.perception import Perception
 from openlock_learners.trained_file import BUNDLED, content_of

@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from causal_openlock.contract.checks import GlobalRandomness
 from causal_openlock.contract.learner import Brief, Learner, Observations, Step, View
 from causal_openlock.errors import LearnerError, in_short
-from causal_openlock.files.digest import digest
+from causal_openlock.files.checksums import digest
 from causal_openlock.schemas.fsm import IntArray
 from causal_openlock.wording import nearest
 from openlock_learners.trained_file import content_of

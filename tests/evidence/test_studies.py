@@ -7,8 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from causal_openlock.errors import EvidenceError, FileError, StoreError
-from causal_openlock.files.checksums import json_bytes, read_json
-from causal_openlock.files.digest import digest
+from causal_openlock.files.checksums import digest, json_bytes, read_json
 from evidence.__main__ import arguments, main
 from evidence.figures import draw_course
 from evidence.measured import Evidence

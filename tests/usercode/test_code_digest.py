@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from causal_openlock.files.digest import digest
+from causal_openlock.files.checksums import digest
 from causal_openlock.usercode.own_files import code_digest
 from support.command import modules_of
 
