@@ -58,14 +58,9 @@ def progress_of(
     playing: Sequence[Playing],
     paces: Mapping[str, float],
 ) -> RunProgress:
-    """The progress of a comparison.
+    """The progress of cells of which some are left, some of these are played, and some failed.
 
-    Args:
-        cells: Its cells.
-        left: Those that are neither done nor failed.
-        failed: How many have failed.
-        playing: Those that are being played.
-        paces: Seconds of an attempt, by learner; the others' are taken to be the mean.
+    ``paces`` are seconds of an attempt, by learner; the others' are taken to be the mean.
     """
     to_do: dict[str, float] = {cell.file_name: work(cell) for cell in left}
     for cell, share, *_ in playing:

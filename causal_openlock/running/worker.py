@@ -36,17 +36,11 @@ MOST_WRITTEN = 20_000  # characters of a traceback
 
 @dataclass(frozen=True)
 class Watching:
-    """What a worker does besides playing.
+    """What a worker does besides playing."""
 
-    Attributes:
-        checkpoint_every: Seconds between checkpoints inside a cell; 0: after every step; inf: none.
-        tensorboard: Folder for TensorBoard's logs; by default there are none.
-        awaited: A file that is there for as long as the run waits for its cells.
-    """
-
-    checkpoint_every: float = 60.0
-    tensorboard: str | None = None
-    awaited: str | None = None
+    checkpoint_every: float = 60.0  #: seconds between checkpoints; 0: after every step; inf: none
+    tensorboard: str | None = None  #: folder for TensorBoard's logs; by default there are none
+    awaited: str | None = None  #: a file that is there for as long as the run waits for its cells
 
 
 class NotAwaitedError(OpenLockError):

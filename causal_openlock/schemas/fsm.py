@@ -26,16 +26,6 @@ NO_SOLUTION = -1
 class FSM:
     """A finite state machine; S states, A actions.
 
-    Attributes:
-        schema: What it was compiled from.
-        next_state: ``[S, A]`` the state after an action that takes effect; the same state where
-            the action can do nothing.
-        chance: ``[S, A]`` the probability that the action takes effect; 0 where it can do nothing,
-            1 where it can and all strengths are 1.
-        unlocked: ``[S]`` whether the door is unlocked.
-        solution: ``[S]`` index into ``schema.solutions`` if the pushed levers, inert ones aside,
-            are exactly that solution; -1 otherwise.
-
     Example:
         >>> from causal_openlock import find_schema
         >>> fsm = compile_schema(find_schema("CC3"))
@@ -43,11 +33,11 @@ class FSM:
         'L0 L1 pushed, unlocked'
     """
 
-    schema: Schema
-    next_state: IntArray
-    chance: FloatArray
-    unlocked: BoolArray
-    solution: IntArray
+    schema: Schema  #: what it was compiled from
+    next_state: IntArray  #: ``[S, A]`` the state after an action; the same where it does nothing
+    chance: FloatArray  #: ``[S, A]`` its probability to take effect; 0 where it can do nothing
+    unlocked: BoolArray  #: ``[S]`` whether the door is unlocked
+    solution: IntArray  #: ``[S]`` the solution whose levers are pushed, inert ones aside; or -1
 
     @property
     def levers(self) -> int:
