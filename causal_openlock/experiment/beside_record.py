@@ -22,8 +22,7 @@ from causal_openlock.files.checksums import ChecksumError, read_table, table_byt
 if TYPE_CHECKING:
     import pyarrow as pa
 
-REACTIONS, STRUCTURES = "reactions", "structures"
-"""The folders of these tables."""
+REACTIONS, STRUCTURES = "reactions", "structures"  #: the folders of these tables
 
 _WHO = (
     ("condition", "string", "name of the condition, as in the record"),

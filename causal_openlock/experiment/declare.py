@@ -53,18 +53,15 @@ from causal_openlock.world import rewards
 from causal_openlock.world.reward_code import OwnReward
 from causal_openlock.world.room import Layout
 
-HUMAN_PROTOCOL = "human"
-"""The protocol under which people played in the paper."""
+HUMAN_PROTOCOL = "human"  #: the protocol under which people played in the paper
 PAPER_CONDITIONS = ("CC4", "CE4", "CC3-CC4", "CE3-CC4", "CC3-CE4", "CE3-CE4")
 PAPER_ACTION_LIMIT = 3
 MAX_ACTION_LIMIT = 63
 SHOWN = "shown"
 """The phase of training that is shown, and what the name of such a condition begins with."""
 RANDOM_CLASS = "openlock_learners.random:RandomLearner"
-PERSON = "causal_openlock.play.person:Person"
-"""The learner of a record of people."""
-MOST_SWEPT = 500
-"""The most learners that one sweep can declare."""
+PERSON = "causal_openlock.play.person:Person"  #: the learner of a record of people
+MOST_SWEPT = 500  #: the most learners that one sweep can declare
 
 NAME_FORM = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
 MISSING = ("NA", "NaN", "nan", "NULL", "null", "None")

@@ -29,8 +29,7 @@ from causal_openlock.world.rooms import Rooms, RoomTables
 if TYPE_CHECKING:
     import pyarrow as pa
 
-AT_ONCE = 40
-"""Number of recorded subjects replayed in one batch."""
+AT_ONCE = 40  #: number of recorded subjects replayed in one batch
 
 
 class Session:

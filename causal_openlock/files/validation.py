@@ -19,11 +19,9 @@ from causal_openlock.wording import nearest
 P = ParamSpec("P")
 T = TypeVar("T")
 
-MOST = 2**63 - 1
-"""The largest whole number of subjects, trials, attempts and so on."""
+MOST = 2**63 - 1  #: the largest whole number of subjects, trials, attempts and so on
 
-Where = tuple[str | int, ...]
-"""A path of keys and list indices into a file."""
+Where = tuple[str | int, ...]  #: a path of keys and list indices into a file
 
 
 class StrictModel(BaseModel):

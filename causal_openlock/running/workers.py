@@ -28,10 +28,8 @@ from causal_openlock.errors import OpenLockError
 
 # One thread for each worker: the cores are shared out by cells, and the matrices are small.
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-LOOK_EVERY = 1.0
-"""Seconds between two looks at jobs that are being done."""
-GRACE = 1.0
-"""Seconds in which processes can end by themselves."""
+LOOK_EVERY = 1.0  #: seconds between two looks at jobs that are being done
+GRACE = 1.0  #: seconds in which processes can end by themselves
 GUARD = 'call compare under: if __name__ == "__main__":'
 WORKER_ITSELF = (
     "this process is itself a worker and may not start others, so it plays one cell after another"

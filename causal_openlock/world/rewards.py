@@ -43,10 +43,8 @@ from causal_openlock.world.events import Events as Events
 from causal_openlock.world.events import RewardFunction as RewardFunction
 from causal_openlock.world.reward_code import own_reward
 
-BASIC_REWARD = "basic"
-"""The plain reward, and the default of environments."""
-PAPER_REWARD = "paper"
-"""The paper's best combination, and the default of sessions and experiments."""
+BASIC_REWARD = "basic"  #: the plain reward, and the default of environments
+PAPER_REWARD = "paper"  #: the paper's best combination, and the default of sessions and experiments
 TERMS = (
     "basic",
     "unique_solutions",

@@ -147,8 +147,7 @@ class State(NamedTuple):
     """``[B, 6]`` the row, the first row of the schema, the row that the last action led to and its
     event, the action before the next one in the attempt (to wait for none), and which of the
     rewards is paid."""
-    console: NDArray[np.int32]
-    """``[B, 4]`` solutions left and found, attempts left, actions left."""
+    console: NDArray[np.int32]  #: ``[B, 4]`` solutions left and found, attempts left, actions left
     found: BoolArray  #: ``[B, K]`` which solutions are found in the trial
     column: NDArray[np.uint8]  #: ``[B, W]`` the same action on the lever that is at that position
     observation: NDArray[np.int8]  #: ``[B, 2P + 2]``
