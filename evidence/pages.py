@@ -45,8 +45,7 @@ BLOCK = re.compile(
 def written(root: Path) -> tuple[dict[Path, str], list[str]]:
     """All texts that follow from the studies of a folder, by file, and what is wrong with them.
 
-    Args:
-        root: The folder of the studies; pages are Markdown next to it, and in ``docs`` there.
+    Pages are Markdown next to the folder, and in ``docs`` there.
     """
     texts: dict[Path, str] = {}
     faults = []
@@ -94,14 +93,7 @@ def check(root: Path, write: bool = False) -> list[str]:
 def renewed(
     text: str, page: Path, root: Path, studies: dict[str, Evidence]
 ) -> tuple[str, list[str]]:
-    """A page with its measured numbers and tables rewritten, and what could not be.
-
-    Args:
-        text: The text of the page.
-        page: Its file.
-        root: The folder of the studies.
-        studies: The studies by name.
-    """
+    """The text of a page with its measured numbers and tables rewritten, and what could not be."""
     faults: list[str] = []
     here = Path(os.path.relpath(root, page.parent)).as_posix()
 
@@ -157,11 +149,9 @@ def _how(evidence: Evidence) -> Iterator[str]:
             f"`{file.experiment}` have been removed since."
         )
     else:
-        predicts = " and lets every theory predict every subject"
         yield f"    make evidence NAME={study.name}\n"
         yield (
-            f"plays [{Path(file.experiment).name}]({file.experiment})"
-            f"{predicts if file.measured == 'theories' else ''}, which takes about "
+            f"plays [{Path(file.experiment).name}]({file.experiment}), which takes about "
             f"{_duration(file.hours)} of one core."
         )
     if file.fits:
@@ -179,10 +169,11 @@ def _how(evidence: Evidence) -> Iterator[str]:
         f"\nOn {run['date']}, all of it was run, in {_duration(run['core_hours'])} of one core "
         f"(training apart) on {run['machine']}; {versions}."
     )
-    for stamp in run.get("stamps", ()):
+    if stamps := run.get("stamps"):
+        reasons = " ".join(stamp["reason"] for stamp in stamps)
         yield (
-            f"Its declaration is written otherwise since: {stamp['reason']} One subject of every "
-            f"learner concerned did the same by the code before ({stamp['by']}) and after."
+            f"Its declaration is written otherwise since: {reasons} Each time one subject of every "
+            "learner concerned did the same by the code before and after."
         )
     yield (
         f"\nWhat was measured, a row for each {study.unit} and time: "

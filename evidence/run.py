@@ -55,11 +55,8 @@ Say = Callable[[str], None]
 def run_study(study: Study, results: Path, workers: int | None, say: Say) -> None:
     """Run a study, and store what was measured once all of it was played.
 
-    Args:
-        study: The study.
-        results: Folder for its records and networks; what is there is not played again.
-        workers: Number of processes; by default one for each core.
-        say: Called with a sentence on the progress.
+    Records and networks that are in the folder of ``results`` are not played again; ``say`` is
+    called with a sentence on the progress.
 
     Raises:
         CellsFailed: If all cells failed.

@@ -37,11 +37,7 @@ THIS = Path(ol.__file__).parents[1]
 def stamp(study: Study, before: Path, reason: str, say: Callable[[str], None]) -> None:
     """Store a study with the hash of its present declaration, if its learners do what they did.
 
-    Args:
-        study: The study; of ``before`` it is the one in the folder of the same relative path.
-        before: A checkout of the code before the change.
-        reason: Why the declaration is written otherwise, in a sentence.
-        say: Called with a sentence on the progress.
+    The checkout ``before`` has the code before the change, and the study in the same folder.
 
     Raises:
         EvidenceError: If there is nothing to stamp, or a learner acts otherwise or cannot play.

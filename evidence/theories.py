@@ -37,11 +37,7 @@ def units_of_theories(
 ) -> tuple[pd.DataFrame, float]:
     """Simulate subjects, let all theories predict them, and recover parameters.
 
-    Args:
-        study: The study.
-        folder: Where the work is stored, so that it continues after an interruption.
-        workers: Number of processes; by default one for each core.
-        say: Called with a sentence on the progress.
+    The work is stored in ``folder``, so that it continues after an interruption.
 
     Returns:
         The units, and hours of the processor in this call.
@@ -74,11 +70,7 @@ def units_of_theories(
 
 
 def units_of_subjects(subjects: pd.DataFrame) -> pd.DataFrame:
-    """The rows of subjects and of groups: each group as if it were one subject.
-
-    Args:
-        subjects: From :func:`~causal_openlock.design.apart.told_apart`.
-    """
+    """The rows of subjects (:func:`~causal_openlock.design.apart.told_apart`) and of groups."""
     units = informed(subjects).rename(columns={"subject": "unit"}).assign(subjects=1)
     nats = [name for name in units if name.startswith(NATS)]
     rows = []

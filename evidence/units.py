@@ -38,12 +38,7 @@ KEYS = [*CELL, "phase"]
 
 
 def units_of(trials: pd.DataFrame, measured: str) -> pd.DataFrame:
-    """A row for each subject and trial, or part of a course.
-
-    Args:
-        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-        measured: ``"trials"``, ``"course"`` or ``"curve"``.
-    """
+    """A row for each subject and trial, or part of a course or a curve (``measured``)."""
     when, measures = "trial" if measured == "trials" else "part", [*TRIALS]
     if measured == "course":
         measures = [*COURSE]
@@ -89,10 +84,7 @@ def selected(units: pd.DataFrame, words: str, measure: str) -> pd.Series[float]:
     A unit counts if it has all that is asked for: a condition that it has not played cannot be
     averaged over.
 
-    Args:
-        units: From :func:`with_differences`; not needed of what is published.
-        words: What is selected (:func:`~evidence.study.selection`).
-        measure: Name of the measure.
+    Units are those of :func:`with_differences`; of what is published none are needed.
 
     Raises:
         EvidenceError: If the study has no such learner, condition or measure.

@@ -38,21 +38,12 @@ EQUIVALENCE = 0.90
 
 @dataclass(frozen=True)
 class Estimate:
-    """A mean, or a difference of means, with what it rests on.
-
-    Attributes:
-        value: The estimate.
-        ends: Returns the ends of the interval that covers the true value with a given
-            probability; NaN where there is none.
-        units: How many units each side has: one number where they are paired or compared with a
-            known number.
-        groups: What was compared; none of a correlation.
-    """
+    """A mean, or a difference of means, with what it rests on."""
 
     value: float
-    ends: Callable[[float], Ends]
-    units: tuple[int, ...]
-    groups: tuple[Group, ...] = ()
+    ends: Callable[[float], Ends]  #: of the interval of a level; NaN where there is none
+    units: tuple[int, ...]  #: of each side, one number for pairs and beside a known number
+    groups: tuple[Group, ...] = ()  #: what was compared; none of a share or a correlation
 
     @property
     def interval(self) -> Ends:
@@ -141,12 +132,7 @@ def mean_selected(units: pd.DataFrame, words: str, measure: str, known: float = 
 
 
 def compared(units: pd.DataFrame, contrast: Contrast, networks: Networks | None) -> Estimate:
-    """The difference that a contrast asks for.
-
-    Args:
-        units: From :func:`~evidence.units.with_differences`.
-        contrast: What is compared.
-        networks: Those that are the units, if subjects are not.
+    """The difference that a contrast asks for; with ``networks`` these are the units.
 
     Raises:
         EvidenceError: If a side has not been run.

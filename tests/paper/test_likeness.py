@@ -6,7 +6,6 @@ import pytest
 from matplotlib.figure import Figure
 from scipy import stats
 
-from causal_openlock.analysis.effects import Group
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.topic import sections_of
 from causal_openlock.paper.likeness import (
@@ -21,7 +20,6 @@ from causal_openlock.paper.likeness import (
 )
 from causal_openlock.paper.likeness_figure import MOST_DRAWN, draw_points, plot_likeness, signs
 from causal_openlock.paper.published import POINT, model
-from causal_openlock.paper.significance import contrast_test
 from support.fabricated_records import table
 from support.made_up_experiments import BESIDE_ALL, NOBODY
 from support.made_up_people import made_up
@@ -95,24 +93,6 @@ def test_points_come_in_the_order_of_publication_with_the_mean_over_subjects():
     point = points.query("condition == 'CE4' and trial == 2").iloc[0]
     assert point["mean"] == pytest.approx(own.mean())
     assert point["se"] == pytest.approx(own.std(ddof=0) / np.sqrt(12))
-
-
-def test_a_contrast_of_published_means_is_that_of_the_values():
-    rng = np.random.default_rng(6)
-    groups = [rng.normal(5, spread, n) for spread, n in ((1, 5), (4, 40), (2, 12))]
-    published = [
-        Group.published(one.mean(), one.std() / np.sqrt(len(one)), len(one)) for one in groups
-    ]
-    for weights in ([1.0, -0.5, -0.5], [-1.0, 0.5, 0.5], [0.0, 1.0, -1.0]):
-        ours, expected = contrast_test(published, weights), contrast_test(groups, weights)
-        assert (ours.difference, ours.value, ours.p) == pytest.approx(
-            (expected.difference, expected.value, expected.p)
-        )
-        assert ours.df == expected.df
-    one_subject = [Group.published(6.0, 0.5, 9), Group.published(4.0, 0.0, 1)]
-    found = contrast_test(one_subject)
-    assert found.value == pytest.approx(4 / (81 * 0.25 / 8 * (1 / 9 + 1)))
-    assert found.df == (1, 8)
 
 
 def test_learning_of_a_learner_is_tested_within_its_subjects():
