@@ -7,5 +7,5 @@ room to room), ``beliefs`` (of many subjects). What is done: ``planning``, ``int
 sampling). What is shown: ``belief_learner`` (base class of learners that hold beliefs),
 ``marginals`` (edges, interventions), ``structure_schemas`` (in words), ``trace`` (one trial). What
 is best: ``optimal`` (least expected attempts) on ``placements``, ``observer`` (regret), ``worth``
-(of knowing the schema, among ``possible_schemas``).
+(of knowing the schema).
 """

@@ -29,8 +29,7 @@ from matplotlib.patches import Patch
 
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import in_rows, panels
-from causal_openlock.belief.possible_schemas import listed_schemas
-from causal_openlock.belief.worth import PAPER_LIMIT, schema_worth
+from causal_openlock.belief.worth import PAPER_LIMIT, listed_schemas, schema_worth
 from causal_openlock.errors import NothingToDrawError, OpenLockError
 from causal_openlock.files.validation import known_arguments
 from causal_openlock.paper.published import people, people_in_training
@@ -108,7 +107,7 @@ def _ideal(name: str, *training: str) -> tuple[tuple[float, ...], ...]:
 
     By the prior after the training, who knows the schema, and who knows it but not the levers.
     """
-    known_rooms = map(find_schema, training * TRAINING_ROOMS)
+    known_rooms = [*map(find_schema, training * TRAINING_ROOMS)]
     prior = dict(listed_schemas(find_schema(name), PAPER_LIMIT, known_rooms))
     by_prior = schema_worth(name, prior)
     unplaced = schema_worth(name, [name], levers_known=False)

@@ -13,7 +13,7 @@ from causal_openlock.belief.observer import Observer
 from causal_openlock.belief.optimal import Optimum, Point, bits
 from causal_openlock.belief.placements import TooLargeError, mixture, placements
 from causal_openlock.belief.planning import Objective, Planner, Situation
-from causal_openlock.belief.possible_schemas import listed_schemas, possible_schemas
+from causal_openlock.belief.worth import listed_schemas
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.schemas.schema import Gate, Schema
 from causal_openlock.testing import schemas
@@ -309,10 +309,10 @@ def test_the_worth_of_schemas_solution_by_solution_and_by_weight():
 
 
 def test_possible_schemas_are_listed_once_and_known_rooms_sharpen_the_grammar():
-    schemas = [schema for schema, _ in possible_schemas(ol.schema("CC3"), "all", 3)]
+    schemas = [schema for schema, _ in listed_schemas(ol.schema("CC3"), 3)]
     assert len(schemas) == 12
     assert schemas[0] == ol.schema("CC3")
-    chances = [chance for _, chance in possible_schemas(ol.schema("CE4"), "grammar", 3)]
+    chances = [chance for _, chance in listed_schemas(ol.schema("CE4"), 3, ())]
     assert len(chances) == 44
     assert sum(chances) == pytest.approx(1)
     own = [
