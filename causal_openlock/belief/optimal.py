@@ -47,12 +47,14 @@ class Point(NamedTuple):
         found: The pushed levers with which solutions were found, in ascending order.
         pushed: The pushed levers, as a bit mask of slots.
         left: Actions left in the attempt; with none left the attempt is over.
+        changed: Whether something is known that was not when the attempt began.
     """
 
     possible: int
     found: tuple[int, ...]
     pushed: int
     left: int
+    changed: bool = True
 
 
 class _Option(NamedTuple):
@@ -61,11 +63,6 @@ class _Option(NamedTuple):
     bound: float
     action: int
     outcomes: dict[Point, float]
-
-
-def _differs(outcome: Point, point: Point, changed: bool) -> bool:
-    """Whether something is known that was not when the attempt began."""
-    return changed or outcome[:2] != point[:2]
 
 
 class Optimum:
@@ -134,13 +131,12 @@ class Optimum:
 
         If no action can do anything in the rest of the attempt, the door stands for any.
         """
-        # As if something had changed: wasting the rest of the attempt has a value, too.
-        options = self._best_options(point, True)
+        options = self._best_options(point)
         return sorted(option.action for option in options) or [2 * self._slots]
 
     def value(self, point: Point) -> float:
         """The least expected number of attempts still to come, the present one not counted."""
-        return self._after(point, True) / self._weight(point.possible)
+        return self._after(point) / self._weight(point.possible)
 
     def after(self, point: Point, action: int) -> list[tuple[float, Point]]:
         """The states that an action can lead to, with their probabilities.
@@ -186,29 +182,26 @@ class Optimum:
             if possible & (possible - 1) == 0 or len(found) == self._solutions:
                 left = range(len(found), self._solutions)
                 return sum((charge(possible, number) for number in left), 0.0 * charge(possible, 0))
-            start = self._renamed(Point(possible, found, 0, self._limit))
-            return charge(possible, len(found)) + after(start, False)
+            start = self._renamed(Point(possible, found, 0, self._limit, changed=False))
+            return charge(possible, len(found)) + after(start)
 
         @cache
-        def after(point: Point, changed: bool) -> FloatArray:
+        def after(point: Point) -> FloatArray:
             """Charges to come, the present attempt's not counted."""
             if not point.left:
                 return begin(point.possible, point.found)
-            options = self._best_options(point, changed)
+            options = self._best_options(point)
             plans = [[*option.outcomes] for option in options] or [[point._replace(left=0)]]
-            charges: list[FloatArray] = [
-                join.reduce([after(outcome, _differs(outcome, point, changed)) for outcome in plan])
-                for plan in plans
-            ]
+            charges: list[FloatArray] = [join.reduce([*map(after, plan)]) for plan in plans]
             return min(charges, key=lambda numbers: numbers.round(10).tolist())
 
         return begin(self._everything, ())
 
-    def _best_options(self, point: Point, changed: bool) -> list[_Option]:
+    def _best_options(self, point: Point) -> list[_Option]:
         """The best actions."""
         tie, least, values = TIE * self._weight(point.possible), math.inf, []
         for option in self._options(point):
-            values.append((self._value(option, point, changed, least + tie), option))
+            values.append((self._value(option, least + tie), option))
             least = min(least, values[-1][0])
         return [option for value, option in values if value <= least + tie]
 
@@ -219,27 +212,24 @@ class Optimum:
         left = self._solutions - len(found)
         if not left or possible & (possible - 1) == 0:
             return self._weight(possible) * left
-        start = Point(possible, found, 0, self._limit)
-        return self._weight(possible) + self._search(self._renamed(start), False)
+        start = Point(possible, found, 0, self._limit, changed=False)
+        return self._weight(possible) + self._search(self._renamed(start))
 
-    def _after(self, point: Point, changed: bool) -> float:
-        """The value after an action, in an attempt in which something changed or nothing did.
-
-        What changes is what is known: the possible hypotheses, or the solutions found.
-        """
+    def _after(self, point: Point) -> float:
+        """The value after an action."""
         if point.left:
-            return self._search(self._renamed(point), changed)
+            return self._search(self._renamed(point))
         # An attempt that changes nothing is never the best: do not search it again and again.
-        return self._attempts(point.possible, point.found) if changed else math.inf
+        return self._attempts(point.possible, point.found) if point.changed else math.inf
 
-    def _searched(self, point: Point, changed: bool) -> float:
+    def _searched(self, point: Point) -> float:
         self.nodes += 1
         if self.nodes > self.node_limit:
             raise TooLargeError(f"more than {self.node_limit:,} states")
         options = self._options(point)
-        best = math.inf if options else self._after(point._replace(left=0), changed)
+        best = math.inf if options else self._after(point._replace(left=0))
         for option in options:
-            best = min(best, self._value(option, point, changed, best))
+            best = min(best, self._value(option, best))
         return best
 
     def _options(self, point: Point) -> list[_Option]:
@@ -252,24 +242,24 @@ class Optimum:
                 options.append(_Option(sum(bounds.values()), action, bounds))
         return sorted(options)
 
-    def _value(self, option: _Option, point: Point, changed: bool, limit: float) -> float:
+    def _value(self, option: _Option, limit: float) -> float:
         """The value of an action, or a lower bound of it that exceeds the limit."""
         value = option.bound
         for outcome, bound in option.outcomes.items():
             if value > limit:
                 break
-            value += self._after(outcome, _differs(outcome, point, changed)) - bound
+            value += self._after(outcome) - bound
         return value
 
     def _bound(self, point: Point) -> float:
         """A lower bound of the value: an attempt for each solution, less this one's."""
-        possible, found, pushed, left = point
+        possible, found, pushed, left, _ = point
         value = self._weight(possible) * (self._solutions - len(found))
         return value - self._weight(possible & self._reach(pushed, left, found)) if left else value
 
     def _outcomes(self, point: Point, action: int) -> list[Point]:
         """The states that an action can lead to; none if it is known to do nothing."""
-        possible, found, pushed, left = point
+        possible, found, pushed, left, changed = point
         door, slot = action == 2 * self._slots, action % self._slots
         does = door or (action >= self._slots) == bool(pushed >> slot & 1)
         works = possible & self._holds(self._slots if door else slot, pushed)
@@ -278,13 +268,17 @@ class Optimum:
         if door:
             new = works & self._finds(pushed, found)
             more = tuple(sorted((*found, pushed)))
-            parts = [Point(new, more, 0, 0), Point(works & ~new, found, 0, 0)]
+            parts = [(new, more, 0, 0), (works & ~new, found, 0, 0)]
         else:
             after = pushed ^ 1 << slot
             unlocks = works & self._holds(self._slots, after)
-            parts = [Point(part, found, after, left - 1) for part in (unlocks, works & ~unlocks)]
-        parts.append(Point(possible & ~works, found, pushed, left - 1))
-        return [part for part in parts if part.possible]
+            parts = [(part, found, after, left - 1) for part in (unlocks, works & ~unlocks)]
+        parts.append((possible & ~works, found, pushed, left - 1))
+        return [
+            Point(part, *then, changed=changed or part != possible or then[0] != found)
+            for part, *then in parts
+            if part
+        ]
 
     # -- sets of hypotheses, cached ---------------------------------------------------------------
 
@@ -361,7 +355,7 @@ class Names:
             ),
         )
         # Levers exchange names within their class, one swap after another.
-        _, found, pushed, left = point
+        found, pushed = point.found, point.pushed
         image_of, at = np.flatnonzero(held), list(range(self._slots))
         names = sorted(range(self._slots), key=lambda slot: (self._class[slot], slot))
         for slot, lever in zip(names, order, strict=True):
@@ -372,7 +366,7 @@ class Names:
                 at[slot], at[now] = at[now], at[slot]
         image = np.zeros(self._many, dtype=bool)
         image[image_of] = True
-        return Point(bits(image), found, pushed, left)
+        return point._replace(possible=bits(image), found=found, pushed=pushed)
 
 
 def bits(flags: BoolArray) -> int:
