@@ -124,15 +124,10 @@ def _with_network(study: Study, label: str, seed: int, results: Path, say: Say) 
     network = (results / "networks" / f"{name}.npz").absolute()
     if not network.exists():
         network.parent.mkdir(parents=True, exist_ok=True)
-        log = network.with_suffix(".log")
-        say(f"training {network.stem}; its progress is in {log}")
-        words = [sys.executable, "-m", "causal_openlock", "train", str(file)]
-        words += ["--seed", str(seed), "--out", str(network)]
-        with log.open("w", encoding="utf-8") as output:
-            done = subprocess.run(words, stdout=output, stderr=output, check=False)
-        if done.returncode:
-            last = log.read_text(encoding="utf-8").strip().rpartition("\n")[2]
-            raise EvidenceError(f"the training of {network.stem} failed: {last}")
+        say(f"training {network.stem}")
+        words = [sys.executable, "-m", "causal_openlock", "train", file, "--seed", str(seed)]
+        if subprocess.run([*words, "--out", network], check=False).returncode:
+            raise EvidenceError(f"the training of {network.stem} failed, as is said above")
     parameters = networks.parameters.get(label, {})
     playing = learner(networks.learner, label=label, checkpoint=str(network), **parameters)
     # Other rooms for each network, or luck in drawing them would look like a difference.
