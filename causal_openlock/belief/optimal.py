@@ -275,8 +275,8 @@ class Optimum:
             parts = [(part, found, after, left - 1) for part in (unlocks, works & ~unlocks)]
         parts.append((possible & ~works, found, pushed, left - 1))
         return [
-            Point(part, *then, changed=changed or part != possible or then[0] != found)
-            for part, *then in parts
+            Point(part, then, stand, left, changed or (part, then) != point[:2])
+            for part, then, stand, left in parts
             if part
         ]
 
