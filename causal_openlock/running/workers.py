@@ -106,20 +106,15 @@ class Processes(futures.ThreadPoolExecutor):
 
     Args:
         workers: Number of processes.
-        prepare: Called in each process before its first job.
         fresh: Whether a job with these arguments needs a process that does no other job.
         time_limit: Seconds after which the process of a job is ended.
     """
 
     def __init__(
-        self,
-        workers: int,
-        prepare: Callable[[], None] | None = None,
-        fresh: Callable[..., bool] = lambda *_: False,
-        time_limit: float = inf,
+        self, workers: int, fresh: Callable[..., bool] = lambda *_: False, time_limit: float = inf
     ) -> None:
         super().__init__(workers)
-        self._prepare, self._fresh, self._time_limit = prepare, fresh, time_limit
+        self._fresh, self._time_limit = fresh, time_limit
         self._processes: dict[int, _Process] = {}  # by the threads that wait for them
         self._is_over = False
 
@@ -141,7 +136,7 @@ class Processes(futures.ThreadPoolExecutor):
         if process is None or process.is_over or fresh:
             if process:
                 process.end()
-            process = self._processes[thread] = _Process(self._prepare)
+            process = self._processes[thread] = _Process()
         if self._is_over:  # since this thread began
             process.end()
         try:
@@ -156,11 +151,11 @@ class _Process:
 
     _starting = threading.Lock()
 
-    def __init__(self, prepare: Callable[[], None] | None) -> None:
+    def __init__(self) -> None:
         # A fresh process: a forked torch or Arrow may hang.
         context = multiprocessing.get_context("spawn")
         self._pipe, other = context.Pipe()
-        self._process = context.Process(target=_serve, args=(other, prepare))
+        self._process = context.Process(target=_serve, args=(other,))
         self._has_begun = False  # it has been able to do something
         self.is_over = False
         with self._starting:
@@ -223,7 +218,7 @@ class _Process:
         )
 
 
-def _serve(pipe: Connection, prepare: Callable[[], None] | None) -> None:
+def _serve(pipe: Connection) -> None:
     """Do the jobs that come through a pipe, and say when one begins and how it ends.
 
     The process is the head of a group, which ends when its parent has ended. It ignores Ctrl-C and
@@ -235,8 +230,6 @@ def _serve(pipe: Connection, prepare: Callable[[], None] | None) -> None:
     with suppress(AttributeError, OSError):  # Windows has no groups
         os.setsid()
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    if prepare:
-        prepare()
     with suppress(EOFError, OSError):
         while True:
             job = pipe.recv()
@@ -286,12 +279,12 @@ def may_start_processes() -> bool:
     return True
 
 
-def worker_pool(workers: int, prepare: Callable[[], None] | None = None) -> futures.Executor:
-    """Processes of this machine that first call ``prepare``, to be used in a ``with`` block."""
+def worker_pool(workers: int) -> futures.Executor:
+    """Processes of this machine, to be used in a ``with`` block."""
     if may_start_processes():
-        return Processes(workers, prepare)
+        return Processes(workers)
     warnings.warn(WORKER_ITSELF, stacklevel=2)
-    return futures.ThreadPoolExecutor(1, initializer=prepare)
+    return futures.ThreadPoolExecutor(1)
 
 
 def available_cores() -> int:
