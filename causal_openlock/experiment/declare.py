@@ -50,7 +50,6 @@ from causal_openlock.schemas.schema import JSON_SCHEMA_ID, NAME, Schema
 from causal_openlock.version import RESULTS_VERSION
 from causal_openlock.wording import joined, nearest
 from causal_openlock.world import rewards
-from causal_openlock.world.reward_code import OwnReward
 from causal_openlock.world.room import Layout
 
 HUMAN_PROTOCOL = "human"  #: the protocol under which people played in the paper
@@ -131,9 +130,9 @@ def _reward(value: Any, info: ValidationInfo) -> rewards.RewardFunction:
     """A reward in any form; a recorded one as it was, without its code."""
     if not (isinstance(value, Mapping) and _context(info).get("recorded")):
         return rewards.find_reward(value)
-    recorded: Any = adapter(rewards.Reward | OwnReward | rewards.AuthorsReward).validate_python(
-        value
-    )
+    recorded: Any = adapter(
+        rewards.Reward | rewards.OwnReward | rewards.AuthorsReward
+    ).validate_python(value)
     if unknown := {*getattr(recorded, "terms", ())} - {*rewards.TERMS}:
         raise ExperimentError(f"there is no reward term {min(unknown)!r}")
     return recorded

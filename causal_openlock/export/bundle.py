@@ -37,7 +37,7 @@ from causal_openlock.storage.own_code import stored_code, stored_files
 from causal_openlock.storage.store import StoredExperiment
 from causal_openlock.usercode.session_code import is_of_session
 from causal_openlock.version import RESULTS_VERSION
-from causal_openlock.world.reward_code import OwnReward
+from causal_openlock.world.rewards import OwnReward
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -28,7 +28,7 @@ from causal_openlock.storage.store import Store
 from causal_openlock.storage.versions import versions
 from causal_openlock.usercode.own_files import is_users_own
 from causal_openlock.usercode.session_code import unpack
-from causal_openlock.world.reward_code import OwnReward, reward_source
+from causal_openlock.world.rewards import OwnReward, reward_source
 
 REPORT_EVERY = 1.0  # seconds between a worker's reports of its progress
 MOST_WRITTEN = 20_000  # characters of a traceback

@@ -20,7 +20,7 @@ from causal_openlock.experiment.declare import Experiment
 from causal_openlock.files.atomic import write_bytes, write_text
 from causal_openlock.usercode.own_files import digest_of, own_files
 from causal_openlock.usercode.session_code import is_of_session, session_source
-from causal_openlock.world.reward_code import OwnReward
+from causal_openlock.world.rewards import OwnReward
 
 
 def store_code(experiment: Experiment, folder: Path) -> list[str]:

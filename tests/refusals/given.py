@@ -118,7 +118,7 @@ def reward_function(body: str) -> Any:
     name = f"pays_{abs(hash(body))}"
     file(f"{name}.py", f"def pay(events):\n    {body}\n")
     with of("support.command", "modules_of")(Path.cwd()), np.errstate(all="ignore"):
-        return of("causal_openlock.world.reward_code", "own_reward")(f"{name}:pay")
+        return of("causal_openlock.world.rewards", "own_reward")(f"{name}:pay")
 
 
 def both_envs(**arguments: Any) -> Any:

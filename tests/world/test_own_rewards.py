@@ -6,7 +6,7 @@ import pytest
 import causal_openlock as ol
 from causal_openlock.envs import OpenLockEnv, OpenLockVectorEnv
 from causal_openlock.storage.store import Store
-from causal_openlock.world.reward_code import OwnReward
+from causal_openlock.world.rewards import OwnReward
 from support.cc4_in_trial7 import DOOR, L0, L1, L2, WHITE
 from support.command import at_once, modules_of
 
