@@ -11,7 +11,8 @@ import sys
 import threading
 import time
 import traceback
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,7 +23,6 @@ from causal_openlock.errors import LearnerError, NotAvailableError, OpenLockErro
 from causal_openlock.experiment.declare import Cell, LearnerSpec
 from causal_openlock.experiment.session import Session
 from causal_openlock.running.checkpoint import Checkpoint, unresumable
-from causal_openlock.running.tensorboard import curves
 from causal_openlock.storage.beside_cell import keep_failure, report_progress
 from causal_openlock.storage.store import Store
 from causal_openlock.storage.versions import versions
@@ -32,6 +32,7 @@ from causal_openlock.world.rewards import OwnReward, reward_source
 
 REPORT_EVERY = 1.0  # seconds between a worker's reports of its progress
 MOST_WRITTEN = 20_000  # characters of a traceback
+POINTS = 500  # of a curve, at most
 
 
 @dataclass(frozen=True)
@@ -105,6 +106,42 @@ def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = 
     store.write(cell, record, cautions)
     warnings = [*checkpoint.warnings, *account.remarks]
     return [*cautions, *(f"{cell.spec.name}: {warning}" for warning in warnings)]
+
+
+@contextmanager
+def curves(session: Session, learner: Learner, folder: Path) -> Iterator[Callable[[], None]]:
+    """Draw a cell's curves for TensorBoard; yields a function to call after every step.
+
+    Their axis is the mean number of attempts of the cell's subjects. A point is a mean over all
+    attempts since the last one, and over the trials decided since then. A cell that continues from
+    a checkpoint adds to the logs in ``folder``. Results are computed from the record alone.
+    """
+    from torch.utils.tensorboard import SummaryWriter
+
+    brief, log = session.brief, session.log
+    # In rows of the log: the attempts of all subjects.
+    period = max(brief.trials * brief.attempt_limit // POINTS, 1) * brief.subjects
+    drawn = log.rows
+    purge = drawn // brief.subjects + 1 if drawn else None  # points after the checkpoint
+
+    def draw() -> None:
+        nonlocal drawn
+        if log.rows - drawn < period and not session.over:
+            return
+        new, drawn = log.since(drawn), log.rows
+        point = {"attempts/reward": new["reward"].mean(), "attempts/opened": new["opened"].mean()}
+        complete = new["solutions_found"] == session.solutions[new["subject"], new["visit"]]
+        solved = complete & new["new_solution"]
+        decided = solved | (~complete & (new["attempt"] == brief.attempt_limit))
+        if decided.any():
+            point["trials/solved_share"] = solved[decided].mean()
+            point["trials/attempts"] = new["attempt"][decided].mean()
+        point |= {f"learner/{name}": value for name, value in learner.metrics().items()}
+        for name, value in point.items():
+            writer.add_scalar(name, float(value), log.rows // brief.subjects)
+
+    with SummaryWriter(str(folder), purge_step=purge, flush_secs=10) as writer:
+        yield draw
 
 
 def _record_failure(store: Store, cell: Cell, error: BaseException) -> str:
