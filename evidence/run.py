@@ -125,8 +125,8 @@ def _with_network(study: Study, label: str, seed: int, results: Path, say: Say) 
     if not network.exists():
         network.parent.mkdir(parents=True, exist_ok=True)
         say(f"training {network.stem}")
-        words = [sys.executable, "-m", "causal_openlock", "train", file, "--seed", str(seed)]
-        if subprocess.run([*words, "--out", network], check=False).returncode:
+        words = [sys.executable, "-m", "causal_openlock", "train", str(file), "--seed", str(seed)]
+        if subprocess.run([*words, "--out", str(network)], check=False).returncode:
             raise EvidenceError(f"the training of {network.stem} failed, as is said above")
     parameters = networks.parameters.get(label, {})
     playing = learner(networks.learner, label=label, checkpoint=str(network), **parameters)
