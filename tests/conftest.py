@@ -1,16 +1,12 @@
 """What all tests share: an environment, stored texts, kernels compiled once, slow files first."""
 
-from __future__ import annotations
-
 import difflib
 import fcntl
 import gc
 import os
 import platform
 import sys
-from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -25,25 +21,25 @@ sys.dont_write_bytecode = False
 
 
 @pytest.hookimpl(optionalhook=True)
-def pytest_xdist_auto_num_workers() -> int:
+def pytest_xdist_auto_num_workers():
     """One worker more than there are cores: browsers, servers and processes are waited for."""
     from causal_openlock.running.workers import available_cores
 
     return available_cores() + 1
 
 
-def pytest_configure() -> None:
+def pytest_configure():
     """Look for cycles less often."""
     # A twentieth of the time of all tests went into looking for cycles every 700 objects.
     gc.set_threshold(50_000, 20, 50)
 
 
-def pytest_collection_finish() -> None:
+def pytest_collection_finish():
     """What is imported and collected stays, and need not be looked through again and again."""
     gc.freeze()
 
 
-def pytest_addoption(parser: pytest.Parser) -> None:
+def pytest_addoption(parser):
     """Take ``--golden``, which writes what the fixture `golden` compares with."""
     parser.addoption("--golden", action="store_true", help="write the files of tests/golden anew")
 
@@ -57,7 +53,7 @@ those that are stored:
 
 
 @pytest.fixture
-def golden(request: pytest.FixtureRequest) -> Callable[..., None]:
+def golden(request):
     """Compare a text with a stored one: ``golden("report.txt", text)``.
 
     The file is ``tests/golden/report.txt``; ``pytest --golden`` writes it anew, and the commit that
@@ -67,7 +63,7 @@ def golden(request: pytest.FixtureRequest) -> Callable[..., None]:
     :func:`support.masks.masked` does most of it.
     """
 
-    def compare(name: str, text: str, processor: bool = False) -> None:
+    def compare(name, text, processor=False):
         path = GOLDEN / name
         if processor:
             path = path.with_name(f"{path.stem}.{processor_kind()}{path.suffix}")
@@ -93,7 +89,7 @@ def golden(request: pytest.FixtureRequest) -> Callable[..., None]:
     return compare
 
 
-def processor_kind() -> str:
+def processor_kind():
     """What last digits of networks depend on: the machine, the width of its vectors, its maker.
 
     Numba adds up in as many parts as a vector holds, whatever the model of the processor; torch
@@ -108,13 +104,13 @@ def processor_kind() -> str:
 
 
 @pytest.hookimpl(trylast=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(items):
     """Begin with slow files, so that no worker is left with one at the end."""
     items.sort(key=lambda item: item.get_closest_marker("slow") is None)
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _each_kernel_is_compiled_by_one(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+def _each_kernel_is_compiled_by_one(tmp_path_factory):
     """Numba keeps what it compiles in files; another worker waits for them and reads them."""
     from numba.core.dispatcher import Dispatcher
 
@@ -123,7 +119,7 @@ def _each_kernel_is_compiled_by_one(tmp_path_factory: pytest.TempPathFactory) ->
     locks = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "compiling"
     locks.mkdir(exist_ok=True)
 
-    def compiled(self: Any, sig: Any) -> Any:
+    def compiled(self, sig):
         name = f"{self.py_func.__module__}.{self.py_func.__qualname__}"
         if not name.startswith(("causal_openlock.", "openlock_learners.")):
             return compile_(self, sig)

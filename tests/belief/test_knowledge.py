@@ -7,7 +7,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from causal_openlock.belief.grammar import class_prior, schema_classes
+from causal_openlock.belief.grammar import class_prior
 from causal_openlock.belief.hypotheses import RoomSight, enumerate_space, strengths
 from causal_openlock.belief.knowledge import RULE_CHANGES, BeliefParameters, Knowledge
 from causal_openlock.experiment.declare import Protocol
@@ -26,7 +26,6 @@ from support.belief_play import Played
 from support.session_play import SCHEMAS, named
 
 CERTAIN = strengths(0.0)
-KINDS = schema_classes()
 SIMPLICITY, FREE_FORM = 0.7, 0.1
 CHAIN = Schema("chain2", ["L0", "L1"], {"L0": ["L1"], "L1": ["door"]})
 FORK = Schema("fork", ["L0", "L1", "L2"], {"L0": ["L1", "L2"], "L1": ["door"], "L2": ["door"]})

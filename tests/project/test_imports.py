@@ -1,7 +1,5 @@
 """Every package uses only what it stands on, as `pyproject.toml` declares."""
 
-from __future__ import annotations
-
 import ast
 import re
 import subprocess
@@ -16,12 +14,12 @@ from support.places import ROOT
 LINT = [str(Path(sys.executable).parent / "lint-imports"), "--no-cache"]
 
 
-def test_every_package_uses_only_what_it_stands_on() -> None:
+def test_every_package_uses_only_what_it_stands_on():
     done = subprocess.run(LINT, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
 
 
-def test_the_declaration_covers_local_and_type_checking_imports() -> None:
+def test_the_declaration_covers_local_and_type_checking_imports():
     # Both count unless they are left out by name; only what asks a guest is.
     declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]
     assert "exclude_type_checking_imports" not in declared
@@ -30,7 +28,7 @@ def test_the_declaration_covers_local_and_type_checking_imports() -> None:
 @pytest.mark.parametrize(
     "opened", ["gymnasium.make('causal_openlock/OpenLock-v0').reset(seed=0)", "ol.room('CC4')"]
 )
-def test_opening_a_room_loads_few_packages(opened: str) -> None:
+def test_opening_a_room_loads_few_packages(opened):
     code = (
         "import sys; before = {*sys.modules}\n"
         f"import gymnasium, causal_openlock as ol; {opened}\n"
@@ -50,7 +48,7 @@ def test_opening_a_room_loads_few_packages(opened: str) -> None:
     sorted({*ROOT.glob("causal_openlock/**/__init__.py"), *ROOT.glob("learners/**/__init__.py")}),
     ids=lambda path: str(path.parent.relative_to(ROOT)),
 )
-def test_the_table_of_a_package_names_modules_that_are_there(package: Path) -> None:
+def test_the_table_of_a_package_names_modules_that_are_there(package):
     text = ast.get_docstring(ast.parse(package.read_text(encoding="utf-8"))) or ""
     named = set(re.findall(r"^``(\w+)``\s", text, flags=re.MULTILINE))
     there = {path.stem for path in package.parent.iterdir()}

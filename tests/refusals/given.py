@@ -4,15 +4,11 @@ A helper stands here only if several rows need it; what only one table needs is 
 package within the row's expression, as in ``of("causal_openlock.world.room", "Layout")([1, 1])``.
 """
 
-from __future__ import annotations
-
 import importlib
 import json
 import shlex
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,12 +16,12 @@ import causal_openlock as ol
 from causal_openlock.errors import OpenLockError
 
 
-def of(module: str, name: str) -> Any:
+def of(module, name):
     """A public name of a module."""
     return getattr(importlib.import_module(module), name)
 
 
-def file(name: str, text: str | bytes) -> Path:
+def file(name, text):
     """Write a file into the folder of the test, and return its path."""
     path = Path(name)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -33,12 +29,12 @@ def file(name: str, text: str | bytes) -> Path:
     return path
 
 
-def words(command: str) -> list[str]:
+def words(command):
     """The words of a command line."""
     return shlex.split(command)
 
 
-def schema_file(text: str | bytes = "", name: str = "schema.yaml", **changes: str) -> Any:
+def schema_file(text="", name="schema.yaml", **changes):
     """Read a schema file: this text, or a good one with some values changed or added.
 
     Its lines are ``name: X``, ``levers: [L0, L1]``, ``edges: {L0: [L1], L1: [door]}``, then what is
@@ -49,7 +45,7 @@ def schema_file(text: str | bytes = "", name: str = "schema.yaml", **changes: st
     return of("causal_openlock.schemas.graphs", "read_schema")(file(name, written), "yaml")
 
 
-def experiment_file(text: str = "", **changes: str) -> Any:
+def experiment_file(text="", **changes):
     """Read an experiment file: this text, or a good one with some values changed or added.
 
     Its lines are ``name: x``, ``conditions: [CC3]``, ``learners: [random]``, then what is added.
@@ -59,14 +55,14 @@ def experiment_file(text: str = "", **changes: str) -> Any:
     return ol.read_experiment(file("experiment.yaml", written))
 
 
-def changed(name: str, old: str, new: str) -> str:
+def changed(name, old, new):
     """The text of a file that stands before the row, with one change."""
     text = Path(name).read_text(encoding="utf-8")
     assert old in text, old
     return text.replace(old, new, 1)
 
 
-def imported(text: str | bytes, name: str = "data.csv") -> Any:
+def imported(text, name="data.csv"):
     """Import a data file of this text; where it is refused, nothing has been written."""
     try:
         return of("causal_openlock.importing.folder", "import_files")([file(name, text)], "in")
@@ -74,12 +70,12 @@ def imported(text: str | bytes, name: str = "data.csv") -> Any:
         assert not Path("in").exists()
 
 
-def learner(name: str, **parameters: Any) -> Any:
+def learner(name, **parameters):
     """Create a learner, with some parameters."""
     return of("causal_openlock.contract.registry", "create")(name, parameters)
 
 
-def begun(name: str, condition: str = "CC3", layouts: str = "published", **parameters: Any) -> Any:
+def begun(name, condition="CC3", layouts="published", **parameters):
     """Let a learner begin a session, at which it looks for all that it needs."""
     protocol = of("causal_openlock.experiment.declare", "Protocol")("t", 2, True, layouts=layouts)
     session = of("causal_openlock.experiment.session", "Session")(
@@ -88,7 +84,7 @@ def begun(name: str, condition: str = "CC3", layouts: str = "published", **param
     return session.begin(learner(name, **parameters))
 
 
-def on_results(command: str) -> None:
+def on_results(command):
     """Run a command next to a results folder ``played``, and raise what it refuses.
 
     Two subjects of ``random`` and of ``associative`` play two trials of CC3.
@@ -101,19 +97,19 @@ def on_results(command: str) -> None:
         raise of("causal_openlock.errors", "OpenLockError")(done.stderr)
 
 
-def searched(learner: str, fixed: Any = None, /, **ranges: tuple[float, ...]) -> Any:
+def searched(learner, fixed=None, /, **ranges):
     """The search of a learner's parameters within ranges ``(low, high)``, perhaps logarithmic."""
     span = of("causal_openlock.fitting.space", "Range")
     space = of("causal_openlock.fitting.space", "search_space")
     return space(learner, {name: span(*ends) for name, ends in ranges.items()}, fixed or {})
 
 
-def compared(condition: Any = "CC3", learner: str = "oracle") -> ol.Results:
+def compared(condition="CC3", learner="oracle"):
     """Results of one subject of a learner in a condition, in a folder of the test."""
     return ol.compare([condition], [learner], subjects=1, workers=0, out=f"compared_{learner}")
 
 
-def reward_function(body: str) -> Any:
+def reward_function(body):
     """Take a function of this body, in a module of its own, as a reward."""
     name = f"pays_{abs(hash(body))}"
     file(f"{name}.py", f"def pay(events):\n    {body}\n")
@@ -121,7 +117,7 @@ def reward_function(body: str) -> Any:
         return of("causal_openlock.world.rewards", "own_reward")(f"{name}:pay")
 
 
-def both_envs(**arguments: Any) -> Any:
+def both_envs(**arguments):
     """Make one room and many rooms of these arguments; if one room is refused, so are many."""
     try:
         of("causal_openlock.envs", "OpenLockEnv")(**arguments)
@@ -129,12 +125,12 @@ def both_envs(**arguments: Any) -> Any:
         return of("causal_openlock.envs", "OpenLockVectorEnv")(2, **arguments)
 
 
-def some_results() -> Any:
+def some_results():
     """Results of one subject of ``oracle`` and of ``random`` in CC3, in memory."""
     return ol.compare("CC3", ["oracle", "random"], subjects=1, workers=0)
 
 
-def reference(name: str = "x", rows: int = 1, **columns: Any) -> Any:
+def reference(name="x", rows=1, **columns):
     """A reference with the mean of one trial, of which some columns are changed or None."""
     module = "causal_openlock.analysis.results.references"
     point = {"condition": "CC4", "phase": "train", "trial": 5, "subjects": 9, "mean": 1, "se": 1}
@@ -142,7 +138,7 @@ def reference(name: str = "x", rows: int = 1, **columns: Any) -> Any:
     return of(module, "Reference")(name, points.dropna(axis=1), lambda *_: True)
 
 
-def trained(old: str, new: str, out: str = "net.npz") -> None:
+def trained(old, new, out="net.npz"):
     """Train a network by ``small.yaml`` with one change; where that is refused, none is written."""
     train = of("openlock_learners.meta.command", "train")
     try:
@@ -151,25 +147,25 @@ def trained(old: str, new: str, out: str = "net.npz") -> None:
         assert not [*Path().rglob("*net*")]
 
 
-def new_schema(**changes: Any) -> Any:
+def new_schema(**changes):
     """Make a schema in Python: one in which A unlocks the door, but for what is changed."""
     given = {"name": "X", "levers": ["A"], "edges": {"A": ["door"]}, **changes}
     return of("causal_openlock.schemas.schema", "Schema")(**given)
 
 
-def schema_text(text: str, format: str) -> Any:
+def schema_text(text, format):
     """Read a schema from a text in a format."""
     return of("causal_openlock.schemas.graphs", "import_schema")(text, format)
 
 
-def node_link(nodes: str, edge: str = "", **changes: Any) -> Any:
+def node_link(nodes, edge="", **changes):
     """Read a node-link graph of these nodes and, perhaps, an edge from one to another."""
     ends = [dict(zip(("source", "target"), edge.split(), strict=True))] if edge else []
     graph = {"nodes": [{"id": node} for node in nodes.split()], "links": ends, **changes}
     return schema_text(json.dumps(graph), "node-link")
 
 
-def short(ask: Callable[[], Any]) -> None:
+def short(ask):
     """Ask for something, and raise a refusal only if it is short."""
     try:
         ask()
@@ -178,7 +174,7 @@ def short(ask: Callable[[], Any]) -> None:
             raise
 
 
-def graphml(parts: str) -> Any:
+def graphml(parts):
     """Read a GraphML graph of the nodes A and door, and these parts."""
     keys = "".join(
         f'<key id="{key}" for="edge" attr.name="{name}" attr.type="double"/>'
@@ -193,7 +189,7 @@ def graphml(parts: str) -> Any:
     )
 
 
-def session(condition: Any = "CC3", subjects: Any = 2, **settings: Any) -> Any:
+def session(condition="CC3", subjects=2, **settings):
     """Begin a session of a condition, under the protocol of people with some settings changed."""
     module = "causal_openlock.experiment.declare"
     if isinstance(condition, str):
@@ -202,7 +198,7 @@ def session(condition: Any = "CC3", subjects: Any = 2, **settings: Any) -> Any:
     return of("causal_openlock.experiment.session", "Session")(condition, protocol, subjects)
 
 
-def trials(number: int, layouts: Any = None) -> Any:
+def trials(number, layouts=None):
     """A condition of so many trials in rooms of CC3."""
     module, cc3 = "causal_openlock.experiment.declare", ol.find_schema("CC3")
     if isinstance(layouts, list):
@@ -211,7 +207,7 @@ def trials(number: int, layouts: Any = None) -> Any:
     return of(module, "Condition")("mine", (of(module, "Trials")(cc3, layouts, number),))
 
 
-def believed(schema: str) -> Any:
+def believed(schema):
     """The model of what a structure learner believes before its first action."""
     learner, played = ol.create("bayes"), session(schema, 1)
     played.begin(learner)

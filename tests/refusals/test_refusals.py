@@ -8,9 +8,6 @@ name. Other words are free to change. Lines between ``[file NAME]`` and ``[end]`
 file of that name for the rows after them.
 """
 
-from __future__ import annotations
-
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -22,10 +19,10 @@ from support.command import at_once
 HERE = Path(__file__).parent
 
 
-def rows() -> Iterator[pytest.param]:
+def rows():
     """All rows of all tables, each with the files that stand before it in its table."""
     for table in sorted(HERE.glob("*.txt")):
-        files: dict[str, str] = {}
+        files = {}
         written = ""  # name of the file that lines go into
         for number, line in enumerate(table.read_text(encoding="utf-8").splitlines(), 1):
             if line == "[end]":
@@ -45,12 +42,12 @@ def rows() -> Iterator[pytest.param]:
 
 @pytest.mark.parametrize(("asked", "named", "files"), list(rows()))
 def test_a_refusal_names_what_is_wrong(
-    asked: str,
-    named: list[str],
-    files: dict[str, str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    asked,
+    named,
+    files,
+    tmp_path,
+    monkeypatch,
+):
     monkeypatch.chdir(tmp_path)
     for name, text in files.items():
         Path(name).parent.mkdir(parents=True, exist_ok=True)
@@ -67,7 +64,7 @@ def test_a_refusal_names_what_is_wrong(
         assert thing in answer, f"{thing!r} is not named in: {answer}"
 
 
-def refused_command(words: str) -> str:
+def refused_command(words):
     """What a command says that ends with status 2."""
     done = at_once(*given.words(words))
     assert done.status == 2, done.stdout + done.stderr

@@ -1,16 +1,12 @@
 """What axe-core, the checker of accessibility that browsers' own tools use, finds on a page."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from axe_playwright_python.sync_playwright import Axe
 
 WIDTHS = (390, 1200)
 """Of a telephone and of a desk, in pixels."""
 
 
-def violations(page: Any) -> list[str]:
+def violations(page):
     """The rules that a page breaks at either width, each with the first place that does."""
     found = []
     for width in WIDTHS:

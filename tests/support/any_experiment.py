@@ -1,14 +1,9 @@
 """A Hypothesis strategy for experiments: any schemas, conditions, protocol and settings."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
-
 from hypothesis import strategies as st
 
 import causal_openlock as ol
-from causal_openlock.experiment.declare import Condition, Experiment, Protocol, Trials
-from causal_openlock.schemas.schema import Schema
+from causal_openlock.experiment.declare import Condition, Protocol, Trials
 from causal_openlock.testing import layouts, schemas
 from causal_openlock.world.rewards import PRESETS
 
@@ -31,7 +26,7 @@ LEARNERS = (
 
 
 @st.composite
-def experiments(draw: st.DrawFn) -> Experiment:
+def experiments(draw):
     """An experiment of one to three conditions and learners, in random layouts or given ones."""
     known = [_named(draw(schemas(4, True)), f"drawn{index}") for index in range(draw(FEW))]
     conditions = [
@@ -59,7 +54,7 @@ def experiments(draw: st.DrawFn) -> Experiment:
 
 
 @st.composite
-def _trials(draw: st.DrawFn, known: Sequence[Schema]) -> Trials:
+def _trials(draw, known):
     schema = draw(st.sampled_from(known))
     if draw(st.booleans(), label="random layouts"):
         return Trials(schema, "random", draw(st.none() | FEW))
@@ -70,5 +65,5 @@ def _trials(draw: st.DrawFn, known: Sequence[Schema]) -> Trials:
     return Trials(schema, tuple(given), number, draw(st.booleans()))
 
 
-def _named(schema: Schema, name: str) -> Schema:
+def _named(schema, name):
     return ol.schema({**schema.as_dict(), "name": name})

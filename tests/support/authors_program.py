@@ -1,7 +1,5 @@
 """The rooms and rewards of the authors' program, written once more in plain Python."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import product
 
@@ -24,7 +22,7 @@ class Happened:
     unlocked: bool
 
 
-def authors_room(name: str) -> tuple[list[list[Happened]], list[tuple[str, ...]]]:
+def authors_room(name):
     """Every sequence of three actions in a room of the authors, and the room's solutions."""
     common_cause = name.startswith("CC")
     roles = Layout.of(SCHEMAS[name], LAYOUTS[name]).as_mapping(SCHEMAS[name])
@@ -35,7 +33,7 @@ def authors_room(name: str) -> tuple[list[list[Happened]], list[tuple[str, ...]]
     names.append("push door")
     sequences = []
     for sequence in product(names, repeat=3):
-        out: set[str] = set()
+        out = set()
         steps = []
         for moment, action in enumerate(sequence):
             verb, place = action.split()
@@ -66,11 +64,11 @@ def authors_room(name: str) -> tuple[list[list[Happened]], list[tuple[str, ...]]
 
 
 def authors_reward(
-    mode: str,
-    happened: Happened,
-    solutions: list[tuple[str, ...]],
-    found: list[tuple[str, ...]],
-) -> float:
+    mode,
+    happened,
+    solutions,
+    found,
+):
     """The ladder of section 3.1 of the notes on the authors' environment: the first rung pays."""
     so_far = happened.so_far
     if len(so_far) == 3:

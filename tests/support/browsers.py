@@ -4,13 +4,11 @@
 missing.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import sys
 
-from playwright.sync_api import Browser, Error, Playwright, sync_playwright
+from playwright.sync_api import Error, sync_playwright
 
 MISSING = (
     "no browser: install Debian's chromium, or run playwright install chromium, to run the tests "
@@ -18,12 +16,12 @@ MISSING = (
 )
 
 
-def chromium() -> str | None:
+def chromium():
     """Path of Debian's Chromium, if there is one."""
     return next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
 
 
-def installed() -> bool:
+def installed():
     """Whether there is a browser to start."""
     if chromium() is not None:
         return True
@@ -35,7 +33,7 @@ def installed() -> bool:
     return True
 
 
-def launch(playwright: Playwright) -> Browser:
+def launch(playwright):
     """Start the browser, without a display.
 
     Raises:
@@ -47,7 +45,7 @@ def launch(playwright: Playwright) -> Browser:
     )
 
 
-def main() -> None:
+def main():
     """Start it and say which it is."""
     try:
         with sync_playwright() as playwright:

@@ -4,12 +4,9 @@ Workers are not started either: cells are played here. Reports are short unless 
 whole ones. That both are as they should be is tested elsewhere.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import sys
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -23,7 +20,7 @@ from causal_openlock.comparison import progress_bar
 from causal_openlock.running import workers
 
 
-def play_here(patches: pytest.MonkeyPatch) -> None:
+def play_here(patches):
     """Have cells played in this process, and subjects scored and fitted."""
     patches.setattr(workers, "Processes", lambda *_, **__: workers.ThisProcess())
     patches.setattr(workers, "available_cores", lambda: 1)
@@ -33,7 +30,7 @@ Reports = Literal["short", "whole"]
 """What reports have: see :func:`report_shortly`."""
 
 
-def report_shortly(patches: pytest.MonkeyPatch, reports: Reports = "short") -> None:
+def report_shortly(patches, reports="short"):
     """Have reports without figures and sections, unless they are to be whole.
 
     A whole report takes half a second and more, hundreds of commands write one that no test looks
@@ -48,7 +45,7 @@ def report_shortly(patches: pytest.MonkeyPatch, reports: Reports = "short") -> N
 
 
 @contextlib.contextmanager
-def modules_of(folder: Path) -> Iterator[None]:
+def modules_of(folder):
     """Forget a folder, and the modules that were imported from it, when its test is over."""
     before, path = {*sys.modules}, [*sys.path]
     try:
@@ -70,9 +67,7 @@ class Done:
     stderr: str
 
 
-def at_once(
-    *words: object, cwd: Path | None = None, workers: bool = False, reports: Reports = "short"
-) -> Done:
+def at_once(*words, cwd=None, workers=False, reports="short"):
     """Run the command line.
 
     Args:

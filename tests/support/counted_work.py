@@ -1,17 +1,13 @@
 """How much work something is, counted: the same on every machine, however busy it is."""
 
-from __future__ import annotations
-
 import sys
-from collections.abc import Callable
-from typing import Any
 
 
-def calls(work: Callable[[], Any]) -> int:
+def calls(work):
     """How many functions are called while it is done, those written in C included."""
     count = 0
 
-    def called(frame: Any, event: str, argument: Any) -> None:
+    def called(frame, event, argument):
         nonlocal count
         count += event in ("call", "c_call")
 

@@ -1,14 +1,11 @@
 """Records made up for tests of what is done with them."""
 
 import itertools
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
 from causal_openlock.experiment.record import record_schema
-
-Row = dict[str, Any]
 
 
 def trial_rows(found, solutions=3, **values):

@@ -1,7 +1,5 @@
 """A page as a reader gets it: its tags, its text, and the cells of its tables."""
 
-from __future__ import annotations
-
 from html.parser import HTMLParser
 
 VOID = {"meta", "link", "img", "br", "hr", "input", "wbr"}
@@ -10,7 +8,7 @@ VOID = {"meta", "link", "img", "br", "hr", "input", "wbr"}
 class Page(HTMLParser):
     """Reads a page: its tags, its text, and the cells of its tables."""
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, text):
         super().__init__()
         self.tags: list[tuple[str, dict[str, str | None]]] = []
         self.open: list[str] = []
@@ -19,7 +17,7 @@ class Page(HTMLParser):
         self.feed(text)
         self.close()
 
-    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+    def handle_starttag(self, tag, attributes):
         self.tags.append((tag, dict(attributes)))
         if tag not in VOID:
             self.open.append(tag)
@@ -32,13 +30,13 @@ class Page(HTMLParser):
         elif tag == "small" and self.tables:
             self.tables[-1][-1][-1] += " | "
 
-    def handle_startendtag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+    def handle_startendtag(self, tag, attributes):
         self.tags.append((tag, dict(attributes)))
 
-    def handle_endtag(self, tag: str) -> None:
+    def handle_endtag(self, tag):
         assert self.open.pop() == tag
 
-    def handle_data(self, data: str) -> None:
+    def handle_data(self, data):
         if self.open and self.open[-1] in ("script", "style"):
             return
         self.text += data

@@ -1,14 +1,6 @@
 """Experiments as a results folder holds them, for tests that have records and no folder."""
 
-from __future__ import annotations
-
 import json
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
-
-import pandas as pd
-import pyarrow as pa
 
 from causal_openlock.analysis.results.bounds import ideal_bounds
 from causal_openlock.analysis.results.material import Material
@@ -19,7 +11,6 @@ from causal_openlock.experiment.declare import (
     PROTOCOLS,
     RANDOM_CLASS,
     Condition,
-    Experiment,
     LearnerSpec,
     Protocol,
     find_condition,
@@ -33,7 +24,7 @@ from causal_openlock.world.rewards import find_reward
 from support.fabricated_records import table
 
 
-def stored(experiment: Experiment, **known: Any) -> StoredExperiment:
+def stored(experiment, **known):
     """An experiment written as ``experiment.json`` and read from it.
 
     Args:
@@ -45,16 +36,16 @@ def stored(experiment: Experiment, **known: Any) -> StoredExperiment:
     return StoredExperiment(**{**vars(found), **known})
 
 
-def declared(folder: Path, text: str) -> StoredExperiment:
+def declared(folder, text):
     """The experiment of an experiment file, given what follows its name."""
     path = folder / "made_up.yaml"
     path.write_text(f"name: made_up\n{text}")
     return stored(read_experiment(path))
 
 
-def spec(name: str, protocol: Protocol = PROTOCOLS["human"], **changed: Any) -> LearnerSpec:
+def spec(name, protocol=PROTOCOLS["human"], **changed):
     """A learner that is not installed."""
-    given: dict[str, Any] = {
+    given = {
         "learner": "made_up",
         "parameters": {},
         "reward": find_reward("paper"),
@@ -65,14 +56,14 @@ def spec(name: str, protocol: Protocol = PROTOCOLS["human"], **changed: Any) -> 
     return LearnerSpec(name=name, protocol=protocol, **given)
 
 
-def condition_called(name: str) -> Condition:
+def condition_called(name):
     """The paper's condition of that name, or one in rooms of CC4."""
     if name in PAPER_CONDITIONS or name in bundled_schemas():
         return find_condition(name)
     return Condition(name, find_condition("CC4").train)
 
 
-def experiment_of(record: pa.Table, **known: Any) -> StoredExperiment:
+def experiment_of(record, **known):
     """An experiment that a record may be of; protocols of other names go on when solved.
 
     Args:
@@ -84,7 +75,7 @@ def experiment_of(record: pa.Table, **known: Any) -> StoredExperiment:
     played = record.select(["learner", "protocol"]).to_pylist() if record.num_rows else []
     protocols = {n: PROTOCOLS.get(n) or Protocol(n, 30, False) for n in found["protocol"]}
     pairs = sorted({(row["learner"], row["protocol"]) for row in played})
-    given: dict[str, Any] = {
+    given = {
         "name": "made_up",
         "title": "Made up",
         "seed": 1,
@@ -96,7 +87,7 @@ def experiment_of(record: pa.Table, **known: Any) -> StoredExperiment:
     return StoredExperiment(**given)
 
 
-def edit_stored(folder: Path, change: Callable[[dict[str, Any]], Any]) -> None:
+def edit_stored(folder, change):
     """Change the content of a folder's ``experiment.json``, and give it the checksum it needs."""
     path = folder / "experiment.json"
     held = read_json(path.read_bytes())
@@ -114,24 +105,24 @@ NO_ONE_BESIDE = references_beside(NOBODY)
 class BesideAll(Beside):
     """A reference that stands beside whoever played as people did by the protocol's name."""
 
-    def stands(self, rows: pd.DataFrame) -> Any:
+    def stands(self, rows):
         return (rows["protocol"] == "human").to_numpy(bool)
 
 
 BESIDE_ALL = tuple(BesideAll(one.reference, frozenset({("", "", "")})) for one in NO_ONE_BESIDE)
 
 
-def summary_table(record: pa.Table, experiment: Any = None) -> pd.DataFrame:
+def summary_table(record, experiment=None):
     """The summary of a record, beside references by the names of conditions or by experiment."""
     return summarise(*_beside(record, experiment))
 
 
-def headline_table(record: pa.Table, experiment: Any = None) -> pd.DataFrame:
+def headline_table(record, experiment=None):
     """The headline, likewise."""
     return headline(*_beside(record, experiment))
 
 
-def _beside(record: pa.Table, experiment: Any) -> tuple[Any, ...]:
+def _beside(record, experiment):
     from causal_openlock.analysis.measures import attempts_to_solve
 
     bounds = ideal_bounds(experiment) if experiment else {}
@@ -139,11 +130,11 @@ def _beside(record: pa.Table, experiment: Any) -> tuple[Any, ...]:
     return attempts_to_solve(record), beside, bounds
 
 
-def material_of(record: pa.Table, experiment: StoredExperiment, **values: Any) -> Material:
+def material_of(record, experiment, **values):
     """What sections are made of, without people or bounds to compare with."""
     from causal_openlock.analysis.measures import attempts_to_solve
 
-    given: dict[str, Any] = {
+    given = {
         "trials": attempts_to_solve(record),
         "learners": tuple(one.name for one in experiment.learners),
         "references": NO_ONE_BESIDE,

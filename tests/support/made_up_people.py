@@ -1,14 +1,12 @@
 """Learners that do what people did, but for so many attempts."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 
 from causal_openlock.paper.published import people
 
 
-def made_up(name: str = "a", subjects: int = 12, off: float = 0.0, seed: int = 0) -> pd.DataFrame:
+def made_up(name="a", subjects=12, off=0.0, seed=0):
     """Trials of a learner whose means are people's, but for ``off``, and a little luck."""
     rng = np.random.default_rng(seed)
     rows = []

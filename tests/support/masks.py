@@ -1,9 +1,6 @@
 """What a printed text has that differs at each run, taken out of it."""
 
-from __future__ import annotations
-
 import re
-from pathlib import Path
 
 PATTERNS = {
     r"\d+:\d\d:\d\d": "<time>",
@@ -16,7 +13,7 @@ PATTERNS = {
 }
 
 
-def masked(text: str, *folders: Path, more: dict[str, str] | None = None) -> str:
+def masked(text, *folders, more=None):
     """Put words for folders, times, dates, digests and versions; `more` are other patterns."""
     for folder in folders:
         text = text.replace(str(folder), "<folder>")

@@ -1,11 +1,7 @@
 """Packages that register something, for tests of what is found by entry points."""
 
-from __future__ import annotations
 
-from pathlib import Path
-
-
-def register(folder: Path, package: str, group: str, **names: str) -> None:
+def register(folder, package, group, **names):
     """Make a package of this name that registers something, and nothing else."""
     info = folder / f"{package}-1.0.dist-info"
     info.mkdir(parents=True)

@@ -1,18 +1,14 @@
 """Learners made up for tests that play the paper's six conditions under the human protocol."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
-import pyarrow as pa
 
 from causal_openlock.analysis.measures import attempts_to_solve
 from causal_openlock.analysis.results.bounds import Bound
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.experiment.declare import PAPER_CONDITIONS
-from support.fabricated_records import Row, table, trial_rows
+from support.fabricated_records import table, trial_rows
 from support.made_up_experiments import BESIDE_ALL, experiment_of
 
 Attempts = Callable[[str, str, int, int], int]
@@ -21,7 +17,7 @@ Attempts = Callable[[str, str, int, int], int]
 LIMIT = 30
 
 
-def visits(condition: str) -> list[tuple[str, int]]:
+def visits(condition):
     """Phase and number of the trials of a condition of the paper."""
     if "-" not in condition:
         return [("train", trial) for trial in range(1, 6)]
@@ -29,14 +25,14 @@ def visits(condition: str) -> list[tuple[str, int]]:
 
 
 def play(
-    learner: str,
-    attempts: Attempts,
-    subjects: int = 12,
-    conditions: tuple[str, ...] = PAPER_CONDITIONS,
-    **values: Any,
-) -> list[Row]:
+    learner,
+    attempts,
+    subjects=12,
+    conditions=PAPER_CONDITIONS,
+    **values,
+):
     """The rows of a learner that takes as many attempts as it is told, or does not solve it."""
-    rows: list[Row] = []
+    rows = []
     for condition in conditions:
         for subject in range(subjects):
             for phase, trial in visits(condition):
@@ -50,11 +46,11 @@ def play(
     return rows
 
 
-def scattered(seed: int, level: float = 4.0) -> Attempts:
+def scattered(seed, level=4.0):
     """A learner that gets better, is helped by congruent training and finds CE harder."""
     rng = np.random.default_rng(seed)
 
-    def attempts(condition: str, phase: str, trial: int, subject: int) -> int:
+    def attempts(condition, phase, trial, subject):
         mean = level + 6 / trial if phase == "train" else level
         mean += 3 * (phase == "test" and condition in ("CE3-CC4", "CC3-CE4"))
         mean += 2 * condition.endswith("CE4")
@@ -63,14 +59,14 @@ def scattered(seed: int, level: float = 4.0) -> Attempts:
     return attempts
 
 
-def same(number: int) -> Attempts:
+def same(number):
     """A learner that always takes so many attempts; at 30 it never solves a trial."""
     return lambda *_: number
 
 
-def material(rows: list[Row], learners: tuple[str, ...], **values: Any) -> Material:
+def material(rows, learners, **values):
     """What sections are made of, with the ideal observer at 3 attempts everywhere."""
-    record: pa.Table = table(rows)
+    record = table(rows)
     bounds = {
         (name, "human", phase): Bound("CC4", 3.0)
         for name in PAPER_CONDITIONS

@@ -1,8 +1,5 @@
 """Small results in memory, most of them really played, for tests and examples of figures."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -10,9 +7,9 @@ import pyarrow as pa
 
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.contract.registry import create
-from causal_openlock.experiment.declare import PAPER_CONDITIONS, PROTOCOLS, Protocol
+from causal_openlock.experiment.declare import PAPER_CONDITIONS, PROTOCOLS
 from causal_openlock.experiment.file import Changes, find_experiment, read_experiment
-from causal_openlock.experiment.making import LearnerForm, sweep
+from causal_openlock.experiment.making import sweep
 from causal_openlock.experiment.session import Session
 from support.fabricated_records import record_of_every_figure, table
 from support.made_up_experiments import NOBODY, experiment_of, stored
@@ -27,11 +24,11 @@ SHORT = replace(
 
 
 def played(
-    learners: Sequence[LearnerForm],
-    conditions: Sequence[str] = PAPER_CONDITIONS,
-    subjects: int = 3,
-    protocol: Protocol | None = None,
-) -> Material:
+    learners,
+    conditions=PAPER_CONDITIONS,
+    subjects=3,
+    protocol=None,
+):
     """Learners in conditions, under their own protocol or another."""
     changes = Changes(conditions, learners, None, subjects, 6)
     experiment = read_experiment(find_experiment("default"), changes)
@@ -49,43 +46,43 @@ def played(
 
 
 @cache
-def results() -> Material:
+def results():
     """Two learners that played as people did; the first of them is not the first by alphabet."""
     return played(["random", "oracle"])
 
 
 @cache
-def trained() -> Material:
+def trained():
     """One learner under a protocol with many attempts."""
     return played(["random"], protocol=SHORT)
 
 
 @cache
-def believed() -> Material:
+def believed():
     """One learner that holds beliefs."""
     return played(["bayes"], ["CC3"], 2)
 
 
 @cache
-def swept() -> Material:
+def swept():
     """A learner once for each of two values, and another one, in two conditions."""
     return played([*sweep("theory_based", top_down=[True, False]), "random"], ["CC3", "CE3"], 2)
 
 
 @cache
-def asked() -> Material:
+def asked():
     """One learner that says what it takes the structure to be, and one that does not."""
     return played(["bayes", "random"], ["CC3"], 2)
 
 
 @cache
-def empty() -> Material:
+def empty():
     """Nobody played."""
     return Material.of(table([]), NOBODY)
 
 
 @cache
-def fabricated() -> Material:
+def fabricated():
     """Several learners, conditions and protocols, made up."""
     record = record_of_every_figure()
     return Material.of(record, experiment_of(record))

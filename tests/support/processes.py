@@ -4,13 +4,7 @@ They are forked from a process that has done nothing but import, so they are as 
 comparisons start, whose imports take a second and more.
 """
 
-from __future__ import annotations
-
 import multiprocessing
-from multiprocessing.context import ForkServerContext
-from typing import Any
-
-import pytest
 
 IMPORTED = [
     "pytest",
@@ -22,20 +16,20 @@ IMPORTED = [
     "openlock_learners.networks.double_q",
     "openlock_learners.recurrent",
 ]
-_get_context: Any = multiprocessing.get_context
+_get_context = multiprocessing.get_context
 
 
-def prepared() -> ForkServerContext:
+def prepared():
     """How such processes are started, as :func:`multiprocessing.get_context` says it."""
     context = _get_context("forkserver")
     context.set_forkserver_preload(IMPORTED)
     return context
 
 
-def start_prepared(patches: pytest.MonkeyPatch) -> None:
+def start_prepared(patches):
     """Have such processes started wherever fresh ones are asked for."""
 
-    def get_context(method: str | None = None) -> Any:
+    def get_context(method=None):
         return prepared() if method == "spawn" else _get_context(method)
 
     patches.setattr(multiprocessing, "get_context", get_context)

@@ -1,16 +1,12 @@
 """Waiting for something to happen in another process, and telling a hang from a slow machine."""
 
-from __future__ import annotations
-
-import subprocess
 import time
-from collections.abc import Callable
 
 HANGS = 600
 """Seconds after which a wait is taken for a hang; nothing is said of speed by that."""
 
 
-def until(happens: Callable[[], object], going: subprocess.Popen[str] | None = None) -> None:
+def until(happens, going=None):
     """Wait until something is true.
 
     Args:
