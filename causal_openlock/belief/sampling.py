@@ -204,32 +204,29 @@ def sampled(
     :data:`EFFORT` structures are looked at: a quarter drawn, the rest by :func:`metropolis`.
     """
     many = sampler.levers >= MANY_LEVERS
-    most = EFFORT // 4 if many else ROUNDS * DRAWS
+    most, batch = (EFFORT // 4, BATCH) if many else (ROUNDS * DRAWS, DRAWS)
     required = sight.solutions, sight.action_limit
-    kept: list[Structures] = []
-    near: list[tuple[Structures, IntArray, IntArray]] = []
+    kept, draws = [], []
     accepted = tried = 0
     while accepted < wanted and tried < most:
-        draws = min(BATCH, most - tried) if many else DRAWS
-        drawn, order = sampler.draw(draws, generator)
+        number, needed = min(batch, most - tried), wanted - accepted
+        drawn, order = sampler.draw(number, generator)
         away = distance(drawn, *required)
-        nearest = np.argsort(away, kind="stable")[:CHAINS]
-        near.append((drawn[nearest], order[nearest], away[nearest]))
         fitting = drawn[away == 0]
-        kept.append(fitting[: wanted - accepted])
+        kept.append(fitting[:needed])
         if not len(drawn):
             break
+        draws.append((drawn, order, away))
         # Of the last draws, only as many count as were needed.
-        all_needed = accepted + len(fitting) <= wanted
-        tried += draws if all_needed else round(draws * (wanted - accepted) / len(fitting))
+        tried += number if len(fitting) <= needed else round(number * needed / len(fitting))
         accepted += len(kept[-1])
     worth: float = max(tried, 1)
     if many and tried and accepted < wanted:
-        nearest = np.argsort(np.concatenate([part[2] for part in near]), kind="stable")[:CHAINS]
-        begin = Structures.joined([part[0] for part in near])[nearest]
-        orders = np.concatenate([part[1] for part in near])[nearest]
-        steps = 3 * EFFORT // 4 // len(begin) - 1
-        kept.append(metropolis(sampler, begin, orders, required, steps, generator))
+        structures, orders, distances = zip(*draws, strict=True)
+        nearest = np.argsort(np.concatenate(distances), kind="stable")[:CHAINS]
+        start, order = Structures.joined(structures)[nearest], np.concatenate(orders)[nearest]
+        steps = 3 * EFFORT // 4 // len(start) - 1
+        kept.append(metropolis(sampler, start, order, required, steps, generator))
         worth = sum(map(len, kept)) * tried / max(accepted, 0.5)
     every = Structures.joined(kept)
     first, member = merge(every.labels())
