@@ -15,7 +15,6 @@ from causal_openlock.envs.settings import ATTEMPT_LIMIT, AnySchema, Episode, Set
 from causal_openlock.errors import OpenLockError
 from causal_openlock.files.validation import whole_number
 from causal_openlock.schemas.fsm import compile_schema
-from causal_openlock.world.events import rewards_by_event
 from causal_openlock.world.kernel import (
     INACTIVE,
     NEW,
@@ -26,7 +25,7 @@ from causal_openlock.world.kernel import (
     UNLOCKED,
     WORDS,
 )
-from causal_openlock.world.rewards import BASIC_REWARD, RewardForm
+from causal_openlock.world.rewards import BASIC_REWARD, RewardForm, rewards_by_event
 from causal_openlock.world.room import RANDOM_LAYOUT, Layout, LayoutForm
 from causal_openlock.world.rooms import RoomTables, events_of
 

@@ -23,7 +23,7 @@ from causal_openlock.files.compiling import compiled
 from causal_openlock.schemas.fsm import FloatArray
 
 FIRST, LAST, INACTIVE, CHANGED, UNLOCKS, UNLOCKED, OPENS, ON_PATH = (1 << bit for bit in range(8))
-"""Bits of an event, as in :class:`~causal_openlock.world.events.Events`."""
+"""Bits of an event, as in :class:`~causal_openlock.world.rewards.Events`."""
 REPEATED, NEW, RETRACED = 1 << 8, 1 << 9, 1 << 10
 """Bits of an event that depend on the past."""
 IDLE = 1 << 11

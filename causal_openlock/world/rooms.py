@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from causal_openlock.schemas.fsm import FSM, BoolArray, FloatArray, IntArray, compile_schema
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world import kernel
-from causal_openlock.world.events import RewardFunction, rewards_by_event
+from causal_openlock.world.rewards import RewardFunction, rewards_by_event
 from causal_openlock.world.room import Layout
 
 

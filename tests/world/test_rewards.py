@@ -7,9 +7,8 @@ from hypothesis import strategies as st
 
 import oracle
 from causal_openlock.envs import OpenLockEnv
-from causal_openlock.world.events import Events
 from causal_openlock.world.kernel import IDLE
-from causal_openlock.world.rewards import PRESETS, TERMS, Weights, find_reward
+from causal_openlock.world.rewards import PRESETS, TERMS, Events, Weights, find_reward
 from causal_openlock.world.room import Layout
 
 PUSH = {"L0": 0, "L1": 1, "L2": 2, "L3": 3, "white": 6, "door": 14}
