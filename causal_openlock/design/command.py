@@ -105,10 +105,8 @@ def design(
     changes = Changes(conditions=condition or None, subjects=subjects, seed=seed)
     chosen = read_experiment(find_experiment(experiment), changes, console.print_line)
     outside, draws = outside or [], 0 if known else draws
-    theories, wanted = (
-        theories_of(chosen, outside),
-        known_learners(parameters or (), chosen.learners),
-    )
+    theories = theories_of(chosen, outside)
+    wanted = known_learners(parameters or (), chosen.learners)
     if search and len(wanted) != 1:
         raise OpenLockError("--search is for one learner; name it with --parameters")
     spaces = [searched(spec, search or ()) for spec in wanted]  # before hours of work
@@ -119,29 +117,17 @@ def design(
         console.print_line(f"unknown of {name}: {', '.join(drawn) or 'nothing'}")
     with resumable(), shown_steps("design") as begin:
         simulated = told_apart(
-            chosen,
-            folder,
-            draws=draws,
-            lapse=lapse,
-            copies=copies,
-            outside=outside,
-            workers=workers,
-            report=counting(begin, "subjects"),
-        )
+            chosen, folder, draws=draws, lapse=lapse, copies=copies, outside=outside,
+            workers=workers, report=counting(begin, "subjects"),
+        )  # fmt: skip
         recovered = {
             spec.name: parameters_recovered(
-                spec,
-                space,
-                chosen,
-                folder / f"parameters_{spec.name}",
-                sets=sets,
-                candidates=candidates,
-                lapse=lapse,
-                workers=workers,
+                spec, space, chosen, folder / f"parameters_{spec.name}", sets=sets,
+                candidates=candidates, lapse=lapse, workers=workers,
                 report=counting(begin, f"sets of {spec.name}"),
             )
             for spec, space in zip(wanted, spaces, strict=True)
-        }
+        }  # fmt: skip
     every, sizes = informed(simulated), by_size(simulated, chosen.seed)
     tables = {
         "conditions": ranked(simulated),
@@ -204,19 +190,12 @@ def _print_confusion(sizes: pd.DataFrame, single: pd.Series[float], console: Ter
         for (maker, taken), share in groups.stack().items()
         if maker != taken and share > CONFUSED
     ]
+    verdict = "A study of this size can tell these theories apart, if people follow one of them "
+    verdict += "with such parameters."
+    if confused:
+        verdict = f"Taken for another: {'; '.join(confused)}. A study of this size cannot tell "
+        verdict += "these apart."
     if largest < FEW:
-        verdict = (
-            f"Groups are drawn from {largest} subjects, too few for a verdict: simulate at least "
-            f"{FEW}."
-        )
-    elif confused:
-        verdict = (
-            f"Taken for another: {'; '.join(confused)}. A study of this size cannot tell these "
-            "apart."
-        )
-    else:
-        verdict = (
-            "A study of this size can tell these theories apart, if people follow one of them with "
-            "such parameters."
-        )
+        verdict = f"Groups are drawn from {largest} subjects, too few for a verdict: simulate at "
+        verdict += f"least {FEW}."
     console.print_line(verdict)

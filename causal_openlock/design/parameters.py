@@ -104,9 +104,7 @@ def parameters_recovered(
     for cell in simulated.cells():
         session, maker = made(cell)
         parts[cell.spec.name] += recorded_subjects(session.play(maker), simulated)
-    settings = FitSettings(
-        lapse=lapse, hold_out="none", candidates=candidates, seed=experiment.seed
-    )
+    settings = FitSettings(lapse=lapse, hold_out="none", candidates=candidates, seed=seed)
     fits = fit_all(parts, Plan(space, settings), folder, workers=workers, report=report)
     return pd.DataFrame(
         {"set": number, "parameter": name, "true": true[name], "fitted": fit.chosen[name],

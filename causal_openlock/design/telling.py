@@ -76,9 +76,7 @@ def by_size(subjects: pd.DataFrame, seed: int = 0) -> pd.DataFrame:
     for (maker, condition), own in subjects.groupby(["learner", "condition"], observed=True):
         nats = _nats(own)
         (generator,) = generators(seed, f"groups/{maker}/{condition}", [1])
-        for size in sorted({*SIZES, len(nats)}):
-            if size > len(nats):
-                break
+        for size in sorted({min(size, len(nats)) for size in (*SIZES, len(nats))}):
             groups = nats
             if size > 1:
                 groups = nats[generator.integers(len(nats), size=(GROUPS, size))].sum(axis=1)
@@ -157,13 +155,11 @@ def informed(subjects: pd.DataFrame) -> pd.DataFrame:
     information = np.where(of_theory, np.log2(len(names) * likely[rows, made_by]), np.nan)
     mean = minutes.where(of_theory).groupby(subjects["condition"]).transform("mean")
     surprise = -nats / subjects[["actions"]].to_numpy(float)
-    usual = np.full(len(names), np.nan)  # what 95% of a theory's own subjects do not exceed
-    for place in range(len(names)):
-        own = surprise[made_by == place, place]
-        if len(own) >= FEWEST_OWN:
-            usual[place] = np.quantile(own, 0.95)
+    own = [surprise[made_by == place, place] for place in range(len(names))]
+    # What 95% of a theory's own subjects do not exceed.
+    usual = [np.quantile(one, 0.95) if len(one) >= FEWEST_OWN else np.nan for one in own]
     taken_for = likely.argmax(axis=1)
-    limit = usual[taken_for]
+    limit = np.array(usual)[taken_for]
     return subjects.assign(
         information=information,
         single=np.where(of_theory, attributed(nats)[rows, made_by], np.nan),

@@ -249,11 +249,10 @@ def _check(
     lapse: float,
 ) -> None:
     """Refuse fits that cannot be compared, or that are of other actions of these subjects."""
-    labels = [*learners]
+    labels = [*learners, *(fit.label for fit in fits)]
     for fit in fits:
-        if fit.label in labels:
+        if labels.count(fit.label) > 1:
             raise OpenLockError(f"{fit.label} is there twice; rename the folder of a fit")
-        labels.append(fit.label)
         if fit.plan.fit.lapse != lapse:
             raise OpenLockError(
                 f"{fit.label} was fitted with a share of lapses of {fit.plan.fit.lapse:g}; give "

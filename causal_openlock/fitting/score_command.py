@@ -12,17 +12,6 @@ from causal_openlock.cli.options import Workers
 from causal_openlock.errors import StoreError
 from causal_openlock.scoring import LAPSE
 
-_HEADS = {
-    **{"scored": "", "bits": "bits/action", "worse": "more than the best", "worse_low": "low"},
-    **{"worse_high": "high", "best_of": "best of", "frequency": "followed by"},
-    "protected": "most frequent",
-}
-_FORMATS = {
-    **dict.fromkeys(("bits/action", "most frequent"), ".2f"),
-    **dict.fromkeys(("more than the best", "low", "high"), "+.2f"),
-    "followed by": ".0%",
-}
-
 
 def score(
     folder: Annotated[Path, typer.Argument(help="Results folder: of learners, or of people.")],
@@ -65,7 +54,7 @@ def score(
     ranking, in bits per action.
     """
     from causal_openlock.analysis.statistics import too_few
-    from causal_openlock.analysis.table import Table
+    from causal_openlock.analysis.table import Table, p_value
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.comparison.progress_bar import counting, shown_steps
     from causal_openlock.experiment.file import find_experiment, read_experiment
@@ -73,6 +62,7 @@ def score(
     from causal_openlock.fitting.predicting import read_fit, score_learners
     from causal_openlock.running.workers import available_cores
     from causal_openlock.scoring.scores import FOLDER, Scores
+    from causal_openlock.scoring.scores_section import FORMATS, HEADS, ranked
     from causal_openlock.scoring.teacher_forcing import known_learners
     from causal_openlock.storage.store import Store
     from causal_openlock.wording import counted, joined
@@ -103,10 +93,10 @@ def score(
     with suppress(StoreError):
         before = Scores.read(out).actions["scored"].unique().tolist()
     files = scores.save(out)
-    ranked = scores.ranking.merge(scores.followed, on="scored")
-    shown = ranked[[*_HEADS]].rename(columns=_HEADS)
-    console.print_table(Table("scores", "Scores", shown, _FORMATS))
-    subjects, number = scores.subjects, int(ranked["subjects"].iloc[0])
+    table = ranked(scores)
+    frame = table.assign(p=table["p"].map(p_value))[[*HEADS]].rename(columns=HEADS)
+    console.print_table(Table("scores", "Scores", frame, FORMATS))
+    subjects, number = scores.subjects, int(table["subjects"].iloc[0])
     who = [counted(subjects[name].nunique(), name) for name in ("learner", "condition")]
     console.print_line(
         f"n = {number} subjects, of {who[0]} in {who[1]}; {lapse:g} of all actions are taken to be "
@@ -116,28 +106,23 @@ def score(
     if few := too_few(number):
         console.warn(few)
     for fit in fitted:
-        by = (
-            "each action by what was fitted without it"
-            if fit.holds_out
-            else "what it was fitted to; parameters have a price only in “followed by”"
-        )
+        by = "what it was fitted to; parameters have a price only in “followed by”"
+        by = "each action by what was fitted without it" if fit.holds_out else by
         console.print_line(f"{fit.label} predicts {by}")
     drawn = subjects[subjects["standard_error"] > 0]
     for name, own in drawn.groupby("scored", observed=True):
-        error = f"with a standard error of {own['standard_error'].mean():.1f} nats for a subject"
-        if not own["expected"].isna().all():
-            console.print_line(f"{name} estimates its probabilities from draws, {error}")
-            continue
-        console.print_line(
-            f"{name} gives no probabilities: it was asked by inverse binomial sampling, {error}"
-        )
+        how = "estimates its probabilities from draws"
+        if own["expected"].isna().all():
+            how = "gives no probabilities: it was asked by inverse binomial sampling"
+        error = f"{own['standard_error'].mean():.1f} nats for a subject"
+        console.print_line(f"{name} {how}, with a standard error of {error}")
         if at_limit := own["at_limit"].sum():
             console.print_line(
                 f"of {own['actions'].sum():,} actions, {at_limit:,} were not hit before the limit "
                 "of draws, so their log-probabilities are biased, mostly too low; --draws raises "
                 "the limit"
             )
-    if gone := [name for name in before if name not in set(ranked["scored"])]:
+    if gone := [name for name in before if name not in set(table["scored"])]:
         console.print_line(f"the scores of {joined(gone)}, which were there, are replaced")
     console.print_line(f"which of them each subject follows: {files[2]}")
     console.print_line(f"{files[0]} and subjects.csv written")

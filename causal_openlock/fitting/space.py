@@ -229,15 +229,6 @@ class Plan:
         return {"space": self.space.as_dict(), **settings, "version": RESULTS_VERSION}
 
 
-class PlanFile(StrictModel):
-    """A plan as it is written: a search space, and perhaps how the fit is made."""
-
-    learner: str
-    fixed: dict[str, Any] = Field(default_factory=dict)
-    search: dict[str, Range]
-    fit: FitSettings = Field(default_factory=FitSettings)
-
-
 def search_space(
     learner: str,
     ranges: Mapping[str, Range],
@@ -288,6 +279,15 @@ def search_space(
         corner = {name: bounds.at(share) for name, bounds in checked.items()}
         parse_parameters(learner, space.parameters(corner))
     return space
+
+
+class PlanFile(StrictModel):
+    """A plan as it is written."""
+
+    learner: str
+    fixed: dict[str, Any] = Field(default_factory=dict)
+    search: dict[str, Range]
+    fit: FitSettings = Field(default_factory=FitSettings)
 
 
 def read_plan(path: Path | str) -> tuple[SearchSpace, FitSettings]:

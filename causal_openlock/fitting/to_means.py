@@ -30,7 +30,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from causal_openlock.analysis.measures import TRANSFERS, attempts_to_solve
+from causal_openlock.analysis.measures import BASELINES, TRANSFERS, attempts_to_solve
 from causal_openlock.analysis.plots import style
 from causal_openlock.contract.registry import create
 from causal_openlock.experiment.declare import PAPER_CONDITIONS, PROTOCOLS, find_condition
@@ -113,8 +113,8 @@ class MeansFit:
     Attributes:
         plan: Its settings.
         tried: The candidates, with their distances on the points that they are fitted to.
-        again: Distances of the best, by number, played with more subjects and another seed; the
-            nearest of these is the fitted learner.
+        again: Distances of the best, by number, played with more subjects and another seed.
+        best: Number of the nearest of these, the fitted learner.
         idle: Parameters that make no difference around it.
         trials: What it did in all six conditions with a fresh seed, from
             :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
@@ -123,13 +123,9 @@ class MeansFit:
     plan: Plan
     tried: list[Tried]
     again: dict[int, float]
+    best: int
     idle: tuple[str, ...]
     trials: pd.DataFrame
-
-    @property
-    def best(self) -> int:
-        """Number of the candidate that is the fitted learner."""
-        return _best(self.again)
 
     @property
     def entry(self) -> dict[str, Any]:
@@ -151,11 +147,10 @@ class MeansFit:
         rows = [
             {"number": number, **chosen, "rmse": rmse, "again": self.again.get(number, np.nan),
              "at_bound": " ".join(at_bound(ranges, chosen)) or NONE,
-             "without_effect": " ".join(self.idle) if number == self.best else NONE}
+             "without_effect": " ".join(self.idle if number == self.best else ()) or NONE}
             for number, (chosen, rmse) in enumerate(self.tried)
         ]  # fmt: skip
-        table = pd.DataFrame(rows).replace({"without_effect": {"": NONE}})
-        return table.sort_values(["rmse", "number"], ignore_index=True)
+        return pd.DataFrame(rows).sort_values(["rmse", "number"], ignore_index=True)
 
     def compared(self) -> tuple[pd.DataFrame, pd.DataFrame]:
         """Distances from the target in attempts, and whether sampling error explains them.
@@ -180,11 +175,8 @@ class MeansFit:
                              for part, many in fits]  # fmt: skip
         fitted = zip(parts_of(own[0], hold_out), own[1], strict=True)
         distances["perfect model"] = [noise_ceiling(part, many).both for part, many in fitted]
-        first, second = (
-            pd.DataFrame.from_dict(rows, orient="index", columns=PARTS)
-            for rows in (distances, misfits)
-        )
-        return first, second
+        framed = partial(pd.DataFrame.from_dict, orient="index", columns=PARTS)
+        return framed(distances), framed(misfits)
 
     def write(self, folder: Path) -> None:
         """Write the fit, with all that decided it, into a folder.
@@ -196,10 +188,8 @@ class MeansFit:
             OpenLockError: If they cannot be written.
         """
         plan, label, effects = self.plan, self.plan.space.fitted_name, self.effects
-        done = [
-            {"number": number, "chosen": chosen, "rmse": rmse}
-            for number, (chosen, rmse) in enumerate(self.tried)
-        ]
+        done = [{"number": number, "chosen": chosen, "rmse": rmse}
+                for number, (chosen, rmse) in enumerate(self.tried)]  # fmt: skip
         again = {str(number): rmse for number, rmse in sorted(self.again.items())}
         about = {"plan": plan.as_dict(), "done": done, "again": again}
         write_bytes(folder / FILE, json_bytes({**about, "idle": {str(self.best): self.idle}}))
@@ -220,17 +210,10 @@ class MeansFit:
         write_text(folder / "effects.csv", csv_of(effects))
         figure, published = Figure(), points_of_model()
         numbers = {label: len(plan.space.ranges)} if plan.fit.target == "people" else {}
-        draw_points(
-            {label: points, PUBLISHED_MODEL: published},
-            {label: effects, PUBLISHED_MODEL: effects_of(published)},
-            figure,
-            numbers,
-        )
+        drawn = {label: points, PUBLISHED_MODEL: published}
+        shown = {label: effects, PUBLISHED_MODEL: effects_of(published)}
+        draw_points(drawn, shown, figure, numbers)
         style.save(figure, folder / "fit.svg")
-
-
-def _best(again: dict[int, float]) -> int:
-    return min(again, key=lambda number: (again[number], number))
 
 
 def fit(
@@ -254,8 +237,7 @@ def fit(
         LearnerError: If the learner fails. Candidates that were done stay done.
     """
     space, how, hold_out, target = plan.space, plan.fit, plan.hold_out, plan.fit.target
-    needed = {*parts_of(people(), hold_out)[0]["condition"]}
-    conditions = [name for name in PAPER_CONDITIONS if name in needed]
+    conditions = BASELINES if hold_out == "transfer" else PAPER_CONDITIONS
     count = itertools.count(1)
     with fitting_in(folder, workers) as pool:
 
@@ -291,11 +273,12 @@ def fit(
         nearest = sorted(range(len(tried)), key=lambda number: tried[number].loss)[: how.finalists]
         sets = [tried[number].chosen for number in nearest]
         again = dict(zip(nearest, distances(sets, how.final_subjects, how.seed + 1), strict=True))
-        best = tried[_best(again)].chosen
+        number = min(again, key=lambda number: (again[number], number))
+        best = tried[number].chosen
         report("which parameters make a difference")
         idle = without_effect(
             space.ranges, best, lambda chosen: next(distances([chosen], how.subjects, how.seed + 1))
         )
         report("the best, on a fresh seed")
         trials = begin_to_play(best, PAPER_CONDITIONS, how.final_subjects, how.seed + 2)()
-    return MeansFit(plan, tried, again, idle, trials)
+    return MeansFit(plan, tried, again, number, idle, trials)

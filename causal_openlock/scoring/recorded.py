@@ -65,13 +65,9 @@ class Recorded:
         each.insert(4, "action", each.groupby(level=0).cumcount() + 1)
         return each.astype({"action_index": np.int64})
 
-    def by_subject(self, values: pd.Series[Any]) -> list[NDArray[Any]]:
-        """``[B]`` arrays of what a column of :attr:`each` has of each subject."""
-        return [own.to_numpy() for _, own in values.groupby(self.each["subject"])]
-
     def done(self) -> list[IntArray]:
         """``[B]`` arrays of all actions of each subject."""
-        return self.by_subject(self.each["action_index"])
+        return self._by_subject(self.each["action_index"])
 
     @cached_property
     def actions(self) -> IntArray:
@@ -81,12 +77,15 @@ class Recorded:
     @cached_property
     def asked(self) -> BoolArray:
         """``[B, T]`` which actions there are that the subjects chose: none that they were shown."""
-        return padded(self.by_subject(self.each["phase"].ne(SHOWN)))[0].astype(bool)
+        return padded(self._by_subject(self.each["phase"].ne(SHOWN)))[0].astype(bool)
 
     @cached_property
     def starts(self) -> BoolArray:
         """``[B, T]`` whether an action is the first one of its attempt."""
-        return padded(self.by_subject(self.each["action"].eq(1)))[0].astype(bool)
+        return padded(self._by_subject(self.each["action"].eq(1)))[0].astype(bool)
+
+    def _by_subject(self, values: pd.Series[Any]) -> list[NDArray[Any]]:
+        return [own.to_numpy() for _, own in values.groupby(self.each["subject"])]
 
     def alone(self) -> dict[str, Recorded]:
         """Each subject by itself, by its name; see :func:`subject_names`."""

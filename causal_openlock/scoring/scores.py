@@ -124,14 +124,9 @@ class Scores:
         best = means.index[0]
         rows = []
         for name in means.index:
-            more = _interval((wide[name] - wide[best]).to_numpy(float))
-            rows.append(
-                (
-                    *(name, len(wide), *_interval(wide[name].to_numpy(float))[:3]),
-                    *(more if name != best else [np.nan] * 4),
-                    int((wide[name] == wide.min(axis=1)).sum()),
-                )
-            )
+            more = _interval(wide[name] - wide[best]) if name != best else [np.nan] * 4
+            best_of = int((wide[name] == wide.min(axis=1)).sum())
+            rows.append((name, len(wide), *_interval(wide[name])[:3], *more, best_of))
         columns = ["scored", "subjects", "bits", "low", "high", "worse", "worse_low", "worse_high"]
         return pd.DataFrame(rows, columns=[*columns, "p", "best_of"])
 
@@ -242,13 +237,13 @@ class Scores:
 
         whose = str(self.actions["learner"].iloc[0]) if of is None else of
         for column, asked in (("learner", [whose]), ("scored", learners or ())):
-            known = [str(name) for name in self.actions[column].unique()]
+            known = self.actions[column].astype(str).unique()
             for name in asked:
                 if name not in known:
                     raise OpenLockError(f"{name} is not in these scores; {nearest(name, known)}")
         own = self.of(whose)
-        names = [str(name) for name in own.ranking["scored"]]
-        names = [name for name in names if learners is None or name in learners]
+        ranked = own.ranking["scored"].astype(str)
+        names = [name for name in ranked if learners is None or name in learners]
         parts = "condition", "trial"
         return draw_scores(own.over(*parts), own.by_subject(*parts), names, self.choices, ax)
 
@@ -363,7 +358,9 @@ def scores_on_record(results: Material) -> Scores:
     return replace(first, actions=pd.concat([own.actions for own in by_learner.values()]))
 
 
-def _interval(values: np.ndarray) -> tuple[float, float, float, float]:
+def _interval(column: pd.Series[float]) -> tuple[float, float, float, float]:
+    """Mean, both ends of its interval and p of numbers of subjects; NaN where one is infinite."""
+    values = column.to_numpy(float)
     if not np.isfinite(values).all():
         return float(values.mean()), np.nan, np.nan, np.nan
     return weighted_difference([Group.of(values)])

@@ -23,18 +23,23 @@ MOST_PLOTS = 4
 """Maximum number of learners that get a figure; tables list all."""
 MOST_SUBJECTS = 200
 """Maximum number of subjects that get a row; ``followed.csv`` lists all."""
-SURE = 0.9
-"""Probability from which a subject is said to follow a learner."""
-_NAMES = {
-    **{"scored": "predicted by", "worse": "more than best", "worse_low": "low"},
-    **{"worse_high": "high", "p_corrected": "p corrected", "best_of": "best of"},
-    **{"frequency": "followed"},
+HEADS = {
+    **{"scored": "predicted by", "bits": "bits/action", "worse": "more than the best"},
+    **{"worse_low": "low", "worse_high": "high", "p": "p", "best_of": "best of"},
+    **{"frequency": "followed by", "protected": "most frequent"},
 }
-_FORMATS = {
-    **dict.fromkeys(("bits", "probability"), ".2f"),
-    **dict.fromkeys(("more than best", "low", "high"), "+.2f"),
-    **{"p corrected": "s", "followed": ".0%", "subjects": ",", "ahead": ",.1f"},
+"""Heads of the columns of a ranking, in the report and on the terminal."""
+FORMATS = {
+    **dict.fromkeys(("bits/action", "most frequent", "probability"), ".2f"),
+    **dict.fromkeys(("more than the best", "low", "high"), "+.2f"),
+    **{"p": "s", "followed by": ".0%", "subjects": ",", "ahead": ",.1f"},
 }
+
+
+def ranked(scores: Scores) -> pd.DataFrame:
+    """The best predictor first, and how many subjects follow each, with corrected ``p``."""
+    table = scores.ranking.merge(scores.followed, on="scored")
+    return table.assign(p=holm(table["p"].where(table["worse"].notna()).to_numpy(float)))
 
 
 def section(material: Material) -> Section | None:
@@ -42,22 +47,22 @@ def section(material: Material) -> Section | None:
     by_learner, notes = stored_scores(material)
     if not by_learner:
         return Section("scores", TITLE, tuple(notes)) if notes else None
-    ranked = {of: _ranked(scores) for of, scores in by_learner.items()}
+    rankings = {of: ranked(scores) for of, scores in by_learner.items()}
     text = [_about(material, by_learner), *notes]
-    text += [_predicted(of, scores, ranked[of]) for of, scores in [*by_learner.items()][:8]]
+    text += [_predicted(of, scores, rankings[of]) for of, scores in [*by_learner.items()][:8]]
     caption = (
-        "Bits: mean of subjects. More than best: on the same subjects, with its 95% interval over "
-        "subjects (none where a subject did what the learner takes for impossible); p: paired, "
-        "corrected for the learners that are compared; best of: subjects that no learner predicts "
-        "better. The best was chosen by the same subjects, which favours it. Followed: the share "
-        "of subjects that follow a learner if each follows one of these (random-effects model "
-        "selection with −BIC/2 for the log evidence)."
+        "Bits per action: mean of subjects. More than the best: on the same subjects, with its 95% "
+        "interval over subjects (none where a subject did what the learner takes for impossible); "
+        "p: paired, corrected for the learners that are compared; best of: subjects that no "
+        "learner predicts better. The best was chosen by the same subjects, which favours it. "
+        "Followed by: the share of subjects that follow a learner if each follows one of these "
+        "(random-effects model selection with −BIC/2 for the log evidence); most frequent: the "
+        "protected probability that more follow it than any other."
     )
-    columns = ["of", "scored", "subjects", "bits", *[*_NAMES][1:]]
-    table = _of_each(ranked)[columns]
-    frame = table.assign(p_corrected=table["p_corrected"].map(p_value)).rename(columns=_NAMES)
-    tables = [Table("scores", "Bits per action, and who follows whom", frame, _FORMATS, caption)]
-    followed = _of_each({of: by_learner[of].attributed for of in ranked if len(ranked[of]) > 1})
+    table = _of_each(rankings)[["of", "subjects", *HEADS]]
+    frame = table.assign(p=table["p"].map(p_value)).rename(columns=HEADS)
+    tables = [Table("scores", "Bits per action, and who follows whom", frame, FORMATS, caption)]
+    followed = _of_each({of: by_learner[of].attributed for of in rankings if len(rankings[of]) > 1})
     if 0 < len(followed) <= MOST_SUBJECTS:
         caption = (
             "If each subject follows one of these: the learner that it most probably follows, with "
@@ -66,7 +71,7 @@ def section(material: Material) -> Section | None:
         )
         frame = followed[["of", "condition", "subject", "follows", "probability", "ahead"]]
         title = "Which learner each subject follows"
-        tables.append(Table("attributed", title, frame, _FORMATS, caption))
+        tables.append(Table("attributed", title, frame, FORMATS, caption))
     plots = [
         drawn(
             f"scores_{part}",
@@ -74,7 +79,7 @@ def section(material: Material) -> Section | None:
             by_learner[of],
             f"Bits per action over trials: what {of} did",
             "How many bits per action each learner needs in each trial, the fewer the better: mean "
-            f"of subjects{', with 95% intervals over subjects' if len(ranked[of]) <= 4 else ''}. "
+            f"of subjects{', with 95% intervals over subjects' if len(rankings[of]) <= 4 else ''}. "
             "Thin lines are single subjects; dotted: what a learner that knows nothing needs. A "
             "trial without a point has an action that the learner takes for impossible.",
             f"results.scores.plot(of={of!r})",
@@ -83,14 +88,6 @@ def section(material: Material) -> Section | None:
         for of, part in [*file_names(by_learner).items()][:MOST_PLOTS]
     ]
     return Section("scores", TITLE, tuple(text), tuple(tables), tuple(plots))
-
-
-def _ranked(scores: Scores) -> pd.DataFrame:
-    """The learners, the best predictor first, and how many subjects follow each."""
-    ranked = scores.ranking.merge(scores.followed.drop(columns="exceedance"), on="scored")
-    return ranked.assign(
-        p_corrected=holm(ranked["p"].where(ranked["worse"].notna()).to_numpy(float))
-    )
 
 
 def _of_each(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
@@ -112,39 +109,25 @@ def _about(material: Material, each: Mapping[str, Scores]) -> str:
 
 
 def _predicted(of: str, scores: Scores, ranked: pd.DataFrame) -> str:
-    """The best predictor of one learner's subjects, and the learners that they follow."""
+    """The best predictor of one learner's subjects, and those that are not significantly worse."""
     best, others = ranked.iloc[0], ranked.iloc[1:]
     own = scores.actions[scores.actions["scored"] == best["scored"]]
     size = {name: np.log2(count) for name, count in scores.choices.items()}
     uniform = own["condition"].astype(str).map(size).mean()
-    beaten = others["p_corrected"] < ALPHA
-    most = ranked.loc[ranked["frequency"].idxmax()]
-    sure = scores.attributed.query("probability >= @SURE")["follows"].value_counts()
+    beaten = others["p"] < ALPHA
     interval = f" ({best['low']:.2f} to {best['high']:.2f})" if np.isfinite(best["low"]) else ""
-    said = [
+    return sentences(
         f"Of {of}, {counted(best['subjects'], 'subject')} with {counted(len(own), 'action')}: "
         f"{best['scored']} predicts best, with {best['bits']:.2f} bits per action{interval}; a "
-        f"learner that knows nothing needs {uniform:.2f}."
-    ]
-    if beaten.any():
-        said.append(
-            f"It predicts better than {joined([*others['scored'][beaten]])}, significantly after "
-            "correction for all learners that are compared."
-        )
-    if not beaten.all():
-        names = joined([*others["scored"][~beaten]])
-        said.append(f"From {names} it does not differ significantly.")
-    said.append(
-        f"If each subject follows one of these, {most['frequency']:.0%} follow {most['scored']}, "
-        f"which is the most frequent with probability {most['protected']:.2f}."
+        f"learner that knows nothing needs {uniform:.2f}.",
+        f"It predicts better than {joined([*others['scored'][beaten]])}, significantly after "
+        "correction for all learners that are compared."
+        if beaten.any()
+        else "",
+        f"From {joined([*others['scored'][~beaten]])} it does not differ significantly."
+        if not beaten.all()
+        else "",
     )
-    if len(sure) > 1:
-        groups = joined([f"{name} ({many})" for name, many in sure.items()])
-        said.append(
-            f"They do not all follow the same one (with a probability of at least {SURE}: "
-            f"{groups}), and means over all of them describe none of these groups."
-        )
-    return " ".join(said)
 
 
 TOPIC = Topic("scores", 25, section)

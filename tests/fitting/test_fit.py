@@ -27,7 +27,6 @@ from causal_openlock.fitting.space import (
 from causal_openlock.fitting.steps import STEPS, seeds_of
 from causal_openlock.fitting.to_means import (
     FILE,
-    MeansFit,
     fit,
     means_plan,
     parts_of,
@@ -225,9 +224,6 @@ def test_the_best_few_are_played_again_and_that_decides(tmp_path):
     table = fitted.table()
     assert table["again"].notna().tolist() == [True] * 3 + [False] * 3
     assert fitted.best == table.loc[table["again"].idxmin(), "number"]
-    again = {number: -float(rank) for rank, number in enumerate(table["number"][:3])}
-    other = MeansFit(fitted.plan, fitted.tried, again, (), fitted.trials)
-    assert other.best == table["number"][2]  # whatever it came to at first
 
 
 def test_a_stored_distance_that_cannot_be_is_refused(tmp_path):

@@ -74,9 +74,9 @@ def test_the_learner_that_acted_is_first_in_the_table_of_scores(shown):
         own = table.loc[name]
         assert own.index[0] == name
         assert own["best of"].tolist() == [6, 0, 0]
-        assert own["p corrected"].tolist()[0] == "–"
-        assert own["followed"].idxmax() == name
-        assert own.loc["random", "bits"] == pytest.approx(np.log2(15))
+        assert own["p"].tolist()[0] == "–"
+        assert own["followed by"].idxmax() == name
+        assert own.loc["random", "bits/action"] == pytest.approx(np.log2(15))
     assert [plot.name for plot in shown.plots] == ["scores_thompson", "scores_win_stay"]
 
 
@@ -95,7 +95,7 @@ def test_each_subject_is_attributed_to_the_learner_that_acted(folder, shown):
 
 
 def test_ps_are_corrected_for_the_learners_that_are_compared(folder, shown):
-    each = rows(shown, "scores").groupby("of")["p corrected"]
+    each = rows(shown, "scores").groupby("of")["p"]
     for name in ("thompson", "win_stay"):
         p = ol.open_results(folder).scores.of(name).ranking["p"].iloc[1:]
         assert each.get_group(name).iloc[1:].tolist() == [*map(p_value, holm(p.to_numpy(float)))]
