@@ -29,7 +29,7 @@ from causal_openlock.contract.registry import learner_class, parse_parameters
 from causal_openlock.design import COPIES
 from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.experiment.declare import Cell, Experiment, LearnerSpec
-from causal_openlock.fitting.space import Range, bundled_search
+from causal_openlock.fitting.plan import Range, bundled_plan
 from causal_openlock.fitting.steps import begin, fitting_in, steps
 from causal_openlock.running.worker import made
 from causal_openlock.schemas.fsm import FloatArray
@@ -47,10 +47,10 @@ TOGETHER = 20
 
 def unknown(theory: LearnerSpec) -> dict[str, Range]:
     """The ranges of a theory's unknown parameters: those whose value lies in a range."""
-    space = bundled_search(theory.learner)
+    plan = bundled_plan(theory.learner)
     return {
         name: bounds
-        for name, bounds in (space.ranges if space else {}).items()
+        for name, bounds in (plan.ranges if plan else {}).items()
         if bounds.low <= theory.parameters[name] <= bounds.high
     }
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,15 +18,14 @@ from causal_openlock.contract.registry import changed_parameters
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.declare import Experiment, LearnerSpec
 from causal_openlock.experiment.making import learner, make_experiment
-from causal_openlock.fitting.search import at_bound
-from causal_openlock.fitting.space import (
+from causal_openlock.fitting.plan import (
     FitSettings,
     Plan,
-    SearchSpace,
-    bundled_search,
+    bundled_plan,
+    make_plan,
     parse_range,
-    search_space,
 )
+from causal_openlock.fitting.search import at_bound
 from causal_openlock.fitting.to_actions import fit_all
 from causal_openlock.running.worker import made
 from causal_openlock.scoring import LAPSE
@@ -33,7 +33,7 @@ from causal_openlock.scoring.recorded import Recorded, recorded_subjects
 from causal_openlock.world.randomness import generators
 
 
-def searched(spec: LearnerSpec, ranges: Sequence[str] = ()) -> SearchSpace:
+def searched(spec: LearnerSpec, ranges: Sequence[str] = ()) -> Plan:
     """Search space of a learner as it is set.
 
     Args:
@@ -47,8 +47,8 @@ def searched(spec: LearnerSpec, ranges: Sequence[str] = ()) -> SearchSpace:
         wanted = dict(map(parse_range, ranges))
         set_to = changed_parameters(spec.learner, spec.parameters)
         fixed = {name: value for name, value in set_to.items() if name not in wanted}
-        return search_space(spec.learner, wanted, fixed)
-    space = bundled_search(spec.learner)
+        return make_plan(spec.learner, wanted, fixed)
+    space = bundled_plan(spec.learner)
     if space is None or any(spec.parameters[name] != value for name, value in space.fixed.items()):
         raise LearnerError(
             f"{spec.name} has no search space of its own as it is set, so its parameters cannot "
@@ -60,7 +60,7 @@ def searched(spec: LearnerSpec, ranges: Sequence[str] = ()) -> SearchSpace:
 
 def parameters_recovered(
     spec: LearnerSpec,
-    space: SearchSpace,
+    space: Plan,
     experiment: Experiment,
     folder: Path,
     *,
@@ -104,8 +104,8 @@ def parameters_recovered(
     for cell in simulated.cells():
         session, maker = made(cell)
         parts[cell.spec.name] += recorded_subjects(session.play(maker), simulated)
-    settings = FitSettings(lapse=lapse, hold_out="none", candidates=candidates, seed=seed)
-    fits = fit_all(parts, Plan(space, settings), folder, workers=workers, report=report)
+    how = FitSettings(lapse=lapse, hold_out="none", candidates=candidates, seed=seed)
+    fits = fit_all(parts, replace(space, fit=how), folder, workers=workers, report=report)
     return pd.DataFrame(
         {"set": number, "parameter": name, "true": true[name], "fitted": fit.chosen[name],
          "at_bound": name in at_bound(space.ranges, fit.chosen)}
@@ -114,7 +114,7 @@ def parameters_recovered(
     )  # fmt: skip
 
 
-def on_search_scale(pairs: pd.DataFrame, space: SearchSpace) -> pd.DataFrame:
+def on_search_scale(pairs: pd.DataFrame, space: Plan) -> pd.DataFrame:
     """The pairs of :func:`parameters_recovered`, logarithms where these are searched."""
     logs = pairs["parameter"].map({name: bounds.log for name, bounds in space.ranges.items()})
     scaled = {name: pairs[name].where(~logs, np.log(pairs[name].where(logs, 1.0)))
@@ -122,7 +122,7 @@ def on_search_scale(pairs: pd.DataFrame, space: SearchSpace) -> pd.DataFrame:
     return pairs.assign(**scaled)
 
 
-def correlations(pairs: pd.DataFrame, space: SearchSpace) -> pd.DataFrame:
+def correlations(pairs: pd.DataFrame, space: Plan) -> pd.DataFrame:
     """Whether each parameter is recovered: a row for each, by its name.
 
     Returns:

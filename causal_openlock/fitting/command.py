@@ -61,30 +61,30 @@ def fit(
     folds.
     """
     from causal_openlock.contract.registry import learner_class
+    from causal_openlock.fitting.plan import Plan, bundled_plan, read_plan
     from causal_openlock.fitting.printing import fit_to_actions, fit_to_means
-    from causal_openlock.fitting.space import FitSettings, bundled_search, changed, read_plan
     from causal_openlock.fitting.steps import STEPS
     from causal_openlock.running.workers import available_cores
 
     learner_class(learner)  # fails at once if there is none
-    space, how = read_plan(plan) if plan else (bundled_search(learner), FitSettings())
-    how = how.changed(settings or ())
-    how = how.model_copy(update={"of": of or how.of})
-    if hierarchical and (how.each or not to):
+    known = read_plan(plan) if plan else bundled_plan(learner) or Plan(learner, {}, {})
+    if known.learner != learner:
+        raise LearnerError(f"{plan} is for the learner {known.learner}, and not for {learner}")
+    asked = known.changed(search or (), fix or (), settings or ())
+    asked.fit.of = of or asked.fit.of
+    if hierarchical and (asked.fit.each or not to):
         raise OpenLockError(
             "--hierarchical fits each subject of a folder; give --to, and no each=true"
         )
-    kind = "-hierarchical" if hierarchical else "-each" if how.each else ""
+    kind = "-hierarchical" if hierarchical else "-each" if asked.fit.each else ""
     folder = out or (to or Path("results")) / f"fit-{learner.replace(':', '.')}{kind}"
     if not ((folder_at(folder) / STEPS).exists() or is_empty(folder)):
         raise StoreError(
             f"{folder} is not empty and holds no fit that can be continued; choose another folder "
             "with --out"
         )
-    if space and space.learner != learner:
-        raise LearnerError(f"{plan} is for the learner {space.learner}, and not for {learner}")
-    searched = changed(space, learner, search or (), fix or ())
+    cores = workers or available_cores()
     if to:
-        fit_to_actions(searched, how, to, hierarchical, workers or available_cores(), folder)
+        fit_to_actions(asked, to, hierarchical, cores, folder)
     else:
-        fit_to_means(searched, how, workers or available_cores(), folder)
+        fit_to_means(asked, cores, folder)

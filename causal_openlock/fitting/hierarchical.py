@@ -30,8 +30,8 @@ from scipy.stats import norm
 
 from causal_openlock.errors import LearnerError
 from causal_openlock.fitting.group import SETTLED, SPREADS, Group, Peak, evidence_of, group_of, peak
+from causal_openlock.fitting.plan import Plan
 from causal_openlock.fitting.search import NO_EFFECT, at_bound, require_effect, spread
-from causal_openlock.fitting.space import Plan
 from causal_openlock.fitting.steps import begin, fitting_in, steps
 from causal_openlock.fitting.to_actions import (
     WHOLE,
@@ -93,7 +93,7 @@ def fit_group(
         jobs = [([about, who], partial(begin, pool, _starts, part, plan)) for who, part in named]
         starts = [*steps(folder, jobs, list[list[float]])]
         for place, fold in enumerate(folds):
-            group, at = Group.wide(len(plan.space.ranges)), [start[place] for start in starts]
+            group, at = Group.wide(len(plan.ranges)), [start[place] for start in starts]
             for number in range(1, ROUNDS + 1):
                 report(f"fold {place + 1} of {len(folds)}, round {number}")
                 prior = [about, fold, group.mean.tolist(), group.spread.tolist()]
@@ -107,7 +107,7 @@ def fit_group(
                     require_possible(found.nll, [part], fold, chosen_at(plan, found.at), plan)
                 if fold == WHOLE:
                     idle = [_idle(plan, found) for found in peaks if found.actions]
-                    require_effect(idle, plan.space.learner)
+                    require_effect(idle, plan.learner)
                 at = [found.at for found in peaks]
                 before, group = group, group_of(peaks, group)
                 if group.apart(before) < SETTLED:
@@ -120,21 +120,21 @@ def fit_group(
 
 def _check(subjects: dict[str, Recorded], plan: Plan) -> None:
     """Raise LearnerError if these subjects, or this learner, cannot be fitted as a group."""
-    for name, bounds in plan.space.ranges.items():
+    for name, bounds in plan.ranges.items():
         if bounds.whole:
             raise LearnerError(
-                f"{name} of {plan.space.learner} takes whole numbers only, and these are "
+                f"{name} of {plan.learner} takes whole numbers only, and these are "
                 f"not normal in a group; fix it: --fix {name}={bounds.low:g}"
             )
     if len(subjects) < 2:
         raise LearnerError(
             "a group has two subjects at least; fit a single one with --set each=true"
         )
-    first, middle = next(iter(subjects.values())), chosen_at(plan, [0.0] * len(plan.space.ranges))
+    first, middle = next(iter(subjects.values())), chosen_at(plan, [0.0] * len(plan.ranges))
     table = predictions([first], plan)(middle)
     if (table["standard_error"] > 0).any():
         raise LearnerError(
-            f"{plan.space.learner} gives no exact probabilities, and draws are too rough for a "
+            f"{plan.learner} gives no exact probabilities, and draws are too rough for a "
             "hierarchical fit; fit each subject by itself with --set each=true, or set it so that "
             "they are exact (theory_based: beliefs=mean)"
         )
@@ -142,7 +142,7 @@ def _check(subjects: dict[str, Recorded], plan: Plan) -> None:
 
 def _starts(part: Recorded, plan: Plan) -> list[list[float]]:
     """By fold, the best of some points, where the search for a subject's peak begins."""
-    shares = spread(plan.space.ranges, plan.candidates, plan.fit.seed)
+    shares = spread(plan.ranges, plan.candidates, plan.fit.seed)
     points, predicted = logit(shares.clip(0.01, 0.99)), predictions([part], plan)
     prior = norm.logpdf(points, scale=SPREADS[1]).sum(axis=1)
     tables = [predicted(chosen_at(plan, point)) for point in points]
@@ -171,7 +171,7 @@ def _peak(plan: Plan, fold: int, group: Group, part: Recorded, start: Sequence[f
 
 def chosen_at(plan: Plan, x: Iterable[float]) -> dict[str, float]:
     """The parameters that have these log-odds, ``[D]``."""
-    ranges = plan.space.ranges.items()
+    ranges = plan.ranges.items()
     return {name: bounds.at(expit(v)) for (name, bounds), v in zip(ranges, x, strict=True)}
 
 
@@ -179,7 +179,7 @@ def _fitted(
     names: Sequence[str], plan: Plan, fold: int, group: Group, peaks: Sequence[Peak]
 ) -> list[Fitted]:
     """The fit of the group, and those of its subjects."""
-    ranges = plan.space.ranges
+    ranges = plan.ranges
     counts = [found.actions for found in peaks if found.actions] or [1]
     price = 2 * len(ranges) * np.log(sum(counts)) / len(counts)
 
@@ -207,5 +207,5 @@ def _fitted(
 def _idle(plan: Plan, found: Peak) -> tuple[str, ...]:
     """The parameters that make no difference to a subject around its peak."""
     effects = np.abs(found.slope) + np.diag(found.curvature)
-    named = zip(plan.space.ranges, effects, strict=True)
+    named = zip(plan.ranges, effects, strict=True)
     return tuple(name for name, effect in named if effect < NO_EFFECT)

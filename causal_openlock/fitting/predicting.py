@@ -30,8 +30,8 @@ from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.declare import LearnerSpec
 from causal_openlock.experiment.making import LearnerForm, listed, make_experiment
 from causal_openlock.files.validation import adapter
+from causal_openlock.fitting.plan import FitSettings, Plan, Range, make_plan
 from causal_openlock.fitting.search import NONE
-from causal_openlock.fitting.space import FitSettings, Plan, Range, search_space
 from causal_openlock.fitting.steps import read_fit_file
 from causal_openlock.fitting.to_actions import (
     FILE,
@@ -115,16 +115,16 @@ def read_fit(folder: Path, named: Collection[str] = ()) -> FitOfActions:
         subjects = adapter(dict[str, str]).validate_python(about["subjects"])
         _check_named(str(space["learner"]), dict(space["fixed"]), named, path)
         ranges = adapter(dict[str, Range]).validate_python(space["search"])
-        searched = search_space(space["learner"], ranges, space["fixed"])
-        if space.get("code", {}) != searched.code:
+        fit = FitSettings.model_validate({name: about[name] for name in names})
+        plan = make_plan(space["learner"], ranges, space["fixed"], fit)
+        if space.get("code", {}) != plan.code:
             raise StoreError(
-                f"{path}: the code of its learner {searched.learner}, or a file that it uses, is "
+                f"{path}: the code of its learner {plan.learner}, or a file that it uses, is "
                 "not what it was fitted with; fit it again"
             )
-        plan = Plan(searched, FitSettings.model_validate({name: about[name] for name in names}))
         fits: list[Fitted] = adapter(list[Fitted]).validate_python(stored["done"])
         for fitted in fits:
-            for name, bounds in searched.ranges.items():
+            for name, bounds in plan.ranges.items():
                 if not bounds.low <= fitted.chosen[name] <= bounds.high:
                     raise ValueError("a parameter is outside its bounds")
         by_fold = {(fitted.who, fitted.fold): fitted for fitted in fits}
@@ -277,7 +277,7 @@ def _predicted(
     folds = [fold for fold in folds_of(plan) if (fold != WHOLE) == fit.holds_out]
     jobs = [(who, fold) for who in subjects for fold in folds]
     parts = [
-        (subjects[who], replace(plan.space.spec(fit.of(who, fold).chosen), name=fit.label))
+        (subjects[who], replace(plan.spec(fit.of(who, fold).chosen), name=fit.label))
         for who, fold in jobs
     ]
     scored = scored_parts(parts, plan.fit.lapse, draws, workers)

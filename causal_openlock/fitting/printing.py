@@ -19,7 +19,7 @@ from causal_openlock.files.escaping import csv_of
 from causal_openlock.files.yaml_file import dump_yaml
 from causal_openlock.fitting import to_means
 from causal_openlock.fitting.hierarchical import ROUNDS, fit_group
-from causal_openlock.fitting.space import FitSettings, Plan, SearchSpace
+from causal_openlock.fitting.plan import Plan
 from causal_openlock.fitting.to_actions import fit_all, fit_table, groups_of
 from causal_openlock.paper.likeness_figure import CLEAR, signs
 from causal_openlock.scoring.recorded import recorded_subjects
@@ -35,15 +35,14 @@ BOUND, IDLE = "*", "?"
 
 
 def fit_to_actions(
-    space: SearchSpace,
-    how: FitSettings,
+    plan: Plan,
     results: Path,
     hierarchical: bool,
     workers: int,
     folder: Path,
 ) -> None:
     """Fit a learner to recorded subjects, and write and print what was found."""
-    console, plan = Terminal(), Plan(space, how)
+    console, how = Terminal(), plan.fit
     plan.require_hold_out(("trials", "subjects", "none"))
     record, played = Store(results).record()
     known_learners(how.of, played.learners)
@@ -60,13 +59,13 @@ def fit_to_actions(
     first = table.head(MOST_ROWS).set_index("who")
     chance = math.log2(max(choices_in(played).values(), default=1))
     worse = first["bits"].gt(chance).map({True: f" (worse than at random: {chance:.2f} bits)"})
-    columns = [*space.ranges, "bits", "held_out_bits", "actions", "at_bound", "without_effect"]
+    columns = [*plan.ranges, "bits", "held_out_bits", "actions", "at_bound", "without_effect"]
     names = {"bits": "bits/action", "held_out_bits": "held out"}
     shown = first.set_axis(first.index + worse.fillna(""))[columns].rename(columns=names)
-    _show_fits(shown, list(space.ranges), console, 3)
+    _show_fits(shown, list(plan.ranges), console, 3)
     if len(table) > MOST_ROWS:
         console.print_line(f"and {len(table) - MOST_ROWS} others")
-    console.print_line(space.in_words)
+    console.print_line(plan.in_words)
     subjects = sum(len(part.numbers) for part in parts)
     if few := too_few(subjects, "generalise the parameters to others"):
         console.warn(few)
@@ -80,13 +79,13 @@ def fit_to_actions(
             "subjects, fewer parameters or narrower ranges help."
         )
     if not (hierarchical or how.each):
-        _print_entry(space.entry(fits[0].chosen), console)
+        _print_entry(plan.entry(fits[0].chosen), console)
     console.print_line(f"{folder / 'fits.csv'} written")
 
 
-def fit_to_means(space: SearchSpace, how: FitSettings, workers: int, folder: Path) -> None:
+def fit_to_means(plan: Plan, workers: int, folder: Path) -> None:
     """Fit a learner to published means, and write and print what was found."""
-    plan, console = to_means.means_plan(space, how), Terminal()
+    plan, how, console = to_means.means_plan(plan), plan.fit, Terminal()
     with resumable(), shown_steps("fit") as report:
         fitted = to_means.fit(plan, folder, workers=workers, report=report)
     fitted.write(folder)
@@ -94,8 +93,8 @@ def fit_to_means(space: SearchSpace, how: FitSettings, workers: int, folder: Pat
         "\nThe nearest candidates, RMSE of means, in attempts, on what is fitted", "bold"
     )
     nearest = fitted.table().set_index("number").head(how.finalists)
-    _show_fits(nearest, list(space.ranges), console, 2)
-    console.print_line(space.in_words)
+    _show_fits(nearest, list(plan.ranges), console, 2)
+    console.print_line(plan.in_words)
     if few := too_few(how.final_subjects, "say how near the learner is to people"):
         console.warn(few)
     distances, misfits = fitted.compared()
@@ -108,10 +107,10 @@ def fit_to_means(space: SearchSpace, how: FitSettings, workers: int, folder: Pat
     console.print_line("\nMisfit of means: does sampling error explain it?", "bold")
     _show(misfits, console)
     console.print_line(
-        f"A small p rejects a model. Fitted numbers, here {len(space.ranges)}, each take away a "
+        f"A small p rejects a model. Fitted numbers, here {len(plan.ranges)}, each take away a "
         "degree of freedom."
     )
-    if space.learner == "bayes" and plan.hold_out != "none":
+    if plan.learner == "bayes" and plan.hold_out != "none":
         console.print_line(
             "The default ranges of bayes were narrowed with the transfer tests in view "
             "(evidence/likeness): what is held out is a check, not an untouched prediction.",

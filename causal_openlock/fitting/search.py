@@ -17,7 +17,7 @@ from scipy.optimize import minimize
 from scipy.stats import qmc
 
 from causal_openlock.errors import LearnerError
-from causal_openlock.fitting.space import Chosen, Range
+from causal_openlock.fitting.plan import Chosen, Range
 from causal_openlock.schemas.fsm import FloatArray
 
 STARTS = 2

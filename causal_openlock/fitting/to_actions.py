@@ -24,8 +24,8 @@ from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.experiment.declare import SHOWN
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.files.checksums import digest, json_bytes
+from causal_openlock.fitting.plan import Chosen, Plan
 from causal_openlock.fitting.search import NONE, at_bound, require_effect, search, without_effect
-from causal_openlock.fitting.space import Chosen, Plan
 from causal_openlock.fitting.steps import begin, fitting_in, steps
 from causal_openlock.schemas.fsm import BoolArray
 from causal_openlock.scoring.recorded import Recorded, subject_names
@@ -84,7 +84,7 @@ def predictions(parts: Sequence[Recorded], plan: Plan) -> Callable[[Chosen], pd.
 
     @cache
     def table(*values: float) -> pd.DataFrame:
-        spec = plan.space.spec(dict(zip(plan.space.ranges, values, strict=True)))
+        spec = plan.spec(dict(zip(plan.ranges, values, strict=True)))
         scores = [score_part(part, spec, plan.fit.lapse) for part in parts]
         return pd.concat(scores, ignore_index=True)
 
@@ -113,7 +113,7 @@ def folds_of(plan: Plan) -> list[int]:
 
 def fit_fold(who: str, parts: Sequence[Recorded], fold: int, plan: Plan) -> Fitted:
     """Fit to some subjects, of this label, without one fold."""
-    ranges, predicted = plan.space.ranges, predictions(parts, plan)
+    ranges, predicted = plan.ranges, predictions(parts, plan)
 
     def loss(chosen: Chosen) -> float:
         return surprise(predicted(chosen), plan, fold)
@@ -148,7 +148,7 @@ def require_possible(
     who, first = subject_names(never).iloc[0], never.iloc[0]
     action = alone(parts)[who].session().brief.action_names[first["action_index"]]
     raise LearnerError(
-        f"{plan.space.learner} cannot have done what {who} did, with the best of the parameters "
+        f"{plan.learner} cannot have done what {who} did, with the best of the parameters "
         f"that were tried: {action} (trial {first['trial']}, attempt {first['attempt']}, action "
         f"{first['action']}); allow for lapses, as with --set lapse=0.01, or search other ranges"
     )
@@ -232,7 +232,7 @@ def fit_all(
             require_possible(fitted.nll, parts, fitted.fold, fitted.chosen, plan)
             done.append(fitted)
             report(len(done), len(jobs))
-        require_effect([fitted.idle for fitted in done if fitted.fold == WHOLE], plan.space.learner)
+        require_effect([fitted.idle for fitted in done if fitted.fold == WHOLE], plan.learner)
         write_fits(folder, plan, [part for parts in groups.values() for part in parts], done)
     return done
 

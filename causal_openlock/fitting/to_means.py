@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -39,8 +39,8 @@ from causal_openlock.files.atomic import write_bytes, write_text
 from causal_openlock.files.checksums import json_bytes
 from causal_openlock.files.escaping import csv_of
 from causal_openlock.files.yaml_file import dump_yaml
+from causal_openlock.fitting.plan import Chosen, Plan
 from causal_openlock.fitting.search import NONE, Tried, at_bound, search, without_effect
-from causal_openlock.fitting.space import Chosen, FitSettings, Plan, SearchSpace
 from causal_openlock.fitting.steps import SEEDS, begin, fitting_in, steps
 from causal_openlock.paper.likeness import (
     PUBLISHED_MODEL,
@@ -69,14 +69,15 @@ CHUNK = 10
 """Subjects that are played at once."""
 
 
-def means_plan(space: SearchSpace, fit: FitSettings) -> Plan:
-    """The plan of a fit to means.
+def means_plan(plan: Plan) -> Plan:
+    """A plan with the usual settings of a fit to means.
 
     Raises:
         OpenLockError: If nothing of this name can be held out.
     """
+    fit = plan.fit
     usual = {"hold_out": fit.hold_out or "transfer", "candidates": fit.candidates or 60}
-    plan = Plan(space, fit.model_copy(update=usual))
+    plan = replace(plan, fit=fit.model_copy(update=usual))
     plan.require_hold_out(("transfer", "none"))
     return plan
 
@@ -130,7 +131,7 @@ class MeansFit:
     @property
     def entry(self) -> dict[str, Any]:
         """The fitted learner, for an experiment file."""
-        return self.plan.space.entry(self.tried[self.best].chosen)
+        return self.plan.entry(self.tried[self.best].chosen)
 
     @property
     def effects(self) -> pd.DataFrame:
@@ -143,7 +144,7 @@ class MeansFit:
         Columns are ``number``, their parameters, ``rmse``, ``again``, and the names of parameters
         ``at_bound`` and ``without_effect`` (of the fitted learner alone), or ``none``.
         """
-        ranges = self.plan.space.ranges
+        ranges = self.plan.ranges
         rows = [
             {"number": number, **chosen, "rmse": rmse, "again": self.again.get(number, np.nan),
              "at_bound": " ".join(at_bound(ranges, chosen)) or NONE,
@@ -158,10 +159,10 @@ class MeansFit:
         A row for the fitted learner and, if it is fitted to people, for other models; the perfect
         model has as many subjects and fitted numbers. Columns are :data:`PARTS`.
         """
-        space, target, hold_out = self.plan.space, self.plan.fit.target, self.plan.hold_out
-        searched = len(space.ranges)
+        plan, target, hold_out = self.plan, self.plan.fit.target, self.plan.hold_out
+        searched = len(plan.ranges)
         own = points_towards(self.trials, target), (searched, 0, searched)
-        models: dict[str, tuple[pd.DataFrame, tuple[int | None, ...]]] = {space.fitted_name: own}
+        models: dict[str, tuple[pd.DataFrame, tuple[int | None, ...]]] = {plan.fitted_name: own}
         if target == "people":
             models[PUBLISHED_MODEL] = points_of_model(), (0, 0, 0)
             # How many of the curve's numbers count in a part of the points is not known.
@@ -187,7 +188,7 @@ class MeansFit:
         Raises:
             OpenLockError: If they cannot be written.
         """
-        plan, label, effects = self.plan, self.plan.space.fitted_name, self.effects
+        plan, label, effects = self.plan, self.plan.fitted_name, self.effects
         done = [{"number": number, "chosen": chosen, "rmse": rmse}
                 for number, (chosen, rmse) in enumerate(self.tried)]  # fmt: skip
         again = {str(number): rmse for number, rmse in sorted(self.again.items())}
@@ -195,12 +196,12 @@ class MeansFit:
         write_bytes(folder / FILE, json_bytes({**about, "idle": {str(self.best): self.idle}}))
         experiment = {
             "name": label,
-            "title": f"The learner {plan.space.learner}, fitted to {TARGETS[plan.fit.target]}",
+            "title": f"The learner {plan.learner}, fitted to {TARGETS[plan.fit.target]}",
             "seed": plan.fit.seed + SEEDS,
             "protocol": "human",
             "subjects": plan.fit.final_subjects,
             "conditions": list(PAPER_CONDITIONS),
-            "learners": [plan.space.learner, self.entry],
+            "learners": [plan.learner, self.entry],
         }
         write_text(folder / "experiment.yaml", dump_yaml(experiment))
         points = points_of(self.trials).assign(learner=label)
@@ -209,7 +210,7 @@ class MeansFit:
         write_text(folder / "points.csv", csv_of(points.assign(held_out=out)))
         write_text(folder / "effects.csv", csv_of(effects))
         figure, published = Figure(), points_of_model()
-        numbers = {label: len(plan.space.ranges)} if plan.fit.target == "people" else {}
+        numbers = {label: len(plan.ranges)} if plan.fit.target == "people" else {}
         drawn = {label: points, PUBLISHED_MODEL: published}
         shown = {label: effects, PUBLISHED_MODEL: effects_of(published)}
         draw_points(drawn, shown, figure, numbers)
@@ -236,7 +237,7 @@ def fit(
         StoreError: If another process fits in the folder.
         LearnerError: If the learner fails. Candidates that were done stay done.
     """
-    space, how, hold_out, target = plan.space, plan.fit, plan.hold_out, plan.fit.target
+    how, hold_out, target = plan.fit, plan.hold_out, plan.fit.target
     conditions = BASELINES if hold_out == "transfer" else PAPER_CONDITIONS
     count = itertools.count(1)
     with fitting_in(folder, workers) as pool:
@@ -245,7 +246,7 @@ def fit(
             chosen: Chosen, conditions: Sequence[str], subjects: int, seed: int
         ) -> Callable[[], pd.DataFrame]:
             waiting = [
-                begin(pool, play, space.learner, space.parameters(chosen), name,
+                begin(pool, play, plan.learner, plan.parameters(chosen), name,
                       range(first, min(first + CHUNK, subjects)), seed)
                 for name in conditions
                 for first in range(0, subjects, CHUNK)
@@ -253,7 +254,7 @@ def fit(
             return lambda: pd.concat([trials() for trials in waiting], ignore_index=True)
 
         def distances(sets: Sequence[Chosen], subjects: int, seed: int) -> Iterator[float]:
-            about = {"space": space.as_dict(), "hold_out": hold_out, "target": target,
+            about = {"space": plan.as_dict()["space"], "hold_out": hold_out, "target": target,
                      "subjects": subjects, "seed": seed}  # fmt: skip
 
             def start(chosen: Chosen) -> Callable[[], float]:
@@ -268,7 +269,7 @@ def fit(
                 report(f"{next(count)} of up to {plan.candidates} sets of parameters tried")
                 yield rmse
 
-        tried = search(space.ranges, losses, plan.candidates, how.seed)
+        tried = search(plan.ranges, losses, plan.candidates, how.seed)
         report("the best few again")
         nearest = sorted(range(len(tried)), key=lambda number: tried[number].loss)[: how.finalists]
         sets = [tried[number].chosen for number in nearest]
@@ -277,7 +278,7 @@ def fit(
         best = tried[number].chosen
         report("which parameters make a difference")
         idle = without_effect(
-            space.ranges, best, lambda chosen: next(distances([chosen], how.subjects, how.seed + 1))
+            plan.ranges, best, lambda chosen: next(distances([chosen], how.subjects, how.seed + 1))
         )
         report("the best, on a fresh seed")
         trials = begin_to_play(best, PAPER_CONDITIONS, how.final_subjects, how.seed + 2)()

@@ -29,8 +29,8 @@ from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.making import make_experiment
 from causal_openlock.export.as_csv import write_csv
 from causal_openlock.files.checksums import ZEROS
+from causal_openlock.fitting.plan import Range, make_plan, read_plan
 from causal_openlock.fitting.predicting import read_fit, score_learners
-from causal_openlock.fitting.space import FitSettings, Plan, Range, read_plan, search_space
 from causal_openlock.fitting.to_actions import FILE as FITS
 from causal_openlock.fitting.to_actions import fit_all, groups_of
 from causal_openlock.importing.folder import import_files
@@ -44,6 +44,7 @@ from causal_openlock.storage.store import Store
 from openlock_learners.language.replies import FOLDER as REPLIES
 from openlock_learners.language.replies import Replies
 from openlock_learners.meta.training_file import read_training
+from support.fits import with_settings
 from support.places import ROOT
 
 pytestmark = pytest.mark.slow
@@ -91,8 +92,8 @@ def readers(work):
     playing.unlink()
     playing.with_suffix(".progress").write_text("0.2500 12.5")
     score_learners(*Store(work / "out").record(), made.learners).save(work / "out" / FOLDER)
-    space = search_space("associative", {"temperature": Range(0.02, 2.0, log=True)})
-    plan = Plan(space, FitSettings(candidates=2))
+    space = make_plan("associative", {"temperature": Range(0.02, 2.0, log=True)})
+    plan = with_settings(space, candidates=2)
     groups = groups_of(recorded_subjects(*Store(work / "out").record()), plan)
     fit_all(groups, plan, work / "fit")
     asked = {"learner": "person", "condition": "CC3", "subject": 0, "visit": 1, "time": 2.5}

@@ -16,13 +16,12 @@ from causal_openlock.experiment.declare import PAPER_CONDITIONS, PROTOCOLS, find
 from causal_openlock.experiment.file import read_experiment
 from causal_openlock.experiment.session import Session
 from causal_openlock.files.checksums import json_bytes, read_json
-from causal_openlock.fitting.space import (
+from causal_openlock.fitting.plan import (
     FitSettings,
     Range,
-    bundled_search,
-    changed,
+    bundled_plan,
+    make_plan,
     read_plan,
-    search_space,
 )
 from causal_openlock.fitting.steps import STEPS, seeds_of
 from causal_openlock.fitting.to_means import (
@@ -77,9 +76,9 @@ class Careless(Oracle):
 
 
 def plan(**changes):
-    space = search_space(ME, {"lapse": Range(0.0, 1.0), "whole": Range(1, 9)})
     usual = FitSettings(candidates=6, subjects=4, finalists=2, final_subjects=6, seed=3)
-    return means_plan(space, usual.model_copy(update=changes))
+    searched = {"lapse": Range(0.0, 1.0), "whole": Range(1, 9)}
+    return means_plan(make_plan(ME, searched, fit=usual.model_copy(update=changes)))
 
 
 def stored(folder):
@@ -96,7 +95,7 @@ def played(lapse, conditions, subjects, seed):
 
 
 def test_whole_parameters_stay_whole():
-    space = search_space(ME, {"whole": Range(1, 9), "lapse": Range(0, 1)}, {"mood": "bad"})
+    space = make_plan(ME, {"whole": Range(1, 9), "lapse": Range(0, 1)}, {"mood": "bad"})
     assert space.ranges["whole"].whole
     assert not space.ranges["lapse"].whole
     parameters = space.parameters({"whole": 4.0, "lapse": 0.25})
@@ -109,19 +108,20 @@ def test_the_command_line_replaces_ranges_and_adds_settings(tmp_path):
         f"learner: {ME}\nfixed: {{mood: bad}}\n"
         "search:\n  lapse: {low: 0, high: 1}\n  whole: {low: 1, high: 9}\n"
     )
-    space, _ = read_plan(tmp_path / "space.yaml")
+    space = read_plan(tmp_path / "space.yaml")
     assert set(space.ranges) == {"lapse", "whole"}
-    fewer = changed(space, ME, [], ["whole=5"])
+    fewer = space.changed([], ["whole=5"], [])
     assert (set(fewer.ranges), dict(fewer.fixed)) == ({"lapse"}, {"mood": "bad", "whole": 5})
-    narrow = changed(space, ME, ["lapse=0.2:0.3:log"], ["mood=good"])
+    narrow = space.changed(["lapse=0.2:0.3:log"], ["mood=good"], ["candidates=8"])
     assert narrow.ranges == {"lapse": Range(0.2, 0.3, log=True)}
     assert dict(narrow.fixed) == {"mood": "good"}
+    assert (narrow.candidates, space.candidates) == (8, 160)
 
 
 def test_the_bundled_search_of_bayes_is_what_its_fitted_experiment_varies():
-    space = bundled_search("bayes")
+    space = bundled_plan("bayes")
     assert 1 <= len(space.ranges) <= 4
-    assert bundled_search("random") is None
+    assert bundled_plan("random") is None
     experiment = read_experiment(bundled("experiments") / "bayes_like_people.yaml")
     own = {one.name: one.parameters for one in experiment.learners}
     for name, one in space.ranges.items():

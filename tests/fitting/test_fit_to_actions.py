@@ -12,7 +12,7 @@ from causal_openlock.errors import LearnerError, OpenLockError, StoreError
 from causal_openlock.experiment.making import make_experiment
 from causal_openlock.files.checksums import json_bytes
 from causal_openlock.fitting.hierarchical import GROUP, fit_group
-from causal_openlock.fitting.space import FitSettings, Plan, Range, search_space
+from causal_openlock.fitting.plan import Range, make_plan
 from causal_openlock.fitting.steps import STEPS, fitting_in
 from causal_openlock.fitting.to_actions import (
     FILE,
@@ -32,8 +32,8 @@ from support.fits import with_settings
 
 pytestmark = pytest.mark.slow
 
-SPACE = search_space("associative", {"temperature": Range(0.02, 2.0, log=True)})
-PLAN = Plan(SPACE, FitSettings(candidates=20))
+SPACE = make_plan("associative", {"temperature": Range(0.02, 2.0, log=True)})
+PLAN = with_settings(SPACE, candidates=20)
 QUICK = with_settings(PLAN, candidates=1)
 
 
@@ -205,7 +205,7 @@ def test_an_action_that_a_learner_never_takes_is_named(doubtful, tmp_path, each)
 def test_a_parameter_without_effect_is_refused_and_marked(doubtful, tmp_path):
     plan = with_settings(QUICK, hold_out="none", candidates=4)
     nothing = dict.fromkeys(("lever", "position", "colour"), 0.0)
-    idle = Plan(search_space("associative", SPACE.ranges, nothing), plan.fit)
+    idle = make_plan("associative", SPACE.ranges, nothing, plan.fit)
     for each in (False, True):
         for _ in range(2):
             other = with_settings(idle, each=each)
@@ -222,8 +222,8 @@ def test_a_parameter_without_effect_is_refused_and_marked(doubtful, tmp_path):
 
 
 def test_a_group_at_its_bound_is_marked(doubtful, tmp_path):
-    low = search_space("associative", {"temperature": Range(3.0, 4.0)})
-    plan = Plan(low, FitSettings(candidates=1, hold_out="none"))
+    low = make_plan("associative", {"temperature": Range(3.0, 4.0)})
+    plan = with_settings(low, candidates=1, hold_out="none")
     fits, _ = fit_group(parts(doubtful, "own"), plan, tmp_path)
     assert fits[0].who == GROUP
     assert fits[0].at_bound == ("temperature",)

@@ -13,7 +13,7 @@ from causal_openlock.experiment.making import make_experiment
 from causal_openlock.files.checksums import json_bytes
 from causal_openlock.fitting.group import Group, Peak, derivatives, evidence_of, group_of, peak
 from causal_openlock.fitting.hierarchical import fit_group
-from causal_openlock.fitting.space import FitSettings, Plan, Range, search_space
+from causal_openlock.fitting.plan import Range, make_plan
 from causal_openlock.fitting.steps import STEPS, fitting_in
 from causal_openlock.fitting.to_actions import FILE, fit_table
 from causal_openlock.running.runner import run
@@ -25,8 +25,8 @@ from support.fits import with_settings
 pytestmark = pytest.mark.slow
 
 HEAT = Range(0.02, 2.0, log=True)
-SPACE = search_space("associative", {"temperature": HEAT})
-PLAN = Plan(SPACE, FitSettings(candidates=8, hold_out="none"))
+SPACE = make_plan("associative", {"temperature": HEAT})
+PLAN = with_settings(SPACE, candidates=8, hold_out="none")
 DRAWN = np.array([-1.2, -0.4, 0.4, 1.2])
 """Log-odds of the temperatures of four subjects."""
 
@@ -205,7 +205,7 @@ def test_a_subject_that_is_held_out_is_predicted_by_the_group(tmp_path):
 
 
 def test_a_learner_without_exact_probabilities_is_not_fitted_hierarchically(folder, tmp_path):
-    space = search_space("posterior_sampling", {"concentration": Range(0.1, 1.0)})
+    other = make_plan("posterior_sampling", {"concentration": Range(0.1, 1.0)}, fit=PLAN.fit)
     with pytest.raises(LearnerError, match="posterior_sampling"):
-        fit_group(parts(folder), Plan(space, PLAN.fit), tmp_path / "asked")
+        fit_group(parts(folder), other, tmp_path / "asked")
     assert not (tmp_path / "asked").exists()

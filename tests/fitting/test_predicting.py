@@ -10,8 +10,8 @@ from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.making import make_experiment
 from causal_openlock.files.checksums import json_bytes
 from causal_openlock.fitting.hierarchical import fit_group
+from causal_openlock.fitting.plan import Range, make_plan
 from causal_openlock.fitting.predicting import read_fit, score_learners
-from causal_openlock.fitting.space import FitSettings, Plan, Range, search_space
 from causal_openlock.fitting.to_actions import FILE, WHOLE, fit_all, groups_of
 from causal_openlock.running.runner import run
 from causal_openlock.scoring.recorded import recorded_subjects
@@ -19,8 +19,8 @@ from causal_openlock.storage.store import Store
 from support.command import at_once
 from support.fits import with_settings
 
-SPACE = search_space("associative", {"temperature": Range(0.02, 2.0, log=True)})
-PLAN = Plan(SPACE, FitSettings(candidates=2))
+SPACE = make_plan("associative", {"temperature": Range(0.02, 2.0, log=True)})
+PLAN = with_settings(SPACE, candidates=2)
 WAYS = ("all", "each", "group", "all_held", "each_held")
 
 
@@ -136,10 +136,10 @@ def test_a_fit_of_the_release_before_is_read(folder, changed):
 
 def test_a_fit_runs_no_code_and_opens_no_file_unasked(tmp_path, changed):
     (tmp_path / "mine.py").write_text("raise SystemExit")
-    space = {**SPACE.as_dict(), "learner": "mine:Learner"}
+    space = {**SPACE.as_dict()["space"], "learner": "mine:Learner"}
     with pytest.raises(StoreError, match=r"code .* name it too"):
         read_fit(changed("code", space=space))
-    trained = search_space("llm", {"temperature": Range(1, 2)}).as_dict()
+    trained = make_plan("llm", {"temperature": Range(1, 2)}).as_dict()["space"]
     space = {**trained, "fixed": {"model": "/etc/passwd"}}
     with pytest.raises(StoreError, match="model"):
         read_fit(changed("file", space=space))

@@ -99,8 +99,8 @@ def on_results(command):
 
 def searched(learner, fixed=None, /, **ranges):
     """The search of a learner's parameters within ranges ``(low, high)``, perhaps logarithmic."""
-    span = of("causal_openlock.fitting.space", "Range")
-    space = of("causal_openlock.fitting.space", "search_space")
+    span = of("causal_openlock.fitting.plan", "Range")
+    space = of("causal_openlock.fitting.plan", "make_plan")
     return space(learner, {name: span(*ends) for name, ends in ranges.items()}, fixed or {})
 
 

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -80,74 +80,6 @@ class Range(Part):
         return round(value) if self.whole else value
 
 
-@dataclass(frozen=True)
-class SearchSpace:
-    """The parameters of a learner that are searched, and those that are set to a fixed value."""
-
-    learner: str
-    fixed: Mapping[str, Any]
-    ranges: Mapping[str, Range]
-
-    @cached_property
-    def code(self) -> dict[str, str]:
-        """Code and files by learner; none of the toolkit's, which have their version.
-
-        Once known it stays: what is fitted while files are edited was begun with the old ones.
-        """
-        lowest = self.parameters({name: bounds.low for name, bounds in self.ranges.items()})
-        origin = origin_of(self.learner, lowest)
-        code = f"{origin.package} {origin.artifact_hash}".strip()
-        if is_ours(self.learner):  # a text may name a file
-            named = any(isinstance(value, str) for value in lowest.values())
-            code = origin.artifact_hash if named else ""
-        return {self.learner: code} if code else {}
-
-    def as_dict(self) -> dict[str, Any]:
-        """The space as plain data, with the code of its learner."""
-        data = {
-            "learner": self.learner,
-            "fixed": dict(self.fixed),
-            "search": {name: asdict(bounds) for name, bounds in self.ranges.items()},
-        }
-        return {**data, "code": self.code} if self.code else data
-
-    @property
-    def in_words(self) -> str:
-        """Form of the learner that is fitted: what is fixed, and what is chosen by default.
-
-        >>> SearchSpace("bayes", {"policy": "thompson"}, {}).in_words
-        'bayes was fitted with policy thompson (fixed) and forgets everything (default).'
-        """
-        parts = [f"{name} {value} (fixed)" for name, value in self.fixed.items()]
-        for info in parameter_table(self.learner):
-            if isinstance(info.default, str) and info.name not in {*self.fixed, *self.ranges}:
-                parts.append(f"{info.name} {info.default} (default)")
-        return f"{self.learner} was fitted with {joined(parts) or 'its defaults'}."
-
-    @property
-    def fitted_name(self) -> str:
-        """Name of the fitted learner in an experiment file."""
-        return f"{self.learner.rpartition(':')[2]}_fitted"
-
-    def entry(self, chosen: Chosen) -> dict[str, Any]:
-        """The fitted learner, for an experiment file."""
-        parameters = self.parameters(chosen)
-        return {"learner": self.learner, "name": self.fitted_name, "parameters": parameters}
-
-    def parameters(self, chosen: Chosen) -> dict[str, Any]:
-        """All parameters that differ from the defaults, for a choice of those searched."""
-        searched = {
-            name: int(chosen[name]) if bounds.whole else float(chosen[name])
-            for name, bounds in self.ranges.items()
-        }
-        return {**self.fixed, **searched}
-
-    def spec(self, chosen: Chosen) -> LearnerSpec:
-        """The learner with the parameters of a choice."""
-        made = with_parameters(self.learner, **self.parameters(chosen))
-        return make_experiment(["CC4"], [made]).learners[0]
-
-
 class FitSettings(StrictModel):
     """Settings of a fit, whatever is searched: ``fit:`` in a plan, and ``--set``.
 
@@ -181,28 +113,15 @@ class FitSettings(StrictModel):
     lapse: Annotated[float, Field(ge=0, le=1)] = LAPSE
     folds: Annotated[int, Field(ge=2)] = 2
 
-    def changed(self, settings: Sequence[str]) -> FitSettings:
-        """These settings with others, each written ``name=value``.
-
-        >>> FitSettings().changed(["candidates=8", "hold_out=none"]).candidates
-        8
-        """
-        given = dict(parse_setting(text, "--set") for text in settings)
-        changed: FitSettings = read(FitSettings, {**self.model_dump(), **given})
-        return changed
-
 
 @dataclass(frozen=True)
 class Plan:
-    """What is searched, and how.
+    """Which parameters of a learner are searched, which are set to a fixed value, and how."""
 
-    Attributes:
-        space: The parameters that are searched.
-        fit: The settings.
-    """
-
-    space: SearchSpace
-    fit: FitSettings
+    learner: str
+    fixed: Mapping[str, Any]
+    ranges: Mapping[str, Range]
+    fit: FitSettings = field(default_factory=FitSettings)
 
     @property
     def hold_out(self) -> str:
@@ -222,19 +141,90 @@ class Plan:
                 f"{nearest(self.hold_out, known)}"
             )
 
+    @cached_property
+    def code(self) -> dict[str, str]:
+        """Code and files by learner; none of the toolkit's, which have their version.
+
+        Once known it stays: what is fitted while files are edited was begun with the old ones.
+        """
+        lowest = self.parameters({name: bounds.low for name, bounds in self.ranges.items()})
+        origin = origin_of(self.learner, lowest)
+        code = f"{origin.package} {origin.artifact_hash}".strip()
+        if is_ours(self.learner):  # a text may name a file
+            named = any(isinstance(value, str) for value in lowest.values())
+            code = origin.artifact_hash if named else ""
+        return {self.learner: code} if code else {}
+
     def as_dict(self) -> dict[str, Any]:
         """All that determines what is fitted, as plain data."""
+        ranges = {name: asdict(bounds) for name, bounds in self.ranges.items()}
+        space = {"learner": self.learner, "fixed": dict(self.fixed), "search": ranges}
+        if self.code:
+            space["code"] = self.code
         chosen = {"hold_out": self.hold_out, "candidates": self.candidates}
-        settings = {**self.fit.model_dump(), **chosen}
-        return {"space": self.space.as_dict(), **settings, "version": RESULTS_VERSION}
+        return {"space": space, **self.fit.model_dump(), **chosen, "version": RESULTS_VERSION}
+
+    @property
+    def in_words(self) -> str:
+        """Form of the learner that is fitted: what is fixed, and what is chosen by default.
+
+        >>> Plan("bayes", {"policy": "thompson"}, {}).in_words
+        'bayes was fitted with policy thompson (fixed) and forgets everything (default).'
+        """
+        parts = [f"{name} {value} (fixed)" for name, value in self.fixed.items()]
+        for info in parameter_table(self.learner):
+            if isinstance(info.default, str) and info.name not in {*self.fixed, *self.ranges}:
+                parts.append(f"{info.name} {info.default} (default)")
+        return f"{self.learner} was fitted with {joined(parts) or 'its defaults'}."
+
+    @property
+    def fitted_name(self) -> str:
+        """Name of the fitted learner in an experiment file."""
+        return f"{self.learner.rpartition(':')[2]}_fitted"
+
+    def entry(self, chosen: Chosen) -> dict[str, Any]:
+        """The fitted learner, for an experiment file."""
+        parameters = self.parameters(chosen)
+        return {"learner": self.learner, "name": self.fitted_name, "parameters": parameters}
+
+    def parameters(self, chosen: Chosen) -> dict[str, Any]:
+        """All parameters that differ from the defaults, for a choice of those searched."""
+        searched = {
+            name: int(chosen[name]) if bounds.whole else float(chosen[name])
+            for name, bounds in self.ranges.items()
+        }
+        return {**self.fixed, **searched}
+
+    def spec(self, chosen: Chosen) -> LearnerSpec:
+        """The learner with the parameters of a choice."""
+        made = with_parameters(self.learner, **self.parameters(chosen))
+        return make_experiment(["CC4"], [made]).learners[0]
+
+    def changed(self, ranges: Sequence[str], fixed: Sequence[str], settings: Sequence[str]) -> Plan:
+        """This plan with what the command line has.
+
+        Ranges given there replace all others; what is fixed there is added, and searched no more.
+
+        Raises:
+            OpenLockError: If they cannot be read, or do not fit the learner.
+        """
+        fix = dict(parse_setting(text, "--fix") for text in fixed)
+        given = dict(parse_setting(text, "--set") for text in settings)
+        wanted = dict(map(parse_range, ranges)) or {
+            name: bounds for name, bounds in self.ranges.items() if name not in fix
+        }
+        kept = {name: value for name, value in self.fixed.items() if name not in wanted}
+        fit = read(FitSettings, {**self.fit.model_dump(), **given})
+        return make_plan(self.learner, wanted, {**kept, **fix}, fit)
 
 
-def search_space(
+def make_plan(
     learner: str,
     ranges: Mapping[str, Range],
     fixed: Mapping[str, Any] | None = None,
-) -> SearchSpace:
-    """A search space, checked.
+    fit: FitSettings | None = None,
+) -> Plan:
+    """A plan, checked.
 
     Raises:
         LearnerError: If a parameter is unknown, is not a number, is both fixed and searched, or has
@@ -274,11 +264,11 @@ def search_space(
         if whole and not all(end.is_integer() for end in ends):
             raise LearnerError(f"the bounds of {name} must be whole numbers, as {name} is one")
         checked[name] = replace(bounds, whole=whole)
-    space = SearchSpace(learner, fixed, checked)
+    plan = Plan(learner, fixed, checked, fit or FitSettings())
     for share in (0, 1):
         corner = {name: bounds.at(share) for name, bounds in checked.items()}
-        parse_parameters(learner, space.parameters(corner))
-    return space
+        parse_parameters(learner, plan.parameters(corner))
+    return plan
 
 
 class PlanFile(StrictModel):
@@ -290,22 +280,22 @@ class PlanFile(StrictModel):
     fit: FitSettings = Field(default_factory=FitSettings)
 
 
-def read_plan(path: Path | str) -> tuple[SearchSpace, FitSettings]:
-    """What is searched and how, from a file.
+def read_plan(path: Path | str) -> Plan:
+    """A plan from a file.
 
     Raises:
         FileError: If it is not a plan.
         LearnerError: If it does not fit the learner.
     """
     content = read_document(path).validate(PlanFile)
-    return search_space(content.learner, content.search, content.fixed), content.fit
+    return make_plan(content.learner, content.search, content.fixed, content.fit)
 
 
 @cache
-def bundled_search(learner: str) -> SearchSpace | None:
-    """The search space that comes with the toolkit, if there is one for the learner."""
+def bundled_plan(learner: str) -> Plan | None:
+    """The plan that comes with the toolkit, if there is one for the learner."""
     path = BUNDLED / f"{learner}.yaml"
-    return read_plan(path)[0] if learner.isidentifier() and path.is_file() else None
+    return read_plan(path) if learner.isidentifier() and path.is_file() else None
 
 
 def parse_range(text: str) -> tuple[str, Range]:
@@ -334,23 +324,3 @@ def parse_setting(text: str, option: str) -> tuple[str, Any]:
     if not equals or not value.strip():
         raise OpenLockError(f"{text!r} is not a setting; write name=value")
     return name.strip(), Document(f"value: {value}", option).data["value"]
-
-
-def changed(
-    space: SearchSpace | None, learner: str, ranges: Sequence[str], fixed: Sequence[str]
-) -> SearchSpace:
-    """A space with the command line's ranges and settings.
-
-    Ranges given there replace all those of the space; settings are added to it, and what is fixed
-    is searched no more.
-
-    Raises:
-        OpenLockError: If they cannot be read, or do not fit the learner.
-    """
-    known = space or SearchSpace(learner, {}, {})
-    settings = dict(parse_setting(text, "--fix") for text in fixed)
-    wanted = dict(map(parse_range, ranges)) or {
-        name: bounds for name, bounds in known.ranges.items() if name not in settings
-    }
-    kept = {name: value for name, value in known.fixed.items() if name not in wanted}
-    return search_space(learner, wanted, {**kept, **settings})
