@@ -22,8 +22,6 @@ from causal_openlock.fitting.plan import (
     FitSettings,
     Plan,
     bundled_plan,
-    make_plan,
-    parse_range,
 )
 from causal_openlock.fitting.search import at_bound
 from causal_openlock.fitting.to_actions import fit_all
@@ -44,10 +42,8 @@ def searched(spec: LearnerSpec, ranges: Sequence[str] = ()) -> Plan:
         OpenLockError: If there are none, or they do not fit the learner.
     """
     if ranges:
-        wanted = dict(map(parse_range, ranges))
-        set_to = changed_parameters(spec.learner, spec.parameters)
-        fixed = {name: value for name, value in set_to.items() if name not in wanted}
-        return make_plan(spec.learner, wanted, fixed)
+        fixed = changed_parameters(spec.learner, spec.parameters)
+        return Plan(spec.learner, fixed, {}).changed(ranges, (), ())
     space = bundled_plan(spec.learner)
     if space is None or any(spec.parameters[name] != value for name, value in space.fixed.items()):
         raise LearnerError(

@@ -41,7 +41,6 @@ from scipy.special import digamma, hyperu, polygamma
 from causal_openlock.contract.learner import InformedLearner, Truth
 from causal_openlock.contract.registry import create
 from causal_openlock.experiment.declare import LearnerSpec
-from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.world.randomness import unrelated_generators
 
@@ -227,8 +226,12 @@ def _ask(
     own, luck = (unrelated_generators(0, f"{use}/{key}", numbers) for use in ("copies", "lapses"))
     chance = np.stack([generator.random(done.shape[1]) for generator in luck])
     learner.begin(replace(session.brief, subjects=len(numbers), generators=own))
-    informed = learner if isinstance(learner, InformedLearner) else None
-    _inform(informed, session, copies)
+
+    def inform() -> None:
+        if isinstance(learner, InformedLearner):
+            learner.inform(Truth(session.truth.rooms, np.repeat(session.truth.room, copies)))
+
+    inform()
     valid = np.ones((len(places), copies), dtype=bool)
     for moment in range(np.flatnonzero(wanted.any(axis=0))[-1] + 1):
         view = tiled(session.view, copies)
@@ -244,10 +247,4 @@ def _ask(
         step = session.step(done[:, moment])
         learner.learn(tiled(step, copies))
         if step.trial_over.any():
-            _inform(informed, session, copies)
-
-
-def _inform(learner: InformedLearner | None, session: Session, copies: int) -> None:
-    if learner:
-        truth = session.truth
-        learner.inform(Truth(truth.rooms, np.repeat(truth.room, copies)))
+            inform()

@@ -257,15 +257,11 @@ class Scores:
         path = folder / ACTIONS
         try:
             table = read_table(path.read_bytes())
-        except FileNotFoundError:
-            raise StoreError(
-                f"{folder} holds no scores; make them with: causal-openlock score {folder.parent} "
-                "--learner NAME"
-            ) from None
         except (OSError, ChecksumError) as error:
+            why = "there is none" if isinstance(error, FileNotFoundError) else in_short(error)
             raise StoreError(
-                f"{path} cannot be read ({in_short(error)}); remove it, and score the subjects "
-                "again"
+                f"{path}: cannot be read ({why}); remove it, and score the subjects: "
+                f"causal-openlock score {folder.parent} --learner NAME"
             ) from None
         known = {field.name: str(field.type) for field in table.schema}
         record = (table.schema.metadata or {}).get(RECORD, b"").decode(errors="replace")
@@ -309,18 +305,17 @@ def stored_scores(material: Material) -> tuple[dict[str, Scores], list[str]]:
     for folder in material.folders:
         if not (folder / FOLDER).is_dir():
             continue
-        left_out = f"The scores in {folder.name}/{FOLDER} are left out:"
+        record, experiment = Store(folder).record(ATTEMPT)
+        why = "they are of other actions than those on record"
         try:
             scores = Scores.read(folder / FOLDER)
+            if scores.record == record_digest(record, experiment, set(scores.actions["learner"])):
+                parts.append(scores)
+                continue
         except StoreError:
-            notes.append(f"{left_out} this version cannot read them. Score these subjects again.")
-            continue
-        record, experiment = Store(folder).record(ATTEMPT)
-        if scores.record == record_digest(record, experiment, set(scores.actions["learner"])):
-            parts.append(scores)
-        else:
-            notes.append(f"{left_out} they are of other actions than those on record. Score these "
-                         "subjects again.")  # fmt: skip
+            why = "this version cannot read them"
+        notes.append(f"The scores in {folder.name}/{FOLDER} are left out: {why}. Score these "
+                     "subjects again.")  # fmt: skip
     if not parts:
         return {}, notes
     actions = pd.concat([scores.actions for scores in parts], ignore_index=True)

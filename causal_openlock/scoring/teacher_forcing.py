@@ -9,6 +9,8 @@ gives no probabilities: then copies of it do (:mod:`~causal_openlock.scoring.inv
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -88,14 +90,10 @@ def scored_parts(
     workers: int,
 ) -> Iterator[pd.DataFrame]:
     """The scores of learners on parts of a record, in the order of the jobs."""
-    if workers == 1:
-        for part, spec in jobs:
-            yield score_part(part, spec, lapse, draws)
-        return
-    with worker_pool(workers) as pool:
-        waiting = [pool.submit(score_part, part, spec, lapse, draws) for part, spec in jobs]
-        for job in waiting:
-            yield job.result()
+    with worker_pool(workers) if workers > 1 else nullcontext() as pool:
+        calls = [partial(score_part, part, spec, lapse, draws) for part, spec in jobs]
+        for result in [pool.submit(call).result for call in calls] if pool else calls:
+            yield result()
 
 
 def score_part(
