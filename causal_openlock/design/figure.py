@@ -37,9 +37,7 @@ def _matrix(axes: Axes, table: pd.DataFrame, title: str) -> None:
         if share >= 0.005:
             axes.text(column, row, f"{share:.2f}".lstrip("0"), ha="center", va="center",
                       color="white" if share > 0.6 else "black", fontsize="x-small")  # fmt: skip
-    axes.set_title(title)
-    axes.set_xlabel("attributed to")
-    axes.set_ylabel("made by")
+    axes.set(title=title, xlabel="attributed to", ylabel="made by")
     axes.grid(visible=False)
 
 
@@ -53,8 +51,6 @@ def _by_size(axes: Axes, sizes: pd.DataFrame) -> None:
     axes.xaxis.set_major_locator(FixedLocator(numbers))
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_xticklabels([str(size) for size in numbers])
-    axes.set_ylim(lowest - 0.03, 1.01)
-    axes.set_title("groups of any size")
-    axes.set_xlabel("subjects in a group")
-    axes.set_ylabel("share attributed right")
+    axes.set(title="groups of any size", xlabel="subjects in a group")
+    axes.set(ylabel="share attributed right", ylim=(lowest - 0.03, 1.01))
     axes.legend(fontsize="x-small")

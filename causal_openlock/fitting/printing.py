@@ -62,7 +62,7 @@ def fit_to_actions(
     columns = [*plan.ranges, "bits", "held_out_bits", "actions", "at_bound", "without_effect"]
     names = {"bits": "bits/action", "held_out_bits": "held out"}
     shown = first.set_axis(first.index + worse.fillna(""))[columns].rename(columns=names)
-    _show_fits(shown, list(plan.ranges), console, 3)
+    _show_fits(shown.rename_axis(None), list(plan.ranges), console, 3)
     if len(table) > MOST_ROWS:
         console.print_line(f"and {len(table) - MOST_ROWS} others")
     console.print_line(plan.in_words)
@@ -129,7 +129,7 @@ def fit_to_means(plan: Plan, workers: int, folder: Path) -> None:
 def _show(frame: pd.DataFrame, console: Terminal, digits: int = 2) -> None:
     """Print a table whose rows are named by its index."""
     formats = dict.fromkeys(frame.select_dtypes("float"), f".{digits}f")
-    frame = frame.rename_axis("").reset_index()
+    frame = frame.rename_axis(frame.index.name or "").reset_index()
     console.print_table(Table("fits", "Fits", frame, formats, verbatim=True))
 
 

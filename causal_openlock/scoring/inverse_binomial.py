@@ -28,7 +28,7 @@ Subjects are played again with more copies until every action has been hit, or t
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from functools import lru_cache
 from math import ceil
@@ -186,7 +186,9 @@ def by_draws(
         actions: How many actions there are to choose from.
     """
     tally = Tally(part.asked, part.starts.cumsum(axis=1), lapse, actions)
-    for asked, copies in _rounds(limit_of_draws(draws, lapse, actions)):
+    asked, limit = 0, limit_of_draws(draws, lapse, actions)
+    while asked < limit:
+        copies = min(max(asked, FIRST_COPIES), limit - asked, MOST_COPIES)
         left = np.flatnonzero(tally.open.any(axis=1)).tolist()
         together = max(1, MOST_COPIES // copies)
         for first in range(0, len(left), together):
@@ -197,16 +199,8 @@ def by_draws(
                 for copy in range(copies)
             ]
             _ask(part, scored, places, numbers, tally)
+        asked += copies
     return tally.scores()
-
-
-def _rounds(most: int) -> Iterator[tuple[int, int]]:
-    """Number of copies asked before each round, and in the round."""
-    asked, copies = 0, FIRST_COPIES
-    while asked < most:
-        copies = min(copies, most - asked, MOST_COPIES)
-        yield asked, copies
-        asked, copies = asked + copies, asked + copies
 
 
 def _ask(
