@@ -67,15 +67,13 @@ def fit(
     from causal_openlock.running.workers import available_cores
 
     learner_class(learner)  # fails at once if there is none
+    if hierarchical and not to:
+        raise OpenLockError("--hierarchical fits each subject of a results folder; give --to")
     known = read_plan(plan) if plan else bundled_plan(learner) or Plan(learner, {}, {})
     if known.learner != learner:
         raise LearnerError(f"{plan} is for the learner {known.learner}, and not for {learner}")
     asked = known.changed(search or (), fix or (), settings or ())
     asked.fit.of = of or asked.fit.of
-    if hierarchical and (asked.fit.each or not to):
-        raise OpenLockError(
-            "--hierarchical fits each subject of a folder; give --to, and no each=true"
-        )
     kind = "-hierarchical" if hierarchical else "-each" if asked.fit.each else ""
     folder = out or (to or Path("results")) / f"fit-{learner.replace(':', '.')}{kind}"
     if not ((folder_at(folder) / STEPS).exists() or is_empty(folder)):
