@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,7 +104,7 @@ def feasible(levers: int) -> BoolArray:
     )
 
 
-@cache
+@lru_cache(maxsize=16)
 def free_form_weight(levers: int, simplicity: float) -> FloatArray:
     """``[M]`` probability of each gate-DAG in the free form.
 
@@ -126,7 +126,7 @@ def gate_weight(
     return np.exp(-simplicity * (causes + (threshold > 1.0)))
 
 
-@cache
+@lru_cache(maxsize=256)  # a fit tries many values of simplicity
 def catalogue(
     levers: int,
     solutions: int,

@@ -20,7 +20,7 @@ fits, :func:`metropolis` takes over.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
+from functools import lru_cache
 
 import numpy as np
 
@@ -137,7 +137,7 @@ class Sampler:
         return result
 
 
-@cache
+@lru_cache(maxsize=16)
 def _prior(levers: int, simplicity: float) -> tuple[FloatArray, float]:
     """``[n + 1, 2^n, n + 1]`` weight of each gate by node, causes, threshold; that of all orders.
 
