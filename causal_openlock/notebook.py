@@ -173,8 +173,7 @@ SHOWN_AS: dict[str, Callable[[Any], str]] = {
     "causal_openlock.contract.learner.Learner": learner_html,
     "causal_openlock.comparison.results.Results": results_html,
     "causal_openlock.analysis.report.writing.Report": report_html,
-}
-"""Formatter of the instances of each type and of its subclasses."""
+}  #: formatter of the instances of each type and of its subclasses
 
 
 def register_formatters() -> None:

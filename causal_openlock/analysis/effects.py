@@ -21,10 +21,8 @@ import pandas as pd
 from causal_openlock.analysis.statistics import LEAST_UNITS, LEVEL, SEED, alike, mode
 from causal_openlock.schemas.fsm import FloatArray
 
-ALPHA = 0.05
-"""Significance level."""
-PERMUTATIONS = 9999
-"""Random permutations of a test."""
+ALPHA = 0.05  #: significance level
+PERMUTATIONS = 9999  #: random permutations of a test
 
 
 def holm(p: FloatArray) -> FloatArray:

@@ -25,36 +25,24 @@ if TYPE_CHECKING:
 BASELINES, TRANSFERS = PAPER_CONDITIONS[:2], PAPER_CONDITIONS[2:]
 """The paper's six conditions; tables and figures show them in this order, before any others."""
 
-CELL = ["learner", "condition", "protocol"]
-"""Columns that a group of subjects has in common."""
-
-SUBJECT = ["experiment", "seed", "subject"]
-"""Columns that identify a subject within its group."""
-
+CELL = ["learner", "condition", "protocol"]  #: columns that a group of subjects has in common
+SUBJECT = ["experiment", "seed", "subject"]  #: columns that identify a subject within its group
 VISIT = ["phase", "loop", "trial"]
 """Columns that identify a trial of a subject, in the order of time."""
 
-PHASE = [*CELL, *SUBJECT, "phase"]
-"""Columns that identify a phase of a subject."""
-
+PHASE = [*CELL, *SUBJECT, "phase"]  #: columns that identify a phase of a subject
 TRIAL = [*CELL, *SUBJECT, *VISIT, "schema", "layout"]
 """Columns that identify a trial, and its room."""
 
-NAMES = [*CELL, "experiment", "phase", "schema", "layout", "category"]
-"""Columns of names."""
-
+NAMES = [*CELL, "experiment", "phase", "schema", "layout", "category"]  #: columns of names
 SOLUTIONS = ("first", "second", "third")
 """Columns with what each solution cost, in the order in which solutions were found."""
 
 OUTCOMES = ("neither", *CATEGORIES[1:])
 """Columns with attempts of each category; the first, ``else``, is a keyword of Python."""
 
-START = 10
-"""The first tenth of a trial's attempts, and at least one attempt, are its start."""
-
-BLOCKS = 5
-"""Shares of a phase in which categories are counted, as in the paper's Figure 6."""
-
+START = 10  #: the first tenth of a trial's attempts, and at least one attempt, are its start
+BLOCKS = 5  #: shares of a phase in which categories are counted, as in the paper's Figure 6
 AT_ONCE = 1_000_000
 """Attempts that :func:`count` counts at once, or those of one subject number where it has more."""
 
@@ -62,8 +50,7 @@ _FIRST = {"condition": PAPER_CONDITIONS, "protocol": ("human",), "phase": PHASES
 COLUMNS = [
     *(*TRIAL, "attempts", *SOLUTIONS, "first_solution", "last_attempt", "solved"),
     *("solutions_found", "solutions", *OUTCOMES, "opened_at_start"),
-]
-"""Columns of :func:`attempts_to_solve`."""
+]  #: columns of :func:`attempts_to_solve`
 
 
 def attempts_to_solve(record: pa.Table) -> pd.DataFrame:
@@ -75,9 +62,7 @@ def attempts_to_solve(record: pa.Table) -> pd.DataFrame:
     >>> trials[["subject", "trial", "attempts", "solved"]].head(2).values.tolist()
     [[0, 1, 3, True], [0, 2, 3, True]]
 
-    Args:
-        record: Columns as in :func:`causal_openlock.experiment.record.record_schema`, rows in any
-            order.
+    Rows of the record may be in any order.
 
     Returns:
         One row for each trial that a subject played, sorted by :data:`CELL`, :data:`SUBJECT` and
@@ -262,10 +247,7 @@ def at_places(
 ) -> tuple[FloatArray, list[tuple[Any, ...]]]:
     """``[n, P]`` a value of n subjects of one group at each of P places, and the places.
 
-    Args:
-        each: A row for each subject and place, such as from :func:`by_subject`.
-        by: What makes up a place.
-        value: The column; NaN where a subject was not at a place.
+    ``each`` has a row for each subject and place; it is NaN where a subject was not at a place.
     """
     table = each.set_index([*SUBJECT, *by])[value].unstack([*by])
     places = table.columns.to_frame().itertuples(index=False, name=None)

@@ -19,10 +19,8 @@ from causal_openlock.errors import OpenLockError
 from causal_openlock.files.validation import whole_number
 
 LEAST_ALPHA = 1e-12
-POWER = 0.8
-"""Wanted probability of finding a difference that exists."""
-MOST_SUBJECTS = 1_000_000
-"""The largest group whose power is computed."""
+POWER = 0.8  #: wanted probability of finding a difference that exists
+MOST_SUBJECTS = 1_000_000  #: the largest group whose power is computed
 
 
 class SampleSize(NamedTuple):

@@ -17,34 +17,24 @@ from numpy.typing import ArrayLike
 from causal_openlock.schemas.fsm import BoolArray, FloatArray
 from causal_openlock.wording import counted
 
-FEW_SUBJECTS = 20
-"""Groups of fewer subjects than this are warned about."""
-LEAST_UNITS = 5
-"""Means over fewer subjects have no interval."""
-APPROXIMATE = 10
-"""Intervals over fewer subjects are marked as approximate."""
-MOST_ALIKE = 0.9
-"""A mean has no interval where this share of the subjects has the same value."""
+FEW_SUBJECTS = 20  #: groups of fewer subjects than this are warned about
+LEAST_UNITS = 5  #: means over fewer subjects have no interval
+APPROXIMATE = 10  #: intervals over fewer subjects are marked as approximate
+MOST_ALIKE = 0.9  #: a mean has no interval where this share of the subjects has the same value
 LEVEL = 0.95
-SEED = 2018
-"""Seed of whatever a table draws at random, so that tables agree."""
+SEED = 2018  #: seed of whatever a table draws at random, so that tables agree
 
 
-def too_few(subjects: int, to: str = "rank learners", where: str = "") -> str:
-    """Say that subjects are too few for a conclusion; empty if there are enough.
+def too_few(subjects: int, to: str = "rank learners") -> str:
+    """Say that subjects are too few ``to`` conclude something; empty if there are enough.
 
     >>> too_few(2), too_few(FEW_SUBJECTS)
     ('2 subjects are too few to rank learners', '')
-
-    Args:
-        subjects: How many there are.
-        to: What they are too few to do.
-        where: What they are the subjects of, with a space before it.
     """
     if subjects >= FEW_SUBJECTS:
         return ""
     are = "is" if subjects == 1 else "are"
-    return f"{counted(subjects, 'subject')}{where} {are} too few to {to}"
+    return f"{counted(subjects, 'subject')} {are} too few to {to}"
 
 
 def sizes(rows: pd.DataFrame) -> str:
@@ -79,7 +69,7 @@ def mean_intervals(frame: pd.DataFrame, by: Sequence[str], value: str) -> pd.Dat
     return table.reset_index()[[*by, "ci_low", "ci_high", "mode", "at_mode"]]
 
 
-def mean_interval(values: FloatArray, level: float = LEVEL) -> tuple[float, float]:
+def mean_interval(values: FloatArray) -> tuple[float, float]:
     """Student's interval of the mean of ``[n]`` subjects; NaN where it has none.
 
     >>> low, high = mean_interval(np.array([3.0, 4, 3, 5, 4, 4]))
@@ -88,7 +78,7 @@ def mean_interval(values: FloatArray, level: float = LEVEL) -> tuple[float, floa
     """
     size = len(values)
     variance = values.var(ddof=1) if size > 1 else np.nan
-    low, high = student(size, values.mean(), variance, mode(values)[1], level)
+    low, high = student(size, values.mean(), variance, mode(values)[1])
     return float(low), float(high)
 
 
@@ -170,7 +160,7 @@ def share_interval(
     return (middle - half) / whole, (middle + half) / whole
 
 
-def median_interval(values: FloatArray, level: float = LEVEL) -> tuple[float, float]:
+def median_interval(values: FloatArray) -> tuple[float, float]:
     """Exact interval of the median of ``[n]`` subjects, from the sign test; NaN for too few.
 
     >>> median_interval(np.array([5.0, 3, 4, 9, 7, 30]))
@@ -179,7 +169,7 @@ def median_interval(values: FloatArray, level: float = LEVEL) -> tuple[float, fl
     from scipy.special import bdtr
 
     size = len(values)
-    outside = int((bdtr(np.arange(size), size, 0.5) <= (1 - level) / 2).sum())
+    outside = int((bdtr(np.arange(size), size, 0.5) <= (1 - LEVEL) / 2).sum())
     if not outside:
         return np.nan, np.nan
     ordered = np.sort(values)

@@ -23,39 +23,29 @@ from causal_openlock.files.escaping import csv_of
 if TYPE_CHECKING:
     from markupsafe import Markup
 
-LONG_TEXT = 40
-"""Cells of more characters than this are wrapped."""
-MANY_COLUMNS = 9
-"""Tables of more columns than this are set smaller."""
+LONG_TEXT = 40  #: cells of more characters than this are wrapped
+MANY_COLUMNS = 9  #: tables of more columns than this are set smaller
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table that is shown; its files, where they are wanted, are called ``name``.
+    """A table that is shown.
 
     >>> frame = pd.DataFrame({"learner": ["bayes"], "mean_attempts": [3.751]})
-    >>> table = Table("attempts", "Attempts", frame, {"mean_attempts": ".2f"})
+    >>> table = Table("attempts", "Attempts", frame)
     >>> table.heads, table.rows
     (['learner', 'mean attempts'], [['bayes', '3.75']])
-
-    Attributes:
-        name: Name of its files, without ending.
-        title: What it is.
-        frame: Its values as they were computed, unrounded; columns are headed by their names.
-        formats: How to print a column (``.2f``, ``+.2f``, ``.1%``, ``,``; ``s`` sets text to the
-            right, as numbers are); others as text.
-        caption: What a reader needs to know, in whole sentences.
-        looks: What marks a row, by its number: a class of the page's style.
-        verbatim: Whether names of columns are shown as they are, and not with spaces for ``_``.
     """
 
-    name: str
+    name: str  #: of its files, without ending
     title: str
-    frame: pd.DataFrame
+    frame: pd.DataFrame  #: its values as they were computed; columns are headed by their names
     formats: Mapping[str, str] = field(default_factory=dict)
-    caption: str = ""
-    looks: Mapping[int, str] = field(default_factory=dict)
-    verbatim: bool = False
+    """How to print a column (``+.2f``, ``.1%``; ``s`` sets text to the right, as numbers are); by
+    default numbers have two decimals, or none if they are whole."""
+    caption: str = ""  #: what a reader needs to know, in whole sentences
+    looks: Mapping[int, str] = field(default_factory=dict)  #: a row's class of the page's style
+    verbatim: bool = False  #: whether columns are headed as they are, and not with spaces for ``_``
 
     @property
     def heads(self) -> list[str]:
@@ -154,19 +144,15 @@ def write_table(table: pd.DataFrame, path: Path | str) -> None:
 
 
 def printed(value: Any, form: str | None) -> str:
-    """A value as the page prints it.
-
-    Args:
-        value: Anything; ``None`` and NaN stand for no value.
-        form: As for :func:`format`; by default as text.
-    """
+    """A value as the page prints it, in a form of :func:`format`; None and NaN are a dash."""
     if value is None or (isinstance(value, float) and value != value) or value is pd.NA:
         return "–"
     if isinstance(value, bool) or type(value).__name__ == "bool":  # NumPy has a bool of its own
         return "yes" if value else "no"
     if isinstance(value, int | float) or form:
-        text = format(value + 0.0 if isinstance(value, float) else value, form or "")
-        if form and re.fullmatch(r"-0*\.?0*%?", text):
+        form = form or (".2f" if isinstance(value, float) else ",")
+        text = format(value + 0.0 if isinstance(value, float) else value, form)
+        if re.fullmatch(r"-0*\.?0*%?", text):
             text = text[1:]  # a minus that nothing is left of
         return text.replace("-", "−", 1) if text.startswith("-") else text.replace("e-", "e−")
     return str(value)

@@ -95,17 +95,11 @@ def drawn(
 
 
 class Topic(NamedTuple):
-    """One idea of a report.
+    """One idea of a report."""
 
-    Attributes:
-        name: Letters, digits and underscores.
-        place: Where its section stands; topics of the toolkit have places from 10 to 140.
-        section: From the results to the section; None where they hold nothing that it is about.
-    """
-
-    name: str
-    place: int
-    section: Callable[[Material], Section | None]
+    name: str  #: letters, digits and underscores
+    place: int  #: where its section stands; topics of the toolkit have places from 10 to 140
+    section: Callable[[Material], Section | None]  #: None where results hold nothing on it
 
 
 def all_topics() -> list[Topic]:

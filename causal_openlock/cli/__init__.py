@@ -18,13 +18,12 @@ from typer.core import TyperGroup
 
 from causal_openlock.cli import (
     compare,
-    export,
+    folder,
     learners,
     notebook,
     pictures,
     report,
     schema,
-    status,
     text,
 )
 from causal_openlock.cli.terminal import complain, say, warn_in_a_line, write_anything
@@ -39,8 +38,7 @@ GROUPS = {
     "People": ("import", "forget", "text"),
     "Predict": ("score", "fit", "design"),
     "Share": ("export", "bundle"),
-}
-"""Groups in which ``--help`` lists commands, what a newcomer needs first; all others come last."""
+}  #: groups in which ``--help`` lists commands, what a newcomer needs first; all others come last
 
 
 class GroupedCommands(TyperGroup):
@@ -75,9 +73,9 @@ for _command in (
     learners.learners,
     compare.compare,
     report.report,
-    status.status,
-    export.export,
-    export.bundle,
+    folder.status,
+    folder.export,
+    folder.bundle,
     pictures.trace,
     pictures.film,
     pictures.room,

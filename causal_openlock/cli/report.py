@@ -14,8 +14,7 @@ from causal_openlock.errors import OpenLockError
 if TYPE_CHECKING:
     from causal_openlock.comparison.results import Results
 
-MOST_MISSING = 40
-"""Missing cells that are listed on the terminal; the report has them all."""
+MOST_MISSING = 40  #: missing cells that are listed on the terminal; the report has them all
 
 
 def report(

@@ -156,18 +156,11 @@ def play(
 ) -> CellsFailed | None:
     """Play the missing cells of an experiment, with warnings for the user.
 
-    Args:
-        experiment: The experiment.
-        folder: Its results folder.
-        warn: Called with a sentence for each thing to know: what takes long, which cells failed.
-        progress: Called with the progress every second.
-        **options: As for :func:`~causal_openlock.running.runner.run`.
+    ``warn`` is called with a sentence for each thing to know: what takes long, which cells failed;
+    options are those of :func:`~causal_openlock.running.runner.run`.
 
     Returns:
         That cells failed, if some did; the reasons have been told.
-
-    Raises:
-        OpenLockError: If what is asked for cannot be done.
     """
     reasons = experiment.reasons if experiment.cells() else ()  # else it is an error
     for warning in [*warnings_of(experiment), *reasons]:

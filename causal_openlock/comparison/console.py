@@ -21,8 +21,7 @@ if TYPE_CHECKING:
 
     from causal_openlock.analysis.table import Table as PrintedTable
 
-MOST_COLUMNS = 1000
-"""Most characters of a table that is wider than the terminal."""
+MOST_COLUMNS = 1000  #: most characters of a table that is wider than the terminal
 
 
 class Terminal(RichConsole):

@@ -15,19 +15,13 @@ if TYPE_CHECKING:
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.running.progress import RunProgress
 
-Show = Callable[["RunProgress"], None]
-"""Called repeatedly with the progress of all cells."""
-Say = Callable[[str], None]
-"""Prints a line."""
+Show = Callable[["RunProgress"], None]  #: called repeatedly with the progress of all cells
+Say = Callable[[str], None]  #: prints a line
 
-LINE_EVERY = 25.0
-"""Seconds between two lines."""
-FIRST_AFTER = 3.0
-"""Seconds after which a long task first names its step."""
-STILL = 60.0
-"""Seconds without a step after which a cell is reported."""
-MOST_NAMED = 3
-"""Cells that a line names."""
+LINE_EVERY = 25.0  #: seconds between two lines
+FIRST_AFTER = 3.0  #: seconds after which a long task first names its step
+STILL = 60.0  #: seconds without a step after which a cell is reported
+MOST_NAMED = 3  #: cells that a line names
 
 
 @contextmanager
@@ -57,16 +51,10 @@ def shown_here(name: str) -> Iterator[Show | None]:
 
 @contextmanager
 def shown_steps(name: str) -> Iterator[Say]:
-    """Show on standard error which step of a long task is running.
+    """Show on standard error which step of a long task is running; yield what begins a step.
 
     On a terminal it is a line that disappears at the end. In a file, it is a line after three
     seconds, and then from time to time.
-
-    Args:
-        name: The task's name.
-
-    Yields:
-        A function to call with the name of each step when it begins.
     """
     from causal_openlock.comparison.console import Terminal
 
@@ -95,9 +83,7 @@ def shown_steps(name: str) -> Iterator[Say]:
 def counting(begin: Say, what: str) -> Callable[[int, int], None]:
     """Show how many parts of a task are done, and the time left at the pace since the first call.
 
-    Args:
-        begin: Shows a step, from :func:`shown_steps`.
-        what: Follows the numbers, such as ``parts are scored``.
+    ``begin`` is from :func:`shown_steps`; ``what`` follows the numbers: ``parts are scored``.
     """
     first: list[tuple[float, int]] = []
 

@@ -42,10 +42,8 @@ if TYPE_CHECKING:
     from causal_openlock.experiment.making import LearnerForm
     from causal_openlock.scoring.scores import Scores
 
-SUBJECTS = [*CELL, *SUBJECT]
-"""Columns that identify a subject."""
-ROOM = [*VISIT, "schema", "layout"]
-"""Columns that identify a trial of a subject, and its room."""
+SUBJECTS = [*CELL, *SUBJECT]  #: columns that identify a subject
+ROOM = [*VISIT, "schema", "layout"]  #: columns that identify a trial of a subject, and its room
 
 
 def _table_of(topic: str, name: str, about: str) -> cached_property[pd.DataFrame]:

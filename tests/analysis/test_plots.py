@@ -22,8 +22,7 @@ from causal_openlock.analysis.measures import TRANSFERS, count
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.style import WIDTH, PlotStyle
 from causal_openlock.analysis.plots.sweep import plot_sweep, sweep_table
-from causal_openlock.analysis.report.learner_pages import learner_pages
-from causal_openlock.analysis.report.writing import figures_of
+from causal_openlock.analysis.report.writing import figures_of, learner_pages
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.topic import all_topics, sections_of
 from causal_openlock.comparison.plotting import Plots

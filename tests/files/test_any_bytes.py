@@ -17,7 +17,7 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from causal_openlock.analysis.topics.language_models import _counts
-from causal_openlock.cli.status import status
+from causal_openlock.cli.folder import status
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.beside_record import (
     read_answers,

@@ -27,13 +27,13 @@ from causal_openlock.belief.trace import Moment, Trace, agreement, percent, show
 from causal_openlock.render.graph import draw_schema
 
 MOST_ACTIONS, MOST_ARROWS = 36, 20
-THRESHOLD = 0.1
-"""Arrows that are not true and were never more probable than this are not shown."""
+THRESHOLD = 0.1  #: arrows that are not true and were never more probable than this are not shown
 
 # In inches: what is beside the columns, the narrowest column, and the structures below.
 _BESIDE, _NARROWEST, _GRAPHS = 2.4, 0.125, 2.1
 _SMALL = 7.0  # size of small type
 _INK, _FAINT = "#222222", "#9A9A9A"
+_LIKENESS = {"same": "the true one", "alike": "acts like the true one"}
 _RENEWED: Any = {"color": _FAINT, "lw": 1.0, "ls": (0, (1.5, 1.5))}
 
 
@@ -78,10 +78,7 @@ def plot_beliefs(
 def plot_trace(trace: Trace, *, actions: int = MOST_ACTIONS, ax: Any = None) -> Any:
     """The same of a trace, such as :func:`causal_openlock.belief.trace.trace_trial` gives.
 
-    Args:
-        trace: What happened.
-        actions: Most actions to show; of a longer trial the first attempts are shown that fit.
-        ax: As in :func:`plot_beliefs`, as what is returned.
+    Of a trial of more ``actions`` than these, the first attempts are shown that fit.
     """
     shown = Part.of(trace, actions)
     names = list(map(shown_name, shown.actions))
@@ -116,24 +113,18 @@ def plot_trace(trace: Trace, *, actions: int = MOST_ACTIONS, ax: Any = None) -> 
         for axes in (entropy, gains, matrix):
             for begin, _ in shown.attempts:
                 axes.axvline(begin, color="#A8A8A8", lw=0.6, zorder=0.5)
-        final = trace.moments[-1]
-        likeness = {
-            "same": "the true one",
-            "alike": "acts like the true one",
-            "different": "acts otherwise",
-        }[agreement(trace)]
-        title = f"Most probable in the end ({percent(final.probability)}): {likeness}"
+        probable = percent(trace.moments[-1].probability)
+        likeness = _LIKENESS.get(agreement(trace), "acts otherwise")
+        title = f"Most probable in the end ({probable}): {likeness}"
         for axes, schema, text in (
-            (most_probable, final.structure, title),
+            (most_probable, trace.moments[-1].structure, title),
             (truth, trace.truth, "True structure"),
         ):
             for name in draw_schema(schema, axes).texts:
                 name.set(fontsize=0.92 * float(name.get_fontsize()))  # capitals are wide
             axes.set_title(text, loc="center", fontsize="medium")
         handles = timeline.get_legend_handles_labels()[0]
-        expected, obtained = _bars()
-        handles += [Patch(label="bits expected", **expected)]
-        handles += [Patch(label="bits obtained", **obtained)]
+        handles += [Patch(label=f"bits {what}", **look) for what, look in _bars().items()]
         if any(action.renewed for action in shown.actions):
             handles.append(Line2D([], [], label="other hypotheses", **_RENEWED))
         timeline.figure.legend(
@@ -157,32 +148,24 @@ def _looks() -> dict[str, dict[str, Any]]:
     }
 
 
-def _bars() -> tuple[dict[str, Any], dict[str, Any]]:
+def _bars() -> dict[str, dict[str, Any]]:
     """How bits that are expected look, and bits that are obtained."""
     own = style.current()
-    return (
-        {"fc": "white", "ec": own.common_effect, "lw": 0.9, "hatch": "////"},
-        {"fc": own.common_cause, "ec": _INK, "lw": 0.6},
-    )
+    return {
+        "expected": {"fc": "white", "ec": own.common_effect, "lw": 0.9, "hatch": "////"},
+        "obtained": {"fc": own.common_cause, "ec": _INK, "lw": 0.6},
+    }
 
 
 @dataclass(frozen=True)
 class Part:
-    """The part of a trace that is drawn.
+    """The part of a trace that is drawn."""
 
-    Attributes:
-        trace: What happened.
-        actions: The first actions, those that are shown.
-        arrows: The arrows that are shown, from position to position or the door, in order.
-        true: How many of them are in the true structure; these come first.
-        left_out: How many arrows that were probable at some time are not shown.
-    """
-
-    trace: Trace
-    actions: list[Moment]
-    arrows: list[tuple[int, int]]
-    true: int
-    left_out: int
+    trace: Trace  #: what happened
+    actions: list[Moment]  #: the first actions, those that are shown
+    arrows: list[tuple[int, int]]  #: that are shown, from position to position or the door
+    true: int  #: how many of them are in the true structure; these come first
+    left_out: int  #: how many arrows that were probable at some time are not shown
 
     @classmethod
     def of(cls, trace: Trace, most_actions: int = MOST_ACTIONS) -> Part:
@@ -269,7 +252,8 @@ def _draw_gains(axes: Axes, shown: Part) -> None:
     expected = np.array([action.gain_predicted for action in shown.actions])
     # The difference between beliefs in different hypotheses is no information.
     obtained = np.array([0.0 if one.renewed else one.gain_obtained for one in shown.actions])
-    for aside, values, look in zip((-0.2, 0.2), (expected, obtained), _bars(), strict=True):
+    looks = _bars().values()
+    for aside, values, look in zip((-0.2, 0.2), (expected, obtained), looks, strict=True):
         (some,) = np.nonzero(np.abs(values) > 0.005)  # where there is nothing, no line is drawn
         axes.bar(some + 1 + aside, values[some], width=0.36, zorder=2, **look)
     low, high = min(0.0, obtained.min()), max(expected.max(), obtained.max(), 0.5)

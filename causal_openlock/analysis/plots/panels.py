@@ -28,11 +28,9 @@ from causal_openlock.errors import NothingToDrawError, OpenLockError
 from causal_openlock.files.validation import several
 from causal_openlock.wording import nearest
 
-Names = Collection[str] | None
-"""Labels of learners or conditions; None for all."""
+Names = Collection[str] | None  #: labels of learners or conditions; None for all
 
-Layout = Callable[[Figure], Sequence[Axes]]
-"""Gives a figure its size and its panels."""
+Layout = Callable[[Figure], Sequence[Axes]]  #: gives a figure its size and its panels
 
 
 def set_size(figure: Figure, width: float, height: float) -> None:
@@ -43,15 +41,10 @@ def set_size(figure: Figure, width: float, height: float) -> None:
 
 @dataclass(frozen=True)
 class Panels:
-    """The axes of the panels, in order.
-
-    Attributes:
-        axes: The axes.
-        figure: The figure that was made for them; None if they were given.
-    """
+    """The axes of the panels, in order."""
 
     axes: list[Axes]
-    figure: Figure | None
+    figure: Figure | None  #: that was made for them; None if they were given
 
     @property
     def returned(self) -> Any:

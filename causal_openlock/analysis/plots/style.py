@@ -32,30 +32,24 @@ IDEAL = "ideal observer (schema known)"
 """Name of the bound of :mod:`~causal_openlock.analysis.results.bounds` in figures, a line in
 them."""
 
-WIDTH = 7.2
-"""Width of a full figure in inches: two columns of a printed page."""
+WIDTH = 7.2  #: width of a full figure in inches: two columns of a printed page
 
 _RC: Any = {
-    "font.family": "DejaVu Sans",  # comes with matplotlib
     "font.size": 8.5,
     "axes.titlesize": 9,
     "axes.titleweight": "bold",
     "axes.titley": 1.0,  # where it is, and need not be searched for
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "axes.linewidth": 0.8,
     "axes.grid": True,
     "axes.grid.axis": "y",
     "axes.axisbelow": True,
     "grid.color": "#E4E4E4",
     "grid.linewidth": 0.6,
     "legend.frameon": False,
-    "legend.fontsize": 8.5,
     "xtick.labelsize": 8,
     "ytick.labelsize": 8,
     "hatch.linewidth": 0.6,
-    "figure.facecolor": "white",
-    "svg.fonttype": "path",  # looks the same wherever it is opened
     "pdf.fonttype": 42,  # text that journals accept and readers can search
     "svg.hashsalt": "causal-openlock",  # equal figures are equal files
 }
@@ -63,27 +57,21 @@ _RC: Any = {
 
 @dataclass(frozen=True)
 class PlotStyle:
-    """How figures look.
+    """How figures look."""
 
-    Attributes:
-        common_cause: Colour of what trains common cause (CC3, CC4).
-        common_effect: Colour of what trains common effect (CE3, CE4).
-        others: Colours of other conditions, or of learners in one panel, in turn.
-        categories: Colours of the five categories of attempts, from ``else`` to ``open 3``.
-        labels: Names to print for learners and conditions, by their own.
-        colors: Colours of learners and conditions, by name. A learner that has a panel of its own
-            has its title in this colour.
-        rc: Settings of matplotlib (``rcParams``) for figures that are made here: fonts, sizes,
-            line widths, grids. Axes that were given keep those that they were made with.
-    """
-
-    common_cause: str = "#E69F00"
-    common_effect: str = "#00427A"
+    common_cause: str = "#E69F00"  #: colour of what trains common cause (CC3, CC4)
+    common_effect: str = "#00427A"  #: colour of what trains common effect (CE3, CE4)
     others: tuple[str, ...] = ("#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#000000")
+    """Colours of other conditions, or of learners in one panel, in turn."""
     categories: tuple[str, ...] = ("#E2E2E2", "#D3C5EA", "#AB8FD3", "#7F55B3", "#4C2483")
+    """Colours of the five categories of attempts, from ``else`` to ``open 3``."""
     labels: Mapping[str, str] = field(default_factory=dict)
+    """Names to print for learners and conditions, by their own."""
     colors: Mapping[str, str] = field(default_factory=dict)
+    """Colours of learners and conditions, and of the titles of learners' own panels, by name."""
     rc: Mapping[str, Any] = field(default_factory=lambda: dict(_RC))
+    """Settings of matplotlib (``rcParams``) for figures that are made here: fonts, sizes, line
+    widths, grids. Axes that were given keep those that they were made with."""
 
     def __post_init__(self) -> None:
         """Let matplotlib refuse what is no colour or setting before anything is drawn."""
@@ -165,8 +153,7 @@ def settings() -> Iterator[None]:
     mpl.interactive(interactive)  # a notebook's first figure turns it on, for those that follow
 
 
-MOST_BANDS = 4
-"""Most learners whose bands are drawn; those of more would cover each other."""
+MOST_BANDS = 4  #: most learners whose bands are drawn; those of more would cover each other
 
 
 def label(name: str, most: int = 200) -> str:

@@ -22,8 +22,7 @@ from causal_openlock.wording import joined, nearest
 
 LOGARITHMIC = 100
 """Positive values are on a logarithmic axis if the highest is this many times the lowest."""
-MOST_NAMED = 6
-"""More numbers than these are not each named at the axis."""
+MOST_NAMED = 6  #: more numbers than these are not each named at the axis
 
 
 def sweep_table(results: Material, parameter: str | None = None) -> pd.DataFrame:

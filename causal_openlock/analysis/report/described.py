@@ -17,9 +17,7 @@ def described(
 ) -> dict[str, pd.DataFrame]:
     """Return what was run as tables of text, by their titles.
 
-    Args:
-        experiment: What was run.
-        trials: What was played of it, which says how many trials each subject had.
+    The ``trials`` that were played of it say how many each subject had.
 
     Example:
         >>> from causal_openlock import make_experiment

@@ -36,9 +36,7 @@ from causal_openlock.analysis.topic import Section, drawn
 from causal_openlock.storage.store import StoredExperiment
 from causal_openlock.wording import counted, some
 
-MOST_DRAWN = 60
-"""Differences between two results that are drawn: the first ones."""
-
+MOST_DRAWN = 60  #: differences between two results that are drawn: the first ones
 FORMATS = {
     **dict.fromkeys(("subjects_first", "subjects_second"), ","),
     **dict.fromkeys(("attempts_first", "attempts_second"), ".2f"),
@@ -146,15 +144,9 @@ def write_difference(
     names: tuple[str, str],
     figures: bool = False,
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Write the page that compares two results.
+    """Write the page that compares two results of these names, such as those of their folders.
 
-    Args:
-        first: The ones.
-        second: The others.
-        path: The page.
-        names: What to call them, such as the names of their folders.
-        figures: Whether its figure and tables are also written as files, to ``figures/`` and
-            ``tables/`` next to the page.
+    With ``figures``, its figure and tables are also written as files next to it.
 
     Returns:
         :func:`changes` and :func:`compared`.

@@ -37,9 +37,6 @@ def methods(results: Material) -> Methods:
     >>> results = compare("CC4", ["oracle"], subjects=2, workers=0)
     >>> print(results.methods().split(". ")[1])
     Condition CC4 (CC4): 5 trials
-
-    Args:
-        results: The results of one or more folders.
     """
     seeds = [str(seed) for seed in sorted(results.trials["seed"].astype(int).unique())]
     versions = [

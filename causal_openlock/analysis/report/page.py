@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from jinja2 import Environment
     from markupsafe import Markup
 
-LONG = 24
-"""Tables of more rows than this are closed until they are opened."""
+LONG = 24  #: tables of more rows than this are closed until they are opened
 
 
 def write_page(
@@ -31,17 +30,11 @@ def write_page(
     record: str = "",
     **values: Any,
 ) -> None:
-    """Write a page, and, if wanted, its figures and tables as files next to it.
+    """Write a page of some sections by a template, to which further ``values`` go.
 
-    Args:
-        path: The page.
-        template: Its name.
-        sections: What the page shows.
-        figures: Whether figures are also written as PDF, to ``figures/``, and tables that have a
-            name as CSV and LaTeX, to ``tables/``. On the page and in LaTeX numbers are printed as
-            a table asks for; CSV has them as they were computed, to six significant digits.
-        record: The digest of what the page is about.
-        **values: Whatever else the template shows.
+    With ``figures``, its figures are also written as PDF, to ``figures/`` next to it, and tables
+    that have a name as CSV and LaTeX, to ``tables/``: CSV has numbers as they were computed, to six
+    significant digits. ``record`` is the digest of what the page is about.
 
     Raises:
         OpenLockError: If a file cannot be written.

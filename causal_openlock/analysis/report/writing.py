@@ -13,18 +13,20 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.effects import ALPHA
 from causal_openlock.analysis.plots.categories import counts_like_ddqn, plot_categories
 from causal_openlock.analysis.plots.course import plot_course
+from causal_openlock.analysis.plots.subjects import plot_subjects
 from causal_openlock.analysis.report.described import described, in_words
-from causal_openlock.analysis.report.learner_pages import learner_pages
 from causal_openlock.analysis.report.page import write_page
 from causal_openlock.analysis.report.warnings import about_people, not_applicable, warnings_of
 from causal_openlock.analysis.results.by_condition import condition_tables
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.missing import missing_cells, unfinished, with_missing
+from causal_openlock.analysis.statistics import sizes
 from causal_openlock.analysis.table import Table, write_table
 from causal_openlock.analysis.topic import (
     Section,
@@ -55,8 +57,7 @@ CATEGORIES = {
         "among attempts of the test phase in the transfer conditions; the first panel shows the "
         "paper's own DDQN (Figure 7)",
     ),
-}
-"""By kind of conditions, the title of a figure and what it shows."""
+}  #: by kind of conditions, the title of a figure and what it shows
 
 HEIGHTS = (
     "Open 1, 2 and 3: the attempt opened the door with the first, second or third new solution of "
@@ -69,18 +70,13 @@ HEIGHTS = (
 
 @dataclass(frozen=True)
 class Report:
-    """A report that is written; a notebook shows its page.
+    """A report that is written; a notebook shows its page."""
 
-    Attributes:
-        path: Its page, ``report.html``.
-        answers: The sentences that it opens with, by protocol.
-        leaderboard: Its first table, from
-            :func:`~causal_openlock.analysis.topics.leaderboard.leaderboard`.
-    """
-
-    path: Path
+    path: Path  #: its page, ``report.html``
     answers: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """The sentences that it opens with, by protocol."""
     leaderboard: pd.DataFrame = field(default_factory=pd.DataFrame, repr=False, compare=False)
+    """Its first table, from :func:`~causal_openlock.analysis.topics.leaderboard.leaderboard`."""
 
     def open(self) -> None:
         """Open the page in a browser."""
@@ -94,16 +90,10 @@ def make_report(
     begin: Callable[[str], None] = lambda _: None,
     figures: bool = False,
 ) -> Report:
-    """Write the report of some results.
+    """Write the report of some results on these topics: ``report.html`` and ``summary.csv``.
 
-    Args:
-        material: The results.
-        out_dir: The folder to write ``report.html`` and ``summary.csv`` to; it is made if it does
-            not exist.
-        topics: What it is about; by default :func:`~causal_openlock.analysis.topic.all_topics`.
-        begin: Called before each step with its name, such as ``describing survival``.
-        figures: Whether figures and tables are also written as files, to ``figures/`` and
-            ``tables/``.
+    With ``figures``, figures and tables are also written as files, to ``figures/`` and ``tables/``.
+    ``begin`` is called before each step with its name, such as ``describing survival``.
 
     Raises:
         OpenLockError: If a file cannot be written; those that were there stay whole.
@@ -177,6 +167,55 @@ def figures_of(material: Material) -> list[SectionPlot]:
         name, title = f"attempts_by_trial_{part}", f"Trial by trial, protocol {protocol}"
         plots.append(drawn(name, plot_course, material, title, caption, protocol=protocol))
     return [replace(plot, folded=True) for plot in plots]
+
+
+def learner_pages(material: Material) -> Section:
+    """A figure for each learner, in their order, and a table for each of its protocols.
+
+    A mean hides whether all subjects did alike or half of them never solved a trial: in the figure
+    every subject counts.
+    """
+    about = {spec.name: spec.origin.about for spec in material.experiment.learners}
+    headline, summary = material.headline, material.summary
+    played = [name for name in material.learners if (headline["learner"] == name).any()]
+    plots, tables = [], []
+    for name, part in file_names(played).items():
+        own = headline[headline["learner"] == name]
+        protocols = own["protocol"].unique()
+        size = "a panel for each protocol"
+        if len(protocols) == 1:
+            size = f"protocol {protocols[0]}, {sizes(own)}"
+        caption = (
+            f"{about.get(name, '')} Attempts of its subjects in the trial that each condition is "
+            f"judged by ({size}). The area of a circle is the share of subjects."
+        ).strip()
+        label, title = f"learner_{part}", f"Subjects of {name}"
+        plot = drawn(label, plot_subjects, material, title, caption, learners=[name])
+        plots.append(replace(plot, folded=True))
+        own = summary[summary["learner"] == name]
+        for protocol, file in file_names(map(str, protocols)).items():
+            rows = own[own["protocol"] == protocol]
+            title = f"{name}, protocol {protocol}, {sizes(rows)}"
+            tables.append(_trials(rows, f"{label}_{file}", title))
+    text = (
+        "Figures: how subjects vary. Tables: a row is one trial number of one condition; where a "
+        "protocol goes through its trials in loops, each subject’s visits are averaged first. se "
+        "is the standard error (population SD / √n), ci the 95% interval, mode the most common "
+        "value (at mode: how many have it), share solved that of visits in which every solution "
+        "was found, ideal what the ideal observer needs, which knows the schema, and difference "
+        "that from a reference. The same numbers, with more digits, are in summary.csv.",
+    )
+    return Section("learners", "Learners, and every trial", text, tuple(tables), tuple(plots))
+
+
+def _trials(rows: pd.DataFrame, name: str, title: str) -> Table:
+    """Rows of a summary as a table, without columns that say nothing."""
+    frame = rows.drop(columns=["learner", "protocol"]).dropna(axis="columns", how="all")
+    frame = frame.reset_index(drop=True)
+    formats = {column: "+.2f" for column in frame if column.endswith("difference")}
+    formats["share_solved"] = ".1%"
+    starts = np.flatnonzero(frame["condition"] != frame["condition"].shift()).tolist()
+    return Table(name, title, frame, formats, looks=dict.fromkeys(starts, "first"))
 
 
 def _what_was_run(material: Material) -> Section:

@@ -27,8 +27,7 @@ class Bound(NamedTuple):
     attempts: float
 
 
-Bounds = Mapping[tuple[str, str, str], Bound]
-"""Bounds by condition, protocol and phase."""
+Bounds = Mapping[tuple[str, str, str], Bound]  #: bounds by condition, protocol and phase
 
 
 def ideal_bounds(experiment: Experiment) -> Bounds:

@@ -1,26 +1,24 @@
 """Attempts by condition: a row for each learner, a column for each condition.
 
-References such as people, and the ideal observer, have rows of their own above the learners, where
-the learners played what these are known for. A mean that unsolved trials are in is a lower bound,
-since they count as the limit, and is marked as that.
+References such as people, and the ideal observer, have rows of their own above the learners. A mean
+that unsolved trials are in is a lower bound, since they count as the limit, and is marked as that.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import ordered
+from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import Beside
+from causal_openlock.analysis.results.summary import records
 from causal_openlock.analysis.statistics import beside_mean, sizes
 from causal_openlock.analysis.table import Table, number, share
 from causal_openlock.wording import file_names
-
-if TYPE_CHECKING:
-    from causal_openlock.analysis.results.material import Material
 
 
 def condition_tables(results: Material) -> list[Table]:
@@ -90,8 +88,3 @@ def _of_reference(one: Beside, condition: str, cells: Sequence[Mapping[str, Any]
         return "–"
     least = "≥ " if one.reference.in_leaderboard and one.solved(condition) != 1 else ""
     return f"{least}{mean:.2f}" + ("" if error is None else f"\n± {error:.2f}")
-
-
-def records(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """Rows as mappings, with None for what does not exist."""
-    return table.astype(object).where(table.notna(), None).to_dict("records")

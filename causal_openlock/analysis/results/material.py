@@ -30,28 +30,18 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Material:
-    """A record, and what was computed from it.
+    """A record, and what was computed from it."""
 
-    Attributes:
-        record: Columns as in :func:`causal_openlock.experiment.record.record_schema`.
-        experiment: What was run.
-        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`; their learners
-            are categories in the order of ``learners``.
-        learners: Labels in the order in which they are shown.
-        references: What learners are compared with, and which of them.
-        bounds: What the ideal observer needs.
-        folders: The results folders that it was read from.
-        counted: What is counted in the record, if it is there already.
-    """
-
-    record: pa.Table
-    experiment: StoredExperiment
+    record: pa.Table  #: columns as in :func:`causal_openlock.experiment.record.record_schema`
+    experiment: StoredExperiment  #: what was run
     trials: pd.DataFrame
-    learners: tuple[str, ...]
-    references: tuple[Beside, ...]
-    bounds: Bounds
-    folders: tuple[Path, ...] = ()
-    counted: Counts | None = None
+    """From :func:`~causal_openlock.analysis.measures.attempts_to_solve`; their learners are
+    categories in the order of ``learners``."""
+    learners: tuple[str, ...]  #: labels in the order in which they are shown
+    references: tuple[Beside, ...]  #: what learners are compared with, and which of them
+    bounds: Bounds  #: what the ideal observer needs
+    folders: tuple[Path, ...] = ()  #: the results folders that it was read from
+    counted: Counts | None = None  #: what is counted in the record, if it is there already
 
     def __post_init__(self) -> None:
         names = ordered(self.trials["learner"].unique(), self.learners)

@@ -31,8 +31,7 @@ if TYPE_CHECKING:
 UNREAD = ("moved", "reward", "wall_time")
 """Columns that are not read: a quarter of a record, and of no use to analyses."""
 
-Exclusion = Literal["completed no trial"]
-"""Rules by which people are left out."""
+Exclusion = Literal["completed no trial"]  #: rules by which people are left out
 
 
 def read_results(

@@ -29,8 +29,7 @@ from causal_openlock.wording import counted
 POINT = ["condition", "phase", "trial"]
 """Columns that identify the trials that a reference has means of."""
 
-POINT_COLUMNS = [*POINT, "subjects", "mean", "se"]
-"""Columns of :attr:`Reference.points`."""
+POINT_COLUMNS = [*POINT, "subjects", "mean", "se"]  #: columns of :attr:`Reference.points`
 
 Cells = Collection[tuple[str, str, str]]
 """Labels of learners, each with the names of a condition that it played and of its protocol."""
@@ -38,35 +37,25 @@ Cells = Collection[tuple[str, str, str]]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Reference:
-    """Something that learners are compared with.
+    """Something that learners are compared with."""
 
-    Attributes:
-        name: What tables and sentences call it.
-        points: Means of attempts, a row for each ``condition``, ``phase`` and ``trial``, with
-            ``subjects``, ``mean``, ``se`` (population SD / √n; NaN if it is not known) and perhaps
-            ``share_solved``, which is not known of all; perhaps no rows.
-        comparable: Whether a learner did what the reference did in a condition.
-        title: What panels of figures call it; by default its name.
-        detail: What it is, for small type: ``published``.
-        source: Where it is from, as a paper cites it; by default its detail.
-        prefix: What its columns begin with, as in ``human_attempts``; by default its name.
-        in_leaderboard: Whether the leaderboard says how many attempts more each learner needs.
-        categories: Outcomes of attempts, in blocks: ``condition``, ``phase``, ``block``,
-            ``category``, ``count`` and ``until``, the attempts up to the end of the block.
-        minutes: About how many minutes people took, in a ``baseline`` and in ``transfer``, where
-            that is known.
-    """
-
-    name: str
+    name: str  #: what tables and sentences call it
     points: pd.DataFrame
+    """Means of attempts, a row for each ``condition``, ``phase`` and ``trial``, with ``subjects``,
+    ``mean``, ``se`` (population SD / √n; NaN if it is not known) and perhaps ``share_solved``,
+    which is not known of all; perhaps no rows."""
     comparable: Callable[[LearnerSpec, Condition], bool]
-    title: str = ""
-    detail: str = ""
-    source: str = field(default="", kw_only=True)
-    prefix: str = ""
-    in_leaderboard: bool = True
+    """Whether a learner did what the reference did in a condition."""
+    title: str = ""  #: what panels of figures call it; by default its name
+    detail: str = ""  #: what it is, for small type: ``published``
+    source: str = field(default="", kw_only=True)  #: as a paper cites it; by default its detail
+    prefix: str = ""  #: what its columns begin with, as in ``human_attempts``; by default its name
+    in_leaderboard: bool = True  #: whether it says how many attempts more each learner needs
     categories: pd.DataFrame | None = None
+    """Outcomes of attempts, in blocks: ``condition``, ``phase``, ``block``, ``category``, ``count``
+    and ``until``, the attempts up to the end of the block."""
     minutes: Mapping[str, float] = field(default_factory=dict, kw_only=True)
+    """About how many minutes people took, in a ``baseline`` and in ``transfer``, where known."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "title", self.title or self.name)

@@ -9,8 +9,7 @@ from causal_openlock.schemas.fsm import BoolArray
 from causal_openlock.schemas.schema import DOOR, Schema
 from causal_openlock.world.room import Layout
 
-LIKELY = 0.5
-"""An edge that is more probable is taken to be in the graph."""
+LIKELY = 0.5  #: an edge that is more probable is taken to be in the graph
 
 
 def structure_distance(believed: Structure, schema: Schema, layout: Layout) -> dict[str, float]:

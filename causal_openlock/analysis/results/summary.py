@@ -1,4 +1,4 @@
-"""The tables of results, with references.
+"""The tables of results, with references: of every trial, and of every condition.
 
 Learners that played as people did are compared with people and a published model (see
 :mod:`~causal_openlock.analysis.results.references`), and wherever it is known what the ideal
@@ -8,17 +8,12 @@ observer needs (see :mod:`~causal_openlock.analysis.results.bounds`).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.measures import (
-    CELL,
-    by_subject,
-    judged,
-    mean_by_trial,
-    measured,
-)
+from causal_openlock.analysis.measures import CELL, by_subject, judged, mean_by_trial, measured
 from causal_openlock.analysis.results.bounds import Bounds
 from causal_openlock.analysis.results.references import Beside, with_references
 from causal_openlock.analysis.statistics import mean_intervals
@@ -26,8 +21,7 @@ from causal_openlock.analysis.statistics import mean_intervals
 SUMMARY_COLUMNS = (
     *(*CELL, "phase", "trial", "loops", "subjects"),
     *("attempts", "se", "ci_low", "ci_high", "mode", "at_mode", "share_solved"),
-)
-"""The first columns of :func:`summarise`; those of references and ``ideal_attempts`` follow."""
+)  #: the first columns of :func:`summarise`; those of references and ``ideal_attempts`` follow
 
 
 def summarise(
@@ -37,12 +31,6 @@ def summarise(
 
     A protocol with loops visits a trial number many times; a subject's visits are averaged first,
     so a row is about one trial number over all loops, and every subject counts once.
-
-    Args:
-        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-        references: References, with the learners that they suit.
-        bounds: What the ideal observer needs, from
-            :func:`~causal_openlock.analysis.results.bounds.ideal_bounds`.
 
     Returns:
         One row for each ``learner``, ``condition``, ``protocol``, ``phase`` and ``trial``, with
@@ -102,3 +90,8 @@ def _means(
     ideal = [np.nan if one is None else one.attempts for one in known]
     table, added = with_references(table, references)
     return table.assign(ideal_attempts=np.array(ideal, float)), [*added, "ideal_attempts"]
+
+
+def records(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """Rows as mappings, with None for what does not exist."""
+    return table.astype(object).where(table.notna(), None).to_dict("records")

@@ -56,14 +56,9 @@ def replayed(
     condition: str | None = None,
     trial: int = 1,
 ) -> Trace:
-    """Beliefs of a subject in a trial.
+    """Beliefs of a subject in a trial, by default of the first in the first.
 
-    Args:
-        results: What was played.
-        subject: Number of the subject; by default the first.
-        learner: Label of the learner; by default the first that holds beliefs.
-        condition: Name of the condition; by default the first that the learner played.
-        trial: Number of the trial among those that it played, from 1.
+    The ``trial`` is counted among those that the subject played, from 1.
 
     Raises:
         NothingToDrawError: If no learner holds beliefs, or the results are of another version or

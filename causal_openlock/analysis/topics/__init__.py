@@ -15,5 +15,4 @@ MODULES = (
     "learning",
     "reward_study",
     "belief_traces",
-)
-"""Modules of this package, each with a ``TOPIC``."""
+)  #: modules of this package, each with a ``TOPIC``

@@ -21,11 +21,8 @@ from causal_openlock.wording import counted, file_names, joined
 if TYPE_CHECKING:
     from causal_openlock.belief.trace import Trace
 
-MOST = 3
-"""Learners whose belief is shown: those that are listed first."""
-
-LONGEST = 60
-"""Trials of more attempts than this are not traced: it takes long, and few are shown."""
+MOST = 3  #: learners whose belief is shown: those that are listed first
+LONGEST = 60  #: trials of more attempts than this are not traced: it takes long, and few are shown
 
 
 def section(material: Material) -> Section | None:
@@ -96,8 +93,7 @@ def _information(traces: Mapping[str, Trace]) -> Table:
         "count as having given anything."
     )
     title = "Information gained per action"
-    formats = {"predicted": ".2f", "obtained": "+.2f"}
-    return Table("belief_information", title, frame.reset_index(), formats, caption)
+    return Table("belief_information", title, frame.reset_index(), {"obtained": "+.2f"}, caption)
 
 
 def _plot(file: str, learner: str, trace: Trace) -> SectionPlot:

@@ -53,10 +53,9 @@ def section(material: Material) -> Section | None:
         "answers that were malformed, refused or out of range; unreadable structures: answers to "
         "which lever enables which."
     )
-    counts = Table(
-        "language_models", "What was asked and answered", shown.reset_index(),
-        dict.fromkeys(shown, ",.0f"), caption,
-    )  # fmt: skip
+    title = "What was asked and answered"
+    formats = {"seconds": ",.0f"}
+    counts = Table("language_models", title, shown.reset_index(), formats, caption)
     return Section("language_models", "Language models", tuple(text), (counts,))
 
 

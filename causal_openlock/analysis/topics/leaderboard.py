@@ -17,10 +17,10 @@ import pandas as pd
 
 from causal_openlock.analysis.effects import ALPHA, Difference, Group, holm, weighted_difference
 from causal_openlock.analysis.measures import judged, ordered
-from causal_openlock.analysis.results.by_condition import records
 from causal_openlock.analysis.results.chance import attempts_at_random
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import Beside, gap_column
+from causal_openlock.analysis.results.summary import records
 from causal_openlock.analysis.statistics import APPROXIMATE, FEW_SUBJECTS
 from causal_openlock.analysis.table import Table, number, p_value, printed, share
 from causal_openlock.analysis.topics.pairwise import Outcomes, all_outcomes, compared
@@ -40,9 +40,8 @@ def leaderboard(results: Material) -> pd.DataFrame:
     >>> table[["learner", "solved", "median"]].values.tolist()[-1]
     ['oracle', 1.0, 3.0]
 
-    Args:
-        results: What was played. The trials are those that a condition is judged by: its test, or
-            the last trial of a baseline. Shares and means are those of conditions, averaged.
+    The trials are those that a condition is judged by: its test, or the last trial of a baseline.
+    Shares and means are those of conditions, averaged.
 
     Returns:
         ``learner``; whether it is a ``reference``, such as people, of which the row has what is
@@ -216,9 +215,7 @@ def leaderboard_tables(
 ) -> dict[str, Table]:
     """Return the table of each protocol, as page, terminal and notebook show it.
 
-    Args:
-        ranked: From :func:`leaderboard`.
-        about: By learner, what it is, in a line.
+    ``about`` says of learners what they are, in a line.
     """
     tables = {}
     for protocol, rows in ranked.groupby("protocol", sort=False):
@@ -333,14 +330,10 @@ def _caption(rows: Sequence[Mapping[str, Any]], columns: Collection[str]) -> str
 
 
 def answers(ranked: pd.DataFrame, pairs: pd.DataFrame) -> dict[str, tuple[str, ...]]:
-    """Results in a few sentences, by protocol.
+    """Results in a few sentences, by protocol, from :func:`leaderboard` and :func:`~.pairs`.
 
     Which learner needs the fewest attempts, how that compares with people, and which learners
     cannot be distinguished from it; all of it over the conditions of the best learner.
-
-    Args:
-        ranked: From :func:`leaderboard`.
-        pairs: From :func:`~causal_openlock.analysis.topics.pairwise.pairs`.
     """
     return {
         str(protocol): tuple(filter(None, _answer(rows, pairs[pairs["protocol"] == protocol])))

@@ -34,9 +34,7 @@ from causal_openlock.experiment.declare import Experiment
 from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.world.room import positions_for
 
-PARTS = 5
-"""Into how many parts a phase is cut: the paper's Figure 6 has five blocks."""
-
+PARTS = 5  #: into how many parts a phase is cut: the paper's Figure 6 has five blocks
 OPENS, FINDS_ALL, ELSE = "opens", "finds_all", "else"
 """Measures of a part: the shares of attempts that open the door, of visits in which every
 solution is found, and of attempts that neither unlock nor open the door."""

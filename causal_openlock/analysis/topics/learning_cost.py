@@ -28,8 +28,7 @@ from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Section, Topic, drawn
 from causal_openlock.errors import NothingToDrawError
 
-WITHIN = 1.5
-"""A room is solved well in at most this multiple of the ideal observer's attempts."""
+WITHIN = 1.5  #: a room is solved well in at most this multiple of the ideal observer's attempts
 
 
 def learning_costs(results: Material, within: float = WITHIN) -> pd.DataFrame:
@@ -74,17 +73,13 @@ def subject_costs(results: Material, trials: pd.DataFrame, within: float = WITHI
     A room is new if the subject has not met its schema with its layout; where a protocol goes
     through the same layouts over and over, only the first visits are new.
 
-    Args:
-        results: With what the ideal observer needs, and how learners were trained before.
-        trials: Rows of ``results.trials``.
-        within: As in :func:`learning_costs`.
-
     Returns:
-        A row for each subject of each ``learner``, ``condition`` and ``protocol`` in which a bound
-        is known: :data:`~causal_openlock.analysis.measures.SUBJECT`; ``before``, attempts of
-        training before the experiment, which the following count; ``cost``, all its attempts up
-        to the one that solves that room, inf if there is none; and ``asked``, all its attempts up
-        to the end of the last room that could have been.
+        Of these rows of ``results.trials``, a row for each subject of each ``learner``,
+        ``condition`` and ``protocol`` in which a bound is known:
+        :data:`~causal_openlock.analysis.measures.SUBJECT`; ``before``, attempts of training before
+        the experiment, which the following count; ``cost``, all its attempts up to the one that
+        solves that room, inf if there is none; and ``asked``, all its attempts up to the end of the
+        last room that could have been.
     """
     rooms = trials[["condition", "protocol", "phase"]]
     bound = pd.Series({key: one.attempts for key, one in results.bounds.items()}, dtype=float)
@@ -203,7 +198,7 @@ def section(material: Material) -> Section | None:
         "meta-training; attempts: the median, these included."
     )
     title = "Attempts until a new room is solved well"
-    costs = Table("learning_cost", title, shown(table), {"reached": ".0%", "n": ","}, caption)
+    costs = Table("learning_cost", title, shown(table), {"reached": ".0%"}, caption)
     plot = drawn(
         "cost_of_learning", plot_cost, material, title,
         "A dot is a subject; the axis is logarithmic; black: the median with its 95% interval. On "

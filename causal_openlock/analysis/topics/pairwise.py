@@ -34,14 +34,13 @@ Outcomes = Mapping[str, Mapping[str, pd.DataFrame]]
 PAIR_COLUMNS = [
     *("learner", "other", "conditions", "pairs"),
     *("difference", "ci_low", "ci_high", "p", "probability", "p_corrected"),
-]
-"""Columns of :func:`pairwise_table`."""
+]  #: columns of :func:`pairwise_table`
 _COLOURS = LinearSegmentedColormap.from_list("worse_better", ["#8C510A", "#F7F7F7", "#01665E"])
 _NAMES = {"ci_low": "low", "ci_high": "high", "probability": "P(fewer)"}
 _FORMATS = {
     **dict.fromkeys(("difference", "low", "high"), "+.2f"),
     **dict.fromkeys(("p", "p_corrected"), ".2g"),
-    **{"P(fewer)": ".3f", "pairs": ","},
+    "P(fewer)": ".3f",
 }
 
 
@@ -99,10 +98,7 @@ def compared(
 
 
 def pairwise_table(held: Outcomes) -> pd.DataFrame:
-    """Every two learners that played a condition in common, each pair once.
-
-    Args:
-        held: From :func:`outcomes`, in the order of learners.
+    """Every two learners that played a condition in common, each pair once, of :func:`outcomes`.
 
     Returns:
         A row for each pair with the columns :data:`PAIR_COLUMNS`: ``learner``, ``other``,

@@ -43,9 +43,6 @@ def regret(results: Material) -> pd.DataFrame:
     >>> table.groupby("learner", observed=True)["regret"].max().round(6).tolist()
     [0.0, 1.0]
 
-    Args:
-        results: What was played, with the actions.
-
     Returns:
         A row for each attempt until everything was found, of rooms in which levers move surely and
         the exact answer is in reach: the columns of :data:`~.measures.CELL`,
@@ -146,10 +143,8 @@ def section(material: Material) -> Section | None:
         "seen in the room; who does not know the schema knows less."
     )
     shown = table if table["protocol"].nunique() > 1 else table.drop(columns="protocol")
-    formats = dict.fromkeys(("regret", "ci_low", "ci_high", "information"), ".2f")
-    formats |= {"subjects": ",", "useless": ".0%"}
     title = "Regret, information and useless actions"
-    values = Table("regret", title, shown, formats, caption)
+    values = Table("regret", title, shown, {"useless": ".0%"}, caption)
     return Section("regret", "What attempts were worth", (text,), (values,))
 
 

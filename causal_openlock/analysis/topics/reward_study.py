@@ -30,9 +30,7 @@ from causal_openlock.analysis.topics.learning import (
 )
 from causal_openlock.world.rewards import AuthorsReward, Reward, RewardFunction
 
-LEAST_REWARDS = 3
-"""Fewest rewards in an experiment that are compared."""
-
+LEAST_REWARDS = 3  #: fewest rewards in an experiment that are compared
 BEST_OF_PAPER = frozenset({"negative_immovable", "partial_sequence", "solution_multiplier"})
 """Terms that the paper found best, in addition to the basic reward."""
 

@@ -23,9 +23,6 @@ def solution_costs(trials: pd.DataFrame) -> pd.DataFrame:
     >>> table[["learner", "solution", "attempts"]].values.tolist()[1:4]
     [['oracle', 'first', 1.0], ['oracle', 'second', 1.0], ['oracle', 'third', 1.0]]
 
-    Args:
-        trials: From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-
     Returns:
         A row for each ``condition``, ``protocol``, ``learner`` and ``solution`` that was found:
         ``subjects`` that found it, their mean ``attempts`` since the solution before, and its 95%

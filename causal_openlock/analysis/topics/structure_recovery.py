@@ -47,10 +47,8 @@ COLUMNS = (
     *("learner", "condition", "protocol", "subject", "visit", "schema"),
     *("shd", "f1", "brier", "gate_brier"),
 )
-ASKED = 10
-"""Subjects of a learner in a condition that a report lets play again."""
-MOST = 100_000
-"""Records of more attempts than this are not played again."""
+ASKED = 10  #: subjects of a learner in a condition that a report lets play again
+MOST = 100_000  #: records of more attempts than this are not played again
 
 
 def structure_recovery(results: Material, subjects: int | None = None) -> pd.DataFrame:
@@ -164,13 +162,9 @@ def _again(own: pd.DataFrame, spec: LearnerSpec, condition: Condition) -> Iterat
 def _answered(results: Material, pairs: pd.DataFrame) -> list[dict[str, Any]]:
     """A person's answer on a room, compared with the room; nothing if it is not on record."""
     about = pairs[["learner", "condition", "subject", "visit"]].iloc[0].to_dict()
-    learner, condition, subject, visit = about.values()
-    table = results.trials
-    own = table[
-        (table["learner"].astype(str) == learner)
-        & (table["condition"].astype(str) == condition)
-        & (table["subject"] == subject)
-    ].sort_values(VISIT)
+    learner, condition, _, visit = about.values()
+    trials = results.trials.astype({"learner": str, "condition": str})
+    own = trials.merge(pairs[["learner", "condition", "subject"]].head(1)).sort_values(VISIT)
     (declared,) = (o for o in results.experiment.conditions if o.name == condition)
     protocol = next(o.protocol for o in results.experiment.learners if o.name == learner)
     trial = visit - shown_trials(declared, protocol)
@@ -267,9 +261,7 @@ def section(material: Material) -> Section | None:
         "mean squared difference of belief and truth, in the last room; of people, who tick or do "
         "not, Brier is the share of wrong edges."
     )
-    formats = dict.fromkeys(("first room", "last room", "low", "high", "F1", "Brier"), ".2f")
-    formats |= {"subjects": ",", "rooms": ","}
-    table = Table("structure_recovery", "Edges that were wrong", rows, formats, caption)
+    table = Table("structure_recovery", "Edges that were wrong", rows, caption=caption)
     plot = drawn(
         "structure_recovery", plot_structure_recovery, material,
         "Edges that were wrong, over trials",

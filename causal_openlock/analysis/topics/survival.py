@@ -23,8 +23,7 @@ from causal_openlock.analysis.statistics import share_interval, sizes
 from causal_openlock.analysis.topic import Section, Topic, drawn, sentences
 from causal_openlock.wording import file_names, joined
 
-MOST_LINES = 6
-"""Learners in one figure: with more, nobody can tell lines apart."""
+MOST_LINES = 6  #: learners in one figure: with more, nobody can tell lines apart
 
 
 def unsolved_after(trials: pd.DataFrame) -> pd.DataFrame:

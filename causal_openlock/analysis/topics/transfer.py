@@ -44,13 +44,10 @@ COLUMNS = (
     *("learner", "reference", "protocol", "condition", "subjects", "attempts", "other_training"),
     *("solved", "saved", "low", "high", "p"),
     *("first", "untrained", "share", "share_low", "share_high"),
-)
-"""Columns of :func:`transfer`, before those of references."""
+)  #: columns of :func:`transfer`, before those of references
 
-NAMED = 4
-"""Learners that the first screen names."""
-NEARLY_ALL = 0.95
-"""Share of the tests that such a learner has solved."""
+NAMED = 4  #: learners that the first screen names
+NEARLY_ALL = 0.95  #: share of the tests that such a learner has solved
 
 Means = Mapping[tuple[str, str], tuple[Group, float]]
 """By condition, and ``test`` or ``first`` trial: subjects, and the share of trials they solved."""
