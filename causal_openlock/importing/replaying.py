@@ -28,22 +28,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Replayed:
-    """One subject's actions, replayed and checked.
+    """One subject's actions, replayed and checked."""
 
-    Attributes:
-        number: The subject's number.
-        condition: What it played, with the rooms that it met where the file names them.
-        record: The attempts of the trials that are over.
-        done: All its actions, as they were taken.
-        left_out: How many of them belong to a trial that is not over, which no record has.
-        last: The last one, as the file describes it.
-    """
-
-    number: int
-    condition: Condition
-    record: pa.Table
+    number: int  #: of the subject
+    condition: Condition  #: that was played, with the rooms where the file names them
+    record: pa.Table  #: the attempts of the trials that are over
     done: Sequence[PlayedAction]
-    left_out: int
+    left_out: int  #: actions of a trial that is not over, which no record has
     last: Action
 
 
@@ -56,16 +47,10 @@ def replay(
     seed: int,
     drawn: bool = False,
 ) -> Replayed:
-    """Take a subject's actions again.
+    """Take a subject's actions again, in the order of time.
 
-    Args:
-        actions: The actions, in the order of time.
-        number: The subject's number.
-        condition: The condition; layouts that the file names replace those that are drawn.
-        spec: The learner, with its protocol and reward.
-        experiment: Name of the experiment.
-        seed: Its seed; rooms that are not named, and luck, are drawn from it.
-        drawn: Whether the subject met the rooms that are drawn, where the file names none.
+    Layouts that the file names replace those that are drawn; where it names none, the subject met
+    the rooms that the seed draws if ``drawn`` says so. Luck is drawn from the seed as well.
 
     Raises:
         OpenLockError: If no layout is named where several are possible and rooms are not drawn, an
@@ -97,10 +82,8 @@ def replay(
     for action, trial, (_, step) in zip(
         actions, trials, session.following([np.array(indices)]), strict=True
     ):
-        moved, over = (
-            bool((step.outcome != step.view.observation).any()),
-            bool(step.attempt_over[0]),
-        )
+        moved = bool((step.outcome != step.view.observation).any())
+        over = bool(step.attempt_over[0])
         why = _impossible(action, trial, step, moved)
         if not why and visits[trial - 1].phase == SHOWN and over and not step.new_solution[0]:
             why = "this attempt is not a new solution, and what is shown is"
