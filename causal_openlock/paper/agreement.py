@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pandas as pd
@@ -108,26 +109,21 @@ def beside_paper(parts: pd.DataFrame, phase: str, conditions: Iterable[str]) -> 
         are no such learners.
     """
     paper = published_shares()
-    groups = dict(each_group(parts, phase))
     rows = []
-    for measure in MEASURES:
-        for condition in conditions:
-            known = paper.loc[condition, phase]
-            total = round(known["attempts"].sum(), -3)
-            published = [f"{share:.1%}" for share in known[measure]]
-            texts = {(PAPER, "", condition, measure, total): published}
-            for group, played in groups.items():
-                values = matrix(played, measure)
-                if group.condition == condition and values.shape[1] == len(known):
-                    many = played["attempts"].sum() / len(played[SUBJECT].drop_duplicates())
-                    row = (group.learner, group.protocol, condition, measure, many)
-                    texts[row] = [share_text(block) for block in values.T]
-            if len(texts) > 1:
-                rows += [
-                    (*row, block, share)
-                    for row, blocks in texts.items()
-                    for block, share in enumerate(blocks, start=1)
-                ]
+    for measure, condition in product(MEASURES, conditions):
+        known = paper.loc[condition, phase]
+        printed = known[measure].map("{:.1%}".format)
+        beside = [(PAPER, "", round(known["attempts"].sum(), -3), printed)]
+        for group, played in each_group(parts[parts["condition"] == condition], phase):
+            values = matrix(played, measure)
+            if values.shape[1] == len(known):
+                many = played["attempts"].sum() / len(played[SUBJECT].drop_duplicates())
+                beside.append((group.learner, group.protocol, many, map(share_text, values.T)))
+        rows += [
+            (learner, protocol, condition, measure, many, block, share)
+            for learner, protocol, many, blocks in (beside if len(beside) > 1 else ())
+            for block, share in enumerate(blocks, start=1)
+        ]
     return pd.DataFrame(rows, columns=[*ROW, "block", "share"])
 
 
