@@ -32,8 +32,8 @@ from .errors import OpenLockError as OpenLockError
 from .experiment.making import learner as learner
 from .experiment.making import make_experiment as make_experiment
 from .experiment.making import sweep as sweep
-from .experiment.file import find_experiment as find_experiment
-from .experiment.file import read_experiment as read_experiment
+from .experiment.making import find_experiment as find_experiment
+from .experiment.making import read_experiment as read_experiment
 from .experiment.declare import PROTOCOLS as PROTOCOLS
 from .experiment.declare import Condition as Condition
 from .experiment.declare import Protocol as Protocol

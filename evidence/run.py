@@ -30,8 +30,7 @@ from causal_openlock.comparison.comparing import compare
 from causal_openlock.comparison.results import Results
 from causal_openlock.errors import EvidenceError
 from causal_openlock.experiment.declare import Experiment
-from causal_openlock.experiment.file import read_experiment
-from causal_openlock.experiment.making import Changes, learner
+from causal_openlock.experiment.making import Changes, learner, read_experiment
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.files.checksums import (
     ChecksumError,

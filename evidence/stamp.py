@@ -23,7 +23,7 @@ import pandas as pd
 
 import causal_openlock as ol
 from causal_openlock.errors import EvidenceError
-from causal_openlock.experiment.file import read_experiment
+from causal_openlock.experiment.making import read_experiment
 from causal_openlock.experiment.record import record_schema
 from causal_openlock.storage.store import Store
 from causal_openlock.version import RESULTS_VERSION

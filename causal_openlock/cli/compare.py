@@ -84,8 +84,7 @@ def compare(
     from causal_openlock.comparison.comparing import play
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.comparison.results import open_results
-    from causal_openlock.experiment.file import find_experiment, read_experiment
-    from causal_openlock.experiment.making import Changes
+    from causal_openlock.experiment.making import Changes, find_experiment, read_experiment
     from causal_openlock.files.atomic import folder_at
     from causal_openlock.running.worker import Watching
     from causal_openlock.storage.folder_lock import Shard

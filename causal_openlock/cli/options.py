@@ -77,8 +77,7 @@ def one_trial(
 ) -> tuple[tuple[Learner, Condition, Protocol], dict[str, Any]]:
     """The arguments of ``play_trial`` and ``trace_trial``: positional ones, and named ones."""
     from causal_openlock.contract.registry import create
-    from causal_openlock.experiment.file import find_experiment, read_experiment
-    from causal_openlock.experiment.making import Changes
+    from causal_openlock.experiment.making import Changes, find_experiment, read_experiment
 
     changes = Changes([condition], [learner], protocol, None, seed)
     chosen = read_experiment(

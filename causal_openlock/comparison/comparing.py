@@ -21,14 +21,15 @@ from typing import TYPE_CHECKING, Any
 from causal_openlock.comparison.progress_bar import Show, shown_here
 from causal_openlock.errors import CellsFailed, ExperimentError, Interrupted, OpenLockError
 from causal_openlock.experiment.declare import Condition, Experiment, find_condition
-from causal_openlock.experiment.file import find_experiment, read_experiment
 from causal_openlock.experiment.making import (
     Changes,
     ConditionForm,
     LearnerForm,
     ProtocolForm,
+    find_experiment,
     listed,
     make_experiment,
+    read_experiment,
 )
 from causal_openlock.experiment.plan import warnings_of
 from causal_openlock.files.atomic import folder_at

@@ -94,8 +94,7 @@ def design(
     from causal_openlock.design.figure import draw_confusion
     from causal_openlock.design.parameters import correlations, parameters_recovered, searched
     from causal_openlock.design.telling import bits, by_size, informed, most_bits, ranked
-    from causal_openlock.experiment.file import find_experiment, read_experiment
-    from causal_openlock.experiment.making import Changes
+    from causal_openlock.experiment.making import Changes, find_experiment, read_experiment
     from causal_openlock.files.atomic import folder_at, write_text
     from causal_openlock.files.escaping import csv_of
     from causal_openlock.running.workers import available_cores

@@ -57,8 +57,7 @@ def score(
     from causal_openlock.analysis.table import Table, p_value
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.comparison.progress_bar import counting, shown_steps
-    from causal_openlock.experiment.file import find_experiment, read_experiment
-    from causal_openlock.experiment.making import make_experiment
+    from causal_openlock.experiment.making import find_experiment, make_experiment, read_experiment
     from causal_openlock.fitting.predicting import read_fit, score_learners
     from causal_openlock.running.workers import available_cores
     from causal_openlock.scoring.scores import FOLDER, Scores

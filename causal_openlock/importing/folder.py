@@ -24,7 +24,7 @@ from causal_openlock.experiment.declare import (
     find_condition,
     find_protocol,
 )
-from causal_openlock.experiment.file import find_experiment, read_experiment
+from causal_openlock.experiment.making import find_experiment, read_experiment
 from causal_openlock.experiment.record import played, with_times
 from causal_openlock.files.atomic import folder_at, is_empty, move_into
 from causal_openlock.files.validation import read

@@ -24,8 +24,7 @@ from causal_openlock.analysis.measures import (
 from causal_openlock.analysis.results import reading
 from causal_openlock.analysis.results.reading import read_results
 from causal_openlock.errors import StoreError
-from causal_openlock.experiment.file import find_experiment, read_experiment
-from causal_openlock.experiment.making import Changes
+from causal_openlock.experiment.making import Changes, find_experiment, read_experiment
 from causal_openlock.experiment.record import CATEGORIES
 from causal_openlock.running.runner import run
 from causal_openlock.storage.store import Store

@@ -8,7 +8,7 @@ from scipy.stats import ttest_ind
 import causal_openlock as ol
 from causal_openlock.analysis.measures import judged
 from causal_openlock.analysis.results.references import POINT, POINT_COLUMNS
-from causal_openlock.experiment.file import find_experiment, read_experiment
+from causal_openlock.experiment.making import find_experiment, read_experiment
 from causal_openlock.files.plugins import REFERENCES, registered
 from support.command import at_once
 from support.imported import imported, rows

@@ -10,7 +10,7 @@ import pytest
 
 from causal_openlock import compare, open_results
 from causal_openlock.errors import FileError, StoreError
-from causal_openlock.experiment.file import read_experiment
+from causal_openlock.experiment.making import read_experiment
 
 pytestmark = pytest.mark.slow
 

@@ -25,8 +25,7 @@ from causal_openlock.design.telling import (
     ranked,
 )
 from causal_openlock.experiment.declare import Cell
-from causal_openlock.experiment.file import read_experiment
-from causal_openlock.experiment.making import learner, make_experiment
+from causal_openlock.experiment.making import learner, make_experiment, read_experiment
 from causal_openlock.running.worker import made
 from causal_openlock.scoring.recorded import recorded_subjects
 from causal_openlock.scoring.teacher_forcing import score_actions

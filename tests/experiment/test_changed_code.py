@@ -7,7 +7,7 @@ import pytest
 
 from causal_openlock.contract.registry import origin
 from causal_openlock.errors import CellsFailed
-from causal_openlock.experiment.file import read_experiment
+from causal_openlock.experiment.making import read_experiment
 from causal_openlock.running.runner import run
 from causal_openlock.running.workers import ThisProcess
 from causal_openlock.storage.store import Store

@@ -4,7 +4,7 @@ import numpy as np
 
 from causal_openlock.analysis.topics.reward_study import BEST_OF_PAPER, reward_terms
 from causal_openlock.experiment.declare import PAPER_CONDITIONS, PROTOCOLS
-from causal_openlock.experiment.file import find_experiment, read_experiment
+from causal_openlock.experiment.making import find_experiment, read_experiment
 from causal_openlock.experiment.plan import plan, warnings_of
 from causal_openlock.world.rewards import PRESETS, TERMS
 

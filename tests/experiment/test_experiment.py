@@ -14,8 +14,14 @@ from hypothesis import given, settings
 from causal_openlock.contract.registry import learner_class, registry
 from causal_openlock.errors import FileError
 from causal_openlock.experiment.declare import PAPER_CONDITIONS, Condition, find_condition
-from causal_openlock.experiment.file import find_experiment, read_experiment
-from causal_openlock.experiment.making import Changes, learner, make_experiment, sweep
+from causal_openlock.experiment.making import (
+    Changes,
+    find_experiment,
+    learner,
+    make_experiment,
+    read_experiment,
+    sweep,
+)
 from causal_openlock.experiment.plan import warnings_of
 from causal_openlock.files.yaml_file import dump_yaml
 from causal_openlock.schemas.finding import find_schema

@@ -12,8 +12,7 @@ from causal_openlock.experiment.declare import (
     Trials,
     find_protocol,
 )
-from causal_openlock.experiment.file import read_experiment
-from causal_openlock.experiment.making import Changes, learner, make_experiment
+from causal_openlock.experiment.making import Changes, learner, make_experiment, read_experiment
 from causal_openlock.experiment.plan import plan
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.room import Layout

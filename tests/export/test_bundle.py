@@ -12,8 +12,7 @@ import pytest
 
 import causal_openlock as ol
 from causal_openlock.errors import StoreError
-from causal_openlock.experiment.file import find_experiment, read_experiment
-from causal_openlock.experiment.making import Changes
+from causal_openlock.experiment.making import Changes, find_experiment, read_experiment
 from causal_openlock.export.bundle import write_bundle
 from causal_openlock.files.yaml_file import dump_yaml
 from causal_openlock.storage.store import Store

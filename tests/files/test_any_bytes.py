@@ -25,8 +25,7 @@ from causal_openlock.experiment.beside_record import (
     write_answers,
 )
 from causal_openlock.experiment.declare import PROTOCOLS, Protocol, find_condition
-from causal_openlock.experiment.file import read_experiment
-from causal_openlock.experiment.making import make_experiment
+from causal_openlock.experiment.making import make_experiment, read_experiment
 from causal_openlock.export.as_csv import write_csv
 from causal_openlock.files.checksums import ZEROS
 from causal_openlock.fitting.plan import Range, make_plan, read_plan

@@ -13,7 +13,7 @@ from causal_openlock.belief.beliefs import Beliefs
 from causal_openlock.belief.knowledge import BeliefParameters
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.declare import PAPER_CONDITIONS, PROTOCOLS, find_condition
-from causal_openlock.experiment.file import read_experiment
+from causal_openlock.experiment.making import read_experiment
 from causal_openlock.experiment.session import Session
 from causal_openlock.files.checksums import json_bytes, read_json
 from causal_openlock.fitting.plan import (

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from causal_openlock.comparison.results import Results
-from causal_openlock.experiment.file import read_experiment
+from causal_openlock.experiment.making import read_experiment
 from causal_openlock.running.runner import run
 from openlock_learners.language.replies import FOLDER
 from support.places import ROOT

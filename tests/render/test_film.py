@@ -12,8 +12,7 @@ from PIL import Image
 
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import OpenLockError
-from causal_openlock.experiment.file import find_experiment, read_experiment
-from causal_openlock.experiment.making import Changes
+from causal_openlock.experiment.making import Changes, find_experiment, read_experiment
 from causal_openlock.physics.room import PhysicalRoom
 from causal_openlock.render.film import (
     AFTER,

@@ -4,8 +4,7 @@ import itertools
 from types import SimpleNamespace
 
 from causal_openlock.comparison.progress_bar import LINE_EVERY, counting, lines, naming_still_cells
-from causal_openlock.experiment.file import find_experiment, read_experiment
-from causal_openlock.experiment.making import Changes
+from causal_openlock.experiment.making import Changes, find_experiment, read_experiment
 from causal_openlock.running.progress import Playing, RunProgress, progress_of, work
 
 CELL = SimpleNamespace(file_name="a", in_words="slow in CC3, subjects 0-1")

@@ -31,7 +31,7 @@ from hypothesis.stateful import (
 
 from causal_openlock.contract.one_subject import OneSubjectLearner
 from causal_openlock.errors import OpenLockError
-from causal_openlock.experiment.file import read_experiment
+from causal_openlock.experiment.making import read_experiment
 from causal_openlock.files.seal import STATE
 from causal_openlock.running.runner import run
 from causal_openlock.running.worker import Watching

@@ -17,7 +17,7 @@ import pytest
 from causal_openlock.analysis.results.reading import read_results
 from causal_openlock.comparison.results import open_results
 from causal_openlock.errors import StoreError
-from causal_openlock.experiment.file import read_experiment
+from causal_openlock.experiment.making import read_experiment
 from causal_openlock.files.checksums import json_bytes, read_json, read_table, table_bytes
 from causal_openlock.running import runner
 from causal_openlock.storage.store import Store

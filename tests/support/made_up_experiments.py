@@ -15,7 +15,7 @@ from causal_openlock.experiment.declare import (
     Protocol,
     find_condition,
 )
-from causal_openlock.experiment.file import read_experiment
+from causal_openlock.experiment.making import read_experiment
 from causal_openlock.experiment.origin import Origin
 from causal_openlock.files.checksums import json_bytes, read_json
 from causal_openlock.schemas.finding import bundled_schemas

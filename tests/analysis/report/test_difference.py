@@ -16,8 +16,7 @@ from causal_openlock.analysis.report.difference_page import (
     write_difference,
 )
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.experiment.file import find_experiment, read_experiment
-from causal_openlock.experiment.making import Changes
+from causal_openlock.experiment.making import Changes, find_experiment, read_experiment
 from causal_openlock.schemas.schema import schema_from_dict
 from support.command import at_once
 from support.fabricated_records import table, trial_rows

@@ -13,7 +13,7 @@ from causal_openlock.analysis.measures import count
 from causal_openlock.analysis.report.writing import make_report
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.reading import read_results
-from causal_openlock.experiment.file import read_experiment
+from causal_openlock.experiment.making import read_experiment
 from causal_openlock.running.runner import run
 from causal_openlock.storage.store import Store
 from support.html_page import Page
