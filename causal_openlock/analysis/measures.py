@@ -27,24 +27,15 @@ BASELINES, TRANSFERS = PAPER_CONDITIONS[:2], PAPER_CONDITIONS[2:]
 
 CELL = ["learner", "condition", "protocol"]  #: columns that a group of subjects has in common
 SUBJECT = ["experiment", "seed", "subject"]  #: columns that identify a subject within its group
-VISIT = ["phase", "loop", "trial"]
-"""Columns that identify a trial of a subject, in the order of time."""
-
+VISIT = ["phase", "loop", "trial"]  #: columns that identify a trial of a subject, in order of time
 PHASE = [*CELL, *SUBJECT, "phase"]  #: columns that identify a phase of a subject
-TRIAL = [*CELL, *SUBJECT, *VISIT, "schema", "layout"]
-"""Columns that identify a trial, and its room."""
-
+TRIAL = [*CELL, *SUBJECT, *VISIT, "schema", "layout"]  #: that identify a trial, and its room
 NAMES = [*CELL, "experiment", "phase", "schema", "layout", "category"]  #: columns of names
-SOLUTIONS = ("first", "second", "third")
-"""Columns with what each solution cost, in the order in which solutions were found."""
-
-OUTCOMES = ("neither", *CATEGORIES[1:])
-"""Columns with attempts of each category; the first, ``else``, is a keyword of Python."""
-
+SOLUTIONS = ("first", "second", "third")  #: what each cost, in the order in which they were found
+OUTCOMES = ("neither", *CATEGORIES[1:])  #: columns of categories; ``else`` is a keyword
 START = 10  #: the first tenth of a trial's attempts, and at least one attempt, are its start
 BLOCKS = 5  #: shares of a phase in which categories are counted, as in the paper's Figure 6
-AT_ONCE = 1_000_000
-"""Attempts that :func:`count` counts at once, or those of one subject number where it has more."""
+AT_ONCE = 1_000_000  #: attempts counted at once, or those of one subject number if it has more
 
 _FIRST = {"condition": PAPER_CONDITIONS, "protocol": ("human",), "phase": PHASES}
 COLUMNS = [

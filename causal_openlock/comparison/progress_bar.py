@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
 Show = Callable[["RunProgress"], None]  #: called repeatedly with the progress of all cells
 Say = Callable[[str], None]  #: prints a line
-
 LINE_EVERY = 25.0  #: seconds between two lines
 FIRST_AFTER = 3.0  #: seconds after which a long task first names its step
 STILL = 60.0  #: seconds without a step after which a cell is reported

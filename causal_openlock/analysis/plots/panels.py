@@ -29,7 +29,6 @@ from causal_openlock.files.validation import several
 from causal_openlock.wording import nearest
 
 Names = Collection[str] | None  #: labels of learners or conditions; None for all
-
 Layout = Callable[[Figure], Sequence[Axes]]  #: gives a figure its size and its panels
 
 

@@ -20,8 +20,7 @@ from causal_openlock.analysis.statistics import sizes
 from causal_openlock.errors import NothingToDrawError, OpenLockError
 from causal_openlock.wording import joined, nearest
 
-LOGARITHMIC = 100
-"""Positive values are on a logarithmic axis if the highest is this many times the lowest."""
+LOGARITHMIC = 100  #: an axis is so if its highest value is this many times the lowest, above 0
 MOST_NAMED = 6  #: more numbers than these are not each named at the axis
 
 

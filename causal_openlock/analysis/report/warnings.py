@@ -22,8 +22,7 @@ from causal_openlock.experiment.beside_record import REACTIONS, read_reactions
 from causal_openlock.experiment.declare import HUMAN_PROTOCOL, PERSON
 from causal_openlock.wording import counted, joined, some
 
-IN_WORDS = {"baseline": "a baseline", "transfer": "transfer"}
-"""Kinds of conditions, in which people took some time."""
+IN_WORDS = {"baseline": "a baseline", "transfer": "transfer"}  #: kinds of conditions
 
 
 def warnings_of(results: Material) -> Iterator[str]:

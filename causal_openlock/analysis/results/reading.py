@@ -28,9 +28,7 @@ if TYPE_CHECKING:
     from causal_openlock.experiment.declare import Condition, LearnerSpec
     from causal_openlock.storage.store import StoredExperiment
 
-UNREAD = ("moved", "reward", "wall_time")
-"""Columns that are not read: a quarter of a record, and of no use to analyses."""
-
+UNREAD = ("moved", "reward", "wall_time")  #: columns of no use here, a quarter of a record
 Exclusion = Literal["completed no trial"]  #: rules by which people are left out
 
 

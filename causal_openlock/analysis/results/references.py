@@ -26,11 +26,8 @@ from causal_openlock.files.plugins import REFERENCES, loaded, registered
 from causal_openlock.schemas.fsm import BoolArray
 from causal_openlock.wording import counted
 
-POINT = ["condition", "phase", "trial"]
-"""Columns that identify the trials that a reference has means of."""
-
+POINT = ["condition", "phase", "trial"]  #: columns that identify what a mean is of
 POINT_COLUMNS = [*POINT, "subjects", "mean", "se"]  #: columns of :attr:`Reference.points`
-
 Cells = Collection[tuple[str, str, str]]
 """Labels of learners, each with the names of a condition that it played and of its protocol."""
 

@@ -51,11 +51,8 @@ NOT = "does not learn"
 UNDECIDED = "undecided"
 VERDICTS = (LEARNS, FALLS, FLAT, SOME, NOT, UNDECIDED)
 
-SURE_OF_SUBJECT = 0.01
-"""How likely it may be that any subject of a group at chance is taken for one that learns."""
-
-MARGIN = 0.1
-"""The smallest share beyond chance that matters: surely less than this is not learning."""
+SURE_OF_SUBJECT = 0.01  #: how likely any subject of a group at chance may be taken to learn
+MARGIN = 0.1  #: the smallest share beyond chance that matters: less is not learning
 
 
 class Group(NamedTuple):

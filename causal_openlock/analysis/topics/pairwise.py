@@ -29,8 +29,7 @@ from causal_openlock.analysis.topic import Section, Topic, drawn, sentences
 from causal_openlock.errors import NothingToDrawError
 from causal_openlock.wording import counted, file_names, some
 
-Outcomes = Mapping[str, Mapping[str, pd.DataFrame]]
-"""Tables of :func:`outcomes` by learner, by condition."""
+Outcomes = Mapping[str, Mapping[str, pd.DataFrame]]  #: :func:`outcomes` by learner, by condition
 PAIR_COLUMNS = [
     *("learner", "other", "conditions", "pairs"),
     *("difference", "ci_low", "ci_high", "p", "probability", "p_corrected"),

@@ -31,8 +31,7 @@ _TRIAL = [*CELL, *SUBJECT, *VISIT]
 _ROOM = ["schema", "layout"]
 WORTH = ["used", "regret", "gained", "useless"]
 """Measures of an attempt: the fields of :class:`~causal_openlock.belief.observer.Worth`."""
-MOST = 400_000
-"""Records of more attempts than this are not judged: it takes half a minute for each million."""
+MOST = 400_000  #: records of more attempts are not judged: half a minute for each million
 
 
 def regret(results: Material) -> pd.DataFrame:

@@ -33,9 +33,7 @@ from causal_openlock.errors import NothingToDrawError
 from causal_openlock.experiment.declare import HUMAN_PROTOCOL
 from causal_openlock.wording import file_names, joined, some
 
-CONGRUENT = {"CC4": "CC3-CC4", "CE4": "CE3-CE4"}
-"""The condition with congruent training, by the schema of the test."""
-
+CONGRUENT = {"CC4": "CC3-CC4", "CE4": "CE3-CE4"}  #: the congruent condition of a test
 OTHER = {"CC3-CC4": "CE3-CC4", "CE3-CE4": "CC3-CE4"}
 OTHER |= {other: congruent for congruent, other in OTHER.items()}
 """The condition with the same test after the other training."""
@@ -48,7 +46,6 @@ COLUMNS = (
 
 NAMED = 4  #: learners that the first screen names
 NEARLY_ALL = 0.95  #: share of the tests that such a learner has solved
-
 Means = Mapping[tuple[str, str], tuple[Group, float]]
 """By condition, and ``test`` or ``first`` trial: subjects, and the share of trials they solved."""
 
