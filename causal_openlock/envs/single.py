@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from operator import index
 from typing import TYPE_CHECKING, Any
 
@@ -31,7 +30,6 @@ from causal_openlock.world.rooms import RoomTables, events_of
 
 if TYPE_CHECKING:
     from causal_openlock.physics.room import PhysicalRoom
-    from causal_openlock.physics.world import Pose
 
 
 SMALLEST, LARGEST = 32, 4320  # height of a picture in pixels
@@ -128,7 +126,6 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         self._layout: Layout | None = None
         self._row, self._over, self.trial_over = 0, True, True
         self._bodies: PhysicalRoom | None = None
-        self._watch: Callable[[Pose], None] | None = None
         self._movements = {"finished": True, "steps": 0, "unfinished": 0} if physics else None
 
     def reset(
@@ -163,7 +160,9 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         if self._movements:
             from causal_openlock.physics.room import PhysicalRoom
 
+            watch = self._bodies.watch if self._bodies else None
             self._bodies = PhysicalRoom(self._fsm, self._layout)
+            self._bodies.watch = watch
         self._attempts_left = self.settings.attempt_limit
         self._found: set[int] = set()
         self._solutions_left = len(self.settings.schema.solutions)
@@ -217,7 +216,6 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         """Let the arm act: the row of the state that the bodies are in then, and the event."""
         assert self._bodies
         assert self._movements
-        self._bodies.watch = self._watch
         movement, tables = self._bodies.act(action, yields), self._lists.tables
         unfinished = self._movements["unfinished"] + (not movement.finished)
         self._movements = {
@@ -279,30 +277,18 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
     def physical_room(self) -> PhysicalRoom:
         """The bodies of the trial in progress, with ``physics=True``.
 
+        What its ``watch`` is set to is called with the pose after every step of the simulation, in
+        the trials that follow as well.
+
         Raises:
             OpenLockError: Without ``physics=True``.
             ResetNeeded: Before the first reset.
         """
-        self._check_physics()
+        if self._movements is None:
+            raise OpenLockError("this room is not simulated; make it with physics=True")
         if self._bodies is None:
             raise ResetNeeded("call reset() before asking for the physical room")
         return self._bodies
-
-    def watch(self, callback: Callable[[Pose], None] | None) -> None:
-        """Call a function with the pose after every step of the simulation from now on.
-
-        Args:
-            callback: Called 120 times in a unit of time; ``None`` ends it.
-
-        Raises:
-            OpenLockError: Without ``physics=True``.
-        """
-        self._check_physics()
-        self._watch = callback
-
-    def _check_physics(self) -> None:
-        if self._movements is None:
-            raise OpenLockError("this room is not simulated; make it with physics=True")
 
     def render(self) -> Any:
         """The room as text or as a ``[height, width, 3]`` picture of bytes, by ``render_mode``.

@@ -97,7 +97,8 @@ def test_bodies_are_put_back_with_the_room(episode):
 def test_every_step_of_a_movement_can_be_watched():
     env = trial7(physics=True)
     poses = []
-    env.watch(poses.append)
+    env.physical_room.watch = poses.append
+    env.reset(options={"new_trial": True})
     steps = env.step(L0)[4]["physics"]["steps"]
     assert len(poses) == steps
     assert poses[-1] == env.physical_room.pose()
@@ -105,7 +106,7 @@ def test_every_step_of_a_movement_can_be_watched():
     assert poses[-1].levers[L0] > 0.98
     jumps = [np.abs(np.subtract(a.joints, b.joints)).max() for a, b in pairwise(poses)]
     assert max(jumps) < 0.2  # a film of it moves, and does not jump
-    env.watch(None)
+    env.physical_room.watch = None
     env.step(L1)
     assert len(poses) == steps
 
