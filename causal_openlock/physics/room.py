@@ -9,14 +9,11 @@ track.
 >>> from causal_openlock.schemas.fsm import compile_schema
 >>> schema = find_schema("CC3")
 >>> room = PhysicalRoom(compile_schema(schema), Layout((0, 1, 2), 7))
->>> room.act(0).finished, room.observation()[:3].tolist()
-(True, [1, 0, 0])
+>>> room.act(0).finished, room.state
+(True, 1)
 """
 
 from __future__ import annotations
-
-import numpy as np
-from numpy.typing import NDArray
 
 from causal_openlock.physics.controller import BUDGET, Controller, Movement, Watch
 from causal_openlock.physics.geometry import RoomGeometry
@@ -53,10 +50,6 @@ class PhysicalRoom:
         for role, place in enumerate(self._layout.places):
             state |= self.world.levers[place].pushed << role
         return state
-
-    def observation(self) -> NDArray[np.int8]:
-        """``[2P + 2]`` what is seen, as in :class:`~causal_openlock.world.room.Room`."""
-        return self._layout.observations(self._fsm, np.array([self.state]))[0]
 
     def pose(self) -> Pose:
         """Pose of all bodies, to draw them."""
