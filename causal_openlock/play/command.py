@@ -16,6 +16,7 @@ import typer
 from causal_openlock.cli.options import Budgets
 from causal_openlock.cli.terminal import say
 from causal_openlock.errors import OpenLockError
+from causal_openlock.files.yaml_file import read_text
 from causal_openlock.wording import counted
 
 
@@ -124,13 +125,8 @@ def play(
 
 
 def _text(path: Path) -> str:
-    try:
-        text = path.read_text("utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        why = error.strerror if isinstance(error, OSError) else "it is not UTF-8"
-        raise OpenLockError(f"{path} cannot be read ({why}); give a file of Markdown") from None
-    if not text.strip() or len(text) > 100_000:
-        raise OpenLockError(f"{path} is empty, or too long for a page; give a file of Markdown")
+    if not (text := read_text(path)).strip():
+        raise OpenLockError(f"{path} is empty; give a file of Markdown")
     return text
 
 
