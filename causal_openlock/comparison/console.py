@@ -19,8 +19,6 @@ from causal_openlock.files.escaping import printable
 if TYPE_CHECKING:
     import pandas as pd
 
-    from causal_openlock.analysis.table import Table as PrintedTable
-
 MOST_COLUMNS = 1000  #: most characters of a table that is wider than the terminal
 
 
@@ -42,10 +40,12 @@ class Terminal(RichConsole):
         """Print a warning."""
         self.print_line(f"warning: {sentence}", "yellow")
 
-    def print_table(self, table: PrintedTable) -> None:
+    def print_table(self, frame: pd.DataFrame, formats: Mapping[str, str]) -> None:
         """Print a table, as its values are printed in a report."""
-        shown = plain_table(*table.heads)
-        for row in table.rows:
+        from causal_openlock.analysis.table import Table as Printed
+
+        shown = plain_table(*frame.columns)
+        for row in Printed("", "", frame, formats).rows:
             shown.add_row(*row)
         self.print_whole(shown)
 

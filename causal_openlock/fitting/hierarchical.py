@@ -31,7 +31,7 @@ from scipy.stats import norm
 from causal_openlock.errors import LearnerError
 from causal_openlock.fitting.group import SETTLED, SPREADS, Group, Peak, evidence_of, group_of, peak
 from causal_openlock.fitting.plan import Plan
-from causal_openlock.fitting.search import NO_EFFECT, at_bound, require_effect, spread
+from causal_openlock.fitting.search import NO_EFFECT, require_effect, spread
 from causal_openlock.fitting.steps import begin, fitting_in, steps
 from causal_openlock.fitting.to_actions import (
     WHOLE,
@@ -186,10 +186,7 @@ def _fitted(
     def fitted(who: str, at: Sequence[float], spread: FloatArray, **rest: Any) -> Fitted:
         chosen, low, high = (chosen_at(plan, at + sign * spread) for sign in (0, -1, 1))
         between = {name: (low[name], high[name]) for name in chosen}
-        return Fitted(
-            who, fold, chosen, standard_error=0.0, between=between,
-            at_bound=at_bound(ranges, chosen), **rest,
-        )  # fmt: skip
+        return Fitted(who, fold, chosen, standard_error=0.0, between=between, **rest)
 
     fits, summed = [], ("nll", "actions", "held_out", "held_out_actions")
     for who, found in zip(names, peaks, strict=True):

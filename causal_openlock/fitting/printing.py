@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 
 from causal_openlock.analysis.statistics import too_few
-from causal_openlock.analysis.table import Table, p_value
+from causal_openlock.analysis.table import p_value
 from causal_openlock.cli.stopping import resumable
 from causal_openlock.comparison.console import Terminal
 from causal_openlock.comparison.progress_bar import counting, shown_steps
@@ -54,7 +54,7 @@ def fit_to_actions(
         else:
             report, groups = counting(begin, "fits are done"), groups_of(parts, plan)
             fits = fit_all(groups, plan, folder, workers=workers, report=report)
-    table = fit_table(fits)
+    table = fit_table(fits, plan)
     write_text(folder / "fits.csv", csv_of(table.round(6)))
     first = table.head(MOST_ROWS).set_index("who")
     chance = math.log2(max(choices_in(played).values(), default=1))
@@ -130,7 +130,7 @@ def _show(frame: pd.DataFrame, console: Terminal, digits: int = 2) -> None:
     """Print a table whose rows are named by its index."""
     formats = dict.fromkeys(frame.select_dtypes("float"), f".{digits}f")
     frame = frame.rename_axis(frame.index.name or "").reset_index()
-    console.print_table(Table("fits", "Fits", frame, formats, verbatim=True))
+    console.print_table(frame, formats)
 
 
 def _show_fits(table: pd.DataFrame, names: Sequence[str], console: Terminal, digits: int) -> None:

@@ -54,7 +54,7 @@ def score(
     ranking, in bits per action.
     """
     from causal_openlock.analysis.statistics import too_few
-    from causal_openlock.analysis.table import Table, p_value
+    from causal_openlock.analysis.table import p_value
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.comparison.progress_bar import counting, shown_steps
     from causal_openlock.experiment.making import find_experiment, make_experiment, read_experiment
@@ -94,7 +94,7 @@ def score(
     files = scores.save(out)
     table = ranked(scores)
     frame = table.assign(p=table["p"].map(p_value))[[*HEADS]].rename(columns=HEADS)
-    console.print_table(Table("scores", "Scores", frame, FORMATS))
+    console.print_table(frame, FORMATS)
     subjects, number = scores.subjects, int(table["subjects"].iloc[0])
     who = [counted(subjects[name].nunique(), name) for name in ("learner", "condition")]
     console.print_line(

@@ -57,8 +57,6 @@ class Fitted:
             the integrated BIC.
         between: Of a hierarchical fit, by parameter between what two thirds of the group are, or
             what a subject's is with a probability of two thirds.
-        at_bound: Parameters that stand at a bound of what is searched
-            (:func:`~causal_openlock.fitting.search.at_bound`).
         idle: Parameters that make no difference to how likely the actions are.
     """
 
@@ -72,7 +70,6 @@ class Fitted:
     standard_error: float
     bic: float
     between: dict[str, tuple[float, float]] = field(default_factory=dict)
-    at_bound: tuple[str, ...] = ()
     idle: tuple[str, ...] = ()
 
 
@@ -132,7 +129,6 @@ def fit_fold(who: str, parts: Sequence[Recorded], fold: int, plan: Plan) -> Fitt
         held_out_actions=int(out.sum()),
         standard_error=float(np.sqrt((table["standard_error"][~out] ** 2).sum())),
         bic=2 * nll + len(ranges) * float(np.log((~out).sum())),
-        at_bound=at_bound(ranges, best),
         idle=without_effect(ranges, best, loss) if fold == WHOLE else (),
     )
 
@@ -244,7 +240,7 @@ def write_fits(folder: Path, plan: Plan, parts: Sequence[Recorded], fits: Sequen
     write_bytes(folder / FILE, json_bytes(data))
 
 
-def fit_table(fits: Sequence[Fitted]) -> pd.DataFrame:
+def fit_table(fits: Sequence[Fitted], plan: Plan) -> pd.DataFrame:
     """The fits without anything held out, a row each, with what was predicted in the folds.
 
     Returns:
@@ -272,7 +268,7 @@ def fit_table(fits: Sequence[Fitted]) -> pd.DataFrame:
                 "bits": fitted.nll / fitted.actions / LN2,
                 "held_out_bits": apart / actions / LN2 if actions else np.nan,
                 "bic": fitted.bic,
-                "at_bound": " ".join(fitted.at_bound) or NONE,
+                "at_bound": " ".join(at_bound(plan.ranges, fitted.chosen)) or NONE,
                 "without_effect": " ".join(fitted.idle) or NONE,
             }
         )

@@ -72,7 +72,7 @@ def test_every_action_is_held_out_once_and_predicted_no_better(folder, tmp_path,
     whole, *folds = fit_all(groups_of(parts(folder, "warm"), plan), plan, tmp_path)
     assert whole.actions == sum(one.held_out_actions for one in folds)
     assert all(one.actions + one.held_out_actions == whole.actions for one in folds)
-    table = fit_table([whole, *folds])
+    table = fit_table([whole, *folds], plan)
     assert table["held_out_bits"].iloc[0] >= table["bits"].iloc[0] - 0.02
     assert len({one.chosen["temperature"] for one in folds}) == 2
 
@@ -217,7 +217,7 @@ def test_a_parameter_without_effect_is_refused_and_marked(doubtful, tmp_path):
     brief.rows["actions"] = [own[:1] for own in brief.rows["actions"]]
     each = with_settings(plan, each=True)
     (first, _), (_, second) = (groups_of([who], each).items() for who in (brief, part))
-    table = fit_table(fit_all(dict([second, first]), each, tmp_path / "one"))
+    table = fit_table(fit_all(dict([second, first]), each, tmp_path / "one"), each)
     assert table["without_effect"].tolist() == ["none", "temperature"]
 
 
@@ -226,7 +226,7 @@ def test_a_group_at_its_bound_is_marked(doubtful, tmp_path):
     plan = with_settings(low, candidates=1, hold_out="none")
     fits, _ = fit_group(parts(doubtful, "own"), plan, tmp_path)
     assert fits[0].who == GROUP
-    assert fits[0].at_bound == ("temperature",)
+    assert fit_table(fits, plan)["at_bound"][0] == "temperature"
 
 
 def test_a_fit_that_predicts_worse_than_chance_says_so(folder, tmp_path):

@@ -176,7 +176,7 @@ def test_a_hierarchical_fit_that_was_stopped_continues_to_the_same(
 ):
     before = {path: path.stat().st_mtime_ns for path in stopped}
     fits, rounds = fit_group(parts(folder), PLAN, tmp_path)
-    pd.testing.assert_frame_equal(fit_table(fits).round(6), fitted, check_dtype=False)
+    pd.testing.assert_frame_equal(fit_table(fits, PLAN).round(6), fitted, check_dtype=False)
     assert rounds >= 2
     assert before == {path: path.stat().st_mtime_ns for path in stopped}
     fewer, _ = fit_group(parts(folder)[:3], PLAN, tmp_path)
@@ -200,7 +200,7 @@ def test_a_subject_that_is_held_out_is_predicted_by_the_group(tmp_path):
     assert (fold["/0"].actions, fold["/1"].held_out_actions) == (0, 0)
     assert fold["/0"].chosen == fold["up"].chosen != fold["/1"].chosen
     assert fold["up"].held_out == fold["/0"].held_out > 0
-    table = fit_table(fits)
+    table = fit_table(fits, PLAN)
     assert (table["held_out_bits"] > table["bits"] - 0.02).all()
 
 
