@@ -8,7 +8,7 @@ gives no probabilities: then copies of it do (:mod:`~causal_openlock.scoring.inv
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -76,11 +76,7 @@ def score_actions(
     """
     specs = [scored] if isinstance(scored, LearnerSpec) else list(scored)
     jobs = [(part, spec) for part in recorded_subjects(record, experiment, of) for spec in specs]
-    tables = []
-    for table in scored_parts(jobs, lapse, draws, workers):
-        tables.append(table)
-        report(len(tables), len(jobs))
-    return pd.concat(tables, ignore_index=True)
+    return pd.concat(scored_parts(jobs, lapse, draws, workers, report), ignore_index=True)
 
 
 def scored_parts(
@@ -88,12 +84,16 @@ def scored_parts(
     lapse: float,
     draws: int | None,
     workers: int,
-) -> Iterator[pd.DataFrame]:
+    report: Callable[[int, int], None] = lambda done, total: None,
+) -> list[pd.DataFrame]:
     """The scores of learners on parts of a record, in the order of the jobs."""
+    tables = []
     with worker_pool(workers) if workers > 1 else nullcontext() as pool:
         calls = [partial(score_part, part, spec, lapse, draws) for part, spec in jobs]
         for result in [pool.submit(call).result for call in calls] if pool else calls:
-            yield result()
+            tables.append(result())
+            report(len(tables), len(jobs))
+    return tables
 
 
 def score_part(
