@@ -49,6 +49,7 @@ def fit_to_actions(
     parts = recorded_subjects(record, played, how.of)
     rounds = 0
     with resumable(), shown_steps("fit") as begin:
+        begin("no fit is done yet")
         if hierarchical:
             fits, rounds = fit_group(parts, plan, folder, workers, begin)
         else:
