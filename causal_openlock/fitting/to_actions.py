@@ -174,7 +174,10 @@ def groups_of(parts: Sequence[Recorded], plan: Plan) -> dict[str, Sequence[Recor
     if plan.fit.each:
         groups = {who: (own,) for who, own in alone(parts).items()}
     for who, group in groups.items():
-        trials = max(part.each["trial"][part.each["phase"] != SHOWN].nunique() for part in group)
+        trials = max(
+            part.done_actions["trial"][part.done_actions["phase"] != SHOWN].nunique()
+            for part in group
+        )
         if plan.hold_out == "trials" and trials < 2:
             raise OpenLockError(
                 f"{who} played one trial only, and without it there is nothing to fit to; give "

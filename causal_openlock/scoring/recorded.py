@@ -54,7 +54,7 @@ class Recorded:
         return np.unique(self.rows["subject"]).tolist()
 
     @cached_property
-    def each(self) -> pd.DataFrame:
+    def done_actions(self) -> pd.DataFrame:
         """A row for each action, subject by subject, with the columns of a score that say which."""
         rows = self.rows.sort_values("subject", kind="stable").rename(
             columns={"actions": "action_index"}
@@ -67,7 +67,7 @@ class Recorded:
 
     def done(self) -> list[IntArray]:
         """``[B]`` arrays of all actions of each subject."""
-        return self._by_subject(self.each["action_index"])
+        return self._by_subject(self.done_actions["action_index"])
 
     @cached_property
     def actions(self) -> IntArray:
@@ -77,15 +77,15 @@ class Recorded:
     @cached_property
     def asked(self) -> BoolArray:
         """``[B, T]`` which actions there are that the subjects chose: none that they were shown."""
-        return padded(self._by_subject(self.each["phase"].ne(SHOWN)))[0].astype(bool)
+        return padded(self._by_subject(self.done_actions["phase"].ne(SHOWN)))[0].astype(bool)
 
     @cached_property
     def starts(self) -> BoolArray:
         """``[B, T]`` whether an action is the first one of its attempt."""
-        return padded(self._by_subject(self.each["action"].eq(1)))[0].astype(bool)
+        return padded(self._by_subject(self.done_actions["action"].eq(1)))[0].astype(bool)
 
     def _by_subject(self, values: pd.Series[Any]) -> list[NDArray[Any]]:
-        return [own.to_numpy() for _, own in values.groupby(self.each["subject"])]
+        return [own.to_numpy() for _, own in values.groupby(self.done_actions["subject"])]
 
     def alone(self) -> dict[str, Recorded]:
         """Each subject by itself, by its name; see :func:`subject_names`."""

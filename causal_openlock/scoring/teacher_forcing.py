@@ -116,7 +116,7 @@ def score_part(
             scores = by_draws(part, scored, draws, lapse, session.brief.actions)
         else:
             scores = _told(part, session, learner, scored.name, lapse)
-    which = part.each[part.each["phase"] != SHOWN].drop(columns="phase")
+    which = part.done_actions[part.done_actions["phase"] != SHOWN].drop(columns="phase")
     chosen, actions = changed_parameters(scored.learner, scored.parameters), which["subject"]
     return pd.DataFrame(
         {
