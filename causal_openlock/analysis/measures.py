@@ -29,10 +29,13 @@ CELL = ["learner", "condition", "protocol"]  #: columns that a group of subjects
 SUBJECT = ["experiment", "seed", "subject"]  #: columns that identify a subject within its group
 VISIT = ["phase", "loop", "trial"]  #: columns that identify a trial of a subject, in order of time
 PHASE = [*CELL, *SUBJECT, "phase"]  #: columns that identify a phase of a subject
-TRIAL = [*CELL, *SUBJECT, *VISIT, "schema", "layout"]  #: that identify a trial, and its room
+TRIAL = [*CELL, *SUBJECT, *VISIT, "schema", "layout"]  #: columns that identify a trial and its room
 NAMES = [*CELL, "experiment", "phase", "schema", "layout", "category"]  #: columns of names
-SOLUTIONS = ("first", "second", "third")  #: what each cost, in the order in which they were found
-OUTCOMES = ("neither", *CATEGORIES[1:])  #: columns of categories; ``else`` is a keyword
+SOLUTIONS = ("first", "second", "third")  #: attempts for each solution, in the order of finding
+OUTCOMES = (
+    "neither",
+    *CATEGORIES[1:],
+)  #: columns of categories; ``else`` is a keyword of Python
 START = 10  #: the first tenth of a trial's attempts, and at least one attempt, are its start
 BLOCKS = 5  #: shares of a phase in which categories are counted, as in the paper's Figure 6
 AT_ONCE = 1_000_000  #: attempts counted at once, or those of one subject number if it has more
@@ -217,9 +220,7 @@ def by_subject(trials: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
     >>> by_subject(trials, [])[["subject", "attempts", "visits"]].values.tolist()
     [[0.0, 4.0, 2.0], [1.0, 8.0, 1.0]]
 
-    Args:
-        trials: From :func:`attempts_to_solve`.
-        by: What to keep apart within a subject, such as ``["phase", "trial"]``.
+    Kept apart within a subject is what ``by`` names, such as ``["phase", "trial"]``.
 
     Returns:
         One row for each subject and value of ``by``: the columns of :data:`CELL`, ``by`` and

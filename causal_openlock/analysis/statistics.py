@@ -50,10 +50,7 @@ def mean_intervals(frame: pd.DataFrame, by: Sequence[str], value: str) -> pd.Dat
     >>> mean_intervals(frame, ["learner"], "attempts").round(2).values.tolist()
     [['a', 3.04, 4.62, 4.0, 3]]
 
-    Args:
-        frame: One row for each subject of each group.
-        by: Columns that make up a group.
-        value: The column to average.
+    The frame has one row for each subject of each group.
 
     Returns:
         One row for each group, sorted: ``by``; ``ci_low`` and ``ci_high``, NaN where the mean has

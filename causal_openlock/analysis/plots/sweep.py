@@ -20,7 +20,7 @@ from causal_openlock.analysis.statistics import sizes
 from causal_openlock.errors import NothingToDrawError, OpenLockError
 from causal_openlock.wording import joined, nearest
 
-LOGARITHMIC = 100  #: an axis is so if its highest value is this many times the lowest, above 0
+LOGARITHMIC = 100  #: positive values that span this factor are on a logarithmic axis
 MOST_NAMED = 6  #: more numbers than these are not each named at the axis
 
 
@@ -33,10 +33,7 @@ def sweep_table(results: Material, parameter: str | None = None) -> pd.DataFrame
     >>> sweep_table(results)[["parameter", "value", "series"]].values.tolist()
     [['top_down', False, 'theory_based'], ['top_down', True, 'theory_based']]
 
-    Args:
-        results: What was played.
-        parameter: Name of a hyper-parameter; by default the only one in which learners of the same
-            kind differ.
+    The parameter is by default the only one in which learners of the same kind differ.
 
     Returns:
         The rows of ``results.headline`` of learners that have it, in the order of its values, after

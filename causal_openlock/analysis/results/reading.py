@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from causal_openlock.experiment.declare import Condition, LearnerSpec
     from causal_openlock.storage.store import StoredExperiment
 
-UNREAD = ("moved", "reward", "wall_time")  #: columns of no use here, a quarter of a record
+UNREAD = ("moved", "reward", "wall_time")  #: a quarter of a record, of no use to analyses
 Exclusion = Literal["completed no trial"]  #: rules by which people are left out
 
 

@@ -47,7 +47,7 @@ class Reference:
     detail: str = ""  #: what it is, for small type: ``published``
     source: str = field(default="", kw_only=True)  #: as a paper cites it; by default its detail
     prefix: str = ""  #: what its columns begin with, as in ``human_attempts``; by default its name
-    in_leaderboard: bool = True  #: whether it says how many attempts more each learner needs
+    in_leaderboard: bool = True  #: whether it has a row, and learners a difference from it
     categories: pd.DataFrame | None = None
     """Outcomes of attempts, in blocks: ``condition``, ``phase``, ``block``, ``category``, ``count``
     and ``until``, the attempts up to the end of the block."""

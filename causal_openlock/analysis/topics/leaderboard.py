@@ -28,7 +28,7 @@ from causal_openlock.experiment.declare import HUMAN_PROTOCOL
 from causal_openlock.wording import counted, joined, some
 from causal_openlock.world.room import positions_for
 
-MOST_ATTEMPTS = 3000  #: no scores where trials may have more, as these take its square to compute
+MOST_ATTEMPTS = 3000  #: no scores of longer trials: random actions take the square of it
 _NONE = Difference(np.nan, np.nan, np.nan, np.nan)
 
 

@@ -38,9 +38,7 @@ def learning_costs(results: Material, within: float = WITHIN) -> pd.DataFrame:
     >>> table[["learner", "before", "attempts", "reached"]].values.tolist()
     [['random', 0, inf, 0.0], ['oracle', 0, 2.0, 1.0]]
 
-    Args:
-        results: What was played.
-        within: How well: in at most this multiple of the ideal observer's attempts.
+    Well is in at most ``within`` times the ideal observer's attempts.
 
     Returns:
         A row for each ``learner`` and ``protocol``, of all conditions in which the attempts of the
