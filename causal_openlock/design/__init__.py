@@ -3,5 +3,4 @@
 Nobody needs to be asked: subjects are simulated from theories, and theories predict them.
 """
 
-COPIES = 128
-"""Most copies that are asked of a learner without probabilities."""
+COPIES = 128  #: most copies that are asked of a learner without probabilities

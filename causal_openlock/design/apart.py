@@ -39,8 +39,7 @@ from causal_openlock.scoring.teacher_forcing import known_learners, score_part
 from causal_openlock.wording import joined
 from causal_openlock.world.randomness import generators
 
-NATS = "nats "
-"""Before the name of a theory: the log-likelihood of what a subject did under it."""
+NATS = "nats "  #: before the name of a theory: the log-likelihood of what a subject did under it
 TOGETHER = 20
 """Subjects that are simulated, predicted and stored together where parameters are known."""
 

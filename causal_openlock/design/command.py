@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 
     from causal_openlock.comparison.console import Terminal
 
-FEW = 20
-"""Simulated subjects in a condition below which groups drawn from them say little."""
+FEW = 20  #: simulated subjects in a condition below which groups drawn from them say little
 CONFUSED = 0.1
 """Share of groups that is attributed to another theory, above which two theories are confused."""
 

@@ -27,16 +27,12 @@ from causal_openlock.scoring.scores import LN2
 from causal_openlock.world import facts
 from causal_openlock.world.randomness import generators
 
-DOUBT = 0.02
-"""Probability that no estimate is right; it is shared among the theories."""
-CERTAIN = 0.95
-"""Probability of a theory from which on a subject seems to follow it for certain."""
-FEWEST_OWN = 20
-"""Fewer subjects of a theory do not show how badly it predicts its own."""
+DOUBT = 0.02  #: probability that no estimate is right; it is shared among the theories
+CERTAIN = 0.95  #: probability of a theory from which on a subject seems to follow it for certain
+FEWEST_OWN = 20  #: fewer subjects of a theory do not show how badly it predicts its own
 GROUPS = 200
 """Groups that are drawn, with replacement, from the subjects of a theory in a condition."""
-SIZES = (1, 2, 5, 10, 20, 40, 80, 160)
-"""Subjects in a group."""
+SIZES = (1, 2, 5, 10, 20, 40, 80, 160)  #: subjects in a group
 
 
 def attributed(nats: FloatArray) -> FloatArray:

@@ -30,31 +30,22 @@ from scipy.stats import norm
 
 from causal_openlock.schemas.fsm import FloatArray
 
-STEP = 0.05
-"""Step of finite differences, in log-odds."""
+STEP = 0.05  #: step of finite differences, in log-odds
 SPREADS = 0.05, 1.6
 """The least spread of a group, and the greatest, with which it begins: about even over a range."""
 FARTHEST = 4.6
 """Largest distance of a group's mean from the middle, in log-odds: 1% to 99% of a range."""
-GRADIENT = 0.05
-"""A peak is where the slope is less than this, in nats per spread of the group."""
-SETTLED = 0.02
-"""A round that changes no mean and no spread by more is the last one; in log-odds."""
-EASY_ROUNDS = 10_000
-"""The most rounds in which likelihoods are taken to be normal."""
+GRADIENT = 0.05  #: a peak is where the slope is less than this, in nats per spread of the group
+SETTLED = 0.02  #: a round that changes no mean and no spread by more is the last one; in log-odds
+EASY_ROUNDS = 10_000  #: the most rounds in which likelihoods are taken to be normal
 
 
 @dataclass(frozen=True)
 class Group:
-    """A normal distribution of subjects' parameters, in log-odds.
+    """A normal distribution of subjects' parameters, in log-odds."""
 
-    Attributes:
-        mean: ``[D]``.
-        spread: ``[D]`` standard deviations.
-    """
-
-    mean: FloatArray
-    spread: FloatArray
+    mean: FloatArray  #: ``[D]``
+    spread: FloatArray  #: ``[D]`` standard deviations
 
     @classmethod
     def wide(cls, parameters: int) -> Group:
@@ -69,25 +60,15 @@ class Group:
 
 @dataclass(frozen=True)
 class Peak:
-    """The most probable parameters of a subject under the prior of a group; plain data.
+    """The most probable parameters of a subject under the prior of a group; plain data."""
 
-    Attributes:
-        at: ``[D]`` where it is, in log-odds.
-        slope: ``[D]`` first derivatives of the negative log-likelihood there, in nats.
-        curvature: ``[D, D]`` its second derivatives; no direction bends down.
-        nll: Negative log-likelihood there, in nats, of the actions fitted to.
-        actions: Number of these actions.
-        held_out: Negative log-likelihood of the actions held out.
-        held_out_actions: Number of these actions.
-    """
-
-    at: list[float]
-    slope: list[float]
-    curvature: list[list[float]]
-    nll: float
-    actions: int = 1
-    held_out: float = 0.0
-    held_out_actions: int = 0
+    at: list[float]  #: ``[D]`` where it is, in log-odds
+    slope: list[float]  #: ``[D]`` first derivatives of the negative log-likelihood there, in nats
+    curvature: list[list[float]]  #: ``[D, D]`` its second derivatives; no direction bends down
+    nll: float  #: negative log-likelihood there, in nats, of the actions fitted to
+    actions: int = 1  #: number of these actions
+    held_out: float = 0.0  #: negative log-likelihood of the actions held out
+    held_out_actions: int = 0  #: number of these actions
 
 
 def peak(loss: Callable[[FloatArray], float], group: Group, start: FloatArray) -> Peak:

@@ -49,10 +49,8 @@ from causal_openlock.fitting.to_actions import (
 from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.scoring.recorded import Recorded
 
-GROUP = "group"
-"""Label of the fit of the group itself."""
-ROUNDS = 25
-"""The most rounds in which subjects are asked."""
+GROUP = "group"  #: label of the fit of the group itself
+ROUNDS = 25  #: the most rounds in which subjects are asked
 
 
 def fit_group(

@@ -42,8 +42,7 @@ from causal_openlock.wording import joined, nearest
 BUNDLED = Path(__file__).parent
 FORM = "name=low:high, or name=low:high:log"
 
-Chosen = Mapping[str, float]
-"""A value for each parameter that is searched."""
+Chosen = Mapping[str, float]  #: a value for each parameter that is searched
 
 
 @part()
@@ -81,37 +80,23 @@ class Range(Part):
 
 
 class FitSettings(StrictModel):
-    """Settings of a fit, whatever is searched: ``fit:`` in a plan, and ``--set``.
+    """Settings of a fit, whatever is searched: ``fit:`` in a plan, and ``--set``."""
 
-    Attributes:
-        candidates: Sets of parameters to try, half of them spread evenly, half downhill from the
-            best; by default 60 to means, 160 to actions.
-        seed: Seed of the search and of all play; the next two are used as well. Play what was
-            fitted with another.
-        hold_out: What is not fitted to but predicted, of people's points: ``transfer`` (the four
-            tests; the default) or ``none``; of recorded actions: ``trials`` (the default),
-            ``subjects`` or ``none``.
-        target: To means: whose are fitted to, ``people`` or ``model`` (of AAAI 2020).
-        subjects: To means: subjects that a candidate plays in each condition.
-        finalists: To means: number of best candidates that play again; the closest is taken.
-        final_subjects: To means: subjects in each condition then, and in the end.
-        of: To actions: whose subjects are fitted to; by default all.
-        each: To actions: whether each subject is fitted by itself.
-        lapse: To actions: share of actions taken to be random.
-        folds: To actions: parts, of which each is held out once.
-    """
-
-    candidates: Count | None = None
+    candidates: Count | None = None  #: sets of parameters to try; by default 60 to means, else 160
+    #: of the search and of play, with the next two; play what was fitted with another
     seed: Annotated[int, Field(ge=0, le=2**62)] = 31
+    #: of means ``transfer`` (the four tests) or ``none``; else ``trials``, ``subjects`` or ``none``
     hold_out: str | None = None
-    target: Literal["people", "model"] = "people"
-    subjects: Annotated[int, Field(ge=2)] = 40
-    finalists: Count = 5
-    final_subjects: Annotated[int, Field(ge=2)] = 200
-    of: list[str] = Field(default_factory=list)
-    each: bool = False
-    lapse: Annotated[float, Field(ge=0, le=1)] = LAPSE
-    folds: Annotated[int, Field(ge=2)] = 2
+    # To means:
+    target: Literal["people", "model"] = "people"  #: whose means (the model's are of AAAI 2020)
+    subjects: Annotated[int, Field(ge=2)] = 40  #: of a candidate, in each condition
+    finalists: Count = 5  #: best candidates that play again; the closest is taken
+    final_subjects: Annotated[int, Field(ge=2)] = 200  #: in each condition then, and in the end
+    # To actions:
+    of: list[str] = Field(default_factory=list)  #: whose subjects are fitted to; by default all
+    each: bool = False  #: whether each subject is fitted by itself
+    lapse: Annotated[float, Field(ge=0, le=1)] = LAPSE  #: share of actions taken to be random
+    folds: Annotated[int, Field(ge=2)] = 2  #: parts, of which each is held out once
 
 
 @dataclass(frozen=True)

@@ -63,19 +63,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FitOfActions:
-    """A whole fit to actions, as it is stored.
+    """A whole fit to actions, as it is stored."""
 
-    Attributes:
-        label: Name of its folder; the learner goes by it.
-        plan: Its settings.
-        fits: By whom it is of (a subject, or ``all``) and fold.
-        subjects: Names of all subjects, each with a digest of what it did.
-    """
-
-    label: str
+    label: str  #: name of its folder; the learner goes by it
     plan: Plan
-    fits: Mapping[tuple[str, int], Fitted]
-    subjects: Mapping[str, str]
+    fits: Mapping[tuple[str, int], Fitted]  #: by whom it is of (a subject, or ``all``) and fold
+    subjects: Mapping[str, str]  #: names of all subjects, each with a digest of what it did
 
     @property
     def holds_out(self) -> bool:

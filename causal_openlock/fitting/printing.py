@@ -28,10 +28,8 @@ from causal_openlock.scoring.teacher_forcing import known_learners
 from causal_openlock.storage.store import Store
 from causal_openlock.wording import joined
 
-MOST_ROWS = 20
-"""Fits that are printed; the file has all."""
-BOUND, IDLE = "*", "?"
-"""Marks at fitted parameters that are no estimates."""
+MOST_ROWS = 20  #: fits that are printed; the file has all
+BOUND, IDLE = "*", "?"  #: marks at fitted parameters that are no estimates
 
 
 def fit_to_actions(

@@ -20,18 +20,13 @@ from causal_openlock.errors import LearnerError
 from causal_openlock.fitting.plan import Chosen, Range
 from causal_openlock.schemas.fsm import FloatArray
 
-STARTS = 2
-"""Number of the best points from which the simplex begins."""
-STEP = 0.1
-"""Size of the first simplex, as a share of each range."""
-TOLERANCE = 1e-3
-"""Tolerance of parameters, as a share of their range, and of the loss."""
-NEAR = 0.01
-"""A value this near to a bound, as a share of the range, stands at it."""
+STARTS = 2  #: number of the best points from which the simplex begins
+STEP = 0.1  #: size of the first simplex, as a share of each range
+TOLERANCE = 1e-3  #: tolerance of parameters, as a share of their range, and of the loss
+NEAR = 0.01  #: a value this near to a bound, as a share of the range, stands at it
 NO_EFFECT = 1e-6
 """Differences below are rounding errors: of a loss, or of its slopes and curvatures."""
-NONE = "none"
-"""Label in a table, instead of names of parameters."""
+NONE = "none"  #: label in a table, instead of names of parameters
 
 
 class Tried(NamedTuple):

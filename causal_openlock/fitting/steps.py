@@ -23,8 +23,7 @@ from causal_openlock.storage.folder_lock import locked
 from causal_openlock.version import RESULTS_VERSION
 
 T = TypeVar("T")
-STEPS = "steps"
-"""Folder of the steps of a fit."""
+STEPS = "steps"  #: folder of the steps of a fit
 SEEDS = 3
 """Seeds of a fit to means: of the search, of the best candidates, and of what is reported."""
 

@@ -32,45 +32,27 @@ from causal_openlock.scoring.recorded import Recorded, subject_names
 from causal_openlock.scoring.scores import LN2
 from causal_openlock.scoring.teacher_forcing import score_part
 
-FILE = "fit_to_actions.json"
-"""File of a finished fit."""
-WHOLE = -1
-"""The number of the fold in which nothing is held out."""
-PENALTY = 1e6
-"""Surprise, in nats, at an impossible action; finite, so that a search can continue."""
+FILE = "fit_to_actions.json"  #: file of a finished fit
+WHOLE = -1  #: the number of the fold in which nothing is held out
+PENALTY = 1e6  #: surprise, in nats, at an impossible action; finite, so that a search can continue
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """The parameters that were fitted to some actions.
+    """The parameters that were fitted to some actions."""
 
-    Attributes:
-        who: Label of the subjects: a subject's, or ``all``.
-        fold: What was held out; :data:`WHOLE` for nothing.
-        chosen: The parameters.
-        nll: Negative log-likelihood of the actions fitted to, in nats.
-        actions: Number of these actions.
-        held_out: Negative log-likelihood of the actions held out; 0 if there are none.
-        held_out_actions: Number of these actions.
-        standard_error: Standard error of ``nll``; 0 where it is exact.
-        bic: Of the learner with these parameters; of a subject of a hierarchical fit, its part of
-            the integrated BIC.
-        between: Of a hierarchical fit, by parameter between what two thirds of the group are, or
-            what a subject's is with a probability of two thirds.
-        idle: Parameters that make no difference to how likely the actions are.
-    """
-
-    who: str
-    fold: int
+    who: str  #: label of the subjects: a subject's, or ``all``
+    fold: int  #: what was held out; :data:`WHOLE` for nothing
     chosen: dict[str, int | float]
-    nll: float
-    actions: int
-    held_out: float
-    held_out_actions: int
-    standard_error: float
-    bic: float
+    nll: float  #: negative log-likelihood of the actions fitted to, in nats
+    actions: int  #: number of these actions
+    held_out: float  #: negative log-likelihood of the actions held out; 0 if there are none
+    held_out_actions: int  #: number of these actions
+    standard_error: float  #: standard error of ``nll``; 0 where it is exact
+    bic: float  #: of a subject in a group, its part of the integrated BIC
+    #: of a hierarchical fit, between what two thirds of the group are, or a subject probably is
     between: dict[str, tuple[float, float]] = field(default_factory=dict)
-    idle: tuple[str, ...] = ()
+    idle: tuple[str, ...] = ()  #: parameters that make no difference to how likely actions are
 
 
 def predictions(parts: Sequence[Recorded], plan: Plan) -> Callable[[Chosen], pd.DataFrame]:

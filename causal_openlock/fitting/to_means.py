@@ -59,14 +59,12 @@ from causal_openlock.paper.noise_ceiling import (
 )
 from causal_openlock.paper.published import model, people
 
-FILE = "fit.json"
-"""File of a finished fit."""
+FILE = "fit.json"  #: file of a finished fit
 TARGETS = {"people": "people", "model": "the published model"}
 """Targets of a fit, in words: whose published means it is fitted to."""
 PARTS = ("fitted", "held out", "all 14 points")
 """The points that are fitted to, the others, and all."""
-CHUNK = 10
-"""Subjects that are played at once."""
+CHUNK = 10  #: subjects that are played at once
 
 
 def means_plan(plan: Plan) -> Plan:
@@ -109,24 +107,14 @@ def parts_of(points: pd.DataFrame, hold_out: str) -> list[pd.DataFrame]:
 
 @dataclass(frozen=True)
 class MeansFit:
-    """A finished fit.
-
-    Attributes:
-        plan: Its settings.
-        tried: The candidates, with their distances on the points that they are fitted to.
-        again: Distances of the best, by number, played with more subjects and another seed.
-        best: Number of the nearest of these, the fitted learner.
-        idle: Parameters that make no difference around it.
-        trials: What it did in all six conditions with a fresh seed, from
-            :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
-    """
+    """A finished fit."""
 
     plan: Plan
-    tried: list[Tried]
-    again: dict[int, float]
-    best: int
-    idle: tuple[str, ...]
-    trials: pd.DataFrame
+    tried: list[Tried]  #: the candidates, with their distances on the points fitted to
+    again: dict[int, float]  #: of the best, by number, with more subjects and another seed
+    best: int  #: number of the nearest of these, the fitted learner
+    idle: tuple[str, ...]  #: parameters that make no difference around it
+    trials: pd.DataFrame  #: what it did in all six conditions with a fresh seed
 
     @property
     def entry(self) -> dict[str, Any]:

@@ -8,5 +8,4 @@ and the result (:mod:`~causal_openlock.scoring.teacher_forcing`). The logarithms
 probabilities of what was done are its score (:mod:`~causal_openlock.scoring.scores`).
 """
 
-LAPSE = 0.01
-"""Default share of actions that are taken to be random."""
+LAPSE = 0.01  #: default share of actions that are taken to be random

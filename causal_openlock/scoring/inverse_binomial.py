@@ -49,12 +49,9 @@ if TYPE_CHECKING:
 
 FIRST_COPIES = 16
 """Copies of a subject when it is first played; then as many again, twice as many, and so on."""
-MOST_COPIES = 640
-"""Most copies, of all subjects together, that are played at once."""
-WITHOUT_LAPSES = 2048
-"""The limit of draws where no action is a lapse."""
-TERMS = 100_000
-"""Most terms of a sum that are added up one by one."""
+MOST_COPIES = 640  #: most copies, of all subjects together, that are played at once
+WITHOUT_LAPSES = 2048  #: the limit of draws where no action is a lapse
+TERMS = 100_000  #: most terms of a sum that are added up one by one
 
 
 def limit_of_draws(most: int | None, lapse: float, actions: int) -> int:

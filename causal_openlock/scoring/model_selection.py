@@ -28,21 +28,13 @@ QUANTILES = 20_000
 
 @dataclass(frozen=True)
 class Selection:
-    """Result of model selection: which learners subjects follow.
+    """Result of model selection: which learners subjects follow."""
 
-    Attributes:
-        frequencies: ``[M]`` expected share of subjects that follow each learner.
-        exceedance: ``[M]`` probability that no other learner is more frequent.
-        protected: ``[M]`` the same, allowing for equal frequencies.
-        all_equal: Probability that all are equally frequent (Bayesian omnibus risk).
-        followed: ``[S, M]`` probability that each subject followed each learner.
-    """
-
-    frequencies: FloatArray
-    exceedance: FloatArray
-    protected: FloatArray
-    all_equal: float
-    followed: FloatArray
+    frequencies: FloatArray  #: ``[M]`` expected share of subjects that follow each learner
+    exceedance: FloatArray  #: ``[M]`` probability that no other learner is more frequent
+    protected: FloatArray  #: ``[M]`` the same, allowing for equal frequencies
+    all_equal: float  #: probability that all are equally frequent (Bayesian omnibus risk)
+    followed: FloatArray  #: ``[S, M]`` probability that each subject followed each learner
 
 
 def select_models(evidence: FloatArray) -> Selection:

@@ -36,17 +36,11 @@ ATTEMPT = [
 
 @dataclass(frozen=True)
 class Recorded:
-    """Recorded subjects of one group, who can be played again in one session.
+    """Recorded subjects of one group, who can be played again in one session."""
 
-    Attributes:
-        group: What they have in common, by the names of :data:`GROUP`.
-        rows: Their attempts.
-        experiment: The experiment that they took part in.
-    """
-
-    group: dict[str, Any]
-    rows: pd.DataFrame
-    experiment: Experiment
+    group: dict[str, Any]  #: what they have in common, by the names of :data:`GROUP`
+    rows: pd.DataFrame  #: their attempts
+    experiment: Experiment  #: the experiment that they took part in
 
     @cached_property
     def numbers(self) -> list[int]:

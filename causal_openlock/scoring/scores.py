@@ -45,8 +45,7 @@ COLUMNS = {
 """Columns of scores of actions in their file, with their types."""
 RECORD = b"causal_openlock.record"
 """Where the file has the digest of the record that was scored: subjects may be played again."""
-FOLDER, ACTIONS = "scores", "actions.parquet"
-"""Folder and file of scores in a results folder."""
+FOLDER, ACTIONS = "scores", "actions.parquet"  #: folder and file of scores in a results folder
 BY_SUBJECT, FOLLOWED = "subjects.csv", "followed.csv"
 """Files derived from the scores, for other programs; nothing here reads them."""
 

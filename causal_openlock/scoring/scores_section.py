@@ -19,10 +19,8 @@ from causal_openlock.scoring.scores import SUBJECT, Scores, stored_scores
 from causal_openlock.wording import counted, file_names, joined
 
 TITLE = "Who predicts what was done"
-MOST_PLOTS = 4
-"""Maximum number of learners that get a figure; tables list all."""
-MOST_SUBJECTS = 200
-"""Maximum number of subjects that get a row; ``followed.csv`` lists all."""
+MOST_PLOTS = 4  #: maximum number of learners that get a figure; tables list all
+MOST_SUBJECTS = 200  #: maximum number of subjects that get a row; ``followed.csv`` lists all
 HEADS = {
     **{"scored": "predicted by", "bits": "bits/action", "worse": "more than the best"},
     **{"worse_low": "low", "worse_high": "high", "p": "p", "best_of": "best of"},
