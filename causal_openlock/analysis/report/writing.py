@@ -26,7 +26,7 @@ from causal_openlock.analysis.report.warnings import about_people, not_applicabl
 from causal_openlock.analysis.results.by_condition import condition_tables
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.missing import missing_cells, unfinished, with_missing
-from causal_openlock.analysis.statistics import sizes
+from causal_openlock.analysis.statistics import beside_mean, sizes
 from causal_openlock.analysis.table import Table, write_table
 from causal_openlock.analysis.topic import (
     Section,
@@ -200,18 +200,20 @@ def learner_pages(material: Material) -> Section:
     text = (
         "Figures: how subjects vary. Tables: a row is one trial number of one condition; where a "
         "protocol goes through its trials in loops, each subject’s visits are averaged first. se "
-        "is the standard error (population SD / √n), ci the 95% interval, mode the most common "
-        "value (at mode: how many have it), share solved that of visits in which every solution "
-        "was found, ideal what the ideal observer needs, which knows the schema, and difference "
-        "that from a reference. The same numbers, with more digits, are in summary.csv.",
+        "is the standard error (population SD / √n), share solved that of visits in which every "
+        "solution was found, ideal what the ideal observer needs, which knows the schema, and "
+        "difference that from a reference. The same numbers, with more digits, are in summary.csv.",
     )
     return Section("learners", "Learners, and every trial", text, tuple(tables), tuple(plots))
 
 
 def _trials(rows: pd.DataFrame, name: str, title: str) -> Table:
     """Rows of a summary as a table, without columns that say nothing."""
-    frame = rows.drop(columns=["learner", "protocol"]).dropna(axis="columns", how="all")
-    frame = frame.reset_index(drop=True)
+    beside = ["ci_low", "ci_high", "subjects", "mode", "at_mode"]
+    interval = [beside_mean(*of) or "–" for of in rows[beside].itertuples(index=False, name=None)]
+    frame = rows.drop(columns=["learner", "protocol", "ci_high", "mode", "at_mode"])
+    frame = frame.assign(ci_low=interval).rename(columns={"ci_low": "95% interval"})
+    frame = frame.dropna(axis="columns", how="all").reset_index(drop=True)
     formats = {column: "+.2f" for column in frame if column.endswith("difference")}
     formats["share_solved"] = ".1%"
     starts = np.flatnonzero(frame["condition"] != frame["condition"].shift()).tolist()
