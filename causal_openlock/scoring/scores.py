@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -22,7 +22,7 @@ from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.statistics import mean_intervals
 from causal_openlock.errors import OpenLockError, StoreError, in_short
-from causal_openlock.experiment.declare import Experiment
+from causal_openlock.experiment.declare import SHOWN, Experiment
 from causal_openlock.files.atomic import write_bytes, write_text
 from causal_openlock.files.checksums import ChecksumError, read_table, table_bytes
 from causal_openlock.files.escaping import csv_of
@@ -31,6 +31,9 @@ from causal_openlock.scoring.recorded import ATTEMPT, GROUP, record_digest
 from causal_openlock.storage.store import Store
 from causal_openlock.wording import joined, nearest
 from causal_openlock.world.room import action_names, positions_for
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 SUBJECT = [*GROUP, "subject"]
 LN2 = float(np.log(2.0))
@@ -251,7 +254,8 @@ class Scores:
         """The scores that :meth:`save` wrote into a folder.
 
         Raises:
-            StoreError: If there are none, they are damaged, or another version made them.
+            StoreError: If there are none, they are damaged or have gaps, or another version made
+                them.
         """
         path = folder / ACTIONS
         try:
@@ -264,9 +268,27 @@ class Scores:
             ) from None
         known = {field.name: str(field.type) for field in table.schema}
         record = (table.schema.metadata or {}).get(RECORD, b"").decode(errors="replace")
-        if known != COLUMNS or not record:
-            raise StoreError(f"{path} was not made by this version; score the subjects again")
-        return cls(table.replace_schema_metadata(None).to_pandas(), record=record)
+        actions = table.replace_schema_metadata(None).to_pandas()
+        gaps = actions.drop(columns=["entropy", "highest"], errors="ignore").isna().any(axis=None)
+        if known != COLUMNS or not record or actions.empty or gaps:
+            raise StoreError(
+                f"{path} is not whole, or was not made by this version; score the subjects again"
+            )
+        return cls(actions, record=record)
+
+    def are_whole(self, record: pa.Table) -> bool:
+        """Whether each action of the subjects has exactly one row for each learner.
+
+        Args:
+            record: The attempts that were scored.
+        """
+        done = record.select([*SUBJECT, "phase", "actions"]).to_pandas()
+        done = done[done["phase"] != SHOWN].astype(dict.fromkeys(GROUP[:-1], str))
+        lengths = done["actions"].map(len).groupby([done[name] for name in SUBJECT]).sum()
+        wide = self.subjects.set_index([*SUBJECT, "scored"])["actions"].unstack()
+        right = wide.eq(lengths.reindex(wide.index), axis=0) | wide.isna()
+        places = ["scored", *SUBJECT, "trial", "attempt", "action"]
+        return bool(right.all(axis=None)) and not self.actions.duplicated(places).any()
 
     def save(self, folder: Path) -> list[Path]:
         """Write ``actions.parquet``, ``subjects.csv`` and ``followed.csv``; returns where.
@@ -309,8 +331,10 @@ def stored_scores(material: Material) -> tuple[dict[str, Scores], list[str]]:
         try:
             scores = Scores.read(folder / FOLDER)
             if scores.record == record_digest(record, experiment, set(scores.actions["learner"])):
-                parts.append(scores)
-                continue
+                if scores.are_whole(record):
+                    parts.append(scores)
+                    continue
+                why = "some actions are not there, or twice"
         except StoreError:
             why = "this version cannot read them"
         notes.append(f"The scores in {folder.name}/{FOLDER} are left out: {why}. Score these "

@@ -109,7 +109,9 @@ def test_subjects_that_are_not_scored_are_counted(folder, other):
     assert "2 more" in text
 
 
-@pytest.mark.parametrize("damage", ["cut", "a word", "a column less", "no digest"])
+@pytest.mark.parametrize(
+    "damage", ["cut", "a word", "a column less", "no digest", "a gap", "no rows"]
+)
 def test_damaged_scores_are_refused_by_their_file_and_not_shown(other, damage):
     path = other / FOLDER / "actions.parquet"
     stored = read_table(path.read_bytes())
@@ -118,13 +120,27 @@ def test_damaged_scores_are_refused_by_their_file_and_not_shown(other, damage):
         table["trial"] = "first"
     elif damage == "a column less":
         del table["entropy"]
+    elif damage == "a gap":
+        table.loc[3, "log_probability"] = np.nan
+    elif damage == "no rows":
+        table = table[:0]
     metadata = {} if damage == "no digest" else {RECORD: stored.schema.metadata[RECORD]}
-    content = table_bytes(pa.Table.from_pandas(table, preserve_index=False), metadata)
+    schema = stored.schema if damage in ("a gap", "no rows") else None
+    content = table_bytes(pa.Table.from_pandas(table, schema, preserve_index=False), metadata)
     path.write_bytes(content[:200] if damage == "cut" else content)
     with pytest.raises(StoreError, match=r"actions.parquet"):
         Scores.read(other / FOLDER)
     assert section_of(other).tables == ()
     with pytest.raises(StoreError, match="other/scores are left out"):
+        _ = ol.open_results(other).scores
+
+
+@pytest.mark.parametrize(("first", "twice"), [(1, []), (0, [0]), (1, [1])])
+def test_scores_have_each_action_once_or_are_left_out(other, first, twice):
+    stored = Scores.read(other / FOLDER)
+    actions = pd.concat([stored.actions[first:], stored.actions.iloc[twice]])
+    replace(stored, actions=actions).save(other / FOLDER)
+    with pytest.raises(StoreError, match=r"some actions are not there, or twice. Score .* again"):
         _ = ol.open_results(other).scores
 
 
