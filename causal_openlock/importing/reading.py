@@ -110,15 +110,13 @@ def _table(text: str, path: Path) -> Iterator[tuple[str, Row]]:
     above = len(text) - len(text.lstrip())
     lines, text = text.count("\n", 0, above), text[above:]
     separator = max(",;\t|", key=text.partition("\n")[0].count)
-    reader = csv.DictReader(
-        io.StringIO(text, newline=""), delimiter=separator, strict=True, restkey="more"
-    )
+    reader = csv.DictReader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
 
     def rows() -> Iterator[tuple[str, dict[str, str]]]:
         begins = reader.line_num + 1  # a cell may have several lines
         for row in reader:
             place, begins = f"{path}:{lines + begins}", reader.line_num + 1
-            if "more" in row or None in row.values():
+            if None in row or None in row.values():
                 raise OpenLockError(f"{place}: there are not {len(header)} cells; is it whole?")
             values = {name: value.strip() for name, value in row.items()}
             if separator != ",":
@@ -184,7 +182,7 @@ def _screens(rows: Iterable[tuple[str, Row]], path: Path) -> Iterator[tuple[str,
 def _in_seconds(value: Any, name: str, place: str) -> float:
     try:
         return float(value) / 1000
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise OpenLockError(f"{place}: {name} must be a number, and is {value!r:.40}") from None
 
 
@@ -192,11 +190,12 @@ def _entries(text: str, path: Path) -> Iterator[tuple[str, Row]]:
     """The actions in a list of entries; lists in a list, or one in each line, are one list."""
     try:
         try:
-            lists = json.loads(text)
+            lists = json.loads(text, parse_constant=str)  # NaN is empty, as in a table
         except ValueError:
             if "\n" not in text.strip():
                 raise
-            lists = [json.loads(line) for line in text.splitlines() if line.strip()]
+            lines = [line for line in text.splitlines() if line.strip()]
+            lists = [json.loads(line, parse_constant=str) for line in lines]
     except (ValueError, RecursionError) as error:
         line = getattr(error, "lineno", 1)
         raise OpenLockError(f"{path}:{line}: this is not JSON; is the file whole?") from None
