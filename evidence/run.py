@@ -28,7 +28,7 @@ from causal_openlock.analysis.measures import CELL
 from causal_openlock.analysis.topics.learning_cost import subject_costs
 from causal_openlock.comparison.comparing import compare
 from causal_openlock.comparison.results import Results
-from causal_openlock.errors import EvidenceError
+from causal_openlock.errors import EvidenceError, in_short
 from causal_openlock.experiment.declare import Experiment
 from causal_openlock.experiment.making import Changes, learner, read_experiment
 from causal_openlock.files.atomic import write_bytes
@@ -48,6 +48,7 @@ from evidence.theories import units_of_theories
 from evidence.units import of_network, units_of
 
 UNITS, COSTS, RUN = "units.parquet", "costs.parquet", "run.json"
+NEEDED = ("declared", "seed", "claims", "versions", "files")  #: keys of ``run.json`` that are read
 Say = Callable[[str], None]
 
 
@@ -177,9 +178,12 @@ def read_run(study: Study) -> dict[str, Any]:
     """Facts about the run: the content of ``run.json``.
 
     Raises:
-        EvidenceError: If it has not been run, or the file is damaged.
+        EvidenceError: If it has not been run, or the file is damaged or lacks a key.
     """
-    return _read(study, RUN, read_json)
+    run: dict[str, Any] = _read(study, RUN, read_json)
+    if missing := [name for name in NEEDED if name not in run]:
+        raise EvidenceError(f"{study.folder / RUN} has no {missing[0]}; run the study again")
+    return run
 
 
 def read_units(study: Study, name: str = UNITS) -> pd.DataFrame:
@@ -204,8 +208,8 @@ def _read(study: Study, name: str, parse: Callable[[bytes], Any], sha256: str = 
         raise EvidenceError(
             f"{study.name} has not been run; run it with: make evidence NAME={study.name}"
         ) from None
-    except ChecksumError as error:
-        raise EvidenceError(f"{path} is damaged: {error}; run the study again") from None
+    except (ChecksumError, OSError) as error:
+        raise EvidenceError(f"{path} is damaged: {in_short(error)}; run the study again") from None
 
 
 def older_results(run: dict[str, Any]) -> str:

@@ -202,6 +202,19 @@ def test_damaged_units_are_found_and_nothing_is_written_from_them(ran):
     path.write_bytes(content)
     rewrite(ran, files={"units.parquet": "0" * 64})
     assert any("run.json is of another run" in fault for fault in check(ran))
+    path.unlink()
+    path.mkdir()
+    rewrite(ran, files={})
+    assert any("units.parquet is damaged" in fault for fault in check(ran))
+
+
+def test_facts_of_a_run_that_lack_a_key_are_refused(ran):
+    path = ran / "small" / "run.json"
+    facts = read_json(path.read_bytes())
+    del facts["versions"]
+    path.write_bytes(json_bytes(facts))
+    with pytest.raises(EvidenceError, match=r"run.json has no versions; run the study again"):
+        _ = evidence(ran).played_with
 
 
 def test_an_experiment_that_changed_since_its_run_is_found(ran):
