@@ -179,9 +179,10 @@ def _print_confusion(sizes: pd.DataFrame, single: pd.Series[float], console: Ter
         console.print_line(shares.map(lambda share: f"{share:.2f}" if share else "").to_string())
     right = sum(groups.loc[name, name] for name in groups) / len(groups)
     low, high = share_interval(single.mean(), len(single))
+    interval = "" if math.isnan(low) else f" ({low:.0%} to {high:.0%})"
     console.print_line(
-        f"Attributed to the theory that made them: {single.mean():.0%} of {len(single)} subjects "
-        f"({low:.0%} to {high:.0%}), and {right:.0%} of groups of {largest}."
+        f"Attributed to the theory that made them: {single.mean():.0%} of {len(single)} subjects"
+        f"{interval}, and {right:.0%} of groups of {largest}."
     )
     confused = [
         f"{maker} for {taken} ({share:.0%} of groups)"

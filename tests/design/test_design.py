@@ -230,6 +230,7 @@ def test_design_writes_all_tables_and_continues(asked, tmp_path):
     table = pd.read_csv(out / "conditions.csv")
     shown = next(line.split() for line in done.stdout.splitlines() if "per_minute" in line)
     assert shown == [*table.columns]
+    assert "of 4 subjects, and" in done.stdout  # too few for an interval
     assert table["condition"].tolist() == ["CC3"]
     settings = json.loads((out / "design.json").read_text())
     assert (settings["draws"], settings["outside"]) == (1, ["random"])
