@@ -48,7 +48,8 @@ def fit(
     ] = None,
     workers: Workers = None,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Folder; by default results/fit-LEARNER.")
+        Path | None,
+        typer.Option("--out", "-o", help="Folder; by default fit-LEARNER in results, or in --to."),
     ] = None,
 ) -> None:
     """Search a learner's parameters for the best likeness to people.
@@ -74,6 +75,8 @@ def fit(
         raise LearnerError(f"{plan} is for the learner {known.learner}, and not for {learner}")
     asked = known.changed(search or (), fix or (), settings or ())
     asked.fit.of = of or asked.fit.of
+    if hierarchical and asked.fit.each:
+        raise OpenLockError("--hierarchical fits each subject in any case; take out each=true")
     kind = "-hierarchical" if hierarchical else "-each" if asked.fit.each else ""
     folder = out or (to or Path("results")) / f"fit-{learner.replace(':', '.')}{kind}"
     if not ((folder_at(folder) / STEPS).exists() or is_empty(folder)):

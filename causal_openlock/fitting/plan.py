@@ -96,7 +96,7 @@ class FitSettings(StrictModel):
     of: list[str] = Field(default_factory=list)  #: whose subjects are fitted to; by default all
     each: bool = False  #: whether each subject is fitted by itself
     lapse: Annotated[float, Field(ge=0, le=1)] = LAPSE  #: share of actions taken to be random
-    folds: Annotated[int, Field(ge=2)] = 2  #: parts, of which each is held out once
+    folds: Annotated[int, Field(ge=2, le=1000)] = 2  #: parts, of which each is held out once
 
 
 @dataclass(frozen=True)

@@ -117,9 +117,9 @@ def score(
         console.print_line(f"{name} {how}, with a standard error of {error}")
         if at_limit := own["at_limit"].sum():
             console.print_line(
-                f"of {own['actions'].sum():,} actions, {at_limit:,} were not hit before the limit "
-                "of draws, so their log-probabilities are biased, mostly too low; --draws raises "
-                "the limit"
+                f"{name}: of {own['actions'].sum():,} actions, {at_limit:,} were not hit before "
+                "the limit of draws, so their log-probabilities are biased, mostly too low; "
+                "--draws raises the limit"
             )
     if gone := [name for name in before if name not in set(table["scored"])]:
         console.print_line(f"the scores of {joined(gone)}, which were there, are replaced")

@@ -147,7 +147,7 @@ def groups_of(parts: Sequence[Recorded], plan: Plan) -> dict[str, Sequence[Recor
 
     Raises:
         OpenLockError: If subjects are to be held out of a fit to one subject, there are fewer
-            subjects than folds, or nobody has a trial left when one is held out.
+            subjects or trials than folds, or nobody has a trial left when one is held out.
     """
     if plan.hold_out == "subjects" and plan.fit.each:
         raise OpenLockError("of a single subject, hold out trials: --set hold_out=trials")
@@ -169,12 +169,17 @@ def groups_of(parts: Sequence[Recorded], plan: Plan) -> dict[str, Sequence[Recor
 
 
 def check_folds(parts: Sequence[Recorded], plan: Plan) -> None:
-    """Raise OpenLockError if subjects are to be held out, and a fold has none."""
-    numbers, folds = {number for part in parts for number in part.numbers}, plan.fit.folds
-    if plan.hold_out == "subjects" and len({number % folds for number in numbers}) < folds:
+    """Raise OpenLockError if subjects or trials are to be held out, and a fold has none."""
+    what, other, folds = "subject", "trials", plan.fit.folds
+    numbers = {number for part in parts for number in part.numbers}
+    if plan.hold_out == "trials":
+        what, other = "trial", "none"
+        done = pd.concat([part.done_actions for part in parts])
+        numbers = set(done.loc[done["phase"] != SHOWN, "trial"])
+    if plan.hold_out != NONE and len({number % folds for number in numbers}) < folds:
         raise OpenLockError(
-            f"{folds} folds would not each have a subject, dealt by their numbers, of which there "
-            f"are {len(numbers)}; give fewer with --set folds=, or --set hold_out=trials"
+            f"{folds} folds would not each have a {what}, dealt by their numbers, of which there "
+            f"are {len(numbers)}; give fewer with --set folds=, or --set hold_out={other}"
         )
 
 

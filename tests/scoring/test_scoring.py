@@ -198,4 +198,6 @@ def test_actions_at_the_limit_of_draws_are_counted(folder, tmp_path):
     at_limit = actions["at_limit"].sum()
     assert 0 < at_limit < len(actions)
     assert pd.read_csv(tmp_path / "subjects.csv")["at_limit"].sum() == at_limit
-    assert f"of {len(actions):,} actions, {at_limit:,} " in " ".join(done.stdout.split())
+    assert f"posterior_sampling: of {len(actions):,} actions, {at_limit:,} " in " ".join(
+        done.stdout.split()
+    )
