@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 import traceback
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -59,8 +62,16 @@ class Interrupted(OpenLockError):  # noqa: N818 - it is none
         return [str(self)]
 
 
-class Terminated(KeyboardInterrupt):
-    """The system, or a batch system, has asked the process to end: SIGTERM."""
+class Stopped(KeyboardInterrupt):
+    """A signal has asked the process to end: Ctrl-C, or SIGTERM of a batch system.
+
+    Args:
+        number: The signal's.
+    """
+
+    def __init__(self, number: int) -> None:
+        super().__init__(number)
+        self.number = number
 
 
 class EvidenceError(OpenLockError):
@@ -162,9 +173,54 @@ def together(errors: Sequence[OpenLockError]) -> OpenLockError:
 def in_short(error: BaseException) -> str:
     """An error's text on a line: 200 characters of a stranger's; empty if it fails to give one."""
     try:
-        text = " ".join(str(error).split())
+        text = " ".join(str(error).encode(errors="backslashreplace").decode().split())
     except Exception:  # a user's class can fail in any way
         return ""
     if isinstance(error, OpenLockError):
         return text[:2000]
     return text if len(text) <= 200 else f"{text[:200].rpartition(' ')[0] or text[:199]} …"
+
+
+def with_kind(error: BaseException) -> str:
+    """An error's type and, if it has one, its text on a line.
+
+    >>> with_kind(ValueError("no lever")), with_kind(KeyboardInterrupt())
+    ('ValueError: no lever', 'KeyboardInterrupt')
+    """
+    what = f"{type(error).__name__}: {in_short(error)}".removesuffix(": ")
+    if isinstance(error, ValueError) and "is read-only" in what:
+        what += "; what is given to your code cannot be changed: work on a copy, array.copy()"
+    return what
+
+
+def is_stop(error: BaseException) -> bool:
+    """Whether an error is Ctrl-C or SIGTERM, rather than one that a user's code raises itself.
+
+    The command line's Ctrl-C is :class:`Stopped`. Python's own cannot be told from a
+    ``KeyboardInterrupt`` of the code, and is taken for Ctrl-C where that can arrive.
+    """
+    can_arrive = threading.current_thread() is threading.main_thread()
+    is_pythons = can_arrive and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    return isinstance(error, KeyboardInterrupt if is_pythons else Stopped)
+
+
+@contextmanager
+def failures_as(kind: type[OpenLockError], what: str, remedy: str = "") -> Iterator[None]:
+    """A block that runs a user's code: whatever it raises becomes an error of a kind.
+
+    Args:
+        kind: The kind.
+        what: What fails, and the verb; the reason follows in parentheses.
+        remedy: What to do, after the reason.
+
+    Raises:
+        OpenLockError: Of the kind, or as the code raised it.
+    """
+    try:
+        yield
+    except OpenLockError:
+        raise
+    except BaseException as error:  # SystemExit is one of them
+        if is_stop(error):
+            raise
+        raise kind(f"{what} ({with_kind(error)}){remedy}") from error

@@ -10,6 +10,7 @@ heavy is loaded only by the command that needs it.
 from __future__ import annotations
 
 import gc
+import signal
 import sys
 from typing import Annotated, Any
 
@@ -26,6 +27,7 @@ from causal_openlock.cli import (
     schema,
     text,
 )
+from causal_openlock.cli.stopping import stopped_by
 from causal_openlock.cli.terminal import complain, say, warn_in_a_line, write_anything
 from causal_openlock.errors import OpenLockError, in_short
 from causal_openlock.files.plugins import COMMANDS, registered
@@ -125,7 +127,8 @@ def main() -> None:
         for word in sys.argv[1:]:
             if word.encode(errors="replace") != word.encode(errors="surrogatepass"):
                 raise OpenLockError(f"{word} is not valid UTF-8; rename it, or set PYTHONUTF8=1")
-        app()
+        with stopped_by(signal.SIGINT):  # so that no learner can be taken for Ctrl-C
+            app()
     except OpenLockError as error:
         _fail(str(error), error.status)
     except OSError as error:

@@ -76,6 +76,7 @@ def one_trial(
     experiment: str,
 ) -> tuple[tuple[Learner, Condition, Protocol], dict[str, Any]]:
     """The arguments of ``play_trial`` and ``trace_trial``: positional ones, and named ones."""
+    from causal_openlock.contract.checks import failures_of
     from causal_openlock.contract.registry import create
     from causal_openlock.experiment.making import Changes, find_experiment, read_experiment
 
@@ -84,8 +85,9 @@ def one_trial(
         find_experiment(experiment), changes, lambda line: say(line, error=True)
     )
     (entry,), (played,) = chosen.learners, chosen.conditions
-    who = (create(entry.learner, entry.parameters), played, entry.protocol)
-    return who, {
+    with failures_of(entry.name):
+        player = create(entry.learner, entry.parameters)
+    return (player, played, entry.protocol), {
         "trial": trial,
         "subject": subject,
         "seed": chosen.seed,

@@ -85,13 +85,15 @@ def film(
     The film is a GIF or MP4; a PNG or SVG is its last moment.
     """
     from causal_openlock.comparison.console import Terminal
+    from causal_openlock.contract.checks import failures_of
     from causal_openlock.render.film import check_suffix, play_trial, recorded_trial, save_film
     from causal_openlock.render.suffixes import STILLS
 
     path = check_suffix(out or Path(f"film_{Path(condition).stem}_{learner.split(':')[-1]}.gif"))
     if recorded is None:
         who, how = one_trial(condition, learner, trial, subject, seed, protocol, experiment)
-        played = play_trial(*who, **how)
+        with failures_of(how["label"]):
+            played = play_trial(*who, **how)
     elif seed is not None or protocol is not None or experiment != "default":
         raise OpenLockError(
             "--from shows what was recorded; leave out --seed, --protocol and --experiment, "
@@ -142,11 +144,13 @@ def trace(
     from causal_openlock.analysis.plots import style
     from causal_openlock.analysis.plots.belief import plot_trace
     from causal_openlock.belief.trace import trace_text, trace_trial
+    from causal_openlock.contract.checks import failures_of
     from causal_openlock.render.suffixes import path_of_picture
 
     who, how = one_trial(condition, learner, trial, subject, seed, protocol, experiment)
     path = path_of_picture(out or Path(f"trace_{who[1].name}.svg"))
-    traced = trace_trial(*who, **how)
+    with failures_of(how["label"]):
+        traced = trace_trial(*who, **how)
     for line in trace_text(traced, attempts):
         say(line)
     figure = Figure()

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-from causal_openlock.errors import Interrupted, Terminated
+from causal_openlock.errors import Interrupted, Stopped
 
 
 @contextmanager
@@ -18,20 +18,29 @@ def resumable() -> Iterator[None]:
     Raises:
         Interrupted: If it is stopped.
     """
-    # Only the main thread can handle signals.
-    here = threading.current_thread() is threading.main_thread()
-    before = signal.signal(signal.SIGTERM, _terminated) if here else None
     try:
-        yield
+        with stopped_by(signal.SIGTERM):
+            yield
     except KeyboardInterrupt as stopped:
         interrupted = Interrupted("stopped; run the same command again to continue")
-        if isinstance(stopped, Terminated):
-            interrupted.status = 128 + signal.SIGTERM
+        if isinstance(stopped, Stopped):
+            interrupted.status = 128 + stopped.number
         raise interrupted from None
+
+
+@contextmanager
+def stopped_by(number: int) -> Iterator[None]:
+    """A block in which a signal raises ``Stopped``, unless this process ignores the signal."""
+    is_main = threading.current_thread() is threading.main_thread()  # only that can handle signals
+    if not is_main or (before := signal.getsignal(number)) in (signal.SIG_IGN, None):
+        yield
+        return
+    signal.signal(number, _stop)
+    try:
+        yield
     finally:
-        if here:
-            signal.signal(signal.SIGTERM, before)
+        signal.signal(number, before)
 
 
-def _terminated(number: int, frame: FrameType | None) -> None:
-    raise Terminated
+def _stop(number: int, frame: FrameType | None) -> None:
+    raise Stopped(number)

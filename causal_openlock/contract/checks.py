@@ -6,30 +6,21 @@ import pickle
 import random
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from importlib import import_module
 from typing import Any
 
 import numpy as np
 
-from causal_openlock.errors import LearnerError, OpenLockError, in_short
+from causal_openlock.errors import LearnerError, failures_as
 
 _NUMPY: Any = np.random
 
 
-@contextmanager
-def failures_of(name: str) -> Iterator[None]:
+def failures_of(name: str) -> AbstractContextManager[None]:
     """A block that calls a learner; what it raises becomes a LearnerError with its name."""
-    try:
-        yield
-    except OpenLockError:
-        raise
-    except Exception as error:
-        what = f"{type(error).__name__}: {in_short(error)}".removesuffix(": ")
-        raise LearnerError(
-            f"the learner {name} failed in the place of a subject: {what}; its contract tests say "
-            "more (causal_openlock.testing)"
-        ) from error
+    remedy = "; its contract tests say more (causal_openlock.testing)"
+    return failures_as(LearnerError, f"the learner {name} fails", remedy)
 
 
 def are_probabilities(found: Any, actions: int) -> bool:

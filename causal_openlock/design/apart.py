@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from causal_openlock.contract.checks import failures_of
 from causal_openlock.contract.registry import learner_class, parse_parameters
 from causal_openlock.design import COPIES
 from causal_openlock.errors import LearnerError, OpenLockError
@@ -82,8 +83,10 @@ def simulated(
     first, maker = cell.first_subject, cell.spec
     if draws:
         cell = replace(cell, spec=drawn(maker, experiment.seed, "subject", first))
-    session, learner = made(cell)
-    (part,) = recorded_subjects(session.play(learner), experiment)
+    with failures_of(maker.name):
+        session, learner = made(cell)
+        played = session.play(learner)
+    (part,) = recorded_subjects(played, experiment)
 
     def predicted(theory: LearnerSpec) -> FloatArray:
         """``[B]`` log-likelihood of what each subject did, averaged over draws of parameters."""

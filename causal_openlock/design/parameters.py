@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from causal_openlock.contract.checks import failures_of
 from causal_openlock.contract.registry import changed_parameters
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.declare import Experiment, LearnerSpec
@@ -98,8 +99,10 @@ def parameters_recovered(
     simulated = make_experiment(conditions, makers, protocol=spec.protocol, seed=seed)
     parts: dict[str, list[Recorded]] = defaultdict(list)
     for cell in simulated.cells():
-        session, maker = made(cell)
-        parts[cell.spec.name] += recorded_subjects(session.play(maker), simulated)
+        with failures_of(spec.name):
+            session, maker = made(cell)
+            played = session.play(maker)
+        parts[cell.spec.name] += recorded_subjects(played, simulated)
     how = FitSettings(lapse=lapse, hold_out="none", candidates=candidates, seed=seed)
     fits = fit_all(parts, replace(space, fit=how), folder, workers=workers, report=report)
     return pd.DataFrame(

@@ -9,7 +9,7 @@ from typing import Any
 
 from causal_openlock.contract.learner import InformedLearner
 from causal_openlock.contract.registry import learner_class, origin, parse_parameters
-from causal_openlock.errors import LearnerError, OpenLockError, in_short
+from causal_openlock.errors import LearnerError, failures_as
 from causal_openlock.wording import first_line
 
 NOTES = ("prior_attempts", "informed", "about")
@@ -66,14 +66,8 @@ def origin_of(learner: str, parameters: Mapping[str, Any]) -> Origin:
 
 def answer_of(learner: str, method: str, wanted: Any, *given: Any) -> Any:
     """Answer of a class of learners, which may be a user's, to a question about itself."""
-    try:
+    with failures_as(LearnerError, f"{method} of {learner} fails"):
         answer = getattr(learner_class(learner), method)(*given)
-    except OpenLockError:
-        raise
-    except Exception as error:  # a user's code can fail in any way
-        raise LearnerError(
-            f"{method} of {learner} fails ({type(error).__name__}: {in_short(error)})"
-        ) from error
     if not isinstance(answer, wanted) or (isinstance(answer, int) and answer < 0):
         what = "a text" if wanted is str else "a whole number of attempts, or None if unknown"
         raise LearnerError(f"{method} of {learner} has to return {what}, and returned {answer!r}")

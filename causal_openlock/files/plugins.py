@@ -16,7 +16,7 @@ from functools import lru_cache
 from importlib.metadata import EntryPoint, distributions, entry_points
 from typing import Any
 
-from causal_openlock.errors import OpenLockError
+from causal_openlock.errors import OpenLockError, with_kind
 from causal_openlock.version import __version__
 
 LEARNERS = "causal_openlock.learners"  # classes
@@ -67,8 +67,8 @@ def loaded(entry: EntryPoint) -> Any:
         return entry.load()
     except Exception as error:  # a module can fail in any way while it is imported
         raise OpenLockError(
-            f"the {_described(entry)} cannot be loaded ({type(error).__name__}: {error}); repair "
-            "that package, or uninstall it"
+            f"the {_described(entry)} cannot be loaded ({with_kind(error)}); repair that package, "
+            "or uninstall it"
         ) from error
 
 

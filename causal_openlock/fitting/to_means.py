@@ -32,6 +32,7 @@ from matplotlib.figure import Figure
 
 from causal_openlock.analysis.measures import BASELINES, TRANSFERS, attempts_to_solve
 from causal_openlock.analysis.plots import style
+from causal_openlock.contract.checks import failures_of
 from causal_openlock.contract.registry import create
 from causal_openlock.experiment.declare import PAPER_CONDITIONS, PROTOCOLS, find_condition
 from causal_openlock.experiment.session import Session
@@ -90,7 +91,8 @@ def play(
     """
     room, human = find_condition(condition), PROTOCOLS["human"]
     session = Session(room, human, subjects, seed=seed, learner=learner, experiment="fit")
-    trials = attempts_to_solve(session.play(create(learner, parameters)))
+    with failures_of(learner):
+        trials = attempts_to_solve(session.play(create(learner, parameters)))
     return trials.astype(dict.fromkeys(("learner", "condition", "protocol", "phase"), str))
 
 

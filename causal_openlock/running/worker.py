@@ -6,7 +6,6 @@ that changes the results.
 
 from __future__ import annotations
 
-import signal
 import sys
 import threading
 import time
@@ -19,7 +18,14 @@ from pathlib import Path
 from causal_openlock.contract.checks import GlobalRandomness
 from causal_openlock.contract.learner import Learner
 from causal_openlock.contract.registry import create, is_ours, origin
-from causal_openlock.errors import LearnerError, NotAvailableError, OpenLockError, in_short
+from causal_openlock.errors import (
+    LearnerError,
+    NotAvailableError,
+    OpenLockError,
+    in_short,
+    is_stop,
+    with_kind,
+)
 from causal_openlock.experiment.declare import Cell, LearnerSpec
 from causal_openlock.experiment.session import Session
 from causal_openlock.running.checkpoint import Checkpoint, unresumable
@@ -98,9 +104,8 @@ def play_cell(cell: Cell, folder: str, watching: Watching, definitions: bytes = 
         store.write_transcripts(cell, account.transcripts)
     except NotAwaitedError:
         raise
-    except (Exception, SystemExit, KeyboardInterrupt) as error:
-        is_users = in_main_thread and signal.getsignal(signal.SIGINT) is signal.default_int_handler
-        if isinstance(error, KeyboardInterrupt) and is_users:  # else only the learner can raise it
+    except BaseException as error:  # a learner can raise anything
+        if is_stop(error):
             raise
         raise LearnerError(_record_failure(store, cell, error)) from None
     store.write(cell, record, cautions)
@@ -148,9 +153,7 @@ def _record_failure(store: Store, cell: Cell, error: BaseException) -> str:
     """Save why a cell failed; returns a sentence with the reason."""
     what = in_short(error)
     if not isinstance(error, OpenLockError):
-        what = f"{type(error).__name__}: {what}".removesuffix(": ") + _users_line(error)
-        if isinstance(error, ValueError) and "is read-only" in what:
-            what += "; what a learner is given cannot be changed: work on a copy, array.copy()"
+        what = with_kind(error) + _users_line(error)
     trace = "".join(traceback.format_exception(error))
     if len(trace) > MOST_WRITTEN:  # an exception's text may be of any length
         trace = f"{trace[: MOST_WRITTEN // 2]}\n...\n{trace[-MOST_WRITTEN // 2 :]}"

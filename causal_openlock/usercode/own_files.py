@@ -19,7 +19,14 @@ from importlib.util import find_spec, resolve_name
 from pathlib import Path
 from typing import Any
 
-from causal_openlock.errors import ExperimentError, LearnerError, OpenLockError, in_short
+from causal_openlock.errors import (
+    ExperimentError,
+    LearnerError,
+    OpenLockError,
+    in_short,
+    is_stop,
+    with_kind,
+)
 from causal_openlock.files.checksums import digest
 from causal_openlock.wording import nearest
 
@@ -179,8 +186,10 @@ def load_named(name: str, role: str, fits: Callable[[Any], bool]) -> Any:
     entry = EntryPoint(name, name, "")
     try:
         return entry.load()
-    except Exception as error:  # a module can fail in any way while it is imported
-        why = f"the {role} {name!r} cannot be imported: {type(error).__name__}: {error}"
+    except BaseException as error:  # a module can fail in any way while it is imported
+        if is_stop(error):
+            raise
+        why = f"the {role} {name!r} cannot be imported: {with_kind(error)}"
         module = sys.modules.get(entry.module)  # one that fails while it is imported is not kept
         missing = error.name or "" if isinstance(error, ModuleNotFoundError) else ""
         if missing and f"{entry.module}.".startswith(f"{missing}."):

@@ -42,7 +42,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
-from causal_openlock.errors import ExperimentError
+from causal_openlock.errors import ExperimentError, failures_as
 from causal_openlock.files.validation import StrictModel, plain, read
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
 from causal_openlock.usercode import own_files
@@ -275,17 +275,14 @@ class OwnReward(RewardFunction):
             ExperimentError: If the function fails or does not return N finite numbers.
         """
         function, number = _function(self.name), len(events.first)
-        try:
+        with failures_as(ExperimentError, f"the reward {self.name} fails"):
             paid = np.asarray(function(events))
-        except Exception as error:  # a user's code can fail in any way
-            raise ExperimentError(
-                f"the reward {self.name} fails ({type(error).__name__}: {error})"
-            ) from error
-        if paid.shape != (number,) or paid.dtype.kind not in "iufb" or not np.isfinite(paid).all():
-            raise ExperimentError(
-                f"the reward {self.name} has to return one finite number for each of {number} "
-                f"actions, and returned {paid.dtype} of shape {paid.shape}: {paid}"
-            )
+            is_number = paid.dtype.kind in "iufb"
+            if paid.shape != (number,) or not is_number or not np.isfinite(paid).all():
+                raise ExperimentError(
+                    f"the reward {self.name} has to return one finite number for each of {number} "
+                    f"actions, and returned {paid.dtype} of shape {paid.shape}: {paid}"
+                )
         return paid.astype(np.float64)
 
     def as_dict(self) -> dict[str, Any]:

@@ -26,7 +26,7 @@ from support.waiting import until
 pytestmark = pytest.mark.slow
 
 LETHAL = """\
-import os, signal, subprocess, sys, time
+import asyncio, os, signal, subprocess, sys, time
 from causal_openlock import OneSubjectLearner
 
 def fail():
@@ -77,6 +77,7 @@ BY_ITSELF = {
     ),
     "Exits": ("sys.exit(0)", "failed: SystemExit: 0 (lethal.py"),
     "Stops": ("raise KeyboardInterrupt", "failed: KeyboardInterrupt"),
+    "Cancels": ("raise asyncio.CancelledError", "failed: CancelledError (lethal.py"),
 }
 KILLED = "ended its process (killed by SIGKILL, perhaps for lack of memory)"
 WITH_ITS_PROCESS = {
