@@ -89,11 +89,16 @@ class Events:
 
     @classmethod
     def of(cls, words: IntArray, found: IntArray) -> Events:
-        """The events of N words of the kernel, ``[N]``, after ``[N]`` solutions found before."""
+        """The events of N words of the kernel, ``[N]``, after ``[N]`` solutions found before.
+
+        Arrays are read-only copies: a reward that changes them would be filed elsewhere.
+        """
         facts = [name for name in cls.__dataclass_fields__ if name != "found"]
-        return cls(
-            **{name: words & getattr(kernel, name.upper()) != 0 for name in facts}, found=found
-        )
+        arrays = {name: words & getattr(kernel, name.upper()) != 0 for name in facts}
+        arrays["found"] = found.copy()
+        for array in arrays.values():
+            array.setflags(write=False)
+        return cls(**arrays)
 
 
 class RewardFunction(ABC):
