@@ -22,8 +22,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.table import Table
 from causal_openlock.files.plugins import TOPICS, loaded, registered
+from causal_openlock.wording import joined
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.figure import Figure
 
 
@@ -69,6 +71,19 @@ def sentences(*parts: str) -> str:
     'Means over subjects. n = 3.'
     """
     return " ".join(filter(None, parts))
+
+
+def of_all_conditions(trials: pd.DataFrame, judged: pd.DataFrame) -> str:
+    """Say that ``judged`` rows are of all conditions of some trials, or which are left out.
+
+    >>> import pandas as pd
+    >>> played = pd.DataFrame({"condition": ["CC3", "mine"]})
+    >>> of_all_conditions(played, played[:1])
+    'of all conditions but mine, where the ideal observer is not known'
+    """
+    left_out = joined(sorted({*trials["condition"]} - {*judged["condition"]}))
+    but = f" but {left_out}, where the ideal observer is not known" if left_out else ""
+    return f"of all conditions{but}"
 
 
 def drawn(

@@ -132,6 +132,16 @@ def test_learners_without_a_condition_in_common_are_not_compared():
     ranked = (one + other).leaderboard.set_index("learner")
     assert np.isnan(ranked.loc["random", "to_best"])
     assert (one + other).pairs["learner"].tolist() == ["oracle"]
+    rows = leaderboard_tables((one + other).leaderboard)["human"].frame.set_index("Learner")
+    assert rows["Conditions"].to_dict() == {"oracle": "CC3", "bayes": "CC3", "random": "CE3"}
+
+
+def test_a_score_leaves_out_conditions_whose_ideal_observer_is_not_known(played):
+    some = replace(played, bounds={k: one for k, one in played.bounds.items() if k[0] != "CC4"})
+    (shown,) = leaderboard_tables(leaderboard(some)).values()
+    assert "where both are known: not CC3-CE4, CC4, CE3-CE4 and CE4." in shown.caption
+    (costs,) = topics_called("learning_cost")[0].section(some).tables
+    assert "subjects of all conditions but CC4, where" in costs.caption
 
 
 # -- in words -------------------------------------------------------------------------------------

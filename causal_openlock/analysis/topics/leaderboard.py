@@ -46,13 +46,14 @@ def leaderboard(results: Material) -> pd.DataFrame:
         ``learner``; whether it is a ``reference``, such as people, of which the row has what is
         known; whether it is ``informed``: given the schema or the room, and so no competitor
         either; ``protocol``, ``conditions`` (how many; 0 where the learner has played none, and
-        numbers are then NaN), ``subjects`` (the fewest in one);
+        numbers are then NaN), ``over`` (their names), ``subjects`` (the fewest in one);
         ``limit``, the most attempts that a trial may have; ``before``, the attempts of training
         before the experiment, such as meta-training; ``solved``, the share of trials;
         ``found`` of ``solutions``, means of trials; ``median`` attempts where trials were
         solved, NaN if none was; mean ``attempts``, where an unsolved trial counts as the limit;
         ``score``, 0 for the attempts of random actions and 1 for those of the ideal observer, NaN
-        where these are not known; the ``best`` learner, which is one that has to find out how the
+        where these are not known, and ``unscored``, the conditions that it leaves out for that;
+        the ``best`` learner, which is one that has to find out how the
         room works; ``to_best`` and, of each reference, ``to_people`` and the like, how many
         attempts more than these the learner needs, each with the ends of its 95% interval,
         ``_low`` and ``_high``; NaN if nobody differs
@@ -62,9 +63,9 @@ def leaderboard(results: Material) -> pd.DataFrame:
     """
     protocols = ordered(results.trials["protocol"].unique(), (HUMAN_PROTOCOL,))
     columns = [
-        *("learner", "reference", "informed", "protocol", "conditions", "subjects", "limit"),
-        "before",
-        *("solved", "found", "solutions", "median", "attempts", "score", "best"),
+        *("learner", "reference", "informed", "protocol", "conditions", "over", "subjects"),
+        *("limit", "before", "solved", "found", "solutions", "median", "attempts"),
+        *("score", "unscored", "best"),
         *(f"to_best{end}" for end in ("", "_low", "_high")),
         *(
             gap_column(name) + end
@@ -127,7 +128,7 @@ def _gap(name: str, gap: Difference) -> dict[str, float]:
     return {name: gap.value, f"{name}_low": gap.low, f"{name}_high": gap.high, f"{name}_p": gap.p}
 
 
-def _means(known: Mapping[str, Group], ends: Mapping[str, tuple[float, float]]) -> dict[str, float]:
+def _means(known: Mapping[str, Group], ends: Mapping[str, tuple[float, float]]) -> dict[str, Any]:
     """Means over conditions; scores are 0 at the first end and 1 at the second."""
     scores = [
         (ends[name][0] - group.mean) / (ends[name][0] - ends[name][1])
@@ -136,9 +137,11 @@ def _means(known: Mapping[str, Group], ends: Mapping[str, tuple[float, float]]) 
     ]
     return {
         "conditions": len(known),
+        "over": (*sorted(known),),
         "subjects": min(group.size for group in known.values()),
         "attempts": float(np.mean([group.mean for group in known.values()])),
         "score": float(np.mean(scores)) if scores else np.nan,
+        "unscored": (*sorted(known.keys() - ends),),
     }
 
 
@@ -220,9 +223,11 @@ def leaderboard_tables(
     for protocol, rows in ranked.groupby("protocol", sort=False):
         # References come first, people before all others; the rest stay in their order.
         asked = sorted(records(rows), key=lambda row: (not row["reference"], not row["informed"]))
-        uneven = rows.loc[rows["conditions"] > 0, "conditions"].nunique() > 1
+        played = rows[rows["conditions"] > 0]
+        uneven = played["over"].nunique() > 1
         columns = {
-            "conditions": "Conditions",
+            # Counts that are equal do not show that the conditions are others: names do.
+            "conditions" if played["conditions"].nunique() > 1 else "over": "Conditions",
             "before": "Training before",
             "attempts": "Attempts",
             **{column: f"More than {name}" for column, name in _gaps(rows).items()},
@@ -233,7 +238,7 @@ def leaderboard_tables(
             "subjects": "n",
         }
         empty = {column for column in columns if rows[column].isna().all()}
-        empty |= set() if uneven else {"conditions"}
+        empty |= set() if uneven else {"over"}
         empty |= set() if any(row["before"] != 0 for row in _learners(rows)) else {"before"}
         columns = {column: head for column, head in columns.items() if column not in empty}
         texts = [
@@ -274,6 +279,8 @@ def _cell(column: str, row: Mapping[str, Any], uneven: bool) -> str:
         return share(value)
     if column == "found":
         return f"{value:.3g} of {row['solutions']:.3g}"
+    if column == "over":
+        return some(value)
     if column == "score":
         return printed(float(value), ".2f")
     if column in ("conditions", "before", "subjects"):
@@ -292,17 +299,20 @@ def _caption(rows: Sequence[Mapping[str, Any]], columns: Collection[str]) -> str
     """What the columns and marks of a table mean, and which rows are of few subjects."""
     played = [row for row in rows if row["conditions"]]
     most = max(row["conditions"] for row in played)
-    over = "the conditions of each row" if "conditions" in columns else counted(most, "condition")
+    uneven = not {"conditions", "over"}.isdisjoint(columns)
+    over = "the conditions of each row" if uneven else counted(most, "condition")
     said = [f"Means over {over}; a room has at most {counted(rows[0]['limit'], 'attempt')}."]
     if any(row["informed"] for row in rows):
         said.append("Learners above the line are given the schema or the room.")
     if any(column.startswith("to_") for column in columns):
         said.append(
-            "Brackets: 95% intervals, ≈ of fewer than ten subjects; none of fewer than five, and "
-            "where (nearly) all differ by the same."
+            "Brackets: 95% intervals, ≈ of fewer than ten subjects, those of all conditions "
+            "together; none of fewer than five, and where (nearly) all differ by the same."
         )
     if "score" in columns:
-        said.append("Score: 0 as at random, 1 as the ideal observer.")
+        left_out = joined(sorted({name for row in played for name in row["unscored"]}))
+        but = f", over the conditions where both are known: not {left_out}" if left_out else ""
+        said.append(f"Score: 0 as at random, 1 as the ideal observer{but}.")
     said.append("Solved: share of trials. Found: solutions in a trial, of how many, on average.")
     if "before" in columns:
         said.append(
@@ -385,7 +395,9 @@ def _difference(rows: pd.DataFrame, best: Mapping[str, Any], column: str) -> str
     reference = next(row for row in records(rows) if gap_column(row["learner"]) == column)
     name, gap = reference["learner"], best[column]
     if gap is None:
-        return f"Not compared with {name}, of whom not all of these conditions are known."
+        none = set(reference["over"]).isdisjoint(best["over"])
+        known = "none of these conditions is" if none else "not all of these conditions are"
+        return f"Not compared with {name}, of whom {known} known."
     learners = rows[~rows["reference"].astype(bool)]
     ps = learners[f"{column}_p"].to_numpy(float)
     p = float(holm(ps)[learners["learner"] == best["learner"]][0])

@@ -25,7 +25,7 @@ from causal_openlock.analysis.plots.panels import Names, in_rows, panels, rows_o
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.statistics import median_interval
 from causal_openlock.analysis.table import Table
-from causal_openlock.analysis.topic import Section, Topic, drawn
+from causal_openlock.analysis.topic import Section, Topic, drawn, of_all_conditions
 from causal_openlock.errors import NothingToDrawError
 
 WITHIN = 1.5  #: a room is solved well in at most this multiple of the ideal observer's attempts
@@ -180,7 +180,8 @@ def draw_costs(table: pd.DataFrame, learners: Sequence[str], ax: Any = None) -> 
 
 def section(material: Material) -> Section | None:
     """The cost of learning; None where the ideal observer's attempts are known of no condition."""
-    table = learning_costs(material)
+    each = subject_costs(material, material.trials)
+    table = costs_by_learner(each)
     if table.empty:
         return None
     able = int(np.isfinite(table["attempts"]).sum())
@@ -191,9 +192,9 @@ def section(material: Material) -> Section | None:
         f"of the subjects reach it in {able} of {len(table)} learners."
     )
     caption = (
-        "n: subjects of all conditions, pooled; reached: the share of them that solved such a "
-        "room; before the experiment: attempts of training that the learner declares, such as "
-        "meta-training; attempts: the median, these included."
+        f"n: subjects {of_all_conditions(material.trials, each)}, pooled; reached: the share of "
+        "them that solved such a room; before the experiment: attempts of training that the "
+        "learner declares, such as meta-training; attempts: the median, these included."
     )
     title = "Attempts until a new room is solved well"
     costs = Table("learning_cost", title, shown(table), {"reached": ".0%"}, caption)

@@ -19,7 +19,7 @@ from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.statistics import mean_interval
 from causal_openlock.analysis.table import Table
-from causal_openlock.analysis.topic import Section, Topic
+from causal_openlock.analysis.topic import Section, Topic, of_all_conditions
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.record import played
 from causal_openlock.world.room import Layout, positions_for
@@ -123,7 +123,8 @@ def section(material: Material) -> Section | None:
     record = material.record
     if not 0 < record.num_rows <= MOST or "actions" not in record.column_names:
         return None
-    table = regret_by_condition(regret(material))
+    each = regret(material)
+    table = regret_by_condition(each)
     if table.empty:
         return None
     told = ", ".join(f"{row.learner} {row.regret:.2f}" for row in table.itertuples())
@@ -134,12 +135,12 @@ def section(material: Material) -> Section | None:
         f"those that would still have been needed: {told}."
     )
     caption = (
-        "subjects: of all conditions; regret: attempts of a trial that the choices cost on "
-        "average, whatever luck there was (0 for the ideal observer), with its 95% interval; "
-        "information: bits that an action gained; useless: share of actions that were known to be, "
-        "as they were sure to change nothing, or nothing in the rest of the attempt could help any "
-        "more. What is known is what follows from the schema and from what the subject itself has "
-        "seen in the room; who does not know the schema knows less."
+        f"subjects: {of_all_conditions(material.trials, each)}; regret: attempts of a trial that "
+        "the choices cost on average, whatever luck there was (0 for the ideal observer), with its "
+        "95% interval; information: bits that an action gained; useless: share of actions that "
+        "were known to be, as they were sure to change nothing, or nothing in the rest of the "
+        "attempt could help any more. What is known is what follows from the schema and from what "
+        "the subject itself has seen in the room; who does not know the schema knows less."
     )
     shown = table if table["protocol"].nunique() > 1 else table.drop(columns="protocol")
     title = "Regret, information and useless actions"
