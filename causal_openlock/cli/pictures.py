@@ -112,7 +112,7 @@ def film(
             attempts=attempts,
             watch=lambda attempt, _: status.update(f"drawing attempt {attempt} of {shown}"),
         )
-    what = "" if path.suffix.lower() in STILLS else f", {frames / fps:.0f} seconds"
+    what = "" if path.suffix.lower() in STILLS else f", {counted(round(frames / fps), 'second')}"
     cut = f", the first {shown} of {len(played.attempts)} attempts (--attempts shows more)"
     many = counted(len(played.room.schema.solutions), "solution")
     by_whom = "shown to the subject" if played.shown else "found in the trial"

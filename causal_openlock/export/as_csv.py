@@ -13,6 +13,7 @@ import gzip
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.record import played, record_schema
 from causal_openlock.files.atomic import replacing
 from causal_openlock.files.escaping import cell
@@ -36,10 +37,13 @@ def write_csv(store: Store, path: Path | str) -> int:
 
     Raises:
         StoreError: If there is no cell, or one is damaged.
-        OpenLockError: If the file cannot be written; one that was there stays as it was.
+        OpenLockError: If the name ends as that of another format, or the file cannot be written;
+            one that was there stays as it was.
     """
     from pyarrow import csv
 
+    if Path(path).suffix.lower() not in ("", ".csv", ".gz"):
+        raise OpenLockError(f"{path} would hold CSV: let its name end in .csv or .csv.gz")
     cells, _ = store.files()
     count = 0
     with replacing(path) as file:

@@ -63,8 +63,13 @@ def find_schema(
         return parse_line(text)
     folders = [*map(Path, beside), Path()]
     if text.lower().endswith(SUFFIXES):
-        paths = [folder / text for folder in folders]
-        return read_schema(next(filter(isfile, paths), text))
+        path = next(filter(isfile, [folder / text for folder in folders]), None)
+        if path is None and "-" in text and Path(text).name == text:
+            raise OpenLockError(
+                f"there is no file {text:.200}; to train in one schema and test in another, name "
+                f"them without the suffix: {Path(text).stem:.200}"
+            )
+        return read_schema(path or text)
     collections = [*(folder / "schemas" for folder in folders), bundled("schemas")]
     for path in filter(isfile, [place / f"{text}.yaml" for place in [*folders, *collections]]):
         return _bundled_schema(path) if path.parent == collections[-1] else read_schema(path)

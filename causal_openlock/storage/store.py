@@ -358,7 +358,9 @@ class Store:
         paths = [self.cells / name for name in self.experiment().files]
         exists = {path: path.exists() for path in paths}
         if not any(exists.values()):
-            why = self.unwritten() or "run compare to the end first"
+            of_people = (self.folder / LOG).exists()
+            what = "nobody finished a trial, so play one" if of_people else "run compare to the end"
+            why = self.unwritten() or f"{what} first"
             raise StoreError(f"{self.folder} holds no cell yet; {why}")
         return [p for p in paths if exists[p]], [p for p in paths if not exists[p]]
 

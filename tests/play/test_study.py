@@ -162,6 +162,8 @@ def test_identifiers_that_services_send_are_taken(tmp_path):
 
 def test_what_a_killed_server_left_in_the_log_is_told_of(tmp_path):
     home = people(tmp_path / "played", command="causal-openlock play --out played")
+    shutil.copytree(home.store.folder, tmp_path / "killed")
+    assert "nobody finished a trial" in at_once("report", "killed", cwd=tmp_path).stderr
     name = home.join()
     for turn in range(2):
         home.take(name, turn, action=2)  # in the practice room

@@ -297,6 +297,8 @@ def test_the_command_films_a_learner_and_a_recorded_subject(results, tmp_path):
     done = at_once("film", "CC3", "-l", "oracle", *small, "-o", "a.gif", cwd=tmp_path)
     assert done.status == 0
     assert "a.gif written" in done.stdout
+    short = ("--attempts", 1, "--speed", 20, "--fps", 5, "--size", 120, "-o", "short.gif")
+    assert "1 second," in at_once("film", "CC3", "-l", "oracle", *short, cwd=tmp_path).stdout
     assert "2 of 2 solutions found" in done.stdout
     words = ("--from", results, "-l", "chance", "--subject", 2, "--trial", 3, "--attempts", 2)
     done = at_once("film", "noisy_CC3", *words, *small, "-o", "b.gif", cwd=tmp_path)

@@ -40,8 +40,8 @@ def counts_like_ddqn(
     Raises:
         OpenLockError: If there is no such kind, or a learner or a condition is not in the results.
     """
-    if kind not in KINDS:
-        raise OpenLockError(f"no categories of kind {kind}; {nearest(kind, KINDS)}")
+    if str(kind) not in KINDS:
+        raise OpenLockError(f"no categories of kind {kind}; {nearest(str(kind), KINDS)}")
     names, phase = KINDS[kind]
     alike = {one.name for one in results.experiment.conditions if one.is_of_paper} & {*names}
     counts = rows_of(results, results.counts.blocks, learners, conditions)

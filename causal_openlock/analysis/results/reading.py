@@ -103,7 +103,8 @@ def beside(
             if twice or not same:
                 raise StoreError(
                     f"both of these results have a learner {twice[0][0] if twice else spec.name}; "
-                    "give one of them another name (label=) where it is declared"
+                    "give one of them another name where it is declared (name: in a file; in "
+                    "Python learner(..., label=...))"
                 )
         excluded |= experiment.excluded
         for name, own in experiment.not_applicable.items():
