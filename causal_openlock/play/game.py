@@ -231,13 +231,15 @@ def _pairs(levers: Sequence[int], door: int) -> list[tuple[int, int]]:
 
 
 def _room(session: Session) -> Answer:
-    view, console = session.view, session.view.console
+    view, console, truth = session.view, session.view.console, session.truth
+    schema = truth.rooms[truth.room[0]].schema
     room: Answer = {
         "over": session.over,
         "observation": view.observation[0].tolist(),
         "solutions_left": int(console.solutions_left[0]),
         "attempts_left": int(console.attempts_left[0]),
         "actions_left": int(console.actions_left[0]),
+        "action_limit": session.protocol.actions_for(schema),
         "trial": int(view.trial[0]),
         "attempt": int(view.attempt[0]),
     }

@@ -163,8 +163,11 @@ class People:
                 self._repeat(line)
             # Not before the log: no other person may get a number that has an identifier.
             number = self._sessions[key].number
-            if given.items() - self._identifiers.get(number, {}).items():
-                self._identifiers[number] = self._identifiers.get(number, {}) | given
+            stored = self._identifiers.get(number, {})
+            first = self.recruiting[:1]  # in a known session it stays, whatever is given now
+            same = all(stored.get(name, given[name]) == given[name] for name in first)
+            if same and given.items() - stored.items():
+                self._identifiers[number] = stored | given
                 write_identifiers(self.store.folder, self._identifiers)
         return session_id
 

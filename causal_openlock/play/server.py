@@ -45,6 +45,7 @@ except ModuleNotFoundError as _missing:
         "'causal-openlock[play]'"
     ) from None
 from starlette.concurrency import run_in_threadpool
+from starlette.convertors import IntegerConvertor, register_url_convertor
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.middleware.trustedhost import TrustedHostMiddleware
@@ -177,7 +178,7 @@ class PlayServer:
         app = Starlette(
             routes=[
                 _get("/brief", lambda request: self._brief()),
-                _get("/geometry/{size:int}", lambda request: geometry(request.path_params["size"])),
+                _get("/geometry/{of:size}", lambda request: geometry(request.path_params["of"])),
                 _get("/state", lambda request: self._told(request, people.view(_session(request)))),
                 _post("/join", _Join, lambda request, sent: {
                     "id": people.join(sent.agreed, sent.recruited, sent.id)}),
@@ -198,7 +199,7 @@ class PlayServer:
         schemas = [schema for condition in experiment.conditions for schema in condition.schemas]
         return {
             "positions": max(map(positions_for, schemas)),
-            "action_limit": max(map(entry.protocol.actions_for, schemas)),
+            "action_limits": sorted({*map(entry.protocol.actions_for, schemas)}),
             "attempt_limit": entry.protocol.attempt_limit,
             "practice": self.people.practice,
             "consent": as_html(self.people.consent),
@@ -257,6 +258,13 @@ def _listening(host: str, port: int) -> socket.socket:
 
 
 # -- requests -------------------------------------------------------------------------------------
+
+
+class _Size(IntegerConvertor):
+    regex = "[0-9]{1,2}"  # Python refuses to convert thousands of digits
+
+
+register_url_convertor("size", _Size())
 
 
 class _Join(StrictModel):

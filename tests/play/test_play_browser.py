@@ -122,6 +122,20 @@ def test_a_whole_trial_is_played_by_clicking_and_recorded_as_clicked(page, tmp_p
     assert reactions["reaction"].between(0.0, 5.0).all()
 
 
+def test_each_room_has_as_many_actions_as_it_shows(page, tmp_path):
+    words = ["--condition", "chain3", "--condition", "CC3", "--no-practice", "--recruiting", "PID"]
+    limits = set()
+    with serving(tmp_path, *words) as server:
+        for name in ("ann", "ben"):  # one plays each condition
+            page.goto(f"{server.url}?PID={name}")
+            expect(page.locator("#intro")).to_contain_text("You have 3 or 4 actions in each")
+            page.click("#begin")
+            page.click("#pause-go")
+            limits.add(left(page)[-1])
+            assert page.locator("#dots i").count() == left(page)[-1]
+    assert limits == {3, 4}
+
+
 def test_pulling_pushing_and_the_door_are_where_the_paper_has_them(page, tmp_path):
     with serving(tmp_path, *CC3) as server:
         begin(page, server.url)

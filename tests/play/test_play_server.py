@@ -90,7 +90,7 @@ def test_nothing_latent_is_in_any_answer(server, caller):
     rooms = [json.loads(a.rpartition("\n")[2]) for a in caller.answers if '"room":' in a]
     told = {key for said in rooms for key in (said.get("next") or said.get("now") or said)["room"]}
     left = {"solutions_left", "attempts_left", "actions_left"}
-    assert told == {"over", "observation", "trial", "attempt", *left}
+    assert told == {"over", "observation", "trial", "attempt", "action_limit", *left}
 
 
 def test_the_page_loads_nothing_from_elsewhere_and_says_so(caller):
@@ -169,6 +169,7 @@ def test_what_is_no_call_changes_nothing(server, caller, capfd):
         assert caller.call(path, {"turn": 0, "action": 1}, name)[0] in (404, 405)
     for size in (0, 6, 13, 99):
         assert caller.call(f"/geometry/{size}")[0] == 400
+    assert caller.call(f"/geometry/{'9' * 5000}")[0] == 404
     for edges in ([[1]], [3], [[1, True]], [[-1, 7]], [[1, 7], [1, 7, 7]]):
         assert caller.call("/turn", {"turn": 0, "edges": edges}, name)[0] == 400
     assert (caller.call("/state", name=name), log(server)) == (before, held)

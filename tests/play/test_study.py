@@ -115,6 +115,8 @@ def test_who_comes_again_with_an_identifier_goes_on_where_they_stopped(tmp_path)
     assert home.identifiers(first) == {"PID": "ann", "SESSION": "2"}
     assert home.identifiers(other) == {"PID": "ben", "SESSION": ""}
     assert home.join(mark, {"PID": "ann"}, again) == again  # a call that is repeated
+    home.join(mark, {"PID": "eve", "SESSION": "3"}, again)  # in a session that is not hers
+    assert home.identifiers(first) == {"PID": "ann", "SESSION": "2"}
     assert home.number == 2
     home.take(again, home.view(again)["turn"], action=1, reaction=5)
     assert home.view(again) == home.view(first)  # both windows know of it

@@ -102,7 +102,7 @@ function screen(name) {
 
 function intro() {
   $("where").textContent = "";
-  const budgets = { levers: count(brief.positions, "lever"), actions: count(brief.action_limit, "action"), attempts: count(brief.attempt_limit, "attempt") };
+  const budgets = { levers: count(brief.positions, "lever"), actions: count(brief.action_limits.join(" or "), "action"), attempts: count(brief.attempt_limit, "attempt") };
   for (const node of document.querySelectorAll("[data-brief]")) node.textContent = budgets[node.dataset.brief];
   $("identified").hidden = brief.recruiting.length === 0;
   $("begin").textContent = state ? "Back to the room" : brief.practice ? "Go to the practice room" : "Go to the first room";
@@ -143,8 +143,8 @@ function console_(now) {
   $("attempts").textContent = now.attempts_left;
   $("actions").textContent = now.actions_left;
   const dots = $("dots");
-  if (dots.childElementCount !== brief.action_limit) {
-    dots.replaceChildren(...Array.from({ length: brief.action_limit }, () => document.createElement("i")));
+  if (dots.childElementCount !== now.action_limit) {
+    dots.replaceChildren(...Array.from({ length: now.action_limit }, () => document.createElement("i")));
   }
   [...dots.children].forEach((dot, i) => dot.classList.toggle("left", i < now.actions_left));
 }
@@ -194,7 +194,7 @@ async function enter() {
   $("last-key").textContent = "1234567890-="[state.positions - 1];
   $("practice").hidden = state.stage !== "practice";
   screen("play");
-  await begin(state.stage === "practice" || state.room.attempt > 1 || state.room.actions_left < brief.action_limit);
+  await begin(state.stage === "practice" || state.room.attempt > 1 || state.room.actions_left < state.room.action_limit);
 }
 
 async function begin(at_once) {
