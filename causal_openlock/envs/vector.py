@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from causal_openlock.envs.settings import ATTEMPT_LIMIT, AnySchema, Episode, Settings, check_options
 from causal_openlock.errors import OpenLockError
+from causal_openlock.files.validation import whole_number
 from causal_openlock.world.rewards import BASIC_REWARD, RewardForm
 from causal_openlock.world.room import RANDOM_LAYOUT, LayoutForm
 from causal_openlock.world.rooms import Rooms, RoomTables
@@ -68,6 +69,7 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
         reveal: bool = False,
     ) -> None:
         settings = Settings(schema, layout, reward, episode, attempt_limit, action_limit, positions)
+        num_envs = whole_number(num_envs, "num_envs", 1)
         self.settings, self.num_envs, self._reveal = settings, num_envs, reveal
         self.single_observation_space = settings.observation_space
         self.single_action_space = settings.action_space
