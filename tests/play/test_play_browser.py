@@ -21,6 +21,7 @@ from support.play_clients import asked, serving
 from support.waiting import HANGS
 
 pytestmark = pytest.mark.browser
+expect.set_options(timeout=60_000)  # a slow machine is no fault of the page
 
 REQUIRED = os.environ.get("OPENLOCK_BROWSER") == "required"
 if not REQUIRED and not browsers.installed():
