@@ -133,7 +133,7 @@ def test_a_structure_has_probabilities_of_edges_and_gates(edges, gates, fault):
 def test_what_is_no_structure_is_refused_with_the_learners_name(monkeypatch, wrong):
     results = played(["ideal"], ["CC3"], 1)
     monkeypatch.setattr("openlock_learners.ideal.Ideal.structure", lambda *_: wrong)
-    with pytest.raises(LearnerError, match="the learner ideal failed"):
+    with pytest.raises(LearnerError, match="the learner ideal fails"):
         structure_recovery(results)
 
 

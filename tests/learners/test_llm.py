@@ -14,7 +14,7 @@ import pytest
 from causal_openlock.analysis.topics import language_models
 from causal_openlock.comparison.results import Results
 from causal_openlock.contract.registry import create
-from causal_openlock.errors import CellsFailed, LearnerError
+from causal_openlock.errors import CellsFailed, LearnerError, Stopped
 from causal_openlock.experiment.declare import Condition, Protocol, Trials
 from causal_openlock.experiment.making import read_experiment
 from causal_openlock.experiment.session import Session
@@ -524,7 +524,7 @@ def test_what_was_said_is_in_the_results_and_in_their_bundle(scripted, tmp_path,
     assert (row[:6], row[7:]) == (["llm", "CC3", "3", "10", "1,000", "50"], ["1", "0", "0"])
 
 
-class Killed(BaseException):
+class Killed(Stopped):
     """Stands for the end of a process."""
 
 
@@ -540,7 +540,7 @@ def test_a_killed_cell_continues_and_sends_no_request_twice(end, scripted, tmp_p
 
     def killed(descriptor):
         if next(syncs) == end:
-            raise Killed
+            raise Killed(9)
 
     (cell, _), syncs = declared(tmp_path).cells(), itertools.count(1)
     model = scripted()

@@ -15,7 +15,7 @@ import pytest
 
 import causal_openlock as ol
 from causal_openlock.contract.one_subject import OneSubjectLearner
-from causal_openlock.errors import OpenLockError
+from causal_openlock.errors import OpenLockError, Stopped
 from causal_openlock.files.seal import STATE, sealed, unsealed
 from causal_openlock.running import runner, worker
 from causal_openlock.running.checkpoint import Checkpoint
@@ -63,7 +63,7 @@ def suffixes(folder):
     return sorted(path.suffix for path in (folder / "cells").iterdir())
 
 
-class Killed(BaseException):
+class Killed(Stopped):
     """Stands for the end of a process."""
 
 
@@ -78,7 +78,7 @@ def syncs(experiment, folder, end=0, **options):
     def sync(descriptor):
         taken[0] += 1
         if taken[0] == end:
-            raise Killed
+            raise Killed(9)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "fsync", sync)
