@@ -276,19 +276,21 @@ class Scores:
             )
         return cls(actions, record=record)
 
-    def are_whole(self, record: pa.Table) -> bool:
-        """Whether each action of the subjects has exactly one row for each learner.
+    def fault(self, record: pa.Table, experiment: Experiment) -> str:
+        """Say what is wrong with these scores, if a record is what was scored; else nothing.
 
-        Args:
-            record: The attempts that were scored.
+        Each action of the subjects has to have exactly one row for each learner.
         """
+        if self.record != record_digest(record, experiment, set(self.actions["learner"])):
+            return "they are of other actions than those on record"
         done = record.select([*SUBJECT, "phase", "actions"]).to_pandas()
         done = done[done["phase"] != SHOWN].astype(dict.fromkeys(GROUP[:-1], str))
         lengths = done["actions"].map(len).groupby([done[name] for name in SUBJECT]).sum()
         wide = self.subjects.set_index([*SUBJECT, "scored"])["actions"].unstack()
         right = wide.eq(lengths.reindex(wide.index), axis=0) | wide.isna()
         places = ["scored", *SUBJECT, "trial", "attempt", "action"]
-        return bool(right.all(axis=None)) and not self.actions.duplicated(places).any()
+        whole = right.all(axis=None) and not self.actions.duplicated(places).any()
+        return "" if whole else "some actions are not there, or twice"
 
     def save(self, folder: Path) -> list[Path]:
         """Write ``actions.parquet``, ``subjects.csv`` and ``followed.csv``; returns where.
@@ -326,17 +328,15 @@ def stored_scores(material: Material) -> tuple[dict[str, Scores], list[str]]:
     for folder in material.folders:
         if not (folder / FOLDER).is_dir():
             continue
-        record, experiment = Store(folder).record(ATTEMPT)
-        why = "they are of other actions than those on record"
+        stored = Store(folder).record(ATTEMPT)
         try:
             scores = Scores.read(folder / FOLDER)
-            if scores.record == record_digest(record, experiment, set(scores.actions["learner"])):
-                if scores.are_whole(record):
-                    parts.append(scores)
-                    continue
-                why = "some actions are not there, or twice"
+            why = scores.fault(*stored)
         except StoreError:
             why = "this version cannot read them"
+        if not why:
+            parts.append(scores)
+            continue
         notes.append(f"The scores in {folder.name}/{FOLDER} are left out: {why}. Score these "
                      "subjects again.")  # fmt: skip
     if not parts:
