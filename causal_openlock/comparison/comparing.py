@@ -31,7 +31,7 @@ from causal_openlock.experiment.making import (
     make_experiment,
     read_experiment,
 )
-from causal_openlock.experiment.plan import warnings_of
+from causal_openlock.experiment.plan import forewarnings
 from causal_openlock.files.atomic import folder_at
 from causal_openlock.files.validation import known_arguments
 from causal_openlock.running.runner import run
@@ -164,7 +164,7 @@ def play(
         That cells failed, if some did; the reasons have been told.
     """
     reasons = experiment.reasons if experiment.cells() else ()  # else it is an error
-    for warning in [*warnings_of(experiment), *reasons]:
+    for warning in [*forewarnings(experiment), *reasons]:
         warn(warning)
     try:
         run(experiment, folder, warn=warn, progress=progress, **options)

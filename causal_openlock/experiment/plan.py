@@ -151,7 +151,7 @@ def check_trial(trial: int, trials: int, where: str) -> None:
         raise ExperimentError(f"{where} has no trial {trial}; choose one from 1 to {trials}")
 
 
-def warnings_of(experiment: Experiment) -> list[str]:
+def forewarnings(experiment: Experiment) -> list[str]:
     """A sentence for each schema that cannot be solved, and for each learner that never learns."""
     warnings = [
         f"{schema.name} has {len(schema.solutions)} solutions and protocol {protocol.name} "

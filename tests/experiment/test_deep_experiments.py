@@ -5,7 +5,7 @@ import numpy as np
 from causal_openlock.analysis.topics.reward_study import BEST_OF_PAPER, reward_terms
 from causal_openlock.experiment.declare import PAPER_CONDITIONS, PROTOCOLS
 from causal_openlock.experiment.making import find_experiment, read_experiment
-from causal_openlock.experiment.plan import plan, warnings_of
+from causal_openlock.experiment.plan import forewarnings, plan
 from causal_openlock.world.rewards import PRESETS, TERMS
 
 
@@ -13,7 +13,7 @@ def read(name):
     """An experiment by name, and the most actions of its second learner in each condition."""
     experiment = read_experiment(find_experiment(name))
     assert experiment.learners[0].learner == "random"  # beside all others
-    assert not warnings_of(experiment)
+    assert not forewarnings(experiment)
     protocol = experiment.learners[1].protocol
     rooms = [plan(each, protocol, np.random.default_rng(0)) for each in experiment.conditions]
     actions = [len(visits) * protocol.attempt_limit * 3 for visits in rooms]

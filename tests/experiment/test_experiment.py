@@ -22,7 +22,7 @@ from causal_openlock.experiment.making import (
     read_experiment,
     sweep,
 )
-from causal_openlock.experiment.plan import warnings_of
+from causal_openlock.experiment.plan import forewarnings
 from causal_openlock.files.yaml_file import dump_yaml
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.schemas.graphs import write_schema
@@ -166,7 +166,7 @@ def test_a_file_with_no_name_has_no_other_fault(line, tmp_path):
 def test_trials_with_more_solutions_than_attempts_are_warned_about():
     def warnings(attempt_limit):
         made = make_experiment(["two_of_four", "CC3"], "random", attempt_limit=attempt_limit)
-        return warnings_of(made)
+        return forewarnings(made)
 
     (warning,) = warnings(5)
     for word in ("two_of_four", "6 solutions", "5 attempts"):
