@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from causal_openlock.contract.checks import GlobalRandomness
 from causal_openlock.contract.learner import Brief, Learner, Observations, Step, View
-from causal_openlock.errors import LearnerError, in_short
+from causal_openlock.errors import LearnerError, in_short, with_kind
 from causal_openlock.files.checksums import digest
 from causal_openlock.schemas.fsm import IntArray
 from causal_openlock.wording import nearest
@@ -281,7 +281,7 @@ class StableBaselines(Learner):
                 of = f" for the weights in {chosen.model}" if weights else ""
                 raise LearnerError(
                     f"{chosen.algorithm} of Stable-Baselines3 refuses its settings{of}: "
-                    f"{type(error).__name__}: {in_short(error)}"
+                    + with_kind(error)
                 ) from error
             self._players.append(player)
 
