@@ -32,10 +32,7 @@ PHASE = [*CELL, *SUBJECT, "phase"]  #: columns that identify a phase of a subjec
 TRIAL = [*CELL, *SUBJECT, *VISIT, "schema", "layout"]  #: columns that identify a trial and its room
 NAMES = [*CELL, "experiment", "phase", "schema", "layout", "category"]  #: columns of names
 SOLUTIONS = ("first", "second", "third")  #: attempts for each solution, in the order of finding
-OUTCOMES = (
-    "neither",
-    *CATEGORIES[1:],
-)  #: columns of categories; ``else`` is a keyword of Python
+OUTCOMES = ("neither", *CATEGORIES[1:])  #: columns; ``else`` is a keyword of Python
 START = 10  #: the first tenth of a trial's attempts, and at least one attempt, are its start
 BLOCKS = 5  #: shares of a phase in which categories are counted, as in the paper's Figure 6
 AT_ONCE = 1_000_000  #: attempts counted at once, or those of one subject number if it has more

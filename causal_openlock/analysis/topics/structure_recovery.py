@@ -63,8 +63,8 @@ def structure_recovery(results: Material, subjects: int | None = None) -> pd.Dat
     >>> table.groupby("learner")[["shd", "f1", "brier"]].mean().values.tolist()
     [[0.0, 1.0, 0.0]]
 
-    What people said is in the folders of results. At most so many ``subjects`` of a learner in a
-    condition play again, by default all.
+    What people said is in the folders of results. Of each learner and condition the first
+    ``subjects`` play again, by default all.
 
     Returns:
         A row for each trial of each subject: ``learner``, ``condition``, ``protocol``, ``subject``,
