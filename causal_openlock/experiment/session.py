@@ -16,7 +16,7 @@ import numpy as np
 
 from causal_openlock.contract.learner import Brief, InformedLearner, Learner, Step, Truth, View
 from causal_openlock.errors import ExperimentError, LearnerError
-from causal_openlock.experiment.declare import Condition, Protocol
+from causal_openlock.experiment.declare import Cell, Condition, Protocol
 from causal_openlock.experiment.plan import check_trial, plan
 from causal_openlock.experiment.record import AttemptLog, assemble
 from causal_openlock.schemas.fsm import BoolArray, IntArray
@@ -232,6 +232,19 @@ class Session:
             return learner.act(self.view)
         learner.probabilities(self.view)  # as the contract has it where actions are given
         return shown
+
+    @classmethod
+    def of(cls, cell: Cell) -> Session:
+        """The session of a cell, before it begins."""
+        return cls(
+            cell.condition,
+            cell.spec.protocol,
+            range(cell.first_subject, cell.first_subject + cell.subjects),
+            seed=cell.seed,
+            reward=cell.spec.reward,
+            learner=cell.spec.name,
+            experiment=cell.experiment,
+        )
 
     def following(self, done: Sequence[IntArray]) -> Iterator[tuple[BoolArray, Step]]:
         """Take the actions that each subject is known to have taken, in order.

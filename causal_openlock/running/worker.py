@@ -193,16 +193,7 @@ def _cautions(start: GlobalRandomness | None, learner: Learner, spec: LearnerSpe
 
 def made(cell: Cell) -> tuple[Session, Learner]:
     """A session for a cell, and its learner; neither has begun."""
-    session = Session(
-        cell.condition,
-        cell.spec.protocol,
-        range(cell.first_subject, cell.first_subject + cell.subjects),
-        seed=cell.seed,
-        reward=cell.spec.reward,
-        learner=cell.spec.name,
-        experiment=cell.experiment,
-    )
-    return session, create(cell.spec.learner, cell.spec.parameters)
+    return Session.of(cell), create(cell.spec.learner, cell.spec.parameters)
 
 
 def _require_declared(spec: LearnerSpec) -> None:
