@@ -28,12 +28,11 @@ from causal_openlock.experiment.making import find_experiment, read_experiment
 from causal_openlock.experiment.record import played, with_times
 from causal_openlock.files.atomic import folder_at, is_empty, move_into
 from causal_openlock.files.validation import read
-from causal_openlock.importing.reading import Action, actions_in
+from causal_openlock.importing.reading import Action, actions_in, fault_at
 from causal_openlock.importing.replaying import Replayed, replay
 from causal_openlock.play.people import MOST_PEOPLE
 from causal_openlock.play.person import LABEL, as_learner
 from causal_openlock.schemas.finding import bundled_schemas
-from causal_openlock.schemas.schema import Schema
 from causal_openlock.storage.store import Store
 from causal_openlock.wording import counted, nearest
 from causal_openlock.world.rewards import PAPER_REWARD, find_reward
@@ -109,10 +108,13 @@ def import_files(
     specs: dict[str, LearnerSpec] = {}
     conditions: dict[str, Condition] = {}
     numbers: dict[str, dict[str, int]] = {}
-    found: list[tuple[LearnerSpec, Replayed]] = []
+    rooms: dict[str, dict[int, tuple[Layout, ...]]] = {}
+    most: dict[str, int] = {}
+    replayed: list[Replayed] = []
+    warnings: list[str] = []
     for (label, called, budget), subjects in groups.items():
         first = next(iter(subjects.values()))[0]
-        try:
+        with fault_at(first.place):
             spec = specs.setdefault(label, _spec(label, budget, known))
             condition = conditions.setdefault(called, _condition(called, known))
             if spec.protocol.name != budget:
@@ -120,21 +122,44 @@ def import_files(
                     f"{label} has played under {spec.protocol.name}, and here under {budget}; give "
                     "learners under different protocols different labels"
                 )
-        except OpenLockError as error:
-            raise OpenLockError(f"{first.place}: {error}") from None
-        own = numbers.setdefault(called, {})
+        own, met = numbers.setdefault(called, {}), rooms.setdefault(called, {})
         for subject, acted in subjects.items():
             number = own.setdefault(subject, int(subject) if numbered else len(own))
-            again = replay(acted, number, condition, spec, name, seed, layouts == "drawn")
-            found.append((spec, again))
-    over = [again for _, again in found if again.record.num_rows]
+            most[label] = max(most.get(label, 0), number + 1)
+            again = replay(acted, Cell(name, seed, spec, condition, number, 1), layouts == "drawn")
+            replayed.append(again)
+            layouts_met = again.cell.condition.rooms.get(number, ())
+            if met.setdefault(number, layouts_met) != layouts_met:
+                raise OpenLockError(
+                    f"{acted[-1].place}: a subject of this name met other rooms with another "
+                    "learner; call the subjects differently"
+                )
+            if again.left_out:
+                warnings.append(
+                    f"{acted[-1].place}: the last trial of subject {subject} is not over, and left "
+                    f"out ({counted(again.left_out, 'action')})"
+                )
+    over = [again for again in replayed if again.record.num_rows]
     if not over:
-        raise OpenLockError(f"{files[0]}: there is no trial that is over; is this the right file?")
-    command = shlex.join(["causal-openlock", "import", "FILES", "--out", Path(out).as_posix()])
-    _write(folder, name, seed, command, [*conditions.values()], found)
-    return Imported(
-        len(over), sum(played(again.record).num_rows for again in over), _warnings(actions, found)
+        raise OpenLockError(f"{files[0]}: it has no action of a trial that is over; is it whole?")
+    times = [action.reaction for action in actions if action.reaction is not None]
+    if times and median(times) > SLOW:
+        warnings.append(
+            f"half of the reactions took more than {median(times):g} seconds; if these are "
+            "milliseconds, divide the column by 1,000 and import again"
+        )
+    whole = Experiment(
+        name=name,
+        title="Imported",
+        command=shlex.join(["causal-openlock", "import", "FILES", "--out", Path(out).as_posix()]),
+        seed=seed,
+        cell_size=1,
+        conditions=tuple(replace(one, rooms=rooms[called]) for called, one in conditions.items()),
+        learners=tuple(replace(spec, subjects=most[label]) for label, spec in specs.items()),
     )
+    _write(folder, whole, over)
+    attempts = sum(played(again.record).num_rows for again in over)
+    return Imported(len(over), attempts, tuple(warnings))
 
 
 def _origin(actions: Sequence[Action], folder: Path, seed: int) -> tuple[str, int]:
@@ -155,20 +180,16 @@ def _condition(name: str, known: Experiment | None) -> Condition:
     declared = {condition.name: condition for condition in known.conditions} if known else {}
     if name in declared:
         return declared[name]
-    shown = name.startswith(f"{SHOWN}-")
-    schemas = [_bundled_schema(part) for part in name.removeprefix(f"{SHOWN}-").split("-")]
-    condition = find_condition(schemas)
+    shown, packaged = name.startswith(f"{SHOWN}-"), bundled_schemas()
+    schemas = name.removeprefix(f"{SHOWN}-").split("-")
+    for schema in schemas:
+        if schema not in packaged:
+            raise OpenLockError(
+                f"there is no schema {schema[:80]!r} in the package; {nearest(schema, packaged)}, "
+                "or declare the condition in an experiment file, and name it with --from"
+            )
+    condition = find_condition([packaged[schema] for schema in schemas])
     return replace(condition, name=name, shown=True) if shown else condition
-
-
-def _bundled_schema(name: str) -> Schema:
-    known = bundled_schemas()
-    if name not in known:
-        raise OpenLockError(
-            f"there is no schema {name[:80]!r} in the package; {nearest(name, known)}, or declare "
-            "the condition in an experiment file, and name it with --from"
-        )
-    return known[name]
 
 
 def _spec(label: str, protocol: str, known: Experiment | None) -> LearnerSpec:
@@ -180,66 +201,19 @@ def _spec(label: str, protocol: str, known: Experiment | None) -> LearnerSpec:
     return as_learner(budget, reward, label)
 
 
-def _warnings(
-    actions: Sequence[Action], found: Sequence[tuple[LearnerSpec, Replayed]]
-) -> tuple[str, ...]:
-    warnings = [
-        f"{again.last.place}: the last trial of subject {again.last.subject} is not over, and left "
-        f"out ({counted(again.left_out, 'action')})"
-        for _, again in found
-        if again.left_out
-    ]
-    times = [action.reaction for action in actions if action.reaction is not None]
-    if times and median(times) > SLOW:
-        warnings.append(
-            f"half of the reactions took more than {median(times):g} seconds; if these are "
-            "milliseconds, divide the column by 1,000 and import again"
-        )
-    return tuple(warnings)
-
-
-def _write(
-    folder: Path,
-    name: str,
-    seed: int,
-    command: str,
-    conditions: Sequence[Condition],
-    found: Sequence[tuple[LearnerSpec, Replayed]],
-) -> None:
+def _write(folder: Path, experiment: Experiment, replayed: Sequence[Replayed]) -> None:
     """Write everything into a temporary folder first, so that it is whole or not there."""
-    most = {spec.name: 1 + max(o.number for s, o in found if s is spec) for spec, _ in found}
-    specs = {spec.name: replace(spec, subjects=most[spec.name]) for spec, _ in found}
-    rooms: dict[str, dict[int, tuple[Layout, ...]]] = {one.name: {} for one in conditions}
-    for _, again in found:
-        own = again.condition.rooms.get(again.number, ())
-        if rooms[again.condition.name].setdefault(again.number, own) != own:
-            raise OpenLockError(
-                f"{again.last.place}: a subject of this name met other rooms with another "
-                "learner; call the subjects differently"
-            )
-    experiment = Experiment(
-        name=name,
-        title="Imported",
-        command=command,
-        seed=seed,
-        cell_size=1,
-        conditions=tuple(replace(one, rooms=rooms[one.name]) for one in conditions),
-        learners=tuple(specs.values()),
-    )
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".importing-") as beside:
         store = Store(Path(beside) / "results")
         store.open(experiment, changed=False)
-        cells = []
-        for spec, again in found:
-            if not again.record.num_rows:
-                continue
-            cells.append(Cell(name, seed, spec, again.condition, again.number, 1))
-            ends = [taken.time for taken in again.done if taken.attempt_over]
-            store.write(cells[-1], with_times(again.record, ends[: again.record.num_rows]))
-            if any((taken.reaction, taken.time) != (None, None) for taken in again.done):
-                path = store.folder / REACTIONS / cells[-1].file_name
-                write_reactions(path, again.condition.name, again.number, again.done)
-        store.declare(experiment, [cell.file_name for cell in cells])
+        for again in replayed:
+            cell, done = again.cell, again.done
+            ends = [taken.time for taken in done if taken.attempt_over]
+            store.write(cell, with_times(again.record, ends[: again.record.num_rows]))
+            if any((taken.reaction, taken.time) != (None, None) for taken in done):
+                path = store.folder / REACTIONS / cell.file_name
+                write_reactions(path, cell.condition.name, cell.first_subject, done)
+        store.declare(experiment, [again.cell.file_name for again in replayed])
         store.close()
         move_into(store.folder, folder)

@@ -14,10 +14,13 @@ import io
 import json
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.declare import MISSING
@@ -38,10 +41,6 @@ Number = Annotated[int, Field(ge=1, lt=2**31)]
 Seconds = Annotated[float, Field(ge=0, lt=2**31, allow_inf_nan=False)]
 
 
-def _index(action: Any) -> Any:
-    return int(action) if isinstance(action, str) and action.isdecimal() else action
-
-
 @part(kw_only=True)
 class Action(Part):
     """An action, as a file describes it."""
@@ -51,7 +50,7 @@ class Action(Part):
     condition: Text
     trial: Number  #: in the whole condition, or in its phase and loop if these are given
     attempt: Number
-    action: Annotated[int | str, BeforeValidator(_index)]  #: its index or its name
+    action: Text  #: its index or its name
     phase: Text = ""
     loop: Number = 1
     learner: Text = ""  #: label of the learner; empty for the default
@@ -75,22 +74,20 @@ def actions_in(path: Path) -> Iterator[Action]:
     """
     text = _text(path)
     rows = _entries(text, path) if text.lstrip()[:1] in ("[", "{") else _table(text, path)
-    known, last = Action.__dataclass_fields__, dict[tuple[str, str, str], float]()
     for place, row in rows:
-        given = {name: row[name] for name in known if row.get(name) not in EMPTY}
-        try:
-            action: Action = read(Action, {**given, "place": place})
-        except OpenLockError as error:
-            raise OpenLockError(f"{place}: {error.parts[0]}") from None
-        if action.time is not None:
-            who = action.learner, action.condition, action.subject
-            if action.time < last.get(who, 0.0):
-                raise OpenLockError(
-                    f"{place}: time is {action.time:g}, and was {last[who]:g} before; it is "
-                    "seconds since the subject began, and rows are in the order of time"
-                )
-            last[who] = action.time
+        known = [name for name in Action.__dataclass_fields__ if row.get(name) not in EMPTY]
+        with fault_at(place):
+            action: Action = read(Action, {**{name: row[name] for name in known}, "place": place})
         yield action
+
+
+@contextmanager
+def fault_at(place: str) -> Iterator[None]:
+    """Name the place in the file of the first fault in a block."""
+    try:
+        yield
+    except OpenLockError as error:
+        raise OpenLockError(f"{place}: {error.parts[0]}") from None
 
 
 def _text(path: Path) -> str:
@@ -107,40 +104,44 @@ def _text(path: Path) -> str:
 
 def _table(text: str, path: Path) -> Iterator[tuple[str, Row]]:
     """The actions in a table, each with its place."""
-    above = len(text) - len(text.lstrip())
-    lines, text = text.count("\n", 0, above), text[above:]
-    separator = max(",;\t|", key=text.partition("\n")[0].count)
-    reader = csv.DictReader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
+    separator = max(",;\t|", key=text.lstrip().partition("\n")[0].count)
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
 
-    def rows() -> Iterator[tuple[str, dict[str, str]]]:
-        begins = reader.line_num + 1  # a cell may have several lines
-        for row in reader:
-            place, begins = f"{path}:{lines + begins}", reader.line_num + 1
-            if None in row or None in row.values():
+    def lines() -> Iterator[tuple[str, list[str]]]:
+        begins = 1  # a cell may have several lines
+        for cells in reader:
+            place, begins = f"{path}:{begins}", reader.line_num + 1
+            if any(map(str.strip, cells)):
+                yield place, [cell.strip() for cell in cells]
+
+    def rows() -> Iterator[tuple[str, Row]]:
+        for place, cells in table:
+            if len(cells) != len(header):
                 raise OpenLockError(f"{place}: there are not {len(header)} cells; is it whole?")
-            values = {name: value.strip() for name, value in row.items()}
+            row = dict(zip(header, cells, strict=True))
             if separator != ",":
-                values |= {k: values[k].replace(",", ".") for k in SECONDS if k in values}
-            if any(values.values()):
-                yield place, values
+                row |= {name: row[name].replace(",", ".") for name in SECONDS if name in row}
+            yield place, row
 
     try:
-        reader.fieldnames = header = [" ".join(cell.split()) for cell in reader.fieldnames or ()]
+        table = lines()
+        first, heads = next(table, (f"{path}:1", []))
+        header = [" ".join(head.split()) for head in heads]
         if twice := [name for name in header if name and header.count(name) > 1]:
-            raise OpenLockError(f"{path}:{lines + 1}: the column {twice[0]} is there twice")
+            raise OpenLockError(f"{first}: the column {twice[0]} is there twice")
         jspsych = "trial_type" in header or "time_elapsed" in header
         if {*record_schema().names} <= {*header}:
             yield from _of_attempts(rows())
         elif missing := [name for name in NEEDED[jspsych:] if name not in header]:
             raise OpenLockError(
-                f"{path}:{lines + 1}: there is no column {missing[0]}; found: {', '.join(header)}; "
-                f"a table of actions has {', '.join(NEEDED)}, and an export of this project the "
-                "columns of a record"
+                f"{first}: there is no column {missing[0]}; found: {', '.join(header)}; a table "
+                f"of actions has {', '.join(NEEDED)}, and an export of this project the columns of "
+                "a record"
             )
         else:
             yield from _screens(rows(), path) if jspsych else rows()
     except csv.Error as error:
-        line = lines + max(reader.line_num, 1)
+        line = max(reader.line_num, 1)
         raise OpenLockError(f"{path}:{line}: this is not CSV ({error})") from None
 
 
@@ -151,10 +152,9 @@ def _of_attempts(rows: Iterable[tuple[str, Row]]) -> Iterator[tuple[str, Row]]:
         if not actions or len(actions) != len(moved):
             raise OpenLockError(f"{place}: actions and moved must be of one length, at least 1")
         kept = {name: row[name] for name in row if name not in CLAIMS}
-        for action, flag in zip(actions[:-1], moved[:-1], strict=True):
-            yield place, {**kept, "action": action, "moved": flag}
-        ended = {"action": actions[-1], "moved": moved[-1], "time": row["wall_time"]}
-        yield place, {**kept, **ended}
+        for number, (action, flag) in enumerate(zip(actions, moved, strict=True), 1):
+            ended = row["wall_time"] if number == len(actions) else ""
+            yield place, {**kept, "action": action, "moved": flag, "time": ended}
 
 
 def _screens(rows: Iterable[tuple[str, Row]], path: Path) -> Iterator[tuple[str, Row]]:
@@ -188,23 +188,19 @@ def _in_seconds(value: Any, name: str, place: str) -> float:
 
 def _entries(text: str, path: Path) -> Iterator[tuple[str, Row]]:
     """The actions in a list of entries; lists in a list, or one in each line, are one list."""
+    parsed = partial(json.loads, parse_constant=str)  # NaN is empty, as in a table
     try:
-        try:
-            lists = json.loads(text, parse_constant=str)  # NaN is empty, as in a table
-        except ValueError:
-            if "\n" not in text.strip():
-                raise
-            lines = [line for line in text.splitlines() if line.strip()]
-            lists = [json.loads(line, parse_constant=str) for line in lines]
+        lists = parsed(text)
     except (ValueError, RecursionError) as error:
-        line = getattr(error, "lineno", 1)
-        raise OpenLockError(f"{path}:{line}: this is not JSON; is the file whole?") from None
+        try:
+            lists = [parsed(line) for line in text.splitlines() if line.strip()]
+        except (ValueError, RecursionError):
+            line = getattr(error, "lineno", 1)
+            raise OpenLockError(f"{path}:{line}: this is not JSON; is the file whole?") from None
     lists = lists if isinstance(lists, list) else [lists]
-    flat = [entry for one in lists for entry in (one if isinstance(one, list) else [one])]
+    flat = chain.from_iterable(one if isinstance(one, list) else [one] for one in lists)
     numbered = [(f"{path} (entry {number})", entry) for number, entry in enumerate(flat, 1)]
     for place, entry in numbered:
         if not isinstance(entry, Mapping):
             raise OpenLockError(f"{place}: this is not an entry of a list, as jsPsych saves it")
-    if not any("action" in entry for entry in flat):
-        raise OpenLockError(f"{path}: no entry has an action next to its other values; add it")
     yield from _screens(numbered, path)

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from causal_openlock.contract.learner import Step
-from causal_openlock.errors import ExperimentError, OpenLockError
-from causal_openlock.experiment.declare import SHOWN, Condition, LearnerSpec
+from causal_openlock.errors import OpenLockError
+from causal_openlock.experiment.declare import SHOWN, Cell
 from causal_openlock.experiment.plan import Visit, plan
 from causal_openlock.experiment.session import Session
-from causal_openlock.importing.reading import CLAIMS, Action
+from causal_openlock.importing.reading import CLAIMS, Action, fault_at
 from causal_openlock.play.game import PlayedAction
 from causal_openlock.world.room import Layout, action_index, action_names, positions_for
 
@@ -30,24 +30,14 @@ if TYPE_CHECKING:
 class Replayed:
     """One subject's actions, replayed and checked."""
 
-    number: int  #: of the subject
-    condition: Condition  #: that was played, with the rooms where the file names them
+    cell: Cell  #: that was played, with the rooms where the file names them
     record: pa.Table  #: the attempts of the trials that are over
     done: Sequence[PlayedAction]
     left_out: int  #: actions of a trial that is not over, which no record has
-    last: Action
 
 
-def replay(
-    actions: Sequence[Action],
-    number: int,
-    condition: Condition,
-    spec: LearnerSpec,
-    experiment: str,
-    seed: int,
-    drawn: bool = False,
-) -> Replayed:
-    """Take a subject's actions again, in the order of time.
+def replay(actions: Sequence[Action], cell: Cell, drawn: bool = False) -> Replayed:
+    """Take the actions of a cell's subject again, in the order of time.
 
     Layouts that the file names replace those that are drawn; where it names none, the subject met
     the rooms that the seed draws if ``drawn`` says so. Luck is drawn from the seed as well.
@@ -56,27 +46,30 @@ def replay(
         OpenLockError: If no layout is named where several are possible and rooms are not drawn, an
             action could not have been taken then, or something else comes of it.
     """
-    visits = plan(condition, spec.protocol, np.random.default_rng(0))
+    condition, protocol = cell.condition, cell.spec.protocol
+    visits, other = (plan(condition, protocol, np.random.default_rng(n)) for n in range(2))
     trials = _trials(actions, visits, condition.name)
     rooms = _rooms(actions, trials, visits)
-    other = plan(condition, spec.protocol, np.random.default_rng(1))
     if not (rooms or drawn) and [v.layout for v in other] != [v.layout for v in visits]:
         raise OpenLockError(
             f"{actions[0].place}: there is no layout, so it is not known where the levers were; "
             "add the column layout, such as trial1, or give --layouts drawn if these were the "
             "rooms that --seed draws"
         )
-    condition = replace(condition, rooms={number: rooms} if rooms else {})
-    session = Session(
-        condition,
-        spec.protocol,
-        [number],
-        seed=seed,
-        reward=spec.reward,
-        learner=spec.name,
-        experiment=experiment,
-    )
-    indices = [_index(action, session.brief.positions) for action in actions]
+    known = {cell.first_subject: rooms} if rooms else {}
+    cell = replace(cell, condition=replace(condition, rooms=known))
+    session = Session.of(cell)
+    indices, last = [], 0.0
+    for action in actions:
+        name = int(action.action) if action.action.isdecimal() else action.action
+        with fault_at(action.place):
+            indices.append(action_index(name, session.brief.positions))
+            if action.time is not None and action.time < last:
+                raise OpenLockError(
+                    f"time is {action.time:g}, and was {last:g} before; it is seconds since the "
+                    "subject began, and rows are in the order of time"
+                )
+            last = action.time or last
     done: list[PlayedAction] = []
     whole = attempts = kept = 0  # actions and attempts of trials that are over
     for action, trial, (_, step) in zip(
@@ -88,7 +81,7 @@ def replay(
         if not why and visits[trial - 1].phase == SHOWN and over and not step.new_solution[0]:
             why = "this attempt is not a new solution, and what is shown is"
         if why:
-            hint = f"; rooms were drawn by --seed {seed}" if drawn and not rooms else ""
+            hint = f"; rooms were drawn by --seed {cell.seed}" if drawn and not rooms else ""
             raise OpenLockError(f"{action.place}: {why}{hint}")
         at = int(step.view.attempt[0])
         taken = (int(step.action[0]), moved, action.reaction, action.time, over)
@@ -96,14 +89,13 @@ def replay(
         attempts += over
         if step.trial_over[0]:
             whole, kept = len(done), attempts
-    record = session.record().slice(0, kept)
-    return Replayed(number, condition, record, done, len(done) - whole, actions[-1])
+    return Replayed(cell, session.record().slice(0, kept), done, len(done) - whole)
 
 
 def _trials(actions: Sequence[Action], visits: Sequence[Visit], condition: str) -> list[int]:
     """The number of each action's trial in the whole condition, from 1, as the file has it."""
     known = {(visit.phase, visit.loop, visit.trial): n for n, visit in enumerate(visits, start=1)}
-    numbers: list[int] = []
+    numbers = [0]
     for action in actions:
         key = (action.phase, action.loop, action.trial)
         number = known.get(key, 0) if action.phase else action.trial
@@ -114,16 +106,15 @@ def _trials(actions: Sequence[Action], visits: Sequence[Visit], condition: str) 
                 f"{named} is none of them; declare others in an experiment file, and name it with "
                 "--from"
             )
-        before = numbers[-1] if numbers else 0
-        if number > before + 1:
-            shown = visits[before].phase == SHOWN
+        if number > (following := numbers[-1] + 1):
+            shown = visits[following - 1].phase == SHOWN
             what = f" ({SHOWN}: what the subject saw is data as well)" if shown else ""
             raise OpenLockError(
                 f"{action.place}: this is trial {number} of {condition}, and there is no row of "
-                f"trial {before + 1}{what}; add its rows, or correct this one"
+                f"trial {following}{what}; add its rows, or correct this one"
             )
         numbers.append(number)
-    return numbers
+    return numbers[1:]
 
 
 def _rooms(
@@ -135,26 +126,16 @@ def _rooms(
     named: dict[int, str] = {}
     layouts: list[Layout] = []
     for action, trial in zip(actions, trials, strict=True):
-        schema = visits[trial - 1].schema
-        if named.setdefault(trial, action.layout) != action.layout or not action.layout:
-            raise OpenLockError(
-                f"{action.place}: trial {trial} has one layout, named in every row; this row says "
-                f"{action.layout or 'none'}"
-            )
-        if len(named) > len(layouts):
-            try:
-                layouts.append(Layout.of(schema, action.layout, positions_for(schema)))
-            except ExperimentError as error:
-                why = f"{error}".partition("; compare again")[0]
-                raise OpenLockError(f"{action.place}: {why}") from None
+        schema, layout = visits[trial - 1].schema, action.layout
+        with fault_at(action.place):
+            if not layout or named.setdefault(trial, layout) != layout:
+                raise OpenLockError(
+                    f"trial {trial} has one layout, named in every row; this row says "
+                    f"{layout or 'none'}"
+                )
+            if len(named) > len(layouts):
+                layouts.append(Layout.of(schema, layout, positions_for(schema)))
     return tuple(layouts)
-
-
-def _index(action: Action, positions: int) -> int:
-    try:
-        return action_index(action.action, positions)
-    except ExperimentError as error:
-        raise OpenLockError(f"{action.place}: {error}") from None
 
 
 def _impossible(action: Action, trial: int, step: Step, moved: bool) -> str:
