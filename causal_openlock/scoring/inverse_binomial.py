@@ -7,7 +7,9 @@ number K of draws until it does what the subject did gives an estimate of the lo
 
 that is right in the mean, whatever the probability is, with a variance of which 1 + 1/4 + ... +
 1/(K - 1)² is right in the mean (van Opheusden, Acerbi & Ma 2020). A share of hits in a fixed number
-of draws is not: its logarithm is too low, and without any hit it is infinite.
+of draws is not: its logarithm is too low, and without any hit it is infinite. Draws come in batches
+without an order of their own, so what counts is the estimate's mean over all orders of the batch
+with the first hit: as right in the mean, and much less variable, since all of its hits count.
 
 That takes as many draws as are needed, 1/p in the mean, and so has no end where p is 0. A *lapse*,
 a share of actions that are random, bounds p from below: p >= lapse / actions. Here draws stop at a
@@ -37,6 +39,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import digamma, hyperu, polygamma
+from scipy.stats import nhypergeom
 
 from causal_openlock.contract.learner import InformedLearner, Truth
 from causal_openlock.contract.registry import create
@@ -83,7 +86,8 @@ class Tally:
     def __init__(self, exists: BoolArray, attempt: IntArray, lapse: float, actions: int) -> None:
         self._attempt, self._lapse, self._by_lapse = attempt, lapse, lapse / actions
         self.open = exists.copy()  # which have not been hit yet
-        self._misses = np.zeros(exists.shape, np.int64)
+        self._misses = np.zeros(exists.shape, np.int64)  # in batches without a hit
+        self._batch = np.zeros((2, *exists.shape), np.int64)  # draws and hits of the one with hits
         self._own = np.zeros(exists.shape, np.int64)  # by how many copies it was done, whatever
         self._asked = np.zeros(exists.shape, np.int64)  # came before, of how many
 
@@ -114,20 +118,22 @@ class Tally:
             # A lapse hits with its share of one action, and otherwise misses.
             hit = np.where(luck < self._lapse, luck < self._by_lapse, own)[valid]
             self.open[place] = not hit.any()
-            self._misses[place] += hit.argmax() if hit.any() else len(hit)
+            if hit.any():
+                self._batch[:, *place] = len(hit), hit.sum()
+            else:
+                self._misses[place] += len(hit)
 
     def scores(self) -> dict[str, NDArray[Any]]:
-        """``[B, T]`` scores from the draws so far; beyond a subject's last action without meaning.
-
-        1 + 1/2 + ... + 1/n is the digamma function of n + 1, plus Euler's constant, and the sum of
-        squares is the trigamma function's difference from pi²/6.
-        """
+        """``[B, T]`` scores from the draws so far; where there is no action, without meaning."""
         share = self._own / np.maximum(self._asked, 1)
         mixed = (1.0 - self._lapse) * share + self._by_lapse
-        total = -(digamma(self._misses + 1.0) + np.euler_gamma)
-        for place in zip(*np.nonzero(self.open), strict=True):
-            total[place] -= expected_rest(int(self._misses[place]), float(mixed[place]))
-        variance = np.maximum(np.pi**2 / 6 - polygamma(1, self._misses + 1.0), 0.0)
+        total, variance = np.zeros(share.shape), np.zeros(share.shape)
+        for place in np.ndindex(share.shape):
+            draws, hits = map(int, self._batch[:, *place])
+            misses = int(self._misses[place])
+            total[place], variance[place] = mean_over_orders(misses, draws, hits)
+            if self.open[place]:
+                total[place] -= expected_rest(misses, float(mixed[place]))
         return {
             "log_probability": total,
             "standard_error": np.sqrt(variance),
@@ -135,6 +141,30 @@ class Tally:
             "impossible": self._own == 0,  # no copy did it
             "at_limit": self.open.copy(),
         }
+
+
+@lru_cache(maxsize=4096)
+def mean_over_orders(before: int, draws: int, hits: int) -> tuple[float, float]:
+    """The estimate and its variance, as means over all orders of the last batch of draws.
+
+    1 + 1/2 + ... + 1/n is the digamma function of n + 1, plus Euler's constant, and the sum of
+    squares is the trigamma function's difference from pi²/6. The variance is less by that of the
+    estimate over orders.
+
+    >>> [round(value, 6) for value in mean_over_orders(0, 2, 1)]  # one order ends at once
+    [-0.5, 0.25]
+
+    Args:
+        before: The misses in earlier batches.
+        draws: The draws of the last batch; 0 if none of them has a hit.
+        hits: How many of its draws are hits.
+    """
+    misses = np.arange(draws - hits + 1)
+    weights = nhypergeom.pmf(misses, draws, draws - hits, 1) if hits else np.ones(1)
+    last = before + misses + 1.0
+    sums, squares = digamma(last) + np.euler_gamma, np.pi**2 / 6 - polygamma(1, last)
+    mean = weights @ sums
+    return -float(mean), max(float(weights @ (squares - (sums - mean) ** 2)), 0.0)
 
 
 @lru_cache(maxsize=4096)

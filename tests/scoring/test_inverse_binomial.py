@@ -1,5 +1,6 @@
 """Log-likelihoods by asking what copies of a learner would do."""
 
+import itertools
 import tracemalloc
 
 import numpy as np
@@ -9,7 +10,13 @@ import pytest
 import causal_openlock as ol
 from causal_openlock.experiment.making import make_experiment
 from causal_openlock.running.runner import run
-from causal_openlock.scoring.inverse_binomial import TERMS, Tally, expected_rest, limit_of_draws
+from causal_openlock.scoring.inverse_binomial import (
+    TERMS,
+    Tally,
+    expected_rest,
+    limit_of_draws,
+    mean_over_orders,
+)
 from causal_openlock.scoring.teacher_forcing import score_actions
 from causal_openlock.storage.store import Store
 from openlock_learners.associative import Associative
@@ -60,6 +67,17 @@ def test_the_estimate_and_its_variance_are_right_in_the_mean(probability):
     mixed = 0.9 * probability + 0.1 / 15
     assert estimates.mean() == pytest.approx(np.log(mixed), abs=4 * error)
     assert variances.mean() == pytest.approx(estimates.var(), rel=0.35)
+
+
+def test_all_hits_of_a_batch_count_whatever_their_order():
+    """The mean over all orders of (misses before, draws, hits), each as its first hit says."""
+    for before, draws, hits in ((0, 5, 2), (3, 6, 1), (4, 4, 4)):
+        orders = set(itertools.permutations([True] * hits + [False] * (draws - hits)))
+        first = [before + order.index(True) for order in orders]
+        sums = np.array([sum(1 / k for k in range(1, n + 1)) for n in first])
+        squares = np.array([sum(1 / k**2 for k in range(1, n + 1)) for n in first])
+        found = mean_over_orders(before, draws, hits)
+        assert found == pytest.approx((-sums.mean(), squares.mean() - sums.var()))
 
 
 def test_an_action_that_no_copy_takes_is_left_to_lapses():
