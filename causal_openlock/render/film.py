@@ -11,10 +11,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from contextlib import closing
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import import_module
-from itertools import groupby
+from itertools import chain, groupby, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -161,18 +162,14 @@ def recorded_trial(
     experiment = store.experiment()
     spec: LearnerSpec = _named(experiment.learners, learner, f"{folder} holds no learner")
     played: Condition = _named(experiment.conditions, condition, f"{folder} holds no condition")
+    wanted = pc.field("subject") == subject
+    for column, value in (("learner", learner), ("condition", condition)):
+        wanted &= pc.field(column).cast("string") == value
     begins = f"{learner}_{condition}_"
-    for name in experiment.files:
-        path = store.cells / name
-        if not (name.startswith(begins) and path.exists()):
-            continue
-        record = store.read(path)
-        wanted = pc.field("subject") == subject
-        for column, value in (("learner", learner), ("condition", condition)):
-            wanted &= pc.field(column).cast("string") == value
-        if trials := _trials(record.filter(wanted)):
-            break
-    else:
+    paths = [store.cells / name for name in experiment.files if name.startswith(begins)]
+    records = (store.read(path).filter(wanted) for path in paths if path.exists())
+    trials = next(filter(None, map(_trials, records)), [])
+    if not trials:
         raise StoreError(
             f"{folder} holds no subject {subject} of {learner} in {condition}; subjects are 0 to "
             f"{spec.subjects - 1}, and compare completes what is missing"
@@ -208,7 +205,6 @@ class Shot:
         frames: Number of frames.
         attempt: Number of the attempt, from 1.
         action: Number of the action in it, from 1; 0 before the first.
-        moving: Whether the arm is under way.
     """
 
     look: Look
@@ -216,66 +212,62 @@ class Shot:
     frames: int
     attempt: int
     action: int
-    moving: bool
 
 
 def shots(
-    trial: FilmedTrial,
-    fps: int = 25,
-    speed: float = 1.0,
-    attempts: int | None = None,
-    moving: bool = True,
+    trial: FilmedTrial, fps: int = 25, speed: float = 1.0, attempts: int | None = None
 ) -> Iterator[Shot]:
-    """A trial as a film; ``speed`` is in units of simulated time per second.
-
-    Without ``moving``, only the pauses: one picture before each attempt and one after each action,
-    the arm at rest.
-    """
-    room, rows = trial.room, trial.attempts[:attempts]
-    names = [name.replace("_", " ") for name in action_names(room.positions)]
-    grey, found = tuple(room.active.tolist()), list[str]()
-    physical = PhysicalRoom(room.fsm, room.layout) if moving else None
-    poses: list[Pose] = []
+    """A trial as a film; ``speed`` is in units of simulated time per second."""
+    room, film = trial.room, list(pauses(trial, fps, speed, attempts))
+    physical, grey, poses = PhysicalRoom(room.fsm, room.layout), room.active.tolist(), list[Pose]()
+    physical.watch = poses.append
     stride = speed / (fps * STEP)  # steps of the simulation in a frame
+    for before, pause in pairwise([film[0], *film]):
+        if pause.action:
+            row, index = trial.attempts[pause.attempt - 1], pause.action - 1
+            action, moved = row["actions"][index], row["moved"][index]
+            poses.clear()
+            physical.act(action, yields=moved or room.schema.deterministic)
+            *done, last = pause.panel.actions or ()
+            panel = replace(before.panel, actions=(*done, ShownAction(last.name)))
+            pressed = action == 2 * room.positions
+            for frame in range(1, math.ceil(len(poses) / stride) + 1):
+                pose = poses[min(round(frame * stride), len(poses)) - 1]
+                look = Look.of_pose(pose, grey, pressed)
+                yield Shot(look, panel, 1, pause.attempt, pause.action)
+        else:
+            physical.reset()
+        yield replace(pause, look=Look.of_pose(physical.pose(), grey))
 
-    def at_rest(state: int) -> Look:
-        if physical:
-            return Look.of_pose(physical.pose(), grey)
-        return Look.of_observation(room.observation[state], room.positions)
+
+def pauses(
+    trial: FilmedTrial, fps: int = 25, speed: float = 1.0, attempts: int | None = None
+) -> Iterator[Shot]:
+    """A shot before each attempt and after each action; nothing is simulated, the arm at rest."""
+    room, rows, found = trial.room, trial.attempts[:attempts], list[str]()
+    names = [name.replace("_", " ") for name in action_names(room.positions)]
+    places = room.layout.as_mapping(room.schema)
 
     def frames(seconds: float) -> int:
         return max(1, round(seconds / speed * fps))
 
     for number, row in enumerate(rows, 1):
         state, actions = 0, list[ShownAction]()
-        if physical:
-            physical.reset()
-            physical.watch = poses.append
-        panel = _panel(trial, number, actions, found)
-        yield Shot(at_rest(state), panel, frames(BEFORE), number, 0, moving=False)
+        look = Look.of_observation(room.observation[0], room.positions)
+        yield Shot(look, _panel(trial, number, actions, found), frames(BEFORE), number, 0)
         for index, (action, moved) in enumerate(zip(row["actions"], row["moved"], strict=True), 1):
-            if physical:
-                poses.clear()
-                physical.act(action, yields=moved or room.schema.deterministic)
-                shown = [*actions, ShownAction(names[action])]
-                panel = _panel(trial, number, shown, found)
-                pressed = action == 2 * room.positions
-                for frame in range(1, math.ceil(len(poses) / stride) + 1):
-                    pose = poses[min(round(frame * stride), len(poses)) - 1]
-                    yield Shot(
-                        Look.of_pose(pose, grey, pressed), panel, 1, number, index, moving=True
-                    )
             before, state = state, int(room.next_state[state, action]) if moved else state
             seen = room.observation[before], room.observation[state]
             actions.append(ShownAction.of(names[action], *seen, row["new_solution"]))
             over, last = index == len(row["actions"]), number == len(rows)
             if over and row["new_solution"]:
-                solution = room.action_of(room.schema.solutions[row["solution"]])[:-1]
-                found.append(", ".join(names[push].removeprefix("push ") for push in solution))
-            seconds = (END if last else BETWEEN) if over else AFTER
+                solution = room.schema.solutions[row["solution"]]
+                found.append(", ".join(places[lever] for lever in solution))
             remark = _remark(trial, number, len(found)) if over and last else ""
             panel = _panel(trial, number, actions, found, over, remark)
-            yield Shot(at_rest(state), panel, frames(seconds), number, index, moving=False)
+            seconds = (END if last else BETWEEN) if over else AFTER
+            look = Look.of_observation(seen[1], room.positions)
+            yield Shot(look, panel, frames(seconds), number, index)
 
 
 def _panel(
@@ -286,16 +278,16 @@ def _panel(
     over: bool = False,
     remark: str = "",
 ) -> Panel:
-    """The console in an attempt: after these actions, the last of which may be under way."""
+    """The console in an attempt, after these actions."""
     schema, name = trial.room.schema, trial.room.layout.name
     missing = len(schema.solutions) - len(found)
     solved = (trial.shown or trial.protocol.stop_when_solved) and not missing
-    limit, done = trial.protocol.attempt_limit, sum(bool(action.outcome) for action in actions)
+    limit = trial.protocol.attempt_limit
     layout = f" in {name}" if name in published_layouts(schema) else ""
     return Panel(
         solutions=(*found, *[""] * missing),
         attempts_left=None if solved else limit + 1 - number - over,
-        actions_left=0 if over else trial.action_limit - done,
+        actions_left=0 if over else trial.action_limit - len(actions),
         heading=trial.learner,
         lines=(
             f"{trial.condition.name}, protocol {trial.protocol.name}, subject {trial.subject}",
@@ -377,9 +369,9 @@ def save_film(
             _write_mp4(file, pictures(), frames, fps)
         else:
             # All frames share the colours of a few of them.
-            sample = [draw(shot.look, size, shot.panel) for shot in film[:: len(film) // 8 + 1]]
-            sample.append(draw(film[-1].look, size, film[-1].panel))
-            _write_gif(file, pictures(), frames, fps, Image.fromarray(np.vstack(sample)))
+            sample = [*film[:: len(film) // 8 + 1], film[-1]]
+            colours = np.vstack([draw(shot.look, size, shot.panel) for shot in sample])
+            _write_gif(file, pictures(), frames, fps, Image.fromarray(colours))
     return sum(frames)
 
 
@@ -413,27 +405,28 @@ def _ffmpeg() -> Any:
 
 def _write_mp4(file: BinaryIO, pictures: Iterator[Bytes], frames: list[int], fps: int) -> None:
     ffmpeg = _ffmpeg()
-    film: Any = None
+    # The usual coding of colours has half the resolution, and so needs even sizes.
+    even = (
+        np.pad(picture, [(0, length % 2) for length in picture.shape[:2]] + [(0, 0)], mode="edge")
+        for picture in pictures
+    )
+    first = next(even)
+    film = ffmpeg.write_frames(
+        file.name,
+        first.shape[1::-1],
+        fps=fps,
+        codec="libx264",
+        quality=None,
+        macro_block_size=1,
+        ffmpeg_log_level="error",
+        output_params=["-crf", "18", "-movflags", "+faststart", "-f", "mp4"],
+    )
     try:
-        for picture, many in zip(pictures, frames, strict=True):
-            # The usual coding of colours has half the resolution, and so needs even sizes.
-            height, width = picture.shape[:2]
-            even = np.pad(picture, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
-            if film is None:
-                film = ffmpeg.write_frames(
-                    file.name,
-                    even.shape[1::-1],
-                    fps=fps,
-                    codec="libx264",
-                    quality=None,
-                    macro_block_size=1,
-                    ffmpeg_log_level="error",
-                    output_params=["-crf", "18", "-movflags", "+faststart", "-f", "mp4"],
-                )
-                next(film)  # it waits for pictures now
-            for _ in range(many):
-                film.send(even.tobytes())
-        film.close()
+        with closing(film):
+            next(film)  # it waits for pictures now
+            for picture, many in zip(chain([first], even), frames, strict=True):
+                for _ in range(many):
+                    film.send(picture.tobytes())
         # imageio-ffmpeg does not report whether ffmpeg succeeded; the film shows it.
         if ffmpeg.count_frames_and_secs(file.name)[0] != sum(frames):
             raise RuntimeError
@@ -442,6 +435,3 @@ def _write_mp4(file: BinaryIO, pictures: Iterator[Bytes], frames: list[int], fps
             f"ffmpeg ({ffmpeg.get_ffmpeg_exe()}) cannot make the film, for the reason that it "
             "has printed; choose a .gif, or install another ffmpeg"
         ) from error
-    finally:
-        if film is not None:
-            film.close()

@@ -22,7 +22,7 @@ from causal_openlock.errors import ExperimentError
 from causal_openlock.experiment.declare import Condition, Protocol
 from causal_openlock.experiment.making import ConditionForm, LearnerForm, make_experiment
 from causal_openlock.files.validation import whole_number
-from causal_openlock.render.film import FilmedTrial, Shot, play_trial, save_film, shots
+from causal_openlock.render.film import FilmedTrial, Shot, pauses, play_trial, save_film
 from causal_openlock.schemas.schema import DOOR
 from causal_openlock.world.room import Layout, position_coordinates
 
@@ -47,7 +47,7 @@ class WatchedTrial:
     @cached_property
     def shots(self) -> tuple[Shot, ...]:
         """Pictures of the trial: one before each attempt, and one after each action."""
-        return tuple(shots(self.trial, attempts=self.attempts, moving=False))
+        return tuple(pauses(self.trial, attempts=self.attempts))
 
     def belief(self, shot: Shot) -> Moment | None:
         """The learner's belief at a moment; None if it has none."""
