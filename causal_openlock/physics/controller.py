@@ -16,9 +16,9 @@ from dataclasses import dataclass
 from functools import cache
 from itertools import chain, repeat
 
-from causal_openlock.physics.geometry import DOOR_SWING, Point, along, wrap
+from causal_openlock.physics.geometry import DOOR_SWING, Point, Pose, along, wrap
 from causal_openlock.physics.kinematics import Angles, reaching
-from causal_openlock.physics.world import STEP, Lever, Pose, World
+from causal_openlock.physics.world import STEP, Lever, World
 
 BUDGET = 600  # steps that a movement may take; it takes about 120, and 250 at most
 CORRECTION = 10.0  # speed of a joint for each radian that it is away from its path

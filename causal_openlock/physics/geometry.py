@@ -63,11 +63,14 @@ class Track:
         x, y = centre[0] - self.start[0], centre[1] - self.start[1]
         return (x * self.outward[0] + y * self.outward[1]) / self.travel
 
+    def ends(self, displacement: float) -> tuple[Point, Point]:
+        """The middle of either end of the bar."""
+        across, centre = (-self.outward[1], self.outward[0]), self.centre(displacement)
+        return along(centre, across, -BAR_LENGTH / 2), along(centre, across, BAR_LENGTH / 2)
+
     def bar(self, displacement: float) -> list[Point]:
         """The corners of the bar."""
-        across, centre = (-self.outward[1], self.outward[0]), self.centre(displacement)
-        start, end = (along(centre, across, side * BAR_LENGTH / 2) for side in (-1, 1))
-        half = BAR_WIDTH / 2
+        (start, end), half = self.ends(displacement), BAR_WIDTH / 2
         return [
             along(point, self.outward, distance)
             for point, distance in ((start, -half), (end, -half), (end, half), (start, half))
@@ -160,6 +163,23 @@ class RoomGeometry:
         down, outward = (math.sin(angle), -math.cos(angle)), (math.cos(angle), math.sin(angle))
         back = self.door_thickness / 2 + self.half_width + GAP
         return along(along(self.hinge, down, HANDLE), outward, -back)
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Pose of everything that moves at one moment; all else is in the room's geometry.
+
+    Attributes:
+        joints: The arm's base, its four joints and its free end: six points.
+        levers: How far the lever at each position has slid: 0 pulled, 1 pushed.
+        door: Angle of the door in radians: 0 closed.
+        locked: Whether the door's lock indicator is there.
+    """
+
+    joints: tuple[Point, ...]
+    levers: tuple[float, ...]
+    door: float
+    locked: bool
 
 
 def along(start: Point, direction: Point, distance: float) -> Point:

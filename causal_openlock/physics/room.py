@@ -16,8 +16,8 @@ track.
 from __future__ import annotations
 
 from causal_openlock.physics.controller import BUDGET, Controller, Movement, Watch
-from causal_openlock.physics.geometry import RoomGeometry
-from causal_openlock.physics.world import Pose, World
+from causal_openlock.physics.geometry import Pose, RoomGeometry
+from causal_openlock.physics.world import World
 from causal_openlock.schemas.fsm import FSM
 from causal_openlock.world.room import Layout
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 
 import pymunk
 
@@ -17,6 +16,7 @@ from causal_openlock.physics.geometry import (
     DOOR_SWING,
     PUSHED,
     Point,
+    Pose,
     RoomGeometry,
     Track,
 )
@@ -200,23 +200,6 @@ def _of_kind(shape: pymunk.Shape, kind: int, collides_with: int) -> pymunk.Shape
     shape.filter = pymunk.ShapeFilter(categories=kind, mask=collides_with)
     shape.collision_type = kind
     return shape
-
-
-@dataclass(frozen=True)
-class Pose:
-    """Pose of everything that moves at one moment; all else is in the room's geometry.
-
-    Attributes:
-        joints: The arm's base, its four joints and its free end: six points.
-        levers: How far the lever at each position has slid: 0 pulled, 1 pushed.
-        door: Angle of the door in radians: 0 closed.
-        locked: Whether the door's lock indicator is there.
-    """
-
-    joints: tuple[Point, ...]
-    levers: tuple[float, ...]
-    door: float
-    locked: bool
 
 
 class World:

@@ -28,8 +28,9 @@ from causal_openlock.experiment.declare import SHOWN, Condition, LearnerSpec, Pr
 from causal_openlock.experiment.plan import check_trial
 from causal_openlock.experiment.session import Session
 from causal_openlock.files.atomic import replacing
+from causal_openlock.physics.geometry import Pose
 from causal_openlock.physics.room import PhysicalRoom
-from causal_openlock.physics.world import STEP, Pose
+from causal_openlock.physics.world import STEP
 from causal_openlock.render.paint import Bytes, Panel, ShownAction, draw
 from causal_openlock.render.room import save_still
 from causal_openlock.render.scene import Look

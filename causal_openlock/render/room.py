@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from causal_openlock.files.atomic import replacing, write_text
+from causal_openlock.physics.geometry import Pose
 from causal_openlock.physics.room import PhysicalRoom
-from causal_openlock.physics.world import Pose
 from causal_openlock.render.paint import Panel, draw, room_svg
 from causal_openlock.render.scene import Look, bits_of
 from causal_openlock.render.suffixes import STILLS, path_of_picture

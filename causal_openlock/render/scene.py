@@ -13,24 +13,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from causal_openlock.physics.geometry import (
-    BAR_LENGTH,
     BAR_WIDTH,
     DOOR_SWING,
     Point,
+    Pose,
     RoomGeometry,
     along,
 )
 from causal_openlock.physics.kinematics import joint_points
 from causal_openlock.world.facts import room_facts
-
-if TYPE_CHECKING:
-    from causal_openlock.physics.world import Pose
 
 Colour = tuple[int, int, int]
 
@@ -50,10 +47,9 @@ class Frame(NamedTuple):
     width: int
     height: int
 
-    def pixel(self, point: ArrayLike) -> Point:
+    def pixel(self, point: Point) -> Point:
         """Column and row of a point of the room."""
-        x, y = np.asarray(point, dtype=float).tolist()
-        return (x - self.left) * self.scale, (self.top - y) * self.scale
+        return (point[0] - self.left) * self.scale, (self.top - point[1]) * self.scale
 
 
 @cache
@@ -117,23 +113,15 @@ def colour(name: str) -> Colour:
 
 
 @dataclass(frozen=True)
-class Look:
-    """Look of a room at one moment; P positions.
+class Look(Pose):
+    """Look of a room at one moment: the pose of what moves, and the colours.
 
     Attributes:
-        joints: The arm's base, its four joints and its free end.
-        levers: ``[P]`` how far each lever has slid: 0 pulled, 1 pushed.
-        grey: ``[P]`` whether it is active.
-        door: Angle of the door in radians: 0 closed.
-        locked: Whether the lock indicator is there.
+        grey: Whether the lever at each position is grey, which active ones are.
         pressed: Whether the green button is held down.
     """
 
-    joints: tuple[Point, ...]
-    levers: tuple[float, ...]
     grey: tuple[bool, ...]
-    door: float = 0.0
-    locked: bool = True
     pressed: bool = False
 
     @property
@@ -148,9 +136,9 @@ class Look:
         Raises:
             ValueError: If the observation does not have ``2P + 2`` bits.
         """
-        bits = bits_of(observation, positions)
+        bits, geometry = bits_of(observation, positions), RoomGeometry.of(positions)
         return cls(
-            joints=resting(positions),
+            joints=joint_points(geometry.rest, geometry.link),
             levers=tuple(map(float, bits[:positions])),
             grey=tuple(map(bool, bits[positions:-2])),
             door=DOOR_SWING * bits[-1],
@@ -160,7 +148,7 @@ class Look:
     @classmethod
     def of_pose(cls, pose: Pose, grey: Sequence[bool], pressed: bool = False) -> Look:
         """A physical room, as its bodies are."""
-        return cls(pose.joints, pose.levers, tuple(grey), pose.door, pose.locked, pressed)
+        return cls(**vars(pose), grey=tuple(grey), pressed=pressed)
 
     def shapes(self) -> dict[str, list[Shape]]:
         """Everything that is drawn, part by part, each part above those before it."""
@@ -187,13 +175,6 @@ def bits_of(observation: ArrayLike, positions: int) -> list[int]:
     return [int(bit) for bit in bits]
 
 
-@cache
-def resting(positions: int) -> tuple[Point, ...]:
-    """The arm's joints before it has moved."""
-    geometry = RoomGeometry.of(positions)
-    return joint_points(geometry.rest, geometry.link)
-
-
 def button(positions: int, pressed: bool = False) -> Shape:
     """The green button next to the door's hinge, darker while it is pressed."""
     x, y = RoomGeometry.of(positions).button
@@ -209,13 +190,10 @@ def lever(positions: int, place: int, slid: float, grey: bool) -> list[Shape]:
     inner, outer = track.line()
     middle = (inner[0] + outer[0]) / 2, (inner[1] + outer[1]) / 2
     inner = along(inner, track.outward, LINE)  # its outline is not to peep out below the bar's
-    across = -track.outward[1], track.outward[0]
-    centre = track.centre(slid)
-    start, end = (along(centre, across, side * BAR_LENGTH / 2) for side in (-1, 1))
     return [
         rod(inner, middle, width, fill),
         rod(middle, outer, width, fill),
-        rod(start, end, BAR_WIDTH, fill),
+        rod(*track.ends(slid), BAR_WIDTH, fill),
     ]
 
 
