@@ -86,8 +86,8 @@ def film(
     """
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.contract.checks import failures_of
+    from causal_openlock.render import STILLS
     from causal_openlock.render.film import check_suffix, play_trial, recorded_trial, save_film
-    from causal_openlock.render.suffixes import STILLS
 
     path = check_suffix(out or Path(f"film_{Path(condition).stem}_{learner.split(':')[-1]}.gif"))
     if recorded is None:
@@ -145,7 +145,7 @@ def trace(
     from causal_openlock.analysis.plots.belief import plot_trace
     from causal_openlock.belief.trace import trace_text, trace_trial
     from causal_openlock.contract.checks import failures_of
-    from causal_openlock.render.suffixes import path_of_picture
+    from causal_openlock.render import path_of_picture
 
     who, how = one_trial(condition, learner, trial, subject, seed, protocol, experiment)
     path = path_of_picture(out or Path(f"trace_{who[1].name}.svg"))

@@ -31,10 +31,10 @@ from causal_openlock.files.atomic import replacing
 from causal_openlock.physics.geometry import Pose
 from causal_openlock.physics.room import PhysicalRoom
 from causal_openlock.physics.world import STEP
+from causal_openlock.render import STILLS, path_of_picture
 from causal_openlock.render.paint import Bytes, Panel, ShownAction, draw
 from causal_openlock.render.room import save_still
 from causal_openlock.render.scene import Look
-from causal_openlock.render.suffixes import STILLS, path_of_picture
 from causal_openlock.wording import counted, nearest
 from causal_openlock.world.rewards import PAPER_REWARD, RewardFunction
 from causal_openlock.world.room import Room, action_names, positions_for, published_layouts

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from causal_openlock.files.atomic import replacing
-from causal_openlock.render.suffixes import path_of_picture
+from causal_openlock.render import path_of_picture
 from causal_openlock.schemas.schema import DOOR, Schema
 from causal_openlock.wording import counted
 

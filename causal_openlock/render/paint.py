@@ -11,19 +11,18 @@ of its lines are set in one size.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from textwrap import wrap
 from typing import NamedTuple
-from xml.sax.saxutils import escape, quoteattr
+from xml.sax.saxutils import escape
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from causal_openlock.render.scene import OUTLINE, Colour, Frame, Look, Shape, colour, frame
-from causal_openlock.world.room import position_names
 
 Bytes = NDArray[np.uint8]
 
@@ -104,10 +103,10 @@ class Panel:
         missing = len(self.solutions) - len(found)
         boxes += [Line("☐")] * min(MOST_SOLUTIONS - len(boxes), missing)
         attempts = "–" if self.attempts_left is None else self.attempts_left
-        head = [
-            Line(self.heading, bold=True),
+        above = [
+            *([Line(self.heading, bold=True)] if self.heading else []),
             *(Line(line, FAINT) for line in self.lines),
-            Line(""),
+            *([Line("")] if self.heading else []),
             Line(f"Solutions found: {len(found)} of {len(self.solutions)}", bold=True),
             *boxes,
             Line(""),
@@ -118,11 +117,8 @@ class Panel:
             actions.append(Line(f"{number}  {action.name}", bold=not action.outcome))
             actions.append(Line(f"    {action.outcome or '...'}", DONE if action.good else FAINT))
         if self.actions is not None:
-            head += [Line(""), Line("This attempt", bold=True)]
-        above, below = (
-            _wrapped(head if self.heading else head[2:]),
-            _wrapped([Line(self.remark, bold=True)]),
-        )
+            above += [Line(""), Line("This attempt", bold=True)]
+        above, below = _wrapped(above), _wrapped([Line(self.remark, bold=True)])
         space = max(0, ROWS - len(above) - len(below))
         actions = actions[max(0, len(actions) - space // 2 * 2) :]
         return [*above, *actions, *[Line("")] * (space - len(actions)), *below]
@@ -195,7 +191,6 @@ def room_svg(look: Look, panel: Panel | None = None, title: str = "An OpenLock r
     wide = high * shown.width / shown.height
     unit = high / HEIGHT  # of the console
     whole = wide + (WIDTH * unit if panel else 0.0)
-    names = position_names(look.positions)
     lines = [
         '<?xml version="1.0" encoding="UTF-8"?>',
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_n(whole)} {_n(high)}" '
@@ -204,9 +199,7 @@ def room_svg(look: Look, panel: Panel | None = None, title: str = "An OpenLock r
         f'<rect width="{_n(whole)}" height="{_n(high)}" fill="{_hex(colour("background"))}"/>',
     ]
     for part, shapes in look.shapes().items():
-        kind, _, place = part.partition(" ")
-        name = f"{kind}_{names[int(place)]}" if place else kind
-        lines += _group(name, (_shape(shape, shown) for shape in shapes))
+        lines += _group(part, [_shape(shape, shown) for shape in shapes])
     if panel is not None:
         body = [
             f'<rect x="{_n(wide)}" width="{_n(WIDTH * unit)}" height="{_n(high)}" '
@@ -214,20 +207,19 @@ def room_svg(look: Look, panel: Panel | None = None, title: str = "An OpenLock r
         ]
         for row, (text, ink, bold) in enumerate(panel.text(), 1):
             weight = ' font-weight="bold"' if bold else ""
-            body += [
-                f'<text x="{_n(wide + PADDING * unit)}" '
-                f'y="{_n((PADDING + row * ROW - 0.1) * unit)}" '
-                f'font-family="DejaVu Sans, Verdana, sans-serif" font-size="{_n(TEXT * unit)}"'
-                f'{weight} fill="{_hex(ink)}" xml:space="preserve">{escape(text)}</text>'
-            ] * bool(text)
+            if text:
+                body.append(
+                    f'<text x="{_n(wide + PADDING * unit)}" '
+                    f'y="{_n((PADDING + row * ROW - 0.1) * unit)}" '
+                    f'font-family="DejaVu Sans, Verdana, sans-serif" font-size="{_n(TEXT * unit)}"'
+                    f'{weight} fill="{_hex(ink)}" xml:space="preserve">{escape(text)}</text>'
+                )
         lines += _group("console", body)
     return "\n".join([*lines, "</svg>", ""])
 
 
-def _group(name: str, body: Iterable[str]) -> Iterator[str]:
-    yield f"<g id={quoteattr(name)}>"
-    yield from (f"  {line}" for line in body)
-    yield "</g>"
+def _group(name: str, body: list[str]) -> list[str]:
+    return [f'<g id="{name}">', *(f"  {line}" for line in body), "</g>"]
 
 
 def _shape(shape: Shape, shown: Frame) -> str:

@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike
 from causal_openlock.files.atomic import replacing, write_text
 from causal_openlock.physics.geometry import Pose
 from causal_openlock.physics.room import PhysicalRoom
+from causal_openlock.render import STILLS, path_of_picture
 from causal_openlock.render.paint import Panel, draw, room_svg
 from causal_openlock.render.scene import Look, bits_of
-from causal_openlock.render.suffixes import STILLS, path_of_picture
 from causal_openlock.world.room import Room, position_coordinates
 
 
@@ -68,16 +68,13 @@ def room_text(observation: ArrayLike, positions: int = 7) -> str:
         mark = "#" if pushed else " "
         canvas[row][column : column + 5] = f"{place:2}" + (f"[{mark}]" if grey else f"({mark})")
     lock = "locked" if bits[-2] else "unlocked"
-    door = (
-        ("o__", "   ", f"    door open, {lock}")
-        if bits[-1]
-        else ("o", "|", f"|  door closed, {lock}")
-    )
+    door = ["o", "|", f"|  door closed, {lock}"]
+    if bits[-1]:
+        door = ["o__", "", f"    door open, {lock}"]
     for row, text in enumerate(door, (len(canvas) - 1) // 2 - 1):
         canvas[row][right : right + len(text)] = text
     lines = ["".join(letters).rstrip() for letters in canvas]
-    legend = "[ ] grey  ( ) inactive  # pushed"
-    return "\n".join([*lines, legend]) + "\n"
+    return "\n".join([*lines, "[ ] grey  ( ) inactive  # pushed", ""])
 
 
 @cache

@@ -28,6 +28,7 @@ from causal_openlock.physics.geometry import (
 )
 from causal_openlock.physics.kinematics import joint_points
 from causal_openlock.world.facts import room_facts
+from causal_openlock.world.room import position_names
 
 Colour = tuple[int, int, int]
 
@@ -152,16 +153,12 @@ class Look(Pose):
 
     def shapes(self) -> dict[str, list[Shape]]:
         """Everything that is drawn, part by part, each part above those before it."""
-        levers = zip(self.levers, self.grey, strict=True)
-        return {
-            "button": [button(self.positions, self.pressed)],
-            **{
-                f"lever {place}": lever(self.positions, place, slid, grey)
-                for place, (slid, grey) in enumerate(levers)
-            },
-            "door": door(self.positions, self.door, self.locked),
-            "arm": arm(self.joints),
-        }
+        parts = {"button": [button(self.positions, self.pressed)]}
+        for place, name in enumerate(position_names(self.positions)):
+            bar = lever(self.positions, place, self.levers[place], self.grey[place])
+            parts[f"lever_{name}"] = bar
+        door_and_lock = door(self.positions, self.door, self.locked)
+        return {**parts, "door": door_and_lock, "arm": arm(self.joints)}
 
 
 def bits_of(observation: ArrayLike, positions: int) -> list[int]:
