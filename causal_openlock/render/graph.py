@@ -11,6 +11,7 @@ objects and without pyplot, so drawing leaves no state behind.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -56,7 +57,8 @@ def draw_schema(schema: Schema, ax: Axes | None = None) -> Axes:
     places = _places(schema)
     bends = {edge: _bend(edge, places) for edge in schema.graph.edges}
     curves = {edge: _curve(edge, places, bend) for edge, bend in bends.items()}
-    labels = _labels(schema, curves)
+    strengths = {(a, b): p for a, b, p in schema.graph.edges(data="strength") if p < 1}
+    labels = _labels(strengths, curves)
     boxes = [(centre, _half_size(node)) for node, centre in places.items()]
     boxes += [(centre, LABEL) for centre in labels.values()]
     corners = [centre + side * half for centre, half in boxes for side in (-1, 1)]
@@ -95,7 +97,7 @@ def draw_schema(schema: Schema, ax: Axes | None = None) -> Axes:
     small: Any = {"ha": "center", "va": "center", "fontsize": 0.19 * points, "zorder": 2}
     box = {"boxstyle": "square,pad=0.08", "facecolor": "white", "edgecolor": "none"}
     for edge, (x, y) in labels.items():
-        ax.text(x, y, f"{schema.graph.edges[edge]['strength']:.2g}", bbox=box, **small)
+        ax.text(x, y, f"{strengths[edge]:.2g}", bbox=box, **small)
     return ax
 
 
@@ -186,15 +188,14 @@ def _distance(points: Points, centre: Points, node: str) -> float:
     return float(np.hypot(*away.T).min()) - RADIUS
 
 
-def _labels(schema: Schema, curves: dict[Edge, Points]) -> dict[Edge, Points]:
+def _labels(edges: Iterable[Edge], curves: dict[Edge, Points]) -> dict[Edge, Points]:
     """The place of each strength: on its edge, and where it covers least of others."""
     labels: dict[Edge, Points] = {}
-    for edge, curve in curves.items():
-        if schema.graph.edges[edge]["strength"] == 1.0:
-            continue
-        others = [other[5:-5] for name, other in curves.items() if name != edge]
-        points = np.vstack([*others, *(np.tile(label, (20, 1)) for label in labels.values())])
-        candidates = curve[[10, 9, 11, 8, 12, 7, 13]]
+    for edge in edges:
+        others = [curve[5:-5] for other, curve in curves.items() if other != edge]
+        taken = [np.tile(label, (20, 1)) for label in labels.values()]
+        points = np.vstack([np.empty((0, 2)), *others, *taken])
+        candidates = curves[edge][[10, 9, 11, 8, 12, 7, 13]]
         near = np.abs(candidates[:, None] - points) < 1.5 * LABEL
         labels[edge] = candidates[near.all(axis=-1).sum(axis=-1).argmin()]
     return labels
@@ -250,21 +251,17 @@ def solutions_text(schema: Schema) -> list[str]:
 
 def schema_text(schema: Schema) -> str:
     """A schema as text: what each lever waits for, what it enables, and what opens the door."""
-    order = [node for node in nx.lexicographical_topological_sort(
-        schema.graph, key=[*schema.levers, DOOR].index) if node != DOOR]  # fmt: skip
+    place = [*schema.levers, DOOR].index
+    order = [*nx.lexicographical_topological_sort(schema.graph, place)]  # the door comes last
+    effects = {node: ", ".join(sorted(schema.graph.succ[node], key=place)) for node in order}
+    arrows = {node: f"──► {effects[node]}" if effects[node] else "" for node in order}
+    width, reach = max(map(len, order)), max(map(len, arrows.values()))
     lines = [heading(schema), ""]
-    effects = {
-        node: sorted(schema.graph.successors(node), key=[*schema.levers, DOOR].index)
-        for node in order
-    }
-    width = max(len(node) for node in [*order, DOOR])
-    arrows = {node: f"──► {', '.join(effects[node])}" if effects[node] else "" for node in order}
-    reach = max(len(arrow) for arrow in arrows.values())
     for node in order:
+        does = "unlocks" if node == DOOR else "moves"
         inert = " (inert)" if node in schema.inert else ""
-        says = f"moves {_condition(schema, node)}{inert}"
+        says = f"{does} {_condition(schema, node)}{inert}"
         lines.append(f"  {node:{width}} {arrows[node]:{reach}}  {says}")
-    lines.append(f"  {DOOR:{width}} {'':{reach}}  unlocks {_condition(schema, DOOR)}")
     return "\n".join([*lines, "", "\n  ".join(solutions_text(schema)), ""])
 
 

@@ -20,6 +20,7 @@ BUNDLED = bundled_schemas()
 LEVERS = [f"L{index}" for index in range(12)]
 LONG = "a_lever_with_a_name_of_forty_characters_"
 HARD = [
+    Schema("one_edge", ["L0"], {"L0": {DOOR: 0.5}}),
     Schema("complete", LEVERS, {cause: [*LEVERS[i + 1 :], DOOR] for i, cause in enumerate(LEVERS)}),
     Schema("wide", LEVERS, {lever: [DOOR] for lever in LEVERS}, gates={DOOR: Gate("all")}),
     Schema(
