@@ -6,7 +6,7 @@ from statsmodels.duration.survfunc import SurvfuncRight
 
 from causal_openlock.analysis.measures import attempts_to_solve
 from causal_openlock.analysis.results.bounds import Bound
-from causal_openlock.analysis.topics.learning_cost import learning_costs, shown, subject_costs
+from causal_openlock.analysis.topics.learning_cost import costs_by_learner, shown, subject_costs
 from causal_openlock.analysis.topics.solution_costs import TOPIC as SOLUTION_COSTS
 from causal_openlock.analysis.topics.solution_costs import solution_costs
 from causal_openlock.analysis.topics.survival import unsolved_after
@@ -38,7 +38,7 @@ def costs_of(rows, **options):
     record = table(rows)
     trained = spec("a", recorded=Origin("made_up:A", "made-up 1.0", prior_attempts=1000))
     held = material_of(record, experiment_of(record, learners=(trained,)), bounds=BOUNDS)
-    found = learning_costs(held, **options)
+    found = costs_by_learner(subject_costs(held, held.trials, **options))
     return found.iloc[0], shown(found).iloc[0]
 
 

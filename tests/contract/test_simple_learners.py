@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from causal_openlock import compare, open_results
-from causal_openlock.analysis.topics.learning_cost import learning_costs, shown
+from causal_openlock.analysis.topics.learning_cost import costs_by_learner, shown, subject_costs
 from causal_openlock.contract.one_subject import OneSubjectLearner, PerSubjectAdapter
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.declare import PROTOCOLS, find_condition
@@ -168,7 +168,7 @@ def test_attempts_before_the_experiment_count(tmp_path):
         )
     board = results.leaderboard.set_index("learner")["before"]
     assert (board["Experienced"], np.isnan(board["OfUnknownOrigin"])) == (5000, True)
-    costs = learning_costs(results)
+    costs = costs_by_learner(subject_costs(results, results.trials))
     assert shown(costs)["before the experiment"].tolist() == ["5,000", "unknown"]
     assert costs["attempts"].iloc[0] > 5000
     assert np.isfinite(costs["asked"]).all()

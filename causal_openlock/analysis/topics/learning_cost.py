@@ -31,14 +31,12 @@ from causal_openlock.errors import NothingToDrawError
 WITHIN = 1.5  #: a room is solved well in at most this multiple of the ideal observer's attempts
 
 
-def learning_costs(results: Material, within: float = WITHIN) -> pd.DataFrame:
-    """How many attempts each learner needs, all training counted, until it solves a new room well.
+def costs_by_learner(each: pd.DataFrame) -> pd.DataFrame:
+    """How many attempts each learner needs, of subjects as :func:`subject_costs` returns them.
 
-    >>> table = learning_costs(results)
+    >>> table = costs_by_learner(subject_costs(results, results.trials))
     >>> table[["learner", "before", "attempts", "reached"]].values.tolist()
     [['random', 0, inf, 0.0], ['oracle', 0, 2.0, 1.0]]
-
-    Well is in at most ``within`` times the ideal observer's attempts.
 
     Returns:
         A row for each ``learner`` and ``protocol``, of all conditions in which the attempts of the
@@ -48,21 +46,14 @@ def learning_costs(results: Material, within: float = WITHIN) -> pd.DataFrame:
         ``ci_high``, inf where it is beyond what was played; and ``asked``, the most attempts that
         one of its subjects had, ``before`` included.
     """
-    return costs_by_learner(subject_costs(results, results.trials, within))
-
-
-def costs_by_learner(each: pd.DataFrame) -> pd.DataFrame:
-    """:func:`learning_costs` of subjects, as :func:`subject_costs` returns them."""
-    rows = []
-    for (learner, protocol), own in each.groupby(["learner", "protocol"], observed=True, sort=True):
-        cost = own["cost"].to_numpy(float)
-        reached = float(np.isfinite(cost).mean())
-        size, before = len(own), own["before"].iloc[0]
-        about = (str(learner), str(protocol), size, before, reached)
-        middle = float(np.median(cost)), *median_interval(cost)  # inf: half never came so far
-        rows.append((*about, *middle, int(own["asked"].max())))
-    columns = ["learner", "protocol", "subjects", "before", "reached"]
-    return pd.DataFrame(rows, columns=[*columns, "attempts", "ci_low", "ci_high", "asked"])
+    grouped = each.groupby(["learner", "protocol"], observed=True)
+    table = grouped.agg(subjects=("cost", "size"), before=("before", "first"))
+    cost = grouped["cost"]
+    table["reached"] = cost.agg(lambda own: np.isfinite(own).mean())
+    table["attempts"] = cost.median()  # inf: half never came so far
+    ends = [median_interval(own.to_numpy(float)) for _, own in cost]
+    table[["ci_low", "ci_high"]] = np.reshape(ends, (-1, 2))
+    return table.assign(asked=grouped["asked"].max().astype(int)).reset_index()
 
 
 def subject_costs(results: Material, trials: pd.DataFrame, within: float = WITHIN) -> pd.DataFrame:
@@ -106,7 +97,7 @@ def plot_cost(
     """How many attempts, all training counted, until a new room is first solved well.
 
     Well is within ``within`` times the attempts of the ideal observer; see
-    :func:`~causal_openlock.analysis.topics.learning_cost.learning_costs`. A row for each learner, a
+    :func:`~causal_openlock.analysis.topics.learning_cost.subject_costs`. A row for each learner, a
     dot for each subject of all conditions, on a logarithmic axis; black: the median with its 95%
     interval. On the right is how many subjects never came so far, and the most attempts that one of
     them made. What a learner was trained with before the experiment, such as the meta-training of
@@ -207,25 +198,18 @@ def section(material: Material) -> Section | None:
 
 
 def shown(table: pd.DataFrame) -> pd.DataFrame:
-    """The costs as texts: what is beyond the attempts that were made is "not within" them."""
-    rows = []
-    for row in table.to_dict("records"):
-        never = f"not within {row['asked']:,}"
-        ends = [_printed(row[end]) if np.isfinite(row[end]) else "beyond"
-                for end in ("ci_low", "ci_high")]  # fmt: skip
-        known = np.isfinite(row["attempts"])
-        rows.append(
-            {
-                "learner": row["learner"],
-                "protocol": row["protocol"],
-                "n": row["subjects"],
-                "reached": row["reached"],
-                "before the experiment": _trained(row["before"]),
-                "attempts, median": _printed(row["attempts"]) if known else never,
-                "95% interval": " to ".join(ends) if known and not np.isnan(row["ci_low"]) else "",
-            }
-        )
-    frame = pd.DataFrame(rows)
+    """Costs as texts: what is beyond the attempts that were made is "not within" them."""
+    median, interval = [], []
+    for row in table.itertuples():
+        known = np.isfinite(row.attempts)
+        median.append(_printed(row.attempts) if known else f"not within {row.asked:,}")
+        ends = [
+            _printed(end) if np.isfinite(end) else "beyond" for end in (row.ci_low, row.ci_high)
+        ]
+        interval.append(" to ".join(ends) if known and not np.isnan(row.ci_low) else "")
+    frame = table[["learner", "protocol", "subjects", "reached"]].rename(columns={"subjects": "n"})
+    frame["before the experiment"] = table["before"].map(_trained)
+    frame = frame.assign(**{"attempts, median": median, "95% interval": interval})
     return frame.drop(columns="protocol") if frame["protocol"].nunique() == 1 else frame
 
 
