@@ -63,9 +63,7 @@ def outcomes(trials: pd.DataFrame, protocol: str) -> dict[str, dict[str, pd.Data
         found=("solutions_found", "mean"),
         solutions=("solutions", "mean"),
     ).reset_index()
-    parts = [table.pop(name).astype(str) for name in (*SUBJECT[1:], "layout", "trials")]
-    table.index = pd.Index(parts[0].str.cat(parts[1:], sep="/"), name="paired by")
-    table = table.drop(columns=SUBJECT[0])
+    table = table.set_index([*SUBJECT[1:], "layout", "trials"]).drop(columns=SUBJECT[0])
     held: dict[str, dict[str, pd.DataFrame]] = {}
     for (learner, condition), own in table.groupby(["learner", "condition"], observed=True):
         held.setdefault(str(learner), {})[str(condition)] = own.drop(columns=CELL[:2])
@@ -156,12 +154,9 @@ def plot_pairs(
     }
     names = sorted(means, key=means.__getitem__)
     size = len(names)
-    place = {name: number for number, name in enumerate(names)}
-    rows, columns = table["learner"].map(place), table["other"].map(place)
-    values = np.full((size, size), np.nan)
-    values[np.minimum(rows, columns), np.maximum(rows, columns)] = np.where(
-        rows < columns, table["probability"], 1 - table["probability"]
-    )
+    known = table.pivot(index="learner", columns="other", values="probability")
+    known = known.reindex(index=names, columns=names)
+    values = known.fillna(1 - known.T).where(np.triu(np.ones((size, size), bool), 1)).to_numpy()
     shown = [style.label(name, 22) for name in names]
     counts = sorted(set(table["conditions"]))
     many = counted(counts[-1], "condition")
@@ -186,11 +181,10 @@ def plot_pairs(
         axes.invert_yaxis()
         for (row, column), value in np.ndenumerate(values):
             if row < column:
-                known = not np.isnan(value)
                 axes.text(
-                    column, row, f"{value:.2f}" if known else "–", ha="center", va="center",
+                    column, row, printed(value, ".2f"), ha="center", va="center",
                     fontsize="medium" if cell > 0.45 else "small",
-                    color="white" if known and abs(value - 0.5) > 0.34 else "black",
+                    color="white" if abs(value - 0.5) > 0.34 else "black",
                 )  # fmt: skip
         axes.set_xticks(
             range(size), shown, rotation=40, rotation_mode="anchor", ha="left", va="center"
@@ -220,11 +214,9 @@ def section(material: Material) -> Section | None:
     every = material.once(pairs)
     if every.empty:
         return None
-    by_protocol = every.groupby("protocol", sort=False)
-    found = {str(name): table.drop(columns="protocol") for name, table in by_protocol}
     text, tables, plots = [], [], []
-    for protocol, part in file_names(found).items():
-        table, name = found[protocol], f"pairwise_{part}"
+    for protocol, part in file_names(every["protocol"].unique()).items():
+        table, name = every[every["protocol"] == protocol], f"pairwise_{part}"
         text.append(_compared(protocol, table))
         caption = (
             "Difference: by how many attempts the learner needs more than the other, the mean over "
@@ -233,7 +225,7 @@ def section(material: Material) -> Section | None:
             "if it were the only comparison, and corrected for all pairs of the protocol. "
             "P(fewer): how probable it is that a subject needs fewer attempts than its pair."
         )
-        shown = table.rename(columns=_NAMES)
+        shown = table.drop(columns="protocol").rename(columns=_NAMES)
         tables.append(Table(name, f"Every pair, protocol {protocol}", shown, _FORMATS, caption))
         if len(table) > 1:
             title = f"How often one learner is quicker than another, protocol {protocol}"
