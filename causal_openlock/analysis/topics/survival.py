@@ -45,8 +45,7 @@ def unsolved_after(trials: pd.DataFrame) -> pd.DataFrame:
         values = {"attempts": attempts, "unsolved": share, "ci_low": low, "ci_high": high}
         cell = dict(zip(CELL, map(str, key), strict=True))
         parts.append(pd.DataFrame({**cell, **values, "subjects": subjects, "at_risk": at_risk}))
-    columns = [*CELL, "attempts", "unsolved", "ci_low", "ci_high", "subjects", "at_risk"]
-    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=columns)
+    return pd.concat(parts, ignore_index=True)
 
 
 def plot_survival(
@@ -91,13 +90,11 @@ def plot_survival(
                 own = here[here["learner"] == name]
                 if own.empty:
                     continue
-                x, line = own["attempts"], looks[name]
-                axes.step(x, own["unsolved"], where="post", label=name, **line)
+                x, look = own["attempts"], looks[name]
+                axes.step(x, own["unsolved"], where="post", label=name, **look)
                 if len(names) <= style.MOST_BANDS:
-                    axes.fill_between(
-                        x, own["ci_low"], own["ci_high"], step="post", color=line["color"],
-                        alpha=0.15, lw=0,
-                    )  # fmt: skip
+                    ends, colour = (own["ci_low"], own["ci_high"]), look["color"]
+                    axes.fill_between(x, *ends, step="post", color=colour, alpha=0.15, lw=0)
             style.panel_title(axes, condition, sizes(here))
             axes.set(xlim=(0, float(table["attempts"].max())), ylim=(0, 1.02), xlabel="Attempts")
             axes.xaxis.set_major_locator(MaxNLocator(6, integer=True, steps=[1, 2, 5, 10]))
