@@ -46,6 +46,11 @@ class Difference(NamedTuple):
     high: float
     p: float
 
+    def columns(self, name: str) -> dict[str, float]:
+        """Columns of a table called after the difference: it, its interval and its p."""
+        ends = {f"{name}_low": self.low, f"{name}_high": self.high}
+        return {name: self.value, **ends, f"{name}_p": self.p}
+
 
 class Group(NamedTuple):
     """Summary of a group of subjects, or of differences of pairs, from which means are compared.

@@ -29,7 +29,6 @@ from causal_openlock.wording import counted, joined, some
 from causal_openlock.world.room import positions_for
 
 MOST_ATTEMPTS = 3000  #: no scores of longer trials: random actions take the square of it
-_NONE = Difference(np.nan, np.nan, np.nan, np.nan)
 
 
 def leaderboard(results: Material) -> pd.DataFrame:
@@ -103,29 +102,24 @@ def _rows(results: Material, protocol: str) -> list[dict[str, Any]]:
             row = {**common, "learner": one.reference.name, "reference": True, "informed": False}
             row["solved"] = np.mean([one.solved(name) for name in known])
             gap = _against(known, _groups(of_best))
-            rows.append({**row, **_means(known, ends), **_gap("to_best", gap)})
+            rows.append({**row, **_means(known, ends), **gap.columns("to_best")})
+    people = {name: _groups(held.get(name, {})) for name in results.people}
     for name, own in held.items():
+        groups = _groups(own)
         shares = [table[["solved", "found", "solutions"]].mean() for table in own.values()]
+        row = {**about(name), **pd.DataFrame(shares).mean(), **_means(groups, ends)}
+        row["median"] = medians.get(name, np.nan)
         paired = name != best and own.keys() <= of_best.keys()
-        row = {**about(name), **pd.DataFrame(shares).mean(), **_means(_groups(own), ends)}
-        row |= {"median": medians.get(name, np.nan)}
-        row |= _gap("to_best", compared(own, of_best)[0] if paired else _NONE)
-        for one in results.leading:
-            gap = _against(_groups(own), _published(one, headline, name))
-            row |= _gap(gap_column(one.reference.name), gap)
-        for person in () if name in results.people else results.people:
-            gap = _against(_groups(own), _groups(held.get(person, {})))
-            row |= _gap(gap_column(person), gap)
+        row |= compared(own, of_best if paired else {})[0].columns("to_best")
+        others = {one.reference.name: _published(one, headline, name) for one in results.leading}
+        for other, known in (others | ({} if name in people else people)).items():
+            row |= _against(groups, known).columns(gap_column(other))
         rows.append(row)
     return rows + [
         {**about(spec.name), "conditions": 0, "subjects": 0}
         for spec in results.experiment.learners
         if spec.protocol.name == protocol and spec.name not in held
     ]
-
-
-def _gap(name: str, gap: Difference) -> dict[str, float]:
-    return {name: gap.value, f"{name}_low": gap.low, f"{name}_high": gap.high, f"{name}_p": gap.p}
 
 
 def _means(known: Mapping[str, Group], ends: Mapping[str, tuple[float, float]]) -> dict[str, Any]:
@@ -202,10 +196,10 @@ def _groups(own: Mapping[str, pd.DataFrame]) -> dict[str, Group]:
 
 def _against(one: Mapping[str, Group], other: Mapping[str, Group]) -> Difference:
     """How many attempts more the one needs than the other, if that one has all its conditions."""
-    if not one.keys() <= other.keys():
-        return _NONE
-    groups = [group._replace(weight=1 / len(one)) for group in one.values()]
-    groups += [other[name]._replace(weight=-1 / len(one)) for name in one]
+    groups = []
+    if one.keys() <= other.keys():
+        groups = [group._replace(weight=1 / len(one)) for group in one.values()]
+        groups += [other[name]._replace(weight=-1 / len(one)) for name in one]
     return weighted_difference(groups)
 
 

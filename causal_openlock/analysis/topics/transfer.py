@@ -82,7 +82,7 @@ def transfer(results: Material) -> pd.DataFrame:
     each = by_subject(pd.concat(both), ["of"])
     known = {one: _published(one.reference) for one in results.references}
     published = {gap_column(one.reference.name): one for one in results.leading}
-    own = {gap_column(name): name for name in results.people}
+    people = {gap_column(name): name for name in results.people}
     rows: list[dict[str, Any]] = []
     for protocol in ordered(each["protocol"].unique(), (HUMAN_PROTOCOL,)):
         here = each[each["protocol"] == protocol]
@@ -91,21 +91,17 @@ def transfer(results: Material) -> pd.DataFrame:
             if one.stands(tests).any():
                 about = {"learner": one.reference.name, "reference": True, "protocol": protocol}
                 rows += [about | row for row in _rows(known[one], {})]
+        played = {name: _played(own) for name, own in here.groupby("learner", observed=True)}
         for name in ordered(tests["learner"].unique(), results.learners):
+            own = tests[tests["learner"] == name]
             beside = {
-                column: known[one]
-                for column, one in published.items()
-                if one.stands(tests[tests["learner"] == name]).all()
+                column: known[one] for column, one in published.items() if one.stands(own).all()
             }
-            is_person = name in results.people
-            if not is_person:
-                others = {column: here[here["learner"] == one] for column, one in own.items()}
-                beside |= {column: _played(one) for column, one in others.items()}
-            about = {"learner": name, "reference": is_person, "protocol": protocol}
-            played = _played(here[here["learner"] == name])
-            rows += [about | row for row in _rows(played, beside)]
-    gaps = (*published, *own)
-    columns = [f"{column}{end}" for column in gaps for end in ("", "_low", "_high")]
+            if name not in results.people:
+                beside |= {column: played.get(person, {}) for column, person in people.items()}
+            about = {"learner": name, "reference": name in results.people, "protocol": protocol}
+            rows += [about | row for row in _rows(played[name], beside)]
+    columns = [f"{gap}{end}" for gap in (*published, *people) for end in ("", "_low", "_high")]
     return pd.DataFrame(rows, columns=[*COLUMNS, *columns]).astype({"reference": bool})
 
 
@@ -118,13 +114,9 @@ def _played(each: pd.DataFrame) -> Means:
 
 def _published(reference: Reference) -> Means:
     points = reference.points
-    is_first = (points["trial"] == 1) & (
-        (points["phase"] == "test") | ~points["condition"].isin(TRANSFERS)
-    )
-    both = [
-        points[points["phase"] == "test"].assign(of="test"),
-        points[is_first].assign(of="first"),
-    ]
+    is_test = points["phase"] == "test"
+    is_first = (points["trial"] == 1) & (is_test | points["condition"].isin(BASELINES))
+    both = [points[is_test].assign(of="test"), points[is_first].assign(of="first")]
     return {
         (row["condition"], row["of"]): (
             Group.published(row["mean"], row["se"], int(row["subjects"])),
@@ -145,21 +137,19 @@ def _rows(means: Means, beside: Mapping[str, Means]) -> list[dict[str, Any]]:
             row["other_training"] = means[other_test][0].mean
             row["solved"] = (means[test][1] + means[other_test][1]) / 2
             if row["solved"]:
-                found = weighted_difference(_contrast(means, test, other_test), pooled=True)
+                saved = _contrast(means, test, other_test)
+                found = weighted_difference(saved, pooled=True)
                 row |= zip(("saved", "low", "high", "p"), found, strict=True)
-            for column, known in beside.items() if row["solved"] else ():
-                if {test, other_test} <= known.keys():
-                    groups = _contrast(means, test, other_test)
-                    groups += _contrast(known, other_test, test)
-                    more = weighted_difference(groups)
-                    row |= {column: more.value, f"{column}_low": more.low}
-                    row[f"{column}_high"] = more.high
+                for column, known in beside.items():
+                    if {test, other_test} <= known.keys():
+                        more = weighted_difference(saved + _contrast(known, other_test, test))
+                        row |= more.columns(column)
         if {first, untrained} <= means.keys():
             row |= _share(means[first], means[untrained])
         if row:
             sizes = [means[key][0].size for key in (test, other_test) if key in means]
             about = {"condition": condition, "subjects": min(sizes)}
-            rows.append(about | {"attempts": means[test][0].mean} | row)
+            rows.append({**about, "attempts": means[test][0].mean, **row})
     return rows
 
 
@@ -177,8 +167,8 @@ def _share(first: tuple[Group, float], untrained: tuple[Group, float]) -> dict[s
         error = weighted_difference(  # weights: derivatives of the share
             [start._replace(weight=ratio / start.mean), own._replace(weight=-1 / start.mean)]
         )
-        row |= {"share": 1 - ratio}
-        row |= {"share_low": 1 - ratio + error.low, "share_high": 1 - ratio + error.high}
+        share = 1 - ratio
+        row |= {"share": share, "share_low": share + error.low, "share_high": share + error.high}
     return row
 
 
@@ -209,39 +199,35 @@ def plot_savings(
         )
     names = (_with_dots(table) if learners is None else []) or [*dict.fromkeys(table["learner"])]
     table = table[table["learner"].isin(names)]
-    looks = {"CC3": (style.current().trained("CC3"), "o")}
-    looks["CE3"] = style.current().trained("CE3"), "s"
+    marks = {"CC3": "o", "CE3": "s"}
+    looks = {name: (style.current().trained(name), mark) for name, mark in marks.items()}
 
     def lay_out(figure: Figure) -> Sequence[Axes]:
         set_size(figure, style.WIDTH, 2 * (0.85 + 0.21 * len(names)) + 0.3)
         return list(figure.subplots(2, 2, sharey=True, sharex="row").ravel())
 
     with panels(ax, 4, lay_out) as at:
-        for axes, tested in zip(at.axes, (*CONGRUENT, *CONGRUENT), strict=True):
-            style.name_rows(axes, names)
-            axes.axvline(0, color="#333333", lw=0.9, zorder=1)
-            axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
-            style.panel_title(axes, f"Test of {tested}")
-        above, below = at.axes[:2], at.axes[2:]
-        for axes, condition in zip(above, CONGRUENT.values(), strict=True):
-            rows = table[table["condition"] == condition]
+        columns = zip(at.axes[:2], at.axes[2:], CONGRUENT.items(), strict=True)
+        for above, below, (tested, congruent) in columns:
+            for axes in (above, below):
+                style.name_rows(axes, names)
+                axes.axvline(0, color="#333333", lw=0.9, zorder=1)
+                axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
+                style.panel_title(axes, f"Test of {tested}")
+            rows = table[table["condition"] == congruent]
             for row in rows[rows["reference"]].head(1).itertuples():
-                axes.axvspan(row.low, row.high, color="#777777", alpha=0.15, lw=0, zorder=0)
-            _dots(axes, rows, names, ("saved", "low", "high"), looks[condition[:3]])
-            axes.set_xlabel("Attempts saved by congruent training")
-        for axes, tested in zip(below, CONGRUENT, strict=True):
+                above.axvspan(row.low, row.high, color="#777777", alpha=0.15, lw=0, zorder=0)
+            _dots(above, rows, names, ("saved", "low", "high"), looks[congruent[:3]])
+            above.set_xlabel("Attempts saved by congruent training")
             for (trained, look), aside in zip(looks.items(), (-0.14, 0.14), strict=True):
                 rows = table[table["condition"] == f"{trained}-{tested}"]
-                _dots(axes, rows, names, ("share", "share_low", "share_high"), look, aside)
-            axes.set_xlabel("Share of attempts saved by training")
-            axes.xaxis.set_major_formatter(PercentFormatter(1.0))
-        marks: Any = {"ls": "", "mec": "black", "mew": 0.5}
-        at.legend(
-            [
-                Line2D([], [], marker=marker, color=colour, label=f"{trained} training", **marks)
-                for trained, (colour, marker) in looks.items()
-            ]
-        )
+                _dots(below, rows, names, ("share", "share_low", "share_high"), look, aside)
+            below.set_xlabel("Share of attempts saved by training")
+            below.xaxis.set_major_formatter(PercentFormatter(1.0))
+        edge: Any = {"ls": "", "mec": "black", "mew": 0.5}
+        keys = [Line2D([], [], marker=mark, color=colour, label=f"{trained} training", **edge)
+                for trained, (colour, mark) in looks.items()]  # fmt: skip
+        at.legend(keys)
     return at.returned
 
 
