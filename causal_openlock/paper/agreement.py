@@ -23,10 +23,10 @@ from causal_openlock.analysis.topic import Section, Topic
 from causal_openlock.analysis.topics.learning import (
     ELSE,
     FINDS_ALL,
+    GROUP,
     OPENS,
     PARTS,
     UNLOCKS,
-    each_group,
     going_on,
     matrix,
     shares,
@@ -114,11 +114,12 @@ def beside_paper(parts: pd.DataFrame, phase: str, conditions: Iterable[str]) -> 
         known = paper.loc[condition, phase]
         printed = known[measure].map("{:.1%}".format)
         beside = [(PAPER, "", round(known["attempts"].sum(), -3), printed)]
-        for group, played in each_group(parts[parts["condition"] == condition], phase):
+        own = parts[(parts["condition"] == condition) & (parts["phase"] == phase)]
+        for (learner, protocol, _), played in own.groupby(GROUP, observed=True):
             values = matrix(played, measure)
             if values.shape[1] == len(known):
                 many = played["attempts"].sum() / len(played[SUBJECT].drop_duplicates())
-                beside.append((group.learner, group.protocol, many, map(share_text, values.T)))
+                beside.append((learner, protocol, many, map(share_text, values.T)))
         rows += [
             (learner, protocol, condition, measure, many, block, share)
             for learner, protocol, many, blocks in (beside if len(beside) > 1 else ())

@@ -185,7 +185,7 @@ def test_progress_on_a_record_whose_truth_is_known(tmp_path):
     assert (able["subjects"], able["visits"], able["start"]) == (10, 5, 0.0)
     rounded = np.rint(up * 20) / 20
     assert able["first"] == pytest.approx(rounded[:, 0].mean())
-    assert able["peak"] == pytest.approx(rounded.mean(axis=0).max())
+    assert able["best"] == pytest.approx(rounded.mean(axis=0).max())
     assert able["ci_low"] < able["last"] < able["ci_high"]
     assert able["random"] == 0.0
     cc4 = find_schema("CC4")

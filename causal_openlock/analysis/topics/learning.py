@@ -12,9 +12,6 @@ from the room; where such a learner is in the record, also what it did, its luck
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import NamedTuple
-
 import numpy as np
 import pandas as pd
 
@@ -34,6 +31,7 @@ from causal_openlock.experiment.declare import Experiment
 from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.world.room import positions_for
 
+GROUP = ["learner", "protocol", "condition"]  #: columns of subjects that are judged together
 PARTS = 5  #: into how many parts a phase is cut: the paper's Figure 6 has five blocks
 OPENS, FINDS_ALL, ELSE = "opens", "finds_all", "else"
 """Measures of a part: the shares of attempts that open the door, of visits in which every
@@ -53,14 +51,6 @@ VERDICTS = (LEARNS, FALLS, FLAT, SOME, NOT, UNDECIDED)
 
 SURE_OF_SUBJECT = 0.01  #: how likely any subject of a group at chance may be taken to learn
 MARGIN = 0.1  #: the smallest share beyond chance that matters: less is not learning
-
-
-class Group(NamedTuple):
-    """Subjects that are compared: a learner in a condition under a protocol."""
-
-    learner: str
-    condition: str
-    protocol: str
 
 
 def shares(trials: pd.DataFrame, parts: int = PARTS) -> pd.DataFrame:
@@ -85,17 +75,13 @@ def shares(trials: pd.DataFrame, parts: int = PARTS) -> pd.DataFrame:
         found=trials["solutions_found"] / trials["solutions"],
     )
     added = tally.groupby([*by, "part"], sort=True, observed=True)
-    table = (
-        added[["visits", "attempts", "opened", "solved", "neither", "unlock", FOUND]]
-        .sum()
-        .reset_index()
-    )
-    table[OPENS] = table["opened"] / table["attempts"]
-    table[ELSE] = table["neither"] / table["attempts"]
-    table[FINDS_ALL] = table["solved"] / table["visits"]
-    table[UNLOCKS] = table["unlock"] / table["attempts"]
-    table[FOUND] /= table["visits"]
-    return table.drop(columns=["opened", "solved", "neither", "unlock"])
+    sums = added[["visits", "attempts", "opened", "solved", "neither", "unlock", FOUND]].sum()
+    sums[OPENS] = sums.pop("opened") / sums["attempts"]
+    sums[ELSE] = sums.pop("neither") / sums["attempts"]
+    sums[FINDS_ALL] = sums.pop("solved") / sums["visits"]
+    sums[UNLOCKS] = sums.pop("unlock") / sums["attempts"]
+    sums[FOUND] /= sums["visits"]
+    return sums.reset_index()
 
 
 def starts(trials: pd.DataFrame) -> pd.DataFrame:
@@ -110,16 +96,6 @@ def starts(trials: pd.DataFrame) -> pd.DataFrame:
     first = trials[trials["phase"] == "train"].groupby(by, sort=False, observed=True).head(1)
     opened = first["opened_at_start"] / np.maximum(first["last_attempt"] // START, 1)
     return first[by].assign(**{OPENS: opened, FINDS_ALL: first["solved"].astype(float)})
-
-
-def each_group(
-    table: pd.DataFrame, phase: str | None = None
-) -> Iterator[tuple[Group, pd.DataFrame]]:
-    """The rows of every learner, protocol and condition (of one phase), in the order of names."""
-    kept = table if phase is None else table[table["phase"] == phase]
-    by = ["learner", "protocol", "condition"]
-    for (learner, protocol, condition), rows in kept.groupby(by, observed=True):
-        yield Group(learner, condition, protocol), rows
 
 
 def matrix(rows: pd.DataFrame, measure: str) -> FloatArray:
@@ -192,23 +168,23 @@ def progress(trials: pd.DataFrame, experiment: Experiment) -> pd.DataFrame:
 
     Returns:
         Two rows for each learner, condition and protocol, one for each ``measure`` (``opens``,
-        ``finds_all``), with ``subjects``; ``visits``, how many trials each of them trained in; the
-        mean shares at the ``start``, in the ``first`` part, the ``peak`` (the best part) and the
-        ``last``, with the last one's 95% interval ``ci_low``, ``ci_high``; ``chance``, exact;
-        ``random``, the share of the random learner (NaN without one); and the ``verdict``. The
-        random learner itself is judged against exact chance alone.
+        ``finds_all``), with the ``verdict``; the mean shares at the ``start``, in the ``first``
+        part, the ``best`` and the ``last``, with the last one's 95% interval ``ci_low``,
+        ``ci_high``; ``chance``, exact; ``random``, the share of the random learner (NaN without
+        one); ``subjects``; and ``visits``, how many trials each of them trained in. The random
+        learner itself is judged against exact chance alone.
     """
     visited = going_on(trials, experiment)
     visited = visited[visited["phase"] == "train"]
     if visited.empty:
         return pd.DataFrame(columns=_COLUMNS)
-    table = shares(visited)
-    each, began = dict(each_group(table)), dict(each_group(starts(visited)))
-    by_chance = experiment.random_learners
-    lucky = _luck(table, by_chance)
-    found = []
-    for group, rows in each_group(visited):
-        parts = each[group]
+    table, by_chance = shares(visited), experiment.random_learners
+    lucky = _luck(table[table["learner"].isin(by_chance)])
+    began = dict(iter(starts(visited).groupby(GROUP, observed=True)))
+    rooms = dict(iter(visited.groupby(GROUP, observed=True)))
+    rows = []
+    for group, parts in table.groupby(GROUP, observed=True):
+        learner, protocol, condition = map(str, group)
         first = began[group].sort_values(SUBJECT)
         for measure in (OPENS, FINDS_ALL):
             share = matrix(parts, measure)
@@ -216,53 +192,52 @@ def progress(trials: pd.DataFrame, experiment: Experiment) -> pd.DataFrame:
             means = share.mean(axis=0)
             low, high = mean_interval(share[:, -1])
             if np.isnan(low):  # where nearly all subjects are alike
-                low, high = map(float, share_interval(share[:, -1].mean(), len(share)))
-            exact = _chance(experiment, group, rows, measure)
-            random, most = lucky.get((group.condition, group.protocol, measure), (np.nan, np.nan))
-            own = group.learner in by_chance
-            bar = np.nanmax([0.0, exact, np.nan if own else most])
+                low, high = map(float, share_interval(means[-1], len(share)))
+            exact = _chance(experiment, condition, protocol, rooms[group], measure)
+            random, most = lucky.get((protocol, condition, measure), (np.nan, np.nan))
+            bar = np.nanmax([0.0, exact, np.nan if learner in by_chance else most])
             verdict = judge(first[measure].to_numpy(float), share, float(bar), counted)
-            at = (first[measure].mean(), means[0], means.max(), means[-1])
-            size = (len(share), len(rows) / len(share))
-            found.append((*group, measure, *size, *at, low, high, exact, random, verdict))
-    return pd.DataFrame(found, columns=_COLUMNS)
+            at = (first[measure].mean(), means[0], means.max(), means[-1], low, high)
+            size = (len(share), len(rooms[group]) / len(share))
+            about = (learner, condition, protocol, verdict)
+            rows.append((*about, *at, exact, random, *size, measure))
+    return pd.DataFrame(rows, columns=_COLUMNS)
 
 
+_SHARES = ["start", "first", "best", "last", "ci_low", "ci_high", "chance", "random"]
 _COLUMNS = [
-    *(*Group._fields, "measure", "subjects", "visits"),
-    *("start", "first", "peak", "last", "ci_low", "ci_high", "chance", "random", "verdict"),
+    *("learner", "condition", "protocol", "verdict"),
+    *(*_SHARES, "subjects", "visits", "measure"),
 ]
 
 
-def _luck(
-    table: pd.DataFrame, by_chance: set[str]
-) -> dict[tuple[str, str, str], tuple[float, float]]:
-    """The random learner's share over all of training, and the upper end of its interval."""
-    rows = table[table["learner"].isin(by_chance)]
+def _luck(table: pd.DataFrame) -> dict[tuple[str, str, str], tuple[float, float]]:
+    """Shares of random learners over all of training, and the upper ends of their intervals."""
     luck = {}
-    for group, mine in each_group(rows):
+    for (_, protocol, condition), rows in table.groupby(GROUP, observed=True):
         for measure in (OPENS, FINDS_ALL):
-            each = matrix(mine, measure).mean(axis=1)
-            luck[group.condition, group.protocol, measure] = (each.mean(), interval(each)[1])
+            each = matrix(rows, measure).mean(axis=1)
+            luck[protocol, condition, measure] = each.mean(), interval(each)[1]
     return luck
 
 
-def _chance(experiment: Experiment, group: Group, rows: pd.DataFrame, measure: str) -> float:
+def _chance(
+    experiment: Experiment, condition: str, protocol: str, rows: pd.DataFrame, measure: str
+) -> float:
     """Mean share that random actions reach in these visits."""
-    protocol = next(one for one in experiment.protocols if one.name == group.protocol)
-    condition = next(one for one in experiment.conditions if one.name == group.condition)
-    known = {schema.name: schema for schema in condition.schemas}
-    positions = max(map(positions_for, known.values()))
+    played = next(one for one in experiment.protocols if one.name == protocol)
+    declared = next(one for one in experiment.conditions if one.name == condition)
+    schemas = {schema.name: schema for schema in declared.schemas}
+    positions = max(map(positions_for, schemas.values()))
     chances, weights = [], []
-    rooms = rows.groupby(["schema", "last_attempt"], observed=True).size()
-    for (name, attempts), visited in rooms.items():
-        schema, limit = known[name], protocol.actions_for(known[name])
+    for (name, attempts), visits in rows.groupby(["schema", "last_attempt"], observed=True):
+        schema, actions = schemas[name], played.actions_for(schemas[name])
         if measure == OPENS:
-            chances.append(chance_of_opening(schema, limit, positions))
-            weights.append(visited * attempts)
+            chances.append(chance_of_opening(schema, actions, positions))
+            weights.append(len(visits) * attempts)
         else:
-            chances.append(chance_of_finding_all(schema, limit, positions, int(attempts)))
-            weights.append(visited)
+            chances.append(chance_of_finding_all(schema, actions, positions, int(attempts)))
+            weights.append(len(visits))
     return float(np.average(chances, weights=weights))
 
 
@@ -306,15 +281,10 @@ def section(material: Material) -> Section | None:
 
 
 def _shown(name: str, title: str, share: str, rows: pd.DataFrame) -> Table:
-    first = ["learner", "condition", "protocol", "verdict"]
-    last = ["subjects", "visits"]
-    shares_of = [name for name in rows if name not in (*first, *last, "measure")]
-    # What it is about stands first: a page may be too narrow for all of it.
-    frame = rows[[*first, *shares_of, *last]].dropna(axis="columns", how="all")
+    frame = rows.drop(columns="measure").dropna(axis="columns", how="all").reset_index(drop=True)
     if frame["protocol"].nunique() == 1:
         frame = frame.drop(columns="protocol")
-    frame = frame.rename(columns={"peak": "best"}).reset_index(drop=True)
-    formats = {**dict.fromkeys((*shares_of, "best"), ".2%"), "chance": ".4%", "visits": ".0f"}
+    formats = {**dict.fromkeys(_SHARES, ".2%"), "chance": ".4%", "visits": ".0f"}
     caption = (
         f"{share} Means over subjects: at the start, in the first, the best and the last of "
         f"{PARTS} parts of training, with the 95% interval of the last. chance: of random actions, "

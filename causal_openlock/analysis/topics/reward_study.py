@@ -48,13 +48,9 @@ def reward_terms(reward: RewardFunction) -> frozenset[str]:
 
 def section(material: Material) -> Section | None:
     """The reward study: which rewards learn, or None if the experiment has too few rewards."""
-    by_chance = material.experiment.random_learners
-    rewards = {
-        spec.name: spec.reward
-        for spec in material.experiment.learners
-        if spec.name not in by_chance
-    }
-    table = progress(material.trials, material.experiment)
+    experiment, by_chance = material.experiment, material.experiment.random_learners
+    rewards = {one.name: one.reward for one in experiment.learners if one.name not in by_chance}
+    table = progress(material.trials, experiment)
     table = table[table["learner"].isin(list(rewards))]
     if len({reward.name for reward in rewards.values()}) < LEAST_REWARDS or table.empty:
         return None
@@ -83,11 +79,9 @@ def section(material: Material) -> Section | None:
         "solution is found, both in the last part of training, averaged over conditions; with a "
         "condition, the verdict there. Terms are added to the basic reward."
     )
-    formats = {"door": ".2%", "all": ".1%"}
-    tables = (
-        Table("reward_study", "Which rewards learn", _study(table, rewards), formats, caption),
-    )
-    return Section("reward_study", "Reward study", tuple(text), tables)
+    frame, formats = _study(table, rewards), {"door": ".2%", "all": ".1%"}
+    shown = Table("reward_study", "Which rewards learn", frame, formats, caption)
+    return Section("reward_study", "Reward study", tuple(text), (shown,))
 
 
 def _study(table: pd.DataFrame, rewards: Mapping[str, RewardFunction]) -> pd.DataFrame:
@@ -105,24 +99,23 @@ def _study(table: pd.DataFrame, rewards: Mapping[str, RewardFunction]) -> pd.Dat
 
 def _held_against(without: pd.DataFrame, measure: str) -> str:
     """Whether nothing is learned with unique solutions, as the paper says, in words."""
-    found = without[without["measure"] == measure]
-    able = found["verdict"].isin(ABLE[measure])
-    if (found["verdict"] == NOT).all():
-        right = "the same, in every condition."
+    rows = without[without["measure"] == measure]
+    able = rows["verdict"].isin(ABLE[measure])
+    if (rows["verdict"] == NOT).all():
+        outcome = "the same, in every condition."
     elif able.all():
-        right = "otherwise, in every condition something is learned."
-    elif able.any() or (found["verdict"] == SOME).any():
-        right = "otherwise in part."
+        outcome = "otherwise, in every condition something is learned."
+    elif able.any() or (rows["verdict"] == SOME).any():
+        outcome = "otherwise in part."
     else:
-        right = "undecided."
-    return f"{right} {verdicts(found)}"
+        outcome = "undecided."
+    return f"{outcome} {verdicts(rows)}"
 
 
 def _best(table: pd.DataFrame, best: list[str]) -> list[str]:
     """How learners with the paper's best combination compare with the others, by intervals."""
-    by = ["learner", "condition", "protocol"]
-    doors = table[table["measure"] == OPENS].set_index(by)["last"].rename("door")
-    visits = table[table["measure"] == FINDS_ALL].join(doors, on=by)
+    doors, visits = (table[table["measure"] == measure] for measure in (OPENS, FINDS_ALL))
+    visits = visits.assign(door=doors["last"].to_numpy())  # of the same groups, in the same order
     is_best = visits["learner"].isin(best)
     told = []
     for row in visits[is_best].itertuples():
