@@ -2,17 +2,18 @@
 
 ``people`` and ``published_model`` have attempts in the trials that the papers report,
 ``paper_ddqn`` the shares of the paper's Figures 6 and 7, and ``paper_ppo`` and the like the curves
-of AAAI 2020. These are means without units; those of people and the published model have a standard
-error (``error``); of the others none is known, and they are taken as they are.
+of AAAI 2020. These are means without units; those of people and the published model have an error
+bar (``se``) of a number of ``subjects``; of the others none is known, and they are taken as they
+are.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 
 import pandas as pd
 
-from causal_openlock.analysis.statistics import error_of_bar
 from causal_openlock.paper import published
 from causal_openlock.paper.agreement import published_shares
 
@@ -32,27 +33,24 @@ def published_units() -> pd.DataFrame:
     >>> people["attempts"].tolist()
     [5.525]
     """
+    curves, ddqn = published.rl_2020(), published_shares().drop(columns="attempts")
     parts = [
-        means.rename(columns={"mean": "attempts"}).assign(
-            learner=name,
-            judged=means["trial"] == means.groupby("condition")["trial"].transform("max"),
-            error=error_of_bar(means["se"], means["subjects"]),
-        )
-        for name, means in zip(PUBLISHED, (published.people(), published.model()), strict=False)
-    ]
-    ddqn = published_shares().drop(columns="attempts").reset_index()
-    ddqn = ddqn.rename(columns={"block": "part"})
-    last = ddqn.groupby("condition")["part"].transform("max")
-    parts.append(ddqn.assign(learner="paper_ddqn", judged=ddqn["part"] == last))
-    curves = published.rl_2020().rename(columns={"mean": "attempts"})
-    curves = curves[curves["learner"].isin([*RL_2020])]
-    last = curves.groupby(["condition", "phase"])["trial"].transform("max")
-    parts.append(
+        published.people().assign(learner="people"),
+        published.model().assign(learner="published_model"),
+        ddqn.reset_index().assign(learner="paper_ddqn"),
         curves.assign(
-            learner=curves["learner"].map(RL_2020),
-            part=curves["trial"] // BLOCK + 1,
-            judged=(curves["phase"] == "test") | (curves["trial"] == last),
-        ).drop(columns="trial")
-    )
-    units = pd.concat(parts, ignore_index=True).assign(unit=0)
-    return units.assign(trials=units["subjects"].fillna(1).astype(int))
+            learner=curves["learner"].map(RL_2020), block=curves.pop("trial") // BLOCK + 1
+        ),
+    ]
+    units = pd.concat(parts, ignore_index=True).dropna(subset="learner")
+    units = units.rename(columns={"mean": "attempts", "block": "part"})
+    when = units["part"].fillna(units["trial"])
+    return units.assign(unit=0, judged=judged(units, when, ["learner", "condition"]))
+
+
+def judged(units: pd.DataFrame, when: pd.Series[float], by: Sequence[str]) -> pd.Series[bool]:
+    """Which rows a condition is judged by: those of its test, or the last ones of a baseline."""
+    tests = units["phase"] == "test"
+    has_test, last = (one.groupby([units[name] for name in by], observed=True).transform("max")
+                      for one in (tests, when))  # fmt: skip
+    return tests.where(has_test, when == last)

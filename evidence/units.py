@@ -31,7 +31,7 @@ from causal_openlock.analysis.measures import CELL, SUBJECT
 from causal_openlock.analysis.topics.learning import shares
 from causal_openlock.errors import EvidenceError
 from causal_openlock.wording import joined
-from evidence.published import BLOCK, PUBLISHED, published_units
+from evidence.published import BLOCK, PUBLISHED, judged, published_units
 from evidence.study import ATTRIBUTED, COURSE, EVERYONE, TOLD, TRIALS, selection
 
 KEYS = [*CELL, "phase"]
@@ -51,11 +51,8 @@ def units_of(trials: pd.DataFrame, measured: str) -> pd.DataFrame:
             trials["part"] = place // BLOCK + 1
         grouped = trials.groupby([*KEYS, when, *SUBJECT], observed=True, sort=True)
         table = grouped[measures].mean().assign(trials=grouped.size()).reset_index()
-    groups = table.groupby(CELL, observed=True)
-    tested = groups["phase"].transform(lambda phase: (phase == "test").any()).astype(bool)
-    last = table[when] == groups[when].transform("max")
-    table["judged"] = np.where(tested, table["phase"] == "test", last)
     table = table.rename(columns={"subject": "unit"})
+    table["judged"] = judged(table, table[when], CELL)
     columns = [*KEYS, when, "judged", "unit", "trials", *measures]
     units: pd.DataFrame = table[columns].astype(dict.fromkeys(KEYS, str))
     return units

@@ -147,8 +147,8 @@ def compared(units: pd.DataFrame, contrast: Contrast, networks: Networks | None)
     if learner in PUBLISHED:
         if measure != "attempts":  # the error of shares is not known
             return mean_of(of, float(minus.mean()))
-        error, size = (selected(units, side, name).mean() for name in ("error", "trials"))
-        people = Group(int(size), float(minus.mean()), size * error**2, -1.0)
+        bar, size = (selected(units, side, name).mean() for name in ("se", "subjects"))
+        people = Group.published(float(minus.mean()), float(bar), int(size))._replace(weight=-1.0)
         return estimate([Group.of(of), people], (len(of),))
     if networks:
         paired = networks.played_by(one["learner"][0]) == networks.played_by(learner)

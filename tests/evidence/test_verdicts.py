@@ -146,11 +146,10 @@ def test_people_count_with_their_standard_error():
     table = table.assign(attempts=[3.0, 4, 5, 4, 3, 5], protocol="human", trial=1, judged=True)
     people = "people CC4 trial 1"
     asked = contrast("a CC4 trial 1", people, expected="less")
-    there = published_units()
-    mean, error, n = (float(selected(there, people, name).iloc[0])
-                      for name in ("attempts", "error", "trials"))  # fmt: skip
+    mean, bar, n = (float(selected(published_units(), people, name).iloc[0])
+                    for name in ("attempts", "se", "subjects"))  # fmt: skip
     found = compared(table.assign(found=1.0, trials=1), asked, None)
-    theirs = Group(int(n), mean, n * error**2, -1.0)
+    theirs = Group(int(n), mean, n * bar**2 * n / (n - 1), -1.0)
     own = Group.of(table["attempts"].to_numpy())
     assert found.interval == pytest.approx(weighted_difference([own, theirs])[1:3])
     assert found.value == pytest.approx(4 - mean)
