@@ -42,7 +42,7 @@ def main(asked: Namespace, root: Path, results: Path) -> list[str]:
         stamp(studies[0], asked.before, asked.reason, print)
     with resumable():
         for study in studies if asked.names else ():
-            run_study(study, results / study.name, asked.workers, print)
+            run_study(study, results / study.name, asked.workers)
     for evidence in map(Evidence, studies) if asked.names or asked.write else ():
         for name, path in evidence.figures.items():
             write_bytes(path, drawn(evidence, name))

@@ -42,21 +42,18 @@ from causal_openlock.files.checksums import (
 )
 from causal_openlock.storage.versions import versions
 from causal_openlock.version import RESULTS_VERSION
-from causal_openlock.wording import joined
 from evidence.study import FILE, Study
 from evidence.theories import units_of_theories
 from evidence.units import of_network, units_of
 
 UNITS, COSTS, RUN = "units.parquet", "costs.parquet", "run.json"
 NEEDED = ("declared", "seed", "claims", "versions", "files")  #: keys of ``run.json`` that are read
-Say = Callable[[str], None]
 
 
-def run_study(study: Study, results: Path, workers: int | None, say: Say) -> None:
+def run_study(study: Study, results: Path, workers: int | None) -> None:
     """Run a study, and store what was measured once all of it was played.
 
-    Records and networks that are in the folder of ``results`` are not played again; ``say`` is
-    called with a sentence on the progress.
+    Records and networks that are in the folder of ``results`` are not played again.
 
     Raises:
         CellsFailed: If all cells failed.
@@ -67,12 +64,12 @@ def run_study(study: Study, results: Path, workers: int | None, say: Say) -> Non
     claims = _margins(study, results)
     tables, hours = {}, 0.0
     if study.file.measured == "theories":
-        tables[UNITS], hours = units_of_theories(study, results / "played", workers, say)
+        tables[UNITS], hours = units_of_theories(study, results / "played", workers)
     elif networks := study.file.networks:
         parts = []
         for seed in networks.seeds:
             for label in study.learners:
-                experiment = _with_network(study, label, seed, results, say)
+                experiment = _with_network(study, label, seed, results)
                 played, spent = _played(experiment, results / f"{label}-{seed}", workers)
                 units = units_of(played.trials, study.file.measured)
                 parts.append(of_network(units, label, seed))
@@ -114,7 +111,7 @@ def _played(experiment: Experiment, out: Path, workers: int | None) -> tuple[Res
     return played, sum(pc.max(cell["wall_time"]).as_py() or 0 for cell in cells) / 3600
 
 
-def _with_network(study: Study, label: str, seed: int, results: Path, say: Say) -> Experiment:
+def _with_network(study: Study, label: str, seed: int, results: Path) -> Experiment:
     """The experiment as a network plays it, which is trained if it is not there."""
     networks = study.file.networks
     assert networks
@@ -124,7 +121,7 @@ def _with_network(study: Study, label: str, seed: int, results: Path, say: Say) 
     network = (results / "networks" / f"{name}.npz").absolute()
     if not network.exists():
         network.parent.mkdir(parents=True, exist_ok=True)
-        say(f"training {network.stem}")
+        print(f"training {network.stem}")
         words = [sys.executable, "-m", "causal_openlock", "train", str(file), "--seed", str(seed)]
         if subprocess.run([*words, "--out", str(network)], check=False).returncode:
             raise EvidenceError(f"the training of {network.stem} failed, as is said above")
@@ -218,9 +215,6 @@ def older_results(run: dict[str, Any]) -> str:
     >>> older_results({"versions": {"causal-openlock": "0.1.0+4"}})
     '0.1'
     """
-    stamps, version = run.get("stamps"), run["versions"]["causal-openlock"]
-    if stamps and stamps[-1]["results"] == RESULTS_VERSION:
-        return ""
-    played_with = {version} if isinstance(version, str) else {*version}
-    releases = {".".join(one.split(".")[:2]) for one in played_with - {RESULTS_VERSION}}
-    return joined(sorted(releases))
+    version: str = run["versions"]["causal-openlock"]
+    stamped = [stamp["results"] for stamp in run.get("stamps", ())]
+    return "" if RESULTS_VERSION in (version, *stamped[-1:]) else ".".join(version.split(".")[:2])

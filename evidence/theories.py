@@ -15,12 +15,13 @@ Subjects are simulated from every learner of the experiment, and every theory pr
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from causal_openlock.analysis.measures import CELL
+from causal_openlock.comparison.progress_bar import counting, shown_steps
 from causal_openlock.design.apart import NATS, told_apart
 from causal_openlock.design.parameters import on_search_scale, parameters_recovered, searched
 from causal_openlock.design.telling import attributed, bits, by_size, confusion, informed
@@ -33,7 +34,7 @@ WHOLE = {"phase": "test", "judged": True}
 
 
 def units_of_theories(
-    study: Study, folder: Path, workers: int | None, say: Callable[[str], None]
+    study: Study, folder: Path, workers: int | None
 ) -> tuple[pd.DataFrame, float]:
     """Simulate subjects, let all theories predict them, and recover parameters.
 
@@ -46,26 +47,23 @@ def units_of_theories(
         LearnerError: If a theory cannot predict others, there are fewer than two, or one whose
             parameters are to be recovered has no search space.
     """
-
-    def report(done: int, total: int) -> None:
-        if done * 20 // total > (done - 1) * 20 // total:
-            say(f"{study.name}: {done} of {total} are done")
-
     began, asked, settings = sum(os.times()[:4]), study.asked, study.file.theories
     specs = known_learners(settings.parameters, asked.learners)
     spaces = [searched(spec) for spec in specs]  # before hours of work
     cores = available_cores() if workers is None else max(1, workers)
-    subjects = told_apart(
-        asked, folder / "subjects", draws=settings.draws, outside=settings.outside,
-        workers=cores, report=report,
-    )  # fmt: skip
-    units = [units_of_subjects(subjects)]
-    for spec, space in zip(specs, spaces, strict=True):
-        pairs = parameters_recovered(
-            spec, space, asked, folder / spec.name, sets=settings.sets,
-            candidates=settings.candidates, workers=cores, report=report,
+    with shown_steps(study.name) as begin:
+        subjects = told_apart(
+            asked, folder / "subjects", draws=settings.draws, outside=settings.outside,
+            workers=cores, report=counting(begin, "subjects"),
         )  # fmt: skip
-        units.append(units_of_parameters(spec.name, on_search_scale(pairs, space)))
+        units = [units_of_subjects(subjects)]
+        for spec, space in zip(specs, spaces, strict=True):
+            pairs = parameters_recovered(
+                spec, space, asked, folder / spec.name, sets=settings.sets,
+                candidates=settings.candidates, workers=cores,
+                report=counting(begin, f"sets of {spec.name}"),
+            )  # fmt: skip
+            units.append(units_of_parameters(spec.name, on_search_scale(pairs, space)))
     return pd.concat(units, ignore_index=True), (sum(os.times()[:4]) - began) / 3600
 
 
@@ -73,19 +71,16 @@ def units_of_subjects(subjects: pd.DataFrame) -> pd.DataFrame:
     """The rows of subjects (:func:`~causal_openlock.design.apart.told_apart`) and of groups."""
     units = informed(subjects).rename(columns={"subject": "unit"}).assign(subjects=1)
     nats = [name for name in units if name.startswith(NATS)]
-    rows = []
-    for names, group in units.groupby(["learner", "condition", "protocol"], sort=False):
-        if (maker := NATS + names[0]) not in nats:  # of no theory
-            continue
+    groups = []
+    for names, group in _of_theories(units).groupby(CELL):
         for measure, number in (("groups", 1), ("halves", 2)):
             halves = np.array_split(group[nats].to_numpy(float), min(number, len(group)))
             for unit, half in enumerate(halves):
-                right = attributed(half.sum(axis=0, keepdims=True))[0, nats.index(maker)]
-                rows.append([*names, unit, len(half), measure, right])
-    columns = ["learner", "condition", "protocol", "unit", "subjects", "measure", "right"]
-    groups = pd.DataFrame(rows, columns=columns)
-    groups = groups.pivot(index=columns[:5], columns="measure", values="right").reset_index()
-    return pd.concat([units, groups], ignore_index=True).assign(**WHOLE)
+                shares = attributed(half.sum(axis=0, keepdims=True))[0]
+                right = shares[nats.index(NATS + names[0])]
+                about = dict(zip(CELL, names, strict=True))
+                groups.append({**about, "unit": unit, "subjects": len(half), measure: right})
+    return pd.concat([units, pd.DataFrame(groups)], ignore_index=True).assign(**WHOLE)
 
 
 def units_of_parameters(learner: str, pairs: pd.DataFrame) -> pd.DataFrame:
@@ -97,10 +92,10 @@ def units_of_parameters(learner: str, pairs: pd.DataFrame) -> pd.DataFrame:
 
 def sizes_of(study: Study, units: pd.DataFrame) -> pd.DataFrame:
     """How often groups of any size are attributed to each theory, from stored units."""
-    return by_size(_subjects(units), study.asked.seed)
+    return by_size(_of_theories(units), study.asked.seed)
 
 
-def _subjects(units: pd.DataFrame) -> pd.DataFrame:
+def _of_theories(units: pd.DataFrame) -> pd.DataFrame:
     """The rows of subjects that theories made."""
     nats = [name for name in units if name.startswith(NATS)]
     return units[(NATS + units["learner"]).isin(nats)].dropna(subset=nats)
@@ -113,11 +108,7 @@ def confusions(study: Study, units: pd.DataFrame) -> pd.DataFrame:
     share of groups that are attributed to the theory that made them; and ``bits`` per action, as
     the theory that made them predicts subjects.
     """
-    sizes = sizes_of(study, units)
-    table, groups, ceiling = (
-        confusion(sizes),
-        confusion(sizes, of_groups=True),
-        bits(_subjects(units)),
-    )
-    right = {"groups": np.diag(groups), "bits": [ceiling.loc[name, name] for name in table]}
-    return table.assign(**right).rename_axis("learner").reset_index()
+    sizes, ceiling = sizes_of(study, units), bits(_of_theories(units))
+    right = {"groups": np.diag(confusion(sizes, of_groups=True)),
+             "bits": np.diag(ceiling.loc[ceiling.columns])}  # fmt: skip
+    return confusion(sizes).assign(**right).rename_axis("learner").reset_index()

@@ -74,7 +74,7 @@ def ran(tmp_path, text):
     (folder / "experiment.yaml").write_text(EXPERIMENT)
     (study,) = read_studies(tmp_path / "evidence")
     assert not study.faults()
-    run_study(study, tmp_path / "results", 0, print)
+    run_study(study, tmp_path / "results", 0)
     return Evidence(study)
 
 
