@@ -14,13 +14,13 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.statistics import LEVEL
-from causal_openlock.analysis.table import markdown
+from causal_openlock.analysis.table import markdown, printed
 from causal_openlock.errors import EvidenceError
 from causal_openlock.wording import nearest
 from evidence.derived import DERIVED_TABLES
 from evidence.published import PUBLISHED
 from evidence.run import RUN, older_results, read_run, read_units
-from evidence.study import CORRELATION, DERIVED, MEASURES, NO_SHARES, Contrast, Study, Table
+from evidence.study import CORRELATION, DERIVED, MEASURES, NO_SHARES, Contrast, Study, Table, named
 from evidence.units import selected, with_differences
 from evidence.verdicts import (
     EQUIVALENCE,
@@ -32,13 +32,16 @@ from evidence.verdicts import (
     verdict,
 )
 
+NOTHING = Estimate(np.nan, lambda level: (np.nan, np.nan), (0,))
+"""What came out where nothing was run."""
+
 
 class Decided(NamedTuple):
-    """What came out of a contrast, or why nothing did."""
+    """What came out of a contrast; ``why`` says why nothing did."""
 
     contrast: Contrast
-    verdict: Verdict = "undecided"
-    found: Estimate | None = None
+    verdict: Verdict
+    found: Estimate
     why: str = ""
 
 
@@ -111,28 +114,17 @@ class Evidence:
 
     def _decided(self, contrast: Contrast) -> Decided:
         if not self.was_run:
-            return Decided(contrast, why="not run yet")
+            return Decided(contrast, "undecided", NOTHING, "not run yet")
         units = self.units  # of a damaged file nothing is undecided
         try:
             found = compared(units, contrast, self.study.file.networks)
         except EvidenceError as error:
-            return Decided(contrast, why=str(error))
+            return Decided(contrast, "undecided", NOTHING, str(error))
         return Decided(contrast, verdict(found, contrast.expected, contrast.smallest), found)
-
-    def contrasts(self, claim: str) -> dict[str, Decided]:
-        """What came out of the contrasts of a claim.
-
-        Raises:
-            EvidenceError: If the study has no such claim.
-        """
-        if claim not in self.decided:
-            known = nearest(claim, self.decided)
-            raise EvidenceError(f"{self.study.name} has no claim {claim!r}; {known}")
-        return self.decided[claim]
 
     def verdict(self, claim: str) -> Verdict:
         """The verdict on a claim."""
-        return together(one.verdict for one in self.contrasts(claim).values())
+        return together(one.verdict for one in named("claim", claim, self.decided).values())
 
     @cached_property
     def claims(self) -> pd.DataFrame:
@@ -140,9 +132,8 @@ class Evidence:
         rows = []
         for claim, contrasts in self.decided.items():
             for part, (asked, said, found, _) in contrasts.items():
-                numbers = (found.value, *found.interval, found.n) if found else (*3 * [np.nan], "0")
-                row = [claim, part, asked.measure, asked.expected, asked.smallest, *numbers]
-                rows.append([*row, said, self.verdict(claim)])
+                row = [claim, part, asked.measure, asked.expected, asked.smallest, found.value]
+                rows.append([*row, *found.interval, found.n, said, self.verdict(claim)])
         columns = ["claim", "contrast", "measure", "expected", "smallest", "effect", "ci_low"]
         return pd.DataFrame(rows, columns=[*columns, "ci_high", "n", "verdict", "of_claim"])
 
@@ -154,10 +145,10 @@ class Evidence:
         """
         kind, _, rest = title.partition(" ")
         first, _, last = rest.rpartition(" ")
-        if kind == "derived":
+        if kind == DERIVED:
             if first not in self.derived.index or last not in self.derived:
                 raise EvidenceError(f"{self.study.name} derives no {last!r} of {first!r}")
-            return number(self.derived.loc[first, last])
+            return number(self.derived[last].to_dict()[first])
         asks = last if last in ("interval", "verdict") else ""
         words = first if asks else rest
         if kind == "claim":
@@ -170,32 +161,24 @@ class Evidence:
     def _of_claim(self, words: str, asks: str) -> str:
         """The difference, interval or verdict of ``CLAIM [CONTRAST]``."""
         name, _, part = words.partition(" ")
-        contrasts = self.contrasts(name)
+        contrasts = named("claim", name, self.decided)
         if asks == "verdict" and not part:
             return self.verdict(name)
-        part = part or next(iter(contrasts))
-        if part not in contrasts:
-            known = nearest(part, contrasts)
-            raise EvidenceError(f"the claim {name} has no contrast {part!r}; {known}")
-        asked, said, found, why = contrasts[part]
+        asked, said, found, why = named("contrast", part or next(iter(contrasts)), contrasts)
         if asks == "verdict":
             return said
-        if found is None:
+        if why:
             raise EvidenceError(f"{self.study.name}: {why}")
         return ends(found, asked.measure) if asks else signed(found, asked.measure)
 
     def block(self, what: str) -> str:
         """The Markdown of a table: ``claims``, ``derived``, or one that the study declares."""
-        tables = self.study.file.tables
         if what == "claims":
             return self._claims()
-        if what == DERIVED:
-            rows = [[name, *map(number, row)] for name, *row in self.derived.itertuples()]
-            return f"{markdown(['', *self.derived.columns], rows)}\n"
-        if what not in tables:
-            known = nearest(what, ["claims", *tables])
-            raise EvidenceError(f"{self.study.name} has no table {what!r}; {known}")
-        return self._table(tables[what])
+        if what != DERIVED:
+            return self._table(named("table", what, self.study.file.tables))
+        rows = [[name, *map(number, row)] for name, *row in self.derived.itertuples()]
+        return f"{markdown(['', *self.derived.columns], rows)}\n"
 
     def cells(self, table: Table) -> dict[str, dict[str, pd.Series[float]]]:
         """The units of a table by row and column, where there are any."""
@@ -207,40 +190,39 @@ class Evidence:
         return cells
 
     def _table(self, table: Table) -> str:
-        head, rows = ["", *table.columns, "n"], []
+        trained = self.derived["before the experiment"] if table.trained_before else {}
+        rows = []
         for row, label in table.rows.items():
-            cells, sizes = [], set[int]()
-            for column in table.columns:
-                asked = f"{row} {column}"
-                try:
-                    mean = mean_selected(self.units, asked, table.measure)
-                except EvidenceError:
-                    cells.append("–")
-                    continue
-                cells.append(number(mean.value, table.measure))
-                if row.split()[0] in PUBLISHED:
-                    continue
-                sizes.add(mean.units[0])
-                if table.measure == "attempts" and self._solved_none(asked):
-                    cells[-1] = f"> {mean.value:g}"  # the limit
-                elif table.interval and np.isfinite(mean.interval[0]):
-                    least = -1.0 if table.measure == CORRELATION else 0.0
-                    cells[-1] += f" ({ends(mean, table.measure, least)})"
-            rows.append([label, *cells, " or ".join(map(str, sorted(sizes))) or "–"])
-        if table.trained_before:
-            head.append("attempts of training before")
-            before = self.derived["before the experiment"]
-            rows = [[*cells, before.get(row.split()[0], "–")]
-                    for row, cells in zip(table.rows, rows, strict=True)]  # fmt: skip
+            cells = [self._cell(f"{row} {column}", table) for column in table.columns]
+            sizes = sorted({size for _, size in cells if size})
+            texts = [text for text, _ in cells]
+            rows.append([label, *texts, " or ".join(map(str, sizes)) or "–"])
+            if table.trained_before:
+                rows[-1].append(trained.get(row.split()[0], "–"))
+        head = ["", *table.columns, "n"]
+        head += ["attempts of training before"] if table.trained_before else []
         note = f"Means over n {self.study.unit}s"
         if table.measure == CORRELATION:
             note = "Correlations over n sets of parameters"
         note += ", 95% intervals." if table.interval else "."
         return f"{markdown(head, rows)}\n\n{note}\n"
 
-    def _solved_none(self, asked: str) -> bool:
-        """Return whether no selected unit solved a trial."""
-        return "solved" in self.units and not selected(self.units, asked, "solved").any()
+    def _cell(self, asked: str, table: Table) -> tuple[str, int]:
+        """A mean of a table as text, with its interval, and of how many units it is."""
+        try:
+            mean = mean_selected(self.units, asked, table.measure)
+        except EvidenceError:
+            return "–", 0
+        text = number(mean.value, table.measure)
+        if asked.split()[0] in PUBLISHED:
+            return text, 0
+        tried = table.measure == "attempts" and "solved" in self.units
+        if tried and not selected(self.units, asked, "solved").any():
+            text = f"> {mean.value:g}"  # the limit
+        elif table.interval and np.isfinite(mean.interval[0]):
+            least = -1.0 if table.measure == CORRELATION else 0.0
+            text += f" ({ends(mean, table.measure, least)})"
+        return text, mean.units[0]
 
     def _claims(self) -> str:
         rows = []
@@ -255,7 +237,7 @@ class Evidence:
             source = f" ({claim.source})" if claim.source else ""
             rows.append([f"{claim.text}{source}", said, ""])
             for part, (asked, verdict_of_part, found, why) in contrasts.items():
-                by = _difference(asked, found) if found else why
+                by = why or _difference(asked, found)
                 rows.append([f"&nbsp;&nbsp;{part}: {_asked(asked)}", verdict_of_part, by])
         return f"{markdown(['claim', 'verdict', 'by'], rows)}\n"
 
@@ -308,13 +290,5 @@ def number(value: Any, measure: str = "attempts") -> str:
     >>> number(-0.5), number(-0.5, "solved"), number(1674240)
     ('−0.50', '−.50', '1,674,240')
     """
-    if isinstance(value, str):
-        return value
-    if pd.isna(value):
-        return "–"
-    if isinstance(value, int | np.integer):
-        return f"{value:,}"
-    text = f"{value:.2f}".replace("-", "−")
-    if measure not in NO_SHARES:
-        text = re.sub(r"^(−?)0\.", r"\1.", text)
-    return {"−.00": ".00", "−0.00": "0.00"}.get(text, text)
+    text = printed(value, None)
+    return text if measure in NO_SHARES else re.sub(r"^(−?)0\.", r"\1.", text)

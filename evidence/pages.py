@@ -23,32 +23,30 @@ from pathlib import Path
 from causal_openlock.errors import EvidenceError, OpenLockError
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.escaping import csv_of
-from causal_openlock.wording import counted, nearest
+from causal_openlock.wording import counted
 from evidence.measured import Evidence
-from evidence.study import DERIVED, FILE, read_studies
+from evidence.study import DERIVED, FILE, named, read_studies
 
 VERDICTS, README = "verdicts.csv", "README.md"
 REMEDY = "write it again with: python -m evidence --write"
 
 LINK = re.compile(
-    r"\[(?P<text>[^\]\n]*)\](?P<target>\((?P<path>(?:[^)\s]*/)?(?P<study>[\w-]+)/README\.md)"
+    r"\[[^\]\n]*\](?P<target>\((?:[^)\s]*/)?(?P<study>[\w-]+)/README\.md"
     r'[ \n]"(?P<title>[^"]*)"\))'
 )
-END = "<!-- end of evidence -->"
+START, END = "<!-- evidence:", "<!-- end of evidence -->"
 BLOCK = re.compile(
-    r"(?P<start><!-- evidence: (?P<study>[\w-]+) (?P<what>\w+) -->\n)"
-    rf"(?:(?!<!-- evidence:).)*?(?P<end>{END})",
-    re.DOTALL,
+    rf"(?P<start>{START} (?P<study>[\w-]+) (?P<what>\w+) -->\n).*?(?P<end>{END})", re.DOTALL
 )
 
 
-def written(root: Path) -> tuple[dict[Path, str], list[str]]:
-    """All texts that follow from the studies of a folder, by file, and what is wrong with them.
+def check(root: Path, write: bool = False) -> list[str]:
+    """Faults of what follows from studies, a sentence each; other texts are one, or written anew.
 
-    Pages are Markdown next to the folder, and in ``docs`` there.
+    Pages are Markdown next to the folder of studies, and in ``docs`` there.
     """
     texts: dict[Path, str] = {}
-    faults = []
+    faults: list[str] = []
     studies = {study.name: Evidence(study) for study in read_studies(root)}
     for evidence in studies.values():
         study = evidence.study
@@ -63,23 +61,13 @@ def written(root: Path) -> tuple[dict[Path, str], list[str]]:
             texts[study.folder / README] = page_of(evidence)
             if evidence.was_run:
                 texts[study.folder / VERDICTS] = csv_of(evidence.claims.round(6))
-                faults += [
-                    f"{path} is missing; {REMEDY}"
-                    for path in evidence.figures.values()
-                    if not path.exists()
-                ]
         except OpenLockError as error:  # of a damaged file nothing is written
             faults.append(f"{study.folder}: {error}")
+        missing = [path for path in evidence.figures.values() if not path.exists()]
+        faults += [f"{path} is missing; {REMEDY}" for path in missing]
     for page in [*root.parent.glob("*.md"), *root.parent.glob("docs/**/*.md"), root / README]:
         if page.exists():
-            texts[page], wrong = renewed(page.read_text(encoding="utf-8"), page, root, studies)
-            faults += wrong
-    return texts, faults
-
-
-def check(root: Path, write: bool = False) -> list[str]:
-    """Faults of what is written, a sentence each; other texts are one, or written anew."""
-    texts, faults = written(root)
+            texts[page] = renewed(page, root, studies, faults)
     for path, text in texts.items():
         if path.exists() and path.read_text(encoding="utf-8") == text:
             continue
@@ -90,21 +78,15 @@ def check(root: Path, write: bool = False) -> list[str]:
     return faults
 
 
-def renewed(
-    text: str, page: Path, root: Path, studies: dict[str, Evidence]
-) -> tuple[str, list[str]]:
-    """The text of a page with its measured numbers and tables rewritten, and what could not be."""
-    faults: list[str] = []
+def renewed(page: Path, root: Path, studies: dict[str, Evidence], faults: list[str]) -> str:
+    """The text of a page with its numbers and tables as measured; what cannot be is a fault."""
+    text = page.read_text(encoding="utf-8")
     here = Path(os.path.relpath(root, page.parent)).as_posix()
 
     def rewritten(found: re.Match[str]) -> str:
         try:
-            if found["study"] not in studies:
-                raise EvidenceError(
-                    f"there is no study {found['study']!r}; {nearest(found['study'], studies)}"
-                )
-            evidence = studies[found["study"]]
-            if "title" in found.groupdict():
+            evidence = named("study", found["study"], studies)
+            if found.re is LINK:
                 return f"[{evidence.text(found['title'])}]{found['target']}"
             body = evidence.block(found["what"])
             source = f"[How it was measured]({here}/{found['study']}/README.md)."
@@ -115,14 +97,10 @@ def renewed(
             faults.append(f"{page}:{line}: {error}")
             return found[0]
 
-    def link(found: re.Match[str]) -> str:
-        leads_to = (page.parent / found["path"]).resolve().parent.parent
-        return rewritten(found) if leads_to == root.resolve() else found[0]
-
-    blocks = len(BLOCK.findall(text))
-    if not blocks == text.count("<!-- evidence:") == text.count(END):
-        return text, [f"{page}: a block of evidence has no end, or no known beginning; fix it"]
-    return BLOCK.sub(rewritten, LINK.sub(link, text)), faults
+    if not len(BLOCK.findall(text)) == text.count(START) == text.count(END):
+        faults.append(f"{page}: a block of evidence has no end, or no known beginning; fix it")
+        return text
+    return BLOCK.sub(rewritten, LINK.sub(rewritten, text))
 
 
 def page_of(evidence: Evidence) -> str:

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import Field, model_validator
 
@@ -27,6 +27,7 @@ from causal_openlock.fitting.steps import seeds_of
 from causal_openlock.wording import joined, nearest
 from evidence.published import PUBLISHED
 
+T = TypeVar("T")
 FILE = "study.yaml"
 DERIVED = "derived"
 """The name of the table that is computed from all units."""
@@ -278,6 +279,17 @@ class Study:
                 yield f"tables: {name}", f"{row} {column}"
 
 
+def named(what: str, name: str, known: Mapping[str, T]) -> T:
+    """The study, claim, ... of a name.
+
+    Raises:
+        EvidenceError: If there is none; the message suggests the nearest name.
+    """
+    if name not in known:
+        raise EvidenceError(f"there is no {what} {name!r}; {nearest(name, known)}")
+    return known[name]
+
+
 def _digest(content: Any) -> str:
     return digest(json.dumps(content, sort_keys=True))
 
@@ -289,9 +301,6 @@ def read_studies(root: Path, names: Sequence[str] = ()) -> list[Study]:
         FileError: With line, column and remedy of the first fault of a ``study.yaml``.
         EvidenceError: If there is no study of a name.
     """
-    known = sorted(path.parent.name for path in root.glob(f"*/{FILE}"))
-    for name in names:
-        if name not in known:
-            raise EvidenceError(f"there is no study {name!r} in {root}; {nearest(name, known)}")
-    files = [root / name / FILE for name in names or known]
+    known = {path.parent.name: path for path in sorted(root.glob(f"*/{FILE}"))}
+    files = [named("study", name, known) for name in names or known]
     return [Study(path.parent, read_document(path).validate(StudyFile)) for path in files]
