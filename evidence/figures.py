@@ -9,7 +9,6 @@ and of theories which are taken for which.
 from __future__ import annotations
 
 import io
-from collections import defaultdict
 
 import numpy as np
 import pandas as pd
@@ -35,8 +34,8 @@ DOTS, COLOURS = 110, 32
 """Dots per inch of a figure, and its colours: enough to read, and at most 50 KB."""
 BLUE, GREY, DASHES = "#1F6F9F", "#777777", (0, (4, 2))
 
-Rows = dict[str, dict[str, pd.Series]]
-"""The units of a table by row and column, where there are any."""
+Rows = dict[str, pd.DataFrame]
+"""Units of each row of a table, by column."""
 
 
 def drawn(evidence: Evidence, name: str) -> bytes:
@@ -51,7 +50,7 @@ def drawn(evidence: Evidence, name: str) -> bytes:
         draw_points(points, like.effects, figure, file.fitted)
     else:
         table = file.tables[name]
-        rows = evidence.cells(table)
+        rows = evidence.rows(table)
         if all(column.startswith("part ") for column in table.columns):
             draw_course(table, rows, file.measured == "curve", figure)
         else:
@@ -75,11 +74,11 @@ def draw_dots(table: Table, rows: Rows, figure: Figure) -> None:
             axes.grid(True, axis="x")
             axes.set_xlim(*_limits(table, rows))
             axes.set_xlabel(_measure(table))
-            for row, cells in rows.items():
-                if column in cells and row in learners:
-                    _draw_row(axes, learners.index(row), cells[column])
-                elif column in cells:
-                    mean = float(cells[column].mean())
+            for row, units in rows.items():
+                if column in units and row in learners:
+                    _draw_row(axes, learners.index(row), units[column].dropna())
+                elif column in units:
+                    mean = units[column].mean()
                     axes.axvline(mean, color=GREY, lw=1, ls=DASHES, label=_words(row))
         if handles := at.axes[0].get_legend_handles_labels()[0]:
             at.legend(handles)
@@ -100,27 +99,33 @@ def draw_course(table: Table, rows: Rows, by_fifties: bool, figure: Figure) -> N
     A published curve is in the panel of its algorithm, and a curve has its parts by trials.
     """
     algorithms = {name: algorithm.lower() for algorithm, name in RL_2020.items()}
-    by_panel = defaultdict[str, list[str]](list)
-    for row in rows:
-        learner = row.split()[0]
-        by_panel[algorithms.get(learner, learner)].append(row)
+    names = {row: algorithms.get(row.split()[0], row.split()[0]) for row in rows}
     conditions = [*dict.fromkeys(row.split()[1] for row in rows)]
     colours = {one: style.current().trained(one) for one in conditions}
     if len({*colours.values()}) < len(colours):
         colours = {one: style.current().other(number) for number, one in enumerate(conditions)}
     low, high = _limits(table, rows)
-    with panels(figure, len(by_panel), in_rows(len(by_panel), 4, 1.75)) as at:
-        for axes, (name, own) in zip(at.axes, by_panel.items(), strict=True):
+    learners = [*dict.fromkeys(names.values())]
+    with panels(figure, len(learners), in_rows(len(learners), 4, 1.75)) as at:
+        for axes, name in zip(at.axes, learners, strict=True):
             style.panel_title(axes, _words(name))
-            for row in own:
-                parts = {int(column.split()[1]): units for column, units in rows[row].items()}
-                x = [BLOCK * (part - 0.5) if by_fifties else part for part in parts]
-                _draw_lines(axes, x, [*parts.values()], row.split()[0], colours[row.split()[1]])
             axes.set_xlabel("trial" if by_fifties else "part of the training")
-            if by_fifties and table.measure in ATTEMPTS:  # a few, or all that there are
-                axes.set(yscale="log", ylim=(2.0, 1.2 * high))
+        for row, units in rows.items():
+            axes = at.axes[learners.index(names[row])]
+            learner, condition = row.split()[:2]
+            parts = [int(column.split()[1]) for column in units]
+            x = [BLOCK * (part - 0.5) if by_fifties else part for part in parts]
+            if learner in algorithms:
+                axes.plot(
+                    x, units.mean(), lw=1.2, marker="s", ms=3, ls=DASHES, color=colours[condition]
+                )
             else:
-                axes.set_ylim(low, high)
+                axes.plot(x, units.dropna().T, lw=0.6, alpha=0.45, color=colours[condition])
+                axes.plot(x, units.mean(), lw=2, marker="o", ms=3, color=colours[condition])
+        if by_fifties and table.measure in ATTEMPTS:  # a few, or all that there are
+            at.axes[0].set(yscale="log", ylim=(2.0, 1.2 * high))
+        else:
+            at.axes[0].set_ylim(low, high)
         at.label_y(_measure(table))
         keys = [Line2D([], [], color=colour, lw=2, label=one) for one, colour in colours.items()]
         if by_fifties:
@@ -128,23 +133,12 @@ def draw_course(table: Table, rows: Rows, by_fifties: bool, figure: Figure) -> N
         at.legend(keys)
 
 
-def _draw_lines(
-    axes: Axes, x: list[float], parts: list[pd.Series], learner: str, colour: str
-) -> None:
-    published = learner in RL_2020.values()
-    for _, course in pd.concat(parts, axis=1, join="inner").iterrows() if not published else ():
-        axes.plot(x, course, color=colour, lw=0.6, alpha=0.45)
-    (mean,) = axes.plot(x, [units.mean() for units in parts], color=colour, lw=2, marker="o", ms=3)
-    if published:
-        mean.set(linewidth=1.2, linestyle=DASHES, marker="s")
-
-
 def _limits(table: Table, rows: Rows) -> tuple[float, float]:
     """Limits of all panels: 0 to 1 for shares, otherwise all that units have, and 0."""
     if table.measure not in NO_SHARES:
         return -0.03, 1.03
-    values = np.concatenate([units for cells in rows.values() for units in cells.values()])
-    return 1.05 * min(0.0, float(values.min())), 1.05 * float(values.max())
+    every = pd.concat(rows.values()).to_numpy(float)
+    return 1.05 * min(0.0, np.nanmin(every)), 1.05 * np.nanmax(every)
 
 
 def _measure(table: Table) -> str:

@@ -180,14 +180,14 @@ class Evidence:
         rows = [[name, *map(number, row)] for name, *row in self.derived.itertuples()]
         return f"{markdown(['', *self.derived.columns], rows)}\n"
 
-    def cells(self, table: Table) -> dict[str, dict[str, pd.Series[float]]]:
-        """The units of a table by row and column, where there are any."""
+    def rows(self, table: Table) -> dict[str, pd.DataFrame]:
+        """The units of each row of a table, by column, where there are any."""
         cells: dict[str, dict[str, pd.Series[float]]] = {}
         for row, column in product(table.rows, table.columns):
             with suppress(EvidenceError):
                 units = selected(self.units, f"{row} {column}", table.measure)
                 cells.setdefault(row, {})[column] = units
-        return cells
+        return {row: pd.DataFrame(units) for row, units in cells.items()}
 
     def _table(self, table: Table) -> str:
         trained = self.derived["before the experiment"] if table.trained_before else {}

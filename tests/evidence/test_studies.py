@@ -440,7 +440,7 @@ def test_a_curve_has_means_of_fifty_trials_and_the_published_curve_in_its_panel(
         ("CC3-CC4", "test"): [1, 2],
     }
     table = found.study.file.tables["CC4"]
-    draw_course(table, found.cells(table), True, figure)
+    draw_course(table, found.rows(table), True, figure)
     (axes,) = figure.axes
     own = [line for line in axes.lines if line.get_linestyle() == "-"]
     assert [line.get_xdata().tolist() for line in own] == [[25, 75, 125]] * 4 + [[25, 75]] * 4
