@@ -191,6 +191,11 @@ class LearnerBase:
         """Actions of a subject before the first that it can learn from; fewer are warned about."""
         return 0
 
+    @classmethod
+    def prompt_tokens(cls, parameters: Any, actions: int) -> int:
+        """About how many tokens a subject's prompts have by so many actions in a condition."""
+        return 0
+
     def updates_made(self) -> int | None:
         """How often it has learned; None if it does not count, or is not to learn.
 

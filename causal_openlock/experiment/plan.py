@@ -151,8 +151,21 @@ def check_trial(trial: int, trials: int, where: str) -> None:
         raise ExperimentError(f"{where} has no trial {trial}; choose one from 1 to {trials}")
 
 
+@cache
+def _actions_in(condition: Condition, protocol: Protocol) -> tuple[int, int]:
+    """Actions of a subject that needs an attempt for each solution, and of one that solves none."""
+    least = most = 0
+    for visit in plan(condition, protocol, np.random.default_rng(0)):
+        if visit.phase != SHOWN:
+            actions, attempts = protocol.actions_for(visit.schema), protocol.attempt_limit
+            most += actions * attempts
+            solved = len(visit.schema.solutions) if protocol.stop_when_solved else attempts
+            least += actions * min(solved, attempts)
+    return least, most
+
+
 def forewarnings(experiment: Experiment) -> list[str]:
-    """A sentence for each schema that cannot be solved, and for each learner that never learns."""
+    """Sentences on schemas that cannot be solved, learners that never learn, and prompt tokens."""
     warnings = [
         f"{schema.name} has {len(schema.solutions)} solutions and protocol {protocol.name} "
         f"gives {counted(protocol.attempt_limit, 'attempt')}, so its trials cannot be solved"
@@ -161,13 +174,25 @@ def forewarnings(experiment: Experiment) -> list[str]:
     ]
     for spec in experiment.learners:
         parameters = parse_parameters(spec.learner, spec.parameters)
+        left_out = experiment.not_applicable.get(spec.name, {})
+        actions = [
+            _actions_in(condition, spec.protocol)
+            for condition in experiment.conditions
+            if condition.name not in left_out
+        ]
+        tokens = [
+            sum(answer_of(spec.learner, "prompt_tokens", int, parameters, n) for n in numbers)
+            for numbers in zip(*actions, strict=True)
+        ]
+        if any(tokens):
+            least, most = (round(spec.subjects * number, -3) for number in tokens)
+            warnings.append(
+                f"{spec.name} sends its conversation again with every request: its subjects take "
+                f"about {least:,} prompt tokens if they solve every room in the fewest attempts, "
+                f"and {most:,} if they solve none; try two subjects first"
+            )
         first = answer_of(spec.learner, "first_update", int, parameters)
-        most = 0
-        for condition in experiment.conditions if first else ():
-            if condition.name not in experiment.not_applicable.get(spec.name, {}):
-                attempts = trials_of(condition, spec.protocol) * spec.protocol.attempt_limit
-                attempt = max(map(spec.protocol.actions_for, condition.schemas))
-                most = max(most, attempts * attempt)
+        most = max((number for _, number in actions), default=0)
         if most and first >= most:
             warnings.append(
                 f"{spec.name} first learns after {first:,} actions, and under protocol "

@@ -49,6 +49,8 @@ from openlock_learners.language.replies import Replies, Reply, Request, key_of
 
 OURS = ("model", "messages", "tools", "stream", "n", "temperature")
 """Fields that the learner itself sends; ``settings`` may not name them."""
+RULES, TURN = 1000, 80
+"""Tokens of the rules, and of an answer with what it led to, as measured."""
 ADDRESS = r"https?://[^/?#@\s]+(/[^?#]*)?(\?api-version=[^&#]*)?"
 NotNegative = Annotated[int, Field(ge=0)]
 _LONG = 6000
@@ -142,6 +144,13 @@ class LanguageModel(Learner):
     @classmethod
     def prior_attempts(cls, parameters: LanguageModelParameters) -> None:
         """Nobody knows what a model has read."""
+
+    @classmethod
+    def prompt_tokens(cls, parameters: LanguageModelParameters, actions: int) -> int:
+        """Estimate from the lengths of the rules and of a turn; each request repeats all turns."""
+        growing = min(actions, parameters.recent or actions)  # then the oldest turn is left out
+        turns = growing**2 // 2 + (actions - growing) * growing
+        return RULES * actions + TURN * turns
 
     def begin(self, brief: Brief) -> None:
         """Draw the words of each subject."""

@@ -174,6 +174,19 @@ def test_trials_with_more_solutions_than_attempts_are_warned_about():
     assert not warnings(6)
 
 
+def test_prompt_tokens_of_a_language_model_are_estimated_before_it_plays():
+    def tokens(**parameters):
+        asked = learner("llm", model="m", **parameters)
+        made = make_experiment(["CC3-CC4"], [asked, "random"], subjects=10)
+        (warning,) = forewarnings(made)
+        return [number for number in warning.replace(",", "").split() if number.isdigit()]
+
+    # Three actions in 6 * 2 + 3 attempts at least, in 7 * 30 at most.
+    each = [1000 * actions + 40 * actions**2 for actions in (45, 630)]
+    assert tokens() == [str(10 * number) for number in each]
+    assert int(tokens(recent=20)[1]) < 10 * 2600 * 630
+
+
 def test_the_command_line_changes_what_the_file_says(tmp_path):
     path = written(tmp_path, SMALL)
     changes = Changes(conditions=["CE4"], learners=["slow", "oracle"], subjects=2, seed=1)
