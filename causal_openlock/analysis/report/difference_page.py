@@ -18,14 +18,7 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.effects import ALPHA, contrast, holm, weighted_difference
-from causal_openlock.analysis.measures import (
-    CELL,
-    SUBJECT,
-    by_subject,
-    judged,
-    measured,
-    ordered,
-)
+from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.plots import style
 from causal_openlock.analysis.plots.panels import in_rows, panels
 from causal_openlock.analysis.report.described import in_words
@@ -33,6 +26,7 @@ from causal_openlock.analysis.report.page import write_page
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Section, drawn
+from causal_openlock.analysis.topics.pairwise import all_outcomes
 from causal_openlock.storage.store import StoredExperiment
 from causal_openlock.wording import counted, some
 
@@ -126,15 +120,13 @@ def compared(first: Material, second: Material) -> pd.DataFrame:
     return table.assign(verdict=np.where(table["verdict"] == "", decided, table["verdict"]))
 
 
-def _groups(results: Material) -> dict[tuple[str, str, str, str], Any]:
-    """``[n]`` values of the subjects of each learner, condition and protocol, by their rooms."""
-    rows = judged(results.trials)
-    values = by_subject(rows, ["phase", "trial"])
-    rooms = rows.groupby([*CELL, "phase", "trial", *SUBJECT], observed=True)["layout"].first()
-    names = [values["seed"], values["subject"], rooms.astype(str).reset_index(drop=True)]
-    values = values.assign(measured=measured(values))
-    values.index = pd.MultiIndex.from_arrays(names, names=[None] * len(names))
-    return dict(iter(values.groupby([*CELL, "measured"], observed=True)["attempts"]))
+def _groups(results: Material) -> dict[tuple[str, str, str, str], pd.Series[float]]:
+    """Attempts of each learner's subjects by condition, protocol and trial; indices pair them."""
+    held = results.once(all_outcomes)
+    return {
+        (learner, condition, protocol, trial): held[protocol][learner][condition]["attempts"]
+        for learner, protocol, condition, trial in results.headline.iloc[:, :4].to_numpy()
+    }
 
 
 def write_difference(
