@@ -86,7 +86,6 @@ def compare(
     from causal_openlock.comparison.results import open_results
     from causal_openlock.experiment.making import Changes, find_experiment, read_experiment
     from causal_openlock.files.atomic import folder_at
-    from causal_openlock.running.worker import Watching
     from causal_openlock.storage.folder_lock import Shard
     from causal_openlock.storage.store import Store
 
@@ -94,8 +93,6 @@ def compare(
     if cluster and workers:
         raise OpenLockError("a --cluster has workers of its own; leave out --workers")
     changes = Changes(condition or None, learner or None, protocol, subjects, seed)
-    for place in beside or ():  # before anything is played: one may be misspelt
-        Store(folder_at(place)).experiment()
     console = Terminal()
     chosen = read_experiment(find_experiment(experiment), changes, console.print_line)
     # A changed experiment is another one, and has results of its own.
@@ -116,13 +113,15 @@ def compare(
                 folder,
                 warn=console.warn,
                 progress=progress,
+                beside=beside or (),
                 workers=workers,
                 cluster=cluster,
                 shard=part,
                 retry_failed=retry_failed,
                 allow_version=allow_version,
-                watching=Watching(checkpoint_every, str(tensorboard) if tensorboard else None),
+                checkpoint_every=checkpoint_every,
                 time_limit=time_limit,
+                tensorboard=tensorboard,
             )
         if any(before[:1]) and not failed:
             cells = part.of(chosen.cells()) if part else chosen.cells()

@@ -7,12 +7,12 @@ missing is.
 
 from __future__ import annotations
 
-import os
 import shutil
 import sys
 import tempfile
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import fields, replace
 from functools import cache
 from pathlib import Path
@@ -118,8 +118,6 @@ def compare(
     declared["attempt_limit"] = attempt_limit
     given = {key: one for key, one in {**changes, **declared}.items() if one is not None}
     experiment = _experiment(what, learners, given, out)
-    for place in listed(beside):  # before anything is played: one may be misspelt
-        Store(folder_at(place)).experiment()
     folder = _temporary_folder(experiment) if out is None else folder_at(out)
     try:
         with shown_here(experiment.name) as show:
@@ -127,13 +125,15 @@ def compare(
                 experiment,
                 folder,
                 warn=_warn,
+                progress=show,
+                beside=beside,
                 workers=workers,
                 cluster=cluster,
                 retry_failed=retry_failed,
                 allow_version=allow_version,
-                progress=show,
-                watching=Watching(checkpoint_every, str(tensorboard) if tensorboard else None),
+                checkpoint_every=checkpoint_every,
                 time_limit=time_limit,
+                tensorboard=tensorboard,
             )
     except KeyboardInterrupt:
         store, cells = Store(folder), experiment.cells()
@@ -153,21 +153,28 @@ def play(
     *,
     warn: Callable[[str], None],
     progress: Show | None = None,
+    beside: Path | str | Sequence[Path | str] = (),
+    checkpoint_every: float = 60.0,
+    tensorboard: Path | str | None = None,
     **options: Any,
 ) -> CellsFailed | None:
     """Play the missing cells of an experiment, with warnings for the user.
 
-    ``warn`` is called with a sentence for each thing to know: what takes long, which cells failed;
-    options are those of :func:`~causal_openlock.running.runner.run`.
+    Arguments are those of :func:`compare`, further ones those of
+    :func:`~causal_openlock.running.runner.run`. ``warn`` is called with a sentence for each thing
+    to know: what takes long, which cells failed.
 
     Returns:
         That cells failed, if some did; the reasons have been told.
     """
+    for place in listed(beside):  # before anything is played: one may be misspelt
+        Store(folder_at(place)).experiment()
+    watching = Watching(checkpoint_every, str(tensorboard) if tensorboard else None)
     reasons = experiment.reasons if experiment.cells() else ()  # else it is an error
     for warning in [*forewarnings(experiment), *reasons]:
         warn(warning)
     try:
-        run(experiment, folder, warn=warn, progress=progress, **options)
+        run(experiment, folder, warn=warn, progress=progress, watching=watching, **options)
     except CellsFailed as failed:
         return failed
     return None
@@ -228,20 +235,13 @@ def _temporary() -> tempfile.TemporaryDirectory[str]:
 def _temporary_folder(experiment: Experiment) -> Path:
     """A folder until Python ends, with the cells of the experiment that were played before."""
     root = Path(_temporary().name)
-    folder = root / experiment.identity[:12]
-    store = Store(folder)
-    store.open(experiment)
-    try:
-        for cell in experiment.cells():
-            for other in root.glob(f"*/cells/{cell.file_name}"):
-                if not store.path(cell).exists():
-                    try:
-                        os.link(other, store.path(cell))
-                    except OSError:  # a file system without links
-                        shutil.copyfile(other, store.path(cell))
-    finally:
-        store.close()
-    return folder
+    with closing(Store(root / experiment.identity[:12])) as store:
+        store.open(experiment)
+        for path in map(store.path, experiment.cells()):
+            played = next(root.glob(f"*/cells/{path.name}"), None)
+            if played and not path.exists():
+                shutil.copyfile(played, path)
+    return store.folder
 
 
 def _warn(sentence: str) -> None:
