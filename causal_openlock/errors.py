@@ -13,8 +13,8 @@ from pathlib import Path
 MOST_LISTED = 20
 
 
-def _first(lines: Sequence[str], before: str = "") -> str:
-    """The first of many lines, and how many more there are."""
+def first_lines(lines: Sequence[str], before: str = "") -> str:
+    """The first of many lines, and how many more there are, with ``before`` in front."""
     left = len(lines) - MOST_LISTED
     return "\n".join([*lines[:MOST_LISTED], *([f"{before}and {left:,} more"] if left > 0 else [])])
 
@@ -112,7 +112,7 @@ class CellsFailed(LearnerError):  # noqa: N818 - the others did not
             f"{'every cell failed' if self.every else some}; fix or remove the failing learners "
             "and run the same command again; only missing cells are played"
         )
-        super().__init__(f"{_first(self.reasons)}\n{self.summary}")
+        super().__init__(f"{first_lines(self.reasons)}\n{self.summary}")
 
 
 class ExperimentError(OpenLockError):
@@ -146,7 +146,7 @@ class FileError(OpenLockError):
             f"{self.path}:{fault.line}:{fault.column}: {' '.join(fault.message.splitlines())}"
             for fault in self.faults
         ]
-        super().__init__(_first(lines, f"{self.path}: "))
+        super().__init__(first_lines(lines, f"{self.path}: "))
 
     def __reduce__(self) -> tuple[type[FileError], tuple[str, tuple[Fault, ...]]]:
         return FileError, (self.path, self.faults)
@@ -165,7 +165,7 @@ def together(errors: Sequence[OpenLockError]) -> OpenLockError:
         return first
     kinds = {type(error) for error in errors}
     kind = type(first) if len(kinds) == 1 and kinds != {FileError} else OpenLockError
-    made = kind(_first([*by_text]), first.at)
+    made = kind(first_lines([*by_text]), first.at)
     made._parts = tuple(part for error in errors for part in error.parts)
     return made
 

@@ -9,9 +9,8 @@ import typer
 
 from causal_openlock.cli.options import Output, ResultsFolder
 from causal_openlock.cli.terminal import say
+from causal_openlock.errors import first_lines
 from causal_openlock.wording import counted
-
-MOST_LISTED = 20  #: cells that are listed of each kind
 
 
 def status(folder: ResultsFolder) -> None:
@@ -20,53 +19,47 @@ def status(folder: ResultsFolder) -> None:
     Running and failed cells are named. The comparison may run anywhere: on this machine, on a
     cluster, or as shards in a job array.
     """
-    from causal_openlock.comparison.console import Terminal
     from causal_openlock.comparison.progress_bar import duration
     from causal_openlock.running.progress import status_of
     from causal_openlock.storage.store import LOG, Store
 
-    console = Terminal()
     store = Store(folder)
     experiment = store.experiment()
     if (store.folder / LOG).exists():
         people = counted(len(experiment.files), "person has", "people have")
-        console.print_line(f"{people} finished a trial")
+        say(f"{people} finished a trial")
         if unwritten := store.unwritten():
-            console.print_line(unwritten)
+            say(unwritten)
         return
-    progress, quiet_cells, failures = status_of(store, experiment)
-    waiting = progress.cells - progress.done - progress.failed - len(progress.playing)
-    console.print_line(
-        f"{experiment.name}: {progress.done} of {progress.cells} cells done, "
-        f"{len(progress.playing)} running, {progress.failed} failed, {waiting} waiting; "
-        f"{100 * progress.share:.0f}% of the work"
+    progress, quiet, failures = status_of(store, experiment)
+    playing = progress.playing
+    waiting = progress.cells - progress.done - progress.failed - len(playing)
+    say(
+        f"{experiment.name}: {progress.done} of {progress.cells} cells done, {len(playing)} "
+        f"running, {progress.failed} failed, {waiting} waiting; {progress.share:.0%} of the work"
     )
-    running = [
-        f"{one.cell.in_words}: {100 * one.share:.0f}%, for {duration(one.seconds)}"
-        for one in progress.playing
-    ]
-    quiet = [f"{cell}: no report for {duration(since)}" for cell, since in quiet_cells.items()]
-    for head, lines in (
-        ("running", running),
-        ("begun, and stopped or in a long step", quiet),
-        ("failed", failures),
-    ):
+    for head, lines in {
+        "running": [
+            f"  {one.cell.in_words}: {one.share:.0%}, for {duration(one.seconds)}"
+            for one in playing
+        ],
+        "begun, and stopped or in a long step": [
+            f"  {cell}: no report for {duration(since)}" for cell, since in quiet.items()
+        ],
+        "failed": [f"  {why}" for why in failures],
+    }.items():
         if lines:
-            console.print_line(f"{head}:")
-        for line in lines[:MOST_LISTED]:
-            console.print_line(f"  {line}")
-        if len(lines) > MOST_LISTED:
-            console.print_line(f"  and {len(lines) - MOST_LISTED} more")
+            say(f"{head}:\n{first_lines(lines, '  ')}")
     if progress.over:
         again = "; compare with --retry-failed tries the others again" if progress.failed else ""
-        console.print_line(f"over{again}")
-    elif not progress.playing:
-        console.print_line("nothing is running")
+        say(f"over{again}")
+    elif not playing:
+        say("nothing is running")
     elif progress.left is None:
-        console.print_line("the time left is not known yet")
+        say("the time left is not known yet")
     else:
         then = time.strftime("%Y-%m-%d %H:%M", time.localtime(time.time() + progress.left))
-        console.print_line(f"over in about {duration(progress.left)}, at {then}")
+        say(f"over in about {duration(progress.left)}, at {then}")
 
 
 def export(

@@ -8,20 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from causal_openlock.cli.terminal import say
+from causal_openlock.files.atomic import folder_at
 
 if TYPE_CHECKING:
     from causal_openlock.contract.learner import Learner
     from causal_openlock.experiment.declare import Condition, Protocol
 
 ConditionName = Annotated[str, typer.Argument(help="What is played: CC4, CC3-CC4, my.yaml, ...")]
-
-
-def _results_folder(place: str) -> Path:
-    from causal_openlock.files.atomic import folder_at
-
-    return folder_at(place)
-
-
+SchemaName = Annotated[str, typer.Argument(help="Name of a schema, or path of a file.")]
 BesideFolders = Annotated[
     list[Path] | None,
     typer.Option(
@@ -37,7 +31,7 @@ Exclude = Annotated[
     ),
 ]
 ResultsFolder = Annotated[
-    Path, typer.Argument(help="Folder that compare or play wrote to.", parser=_results_folder)
+    Path, typer.Argument(help="Folder that compare or play wrote to.", parser=folder_at)
 ]
 LearnerName = Annotated[str, typer.Option("--learner", "-l", help="The learner that plays.")]
 TrialNumber = Annotated[

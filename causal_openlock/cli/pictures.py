@@ -14,6 +14,7 @@ from causal_openlock.cli.options import (
     Output,
     PictureSize,
     ProtocolName,
+    SchemaName,
     Seed,
     SubjectNumber,
     TrialNumber,
@@ -27,7 +28,7 @@ from causal_openlock.wording import counted
 
 
 def room(
-    schema: Annotated[str, typer.Argument(help="Name of a schema, or path of a file.")],
+    schema: SchemaName,
     layout: Annotated[
         str | None, typer.Option(help="The layout of its levers, such as trial7.")
     ] = None,

@@ -9,12 +9,10 @@ import typer
 
 from causal_openlock.cli.options import BesideFolders, Exclude, ResultsFolder
 from causal_openlock.cli.terminal import say
-from causal_openlock.errors import OpenLockError
+from causal_openlock.errors import OpenLockError, first_lines
 
 if TYPE_CHECKING:
     from causal_openlock.comparison.results import Results
-
-MOST_MISSING = 40  #: missing cells that are listed on the terminal; the report has them all
 
 
 def report(
@@ -89,14 +87,10 @@ def report_results(
     for sentence in (*exclusions(results), *said):
         console.print(sentence, highlight=False)
     if unwritten := Store(folder).unwritten():
-        console.print_line(f"warning: {unwritten}")
+        console.warn(unwritten)
     if missing := missing_cells(results.experiment):
-        text = f"\n{unfinished(missing)}"
-        console.print(text, style="yellow", soft_wrap=True, highlight=False)
-        for one in missing[:MOST_MISSING]:
-            console.print_line(f"  {one.text}")
-        if len(missing) > MOST_MISSING:
-            console.print(f"  and {len(missing) - MOST_MISSING} more")
+        console.print_line(f"\n{unfinished(missing)}", "yellow")
+        console.print_line(first_lines([f"  {one.text}" for one in missing], "  "))
     console.print_line(f"report: {page.path}")
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from causal_openlock.cli.options import Output
+from causal_openlock.cli.options import Output, SchemaName
 from causal_openlock.cli.terminal import say
 from causal_openlock.errors import OpenLockError
 from causal_openlock.files.atomic import write_text
@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from causal_openlock.schemas.schema import Schema
 
 app = typer.Typer(no_args_is_help=True, help="List, show, check, draw, export and begin schemas.")
-
-SchemaName = Annotated[str, typer.Argument(help="Name of a schema, or path of a file.")]
 
 
 @app.command("list")
@@ -175,7 +173,7 @@ def worth(
 ) -> None:
     """Compute what knowing the schema is worth to an ideal observer, in attempts."""
     from causal_openlock.belief.worth import schema_worth
-    from causal_openlock.comparison.console import Terminal, plain_table
+    from causal_openlock.comparison.console import Terminal
     from causal_openlock.comparison.progress_bar import shown_steps
 
     among = among or ["all"]
@@ -187,10 +185,7 @@ def worth(
             levers_known=not levers_unknown,
             report=report,
         )
-    table = plain_table("attempts", "known", "unknown", "worth")
-    for row in found.table.itertuples(index=False):
-        table.add_row(row.attempts, *(f"{number:.3f}" for number in row[1:]))
-    Terminal().print(table)
+    Terminal().print_table(found.table, dict.fromkeys(("known", "unknown", "worth"), ".3f"))
     say(str(found))
 
 

@@ -7,7 +7,7 @@ or with a :class:`rich.text.Text` that the program itself composes.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console as RichConsole
@@ -44,26 +44,23 @@ class Terminal(RichConsole):
         """Print a table, as its values are printed in a report."""
         from causal_openlock.analysis.table import Table as Printed
 
-        shown = plain_table(*frame.columns)
-        for row in Printed("", "", frame, formats).rows:
-            shown.add_row(*row)
-        self.print_whole(shown)
+        self.print_whole(plain_table([*frame.columns], Printed("", "", frame, formats).rows))
 
     def print_whole(self, table: Table) -> None:
         """Print a table with all its columns, wider than the terminal if it must be."""
         # A column that is cut off would be lost; a line that wraps is only ugly.
         wide = self.measure(table, options=self.options.update(max_width=MOST_COLUMNS))
-        usual = self.width
-        self.width = max(usual, wide.maximum)
+        table.width = wide.maximum
         self.print(table, crop=False)
-        self.width = usual
 
 
-def plain_table(*heads: str, left: int = 1) -> Table:
-    """An empty table without lines; columns are aligned right, but for the first ``left``."""
+def plain_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
+    """A table without lines; columns are aligned right, but for the first one."""
     table = Table(box=None, padding=(0, 2, 0, 0))
     for number, head in enumerate(heads):
-        table.add_column(head, justify="left" if number < left else "right", no_wrap=True)
+        table.add_column(head, justify="right" if number else "left", no_wrap=True)
+    for row in rows:
+        table.add_row(*row)
     return table
 
 
@@ -77,11 +74,9 @@ def print_leaderboard(
         console.print(f"\n{table.title}", style="bold")
         for sentence in (answers or {}).get(protocol, ()):
             console.print(sentence, highlight=False)
-        shown = plain_table(*(head.replace(" than ", " than\n") for head in table.heads))
-        shown.columns[0].no_wrap = False
-        for number, row in enumerate(table.rows, start=1):
-            shown.add_row(*(text.replace("\n", " ") for text in row))
-            if number == len(table.looks):
-                shown.add_row()  # below those who do not compete
+        rows = [[text.replace("\n", " ") for text in row] for row in table.rows]
+        if table.looks:
+            rows.insert(len(table.looks), [])  # below those who do not compete
+        shown = plain_table([head.replace(" than ", " than\n") for head in table.heads], rows)
         console.print_whole(shown)
         console.print(table.caption, style="dim", highlight=False)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from html import escape
 from threading import Event, Thread
 from typing import TYPE_CHECKING
 
 from causal_openlock.files.escaping import printable
+from causal_openlock.wording import some
 
 if TYPE_CHECKING:
     from causal_openlock.comparison.console import Terminal
@@ -35,17 +36,13 @@ def shown(name: str, console: Terminal) -> Iterator[Show]:
         yield naming_still_cells(lines(name, console.print_line), console.print_line)
 
 
-@contextmanager
-def shown_here(name: str) -> Iterator[Show | None]:
+def shown_here(name: str) -> AbstractContextManager[Show | None]:
     """Show progress where Python runs: in a notebook, on a terminal, or not at all in a file."""
     from causal_openlock.comparison.console import Terminal
 
     console = Terminal(stderr=True)
-    if not (console.is_jupyter or console.is_terminal):
-        yield None
-        return
-    with shown(name, console) as show:
-        yield show
+    is_seen = console.is_jupyter or console.is_terminal
+    return shown(name, console) if is_seen else nullcontext()
 
 
 @contextmanager
@@ -144,8 +141,11 @@ def lines(name: str, say: Say, clock: Callable[[], float] = time.monotonic) -> S
         if ended or not (progress.over or clock() >= due):
             return
         due, ended = clock() + LINE_EVERY, progress.over
-        rest = f"{100 * progress.share:.0f}% of the work{_left(progress)}{_playing(progress)}"
-        more = f"in {duration(clock() - begun)}" if ended else rest
+        more = f"{100 * progress.share:.0f}% of the work{_left(progress)}"
+        if ended:
+            more = f"in {duration(clock() - begun)}"
+        elif playing := [f"{one.cell.in_words} ({one.share:.0%})" for one in progress.playing]:
+            more += f"; playing {some(playing, MOST_NAMED)}"
         say(f"{name}: {_cells(progress)}, {more}")
 
     return show
@@ -172,12 +172,6 @@ def _cells(progress: RunProgress) -> str:
 
 def _left(progress: RunProgress) -> str:
     return "" if progress.left is None else f", about {duration(progress.left)} left"
-
-
-def _playing(progress: RunProgress) -> str:
-    cells = [f"{report.cell.in_words} ({100 * report.share:.0f}%)" for report in progress.playing]
-    more = [f"and {len(cells) - MOST_NAMED} more"] if len(cells) > MOST_NAMED else []
-    return f"; playing {'; '.join(cells[:MOST_NAMED] + more)}" if cells else ""
 
 
 def duration(seconds: float) -> str:
