@@ -32,6 +32,7 @@ from matplotlib.figure import Figure
 
 from causal_openlock.analysis.measures import BASELINES, TRANSFERS, attempts_to_solve
 from causal_openlock.analysis.plots import style
+from causal_openlock.comparison.progress_bar import counting
 from causal_openlock.contract.checks import failures_of
 from causal_openlock.contract.registry import create
 from causal_openlock.experiment.declare import PAPER_CONDITIONS, PROTOCOLS, find_condition
@@ -229,7 +230,7 @@ def fit(
     """
     how, hold_out, target = plan.fit, plan.hold_out, plan.fit.target
     conditions = BASELINES if hold_out == "transfer" else PAPER_CONDITIONS
-    count = itertools.count(1)
+    count, tell = itertools.count(1), counting(report, "sets of parameters are tried")
     with fitting_in(folder, workers) as pool:
 
         def begin_to_play(
@@ -256,7 +257,7 @@ def fit(
 
         def losses(sets: Sequence[Chosen]) -> Iterator[float]:
             for rmse in distances(sets, how.subjects, how.seed):
-                report(f"{next(count)} of up to {plan.candidates} sets of parameters tried")
+                tell(next(count), plan.candidates)
                 yield rmse
 
         tried = search(plan.ranges, losses, plan.candidates, how.seed)
