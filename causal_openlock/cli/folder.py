@@ -93,13 +93,12 @@ def bundle(
 
     By default it is FOLDER.zip.
     """
-    from causal_openlock.comparison.console import Terminal
     from causal_openlock.export.bundle import write_bundle
     from causal_openlock.storage.store import Store
 
     whole = folder.resolve()
     path = out or whole.with_name(f"{whole.name}.zip")  # a dot in the name begins no suffix
     for warning in write_bundle(Store(folder), path, licence):
-        Terminal(stderr=True).warn(warning)
+        say(f"warning: {warning}", error=True)
     size = path.stat().st_size / 1e6
     say(f"{path} written, {size:.1f} MB; its README.md says how to run it again")

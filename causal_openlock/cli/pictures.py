@@ -114,11 +114,12 @@ def film(
             watch=lambda attempt, _: status.update(f"drawing attempt {attempt} of {shown}"),
         )
     what = "" if path.suffix.lower() in STILLS else f", {counted(round(frames / fps), 'second')}"
-    cut = f", the first {shown} of {len(played.attempts)} attempts (--attempts shows more)"
+    if shown < len(played.attempts):
+        what += f", the first {shown} of {len(played.attempts)} attempts (--attempts shows more)"
     many = counted(len(played.room.schema.solutions), "solution")
     by_whom = "shown to the subject" if played.shown else "found in the trial"
     found = f"{played.found} of {many} {by_whom}"
-    say(f"{path} written{what}{cut * (shown < len(played.attempts))}; {found}")
+    say(f"{path} written{what}; {found}")
 
 
 def trace(

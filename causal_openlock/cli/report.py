@@ -75,6 +75,7 @@ def report_results(
     from causal_openlock.analysis.report.warnings import exclusions, not_applicable
     from causal_openlock.analysis.report.writing import make_report
     from causal_openlock.analysis.results.missing import missing_cells, unfinished
+    from causal_openlock.analysis.topics.leaderboard import answers
     from causal_openlock.comparison.console import Terminal, print_leaderboard
     from causal_openlock.comparison.progress_bar import shown_steps
     from causal_openlock.storage.store import Store
@@ -82,7 +83,8 @@ def report_results(
     with shown_steps("report") as begin:
         page = make_report(results, folder, begin=begin, figures=figures)
     console = Terminal()
-    print_leaderboard(page.leaderboard, console, page.answers)
+    ranked = results.leaderboard
+    print_leaderboard(ranked, console, answers(ranked, results.pairs))
     said = not_applicable(results.experiment.reasons) if reasons else ()
     for sentence in (*exclusions(results), *said):
         console.print(sentence, highlight=False)

@@ -9,8 +9,8 @@ there are also the figures as PDF (``figures/``) and the tables as CSV and LaTeX
 from __future__ import annotations
 
 import webbrowser
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -73,10 +73,6 @@ class Report:
     """A report that is written; a notebook shows its page."""
 
     path: Path  #: its page, ``report.html``
-    answers: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """The sentences that it opens with, by protocol."""
-    leaderboard: pd.DataFrame = field(default_factory=pd.DataFrame, repr=False, compare=False)
-    """Its first table, from :func:`~causal_openlock.analysis.topics.leaderboard.leaderboard`."""
 
     def open(self) -> None:
         """Open the page in a browser."""
@@ -108,10 +104,10 @@ def make_report(
         write_table(ranked, folder / "tables" / "leaderboard.csv")
     about = {spec.name: spec.origin.about for spec in experiment.learners}
     first = leaderboard_tables(ranked, about)
-    opening = answers(ranked, material.once(pairs))
     topics = all_topics() if topics is None else topics
     found = sections_of(material, topics, lambda name: begin(f"describing {name}"))
-    sentences = {protocol: [" ".join(own)] for protocol, own in opening.items()}
+    opening = answers(ranked, material.once(pairs)).items()
+    sentences = {protocol: [" ".join(own)] for protocol, own in opening}
     for protocol in [*first][:1]:
         sentences[protocol] += [one.answer for one in found if one.answer]
     begin("drawing")
@@ -136,7 +132,7 @@ def make_report(
         alpha=ALPHA,
         warnings=[*warnings_of(material)],
     )
-    return Report(folder / "report.html", opening, ranked)
+    return Report(folder / "report.html")
 
 
 def _conditions(material: Material) -> Section:
