@@ -28,6 +28,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from causal_openlock.comparison.progress_bar import duration
 from causal_openlock.errors import ExperimentError, in_short
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.files.seal import SealError, sealed, unsealed
@@ -157,7 +158,9 @@ def run_training(training: MetaTraining, out: Path, log: Callable[[str], None]) 
         if now - logged >= LOG_EVERY or training.over:
             logged = now
             speed = (training.actions - before) / (now - began)
-            log(f"{training.progress()}, entropy {entropy:.2f}, {speed:,.0f} actions/s")
+            left = duration(max(training.file.actions - training.actions, 0) / speed)
+            pace = f"{speed:,.0f} actions/s, about {left} left"
+            log(f"{training.progress()}, entropy {entropy:.2f}, {pace}")
             state = pickle.dumps(training.file.model_dump_json()) + pickle.dumps(vars(training))
             try:
                 write_bytes(interrupted, sealed(state))
