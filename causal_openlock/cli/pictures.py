@@ -85,7 +85,7 @@ def film(
 
     The film is a GIF or MP4; a PNG or SVG is its last moment.
     """
-    from causal_openlock.comparison.console import Terminal
+    from causal_openlock.comparison.progress_bar import shown_steps
     from causal_openlock.contract.checks import failures_of
     from causal_openlock.render import STILLS
     from causal_openlock.render.film import check_suffix, play_trial, recorded_trial, save_film
@@ -103,7 +103,7 @@ def film(
     else:
         played = recorded_trial(recorded, learner, condition, subject, trial)
     shown = min(attempts, len(played.attempts))
-    with Terminal(stderr=True).status("drawing") as status:
+    with shown_steps("film") as begin:
         frames = save_film(
             played,
             path,
@@ -111,7 +111,7 @@ def film(
             fps=fps,
             speed=speed,
             attempts=attempts,
-            watch=lambda attempt, _: status.update(f"drawing attempt {attempt} of {shown}"),
+            watch=lambda attempt, _: begin(f"drawing attempt {attempt} of {shown}"),
         )
     what = "" if path.suffix.lower() in STILLS else f", {counted(round(frames / fps), 'second')}"
     if shown < len(played.attempts):

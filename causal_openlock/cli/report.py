@@ -98,11 +98,7 @@ def report_results(
 
 def report_difference(first: Path, second: Path, out: Path, figures: bool) -> None:
     """Write a page on what differs between two results folders, and say whether anything does."""
-    from causal_openlock.analysis.report.difference_page import (
-        sentence_on_changes,
-        sentence_on_differences,
-        write_difference,
-    )
+    from causal_openlock.analysis.report.difference_page import write_difference
     from causal_openlock.comparison.progress_bar import shown_steps
     from causal_openlock.comparison.results import open_results
 
@@ -114,7 +110,7 @@ def report_difference(first: Path, second: Path, out: Path, figures: bool) -> No
         begin("reading")
         both = open_results(first), open_results(second)
         begin("comparing")
-        changed, table = write_difference(*both, path, names, figures)
-    say(sentence_on_changes(changed))
-    say(sentence_on_differences(table))
+        sentences = write_difference(*both, path, names, figures)
+    for sentence in sentences:
+        say(sentence)
     say(f"report: {path}")

@@ -88,7 +88,7 @@ def _flat(value: Any, *above: str) -> Iterator[tuple[str, str]]:
         yield ", ".join(above), in_words(value)
 
 
-def compared(first: Material, second: Material) -> pd.DataFrame:
+def differences(first: Material, second: Material) -> pd.DataFrame:
     """Each learner in each condition, in the one results and in the other.
 
     Returns:
@@ -135,22 +135,22 @@ def write_difference(
     path: Path | str,
     names: tuple[str, str],
     figures: bool = False,
-) -> tuple[pd.DataFrame, pd.DataFrame]:
+) -> tuple[str, str]:
     """Write the page that compares two results of these names, such as those of their folders.
 
     With ``figures``, its figure and tables are also written as files next to it.
 
     Returns:
-        :func:`changes` and :func:`compared`.
+        Its sentences on what changed, and on whether the results differ.
 
     Raises:
         OpenLockError: If a file cannot be written.
     """
     path = Path(path)
     label = re.sub(r"\W+", "_", path.stem, flags=re.ASCII)
-    changed, table = changes(first.experiment, second.experiment), compared(first, second)
-    text = [sentence_on_differences(table)]
-    opening, both = [], (first, second)
+    changed, table = changes(first.experiment, second.experiment), differences(first, second)
+    sentences = sentence_on_changes(changed), sentence_on_differences(table)
+    text, opening, both = [sentences[1]], [], (first, second)
     for place, name, results, other in zip(
         ("First", "Second"), names, both, both[::-1], strict=True
     ):
@@ -174,7 +174,7 @@ def write_difference(
     )
     means = Table(f"{label}_means", "Differences of the results", table, FORMATS, caption)
     sections = [
-        Section("changes", "What changed", (sentence_on_changes(changed),), (differ,)),
+        Section("changes", "What changed", sentences[:1], (differ,)),
         Section("noise", "Do the results differ?", tuple(text), (means,)),
     ]
     if len(table):
@@ -191,7 +191,7 @@ def write_difference(
     title = f"{names[0]} and {names[1]}"
     opened = [replace(section, is_open=True) for section in sections]
     write_page(path, "page.html.j2", opened, figures, title=title, opening=opening)
-    return changed, table
+    return sentences
 
 
 def sentence_on_changes(changed: pd.DataFrame) -> str:
@@ -207,7 +207,7 @@ def sentence_on_changes(changed: pd.DataFrame) -> str:
 
 
 def sentence_on_differences(table: pd.DataFrame) -> str:
-    """How many differences (:func:`compared`) are more than chance explains, in a sentence."""
+    """How many differences (:func:`differences`) are more than chance explains, in a sentence."""
     if table.empty:
         return "No learner played the same condition under the same protocol in both."
     rows = table[table["verdict"] == DIFFERENT]
@@ -222,7 +222,7 @@ def sentence_on_differences(table: pd.DataFrame) -> str:
 
 
 def plot_differences(table: pd.DataFrame, names: Sequence[str], ax: Any = None) -> Any:
-    """Draw differences between two results of these names, from :func:`compared`, a line each."""
+    """Draw :func:`differences` between two results of these names, a line each."""
     table = table.head(MOST_DRAWN)
     y = np.arange(len(table))
     differs = [verdict == DIFFERENT for verdict in table["verdict"]]

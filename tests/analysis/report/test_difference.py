@@ -12,7 +12,7 @@ from causal_openlock.analysis.report.difference_page import (
     UNDECIDED,
     UNKNOWN,
     changes,
-    compared,
+    differences,
     write_difference,
 )
 from causal_openlock.analysis.results.material import Material
@@ -45,7 +45,7 @@ def lengths(**groups):
 
 def verdicts(first, second):
     both = (Material.of(record, experiment_of(record)) for record in (first, second))
-    return compared(*both).set_index("learner")
+    return differences(*both).set_index("learner")
 
 
 def test_what_changed_is_told_field_by_field():
