@@ -17,16 +17,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from causal_openlock.cli import (
-    compare,
-    folder,
-    learners,
-    notebook,
-    pictures,
-    report,
-    schema,
-    text,
-)
+from causal_openlock.cli import compare, folder, learners, notebook, pictures, report, schema, text
 from causal_openlock.cli.stopping import stopped_by
 from causal_openlock.cli.terminal import complain, say, warn_in_a_line, write_anything
 from causal_openlock.errors import OpenLockError, in_short

@@ -100,12 +100,12 @@ def compare(
     folder = folder_at(out or Path("results") / f"{chosen.name}{own}")
     if own and (name := Store(folder).name):  # other learners, say: one comparison all the same
         chosen = replace(chosen, name=name)
-    before: list[int] = []
+    standings: list[RunProgress] = []
     with resumable():
         with shown(chosen.name, console) as show:
 
             def progress(standing: RunProgress) -> None:
-                before.append(standing.done)
+                standings.append(standing)
                 show(standing)
 
             failed = play(
@@ -123,9 +123,8 @@ def compare(
                 time_limit=time_limit,
                 tensorboard=tensorboard,
             )
-        if any(before[:1]) and not failed:
-            cells = part.of(chosen.cells()) if part else chosen.cells()
-            console.print(f"{before[0]} of {len(cells)} cells were there already")
+        if (first := standings[0]).done and not failed:
+            console.print(f"{first.done} of {first.cells} cells were there already")
         played = not (failed and failed.every)
         if played and part:
             console.print_line(

@@ -62,10 +62,7 @@ def status(folder: ResultsFolder) -> None:
         say(f"over in about {duration(progress.left)}, at {then}")
 
 
-def export(
-    folder: ResultsFolder,
-    out: Output = None,
-) -> None:
+def export(folder: ResultsFolder, out: Output = None) -> None:
     """Write the record as CSV.
 
     By default it is FOLDER/record.csv; .csv.gz compresses it.

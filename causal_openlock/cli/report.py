@@ -30,8 +30,7 @@ def report(
     figures: Annotated[
         bool,
         typer.Option(
-            "--figures",
-            help="Also write figures (PDF) and tables (CSV, LaTeX) as files.",
+            "--figures", help="Also write figures (PDF) and tables (CSV, LaTeX) as files."
         ),
     ] = False,
     methods: Annotated[

@@ -36,11 +36,7 @@ from causal_openlock.analysis.topic import (
     drawn,
     sections_of,
 )
-from causal_openlock.analysis.topics.leaderboard import (
-    answers,
-    leaderboard,
-    leaderboard_tables,
-)
+from causal_openlock.analysis.topics.leaderboard import answers, leaderboard, leaderboard_tables
 from causal_openlock.analysis.topics.pairwise import pairs
 from causal_openlock.files.atomic import folder_at
 from causal_openlock.storage.store import Store
