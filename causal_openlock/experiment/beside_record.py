@@ -2,8 +2,8 @@
 
 The record has a row for every attempt and is the same for people and learners. How long a person
 took over an action stands in ``reactions/``, and what they said of the structure of a room in
-``structures/``, in a file of the same name as theirs in ``cells/``. Once the server has stopped,
-reaction times also hold the attempts of a trial that is not over yet, which a record does not.
+``structures/``, in a file of the same name as theirs in ``cells/``. Reaction times also hold the
+attempts of a trial that is not over yet, which a record does not.
 """
 
 from __future__ import annotations
@@ -45,13 +45,18 @@ def reactions_schema() -> pa.Schema:
     )
 
 
-def write_reactions(path: Path, condition: str, subject: int, actions: Iterable[Any]) -> None:
-    """Store a person's actions, each a :class:`~causal_openlock.play.game.PlayedAction`."""
+def write_reactions(
+    path: Path, condition: str, subject: int, actions: Iterable[Mapping[str, Any]]
+) -> None:
+    """Store a person's actions, each a row of the table with ``attempt_over``.
+
+    It lacks who acted, and which action of its attempt it is.
+    """
     rows, moment = [], 0
     for action in actions:
         moment += 1
-        rows.append({"condition": condition, "subject": subject, "moment": moment, **vars(action)})
-        moment *= not action.attempt_over
+        rows.append({"condition": condition, "subject": subject, "moment": moment, **action})
+        moment *= not action["attempt_over"]
     _write(path, rows, reactions_schema())
 
 

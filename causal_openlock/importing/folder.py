@@ -209,9 +209,9 @@ def _write(folder: Path, experiment: Experiment, replayed: Sequence[Replayed]) -
         store.open(experiment, changed=False)
         for again in replayed:
             cell, done = again.cell, again.done
-            ends = [taken.time for taken in done if taken.attempt_over]
+            ends = [taken["time"] for taken in done if taken["attempt_over"]]
             store.write(cell, with_times(again.record, ends[: again.record.num_rows]))
-            if any((taken.reaction, taken.time) != (None, None) for taken in done):
+            if any((taken["reaction"], taken["time"]) != (None, None) for taken in done):
                 path = store.folder / REACTIONS / cell.file_name
                 write_reactions(path, cell.condition.name, cell.first_subject, done)
         store.declare(experiment, [again.cell.file_name for again in replayed])

@@ -7,9 +7,9 @@ last action, a trial after the last solution, a lever that moved while nothing e
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from causal_openlock.experiment.declare import SHOWN, Cell
 from causal_openlock.experiment.plan import Visit, plan
 from causal_openlock.experiment.session import Session
 from causal_openlock.importing.reading import CLAIMS, Action, fault_at
-from causal_openlock.play.game import PlayedAction
 from causal_openlock.world.room import Layout, action_index, action_names, positions_for
 
 if TYPE_CHECKING:
@@ -32,7 +31,7 @@ class Replayed:
 
     cell: Cell  #: that was played, with the rooms where the file names them
     record: pa.Table  #: the attempts of the trials that are over
-    done: Sequence[PlayedAction]
+    done: Sequence[Mapping[str, Any]]  #: the actions, as rows of a table of reaction times
     left_out: int  #: actions of a trial that is not over, which no record has
 
 
@@ -70,7 +69,7 @@ def replay(actions: Sequence[Action], cell: Cell, drawn: bool = False) -> Replay
                     "subject began, and rows are in the order of time"
                 )
             last = action.time or last
-    done: list[PlayedAction] = []
+    done: list[dict[str, Any]] = []
     whole = attempts = kept = 0  # actions and attempts of trials that are over
     for action, trial, (_, step) in zip(
         actions, trials, session.following([np.array(indices)]), strict=True
@@ -84,8 +83,9 @@ def replay(actions: Sequence[Action], cell: Cell, drawn: bool = False) -> Replay
             hint = f"; rooms were drawn by --seed {cell.seed}" if drawn and not rooms else ""
             raise OpenLockError(f"{action.place}: {why}{hint}")
         at = int(step.view.attempt[0])
-        taken = (int(step.action[0]), moved, action.reaction, action.time, over)
-        done.append(PlayedAction(trial, at, *taken))
+        about = {"visit": trial, "attempt": at, "action": int(step.action[0]), "time": action.time}
+        came = {"moved": moved, "attempt_over": over}
+        done.append({**about, "reaction": action.reaction, **came})
         attempts += over
         if step.trial_over[0]:
             whole, kept = len(done), attempts

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import product
 from typing import Any, Literal
 
@@ -54,23 +53,6 @@ class Refused(OpenLockError):  # noqa: N818 - an answer to the page
         self.status, self.title, self.advice, self.now = status, title, advice, now
 
 
-@dataclass(frozen=True)
-class PlayedAction:
-    """An action of a trial that counts.
-
-    See :func:`~causal_openlock.experiment.beside_record.reactions_schema`; ``attempt_over`` says
-    whether the attempt ended with it.
-    """
-
-    visit: int
-    attempt: int
-    action: int
-    moved: bool
-    reaction: float | None
-    time: float | None
-    attempt_over: bool
-
-
 class Game:
     """One person's game.
 
@@ -81,7 +63,9 @@ class Game:
     Attributes:
         lock: To be held while the game is used.
         turn: How many turns have been taken.
-        done: The actions of the trials that count, in order.
+        done: The actions of the trials that count, in order, as rows of
+            :func:`~causal_openlock.experiment.beside_record.reactions_schema`, with
+            ``attempt_over``.
         answers: What the person said of the rooms that they left, a row for each pair of levers.
     """
 
@@ -102,7 +86,7 @@ class Game:
         self._question: tuple[int, ...] | None = None  # the levers that are asked about
         self._ended: list[Answer] = []  # what came of each trial
         self.turn = 0
-        self.done: list[PlayedAction] = []
+        self.done: list[Answer] = []
         self.answers: list[Answer] = []
 
     @property
@@ -202,14 +186,15 @@ class Game:
         }
         if session is self.session:
             visit, attempt = int(step.view.trial[0]), int(step.view.attempt[0])
-            done = action, said["moved"], reaction, self._seconds, said["attempt_over"]
-            self.done.append(PlayedAction(visit, attempt, *done))
+            about = {"visit": visit, "attempt": attempt, "action": action, "time": self._seconds}
+            came = {"moved": said["moved"], "attempt_over": said["attempt_over"]}
+            self.done.append({**about, "reaction": reaction, **came})
             if said["trial_over"]:
-                found = int(console.solutions_found[0]) + new
-                ended = {"attempts": attempt, "found": found, "left": said["solutions_left"]}
-                watched = visit <= session.shown_trials
-                self._ended.append(ended | {"shown": True} if watched else ended)
-                if self._ask and not watched:
+                found, left = int(console.solutions_found[0]) + new, said["solutions_left"]
+                shown = visit <= session.shown_trials
+                ended = {"attempts": attempt, "found": found, "left": left, "shown": shown}
+                self._ended.append(ended)
+                if self._ask and not shown:
                     grey = step.view.observation[0, self._door : 2 * self._door]
                     self._question = tuple(np.flatnonzero(grey).tolist())
         return said

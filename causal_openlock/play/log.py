@@ -130,7 +130,6 @@ class Log:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._lock = threading.Lock()
-        self._unsynced = False
         try:
             self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o600)
             self._size = path.read_bytes().rfind(b"\n") + 1
@@ -155,13 +154,10 @@ class Log:
                 os.ftruncate(self._file, self._size)
                 raise StoreError(f"{self.path} cannot be written ({why}); free some space")
             self._size += written
-            self._unsynced = True
 
     def sync(self) -> None:
         """Flush everything to the disk."""
-        if self._unsynced:
-            self._unsynced = False
-            os.fsync(self._file)
+        os.fsync(self._file)
 
     def close(self) -> None:
         """Sync and close the file."""

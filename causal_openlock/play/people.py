@@ -105,7 +105,7 @@ class People:
         self.store = Store(folder)
         self._sessions: dict[str, Game] = {}  # by the hash of the session id
         self._order: list[Game | None] = []  # None: their data were deleted
-        self._written: dict[int, tuple[int, int, int]] = {}  # what of each game is in the files
+        self._written: dict[int, int] = {}  # how many rows of each game are in the files
         self._joining, self._keeping = threading.Lock(), threading.Lock()
         # Loaded now, and not while a person waits for an answer.
         import pyarrow.parquet  # noqa: F401
@@ -146,38 +146,34 @@ class People:
             raise Refused(403, title, "Please read it before you begin.")
         given = identified(recruited or {}, self.recruiting)
         session_id = session_id or secrets.token_urlsafe(24)
-        key, at, consent = _key(session_id), self._clock(), self.consent_mark
+        key = _key(session_id)
         with self._joining:
-            if key not in self._sessions:  # else the answer to a first call was lost
-                before, number = self._number(given), self.number
-                if before is None and number >= MOST_PEOPLE:
-                    why = "As many have joined as can; please tell the person who invited you."
-                    raise Refused(429, "No more people can join now", why)
-                line: log.Line = log.Joined(
-                    join=number, key=key, at=at, practice=self.practice, ask=self.ask,
-                    consent=consent,
-                )  # fmt: skip
-                if before is not None:
-                    line = log.Returned(of=before, key=key, at=at, consent=consent)
+            known = key in self._sessions  # the answer to a first call was lost
+            if not known:
+                line = self._line_of(given, key)
                 self._log.append(line)
                 self._repeat(line)
             # Not before the log: no other person may get a number that has an identifier.
-            number = self._sessions[key].number
-            stored = self._identifiers.get(number, {})
-            first = self.recruiting[:1]  # in a known session it stays, whatever is given now
-            same = all(stored.get(name, given[name]) == given[name] for name in first)
-            if same and given.items() - stored.items():
-                self._identifiers[number] = stored | given
-                write_identifiers(self.store.folder, self._identifiers)
+            number, before = self._sessions[key].number, self._identifiers
+            if given and not (known and number in before):
+                now = {**before, number: before.get(number, {}) | given}
+                write_identifiers(self.store.folder, now)
+                self._identifiers = now
         return session_id
 
-    def _number(self, given: Mapping[str, str]) -> int | None:
-        """The number of the person who has joined with the first of these identifiers."""
-        for name in self.recruiting[:1]:
-            for number, identifiers in self._identifiers.items():
-                if identifiers.get(name) == given[name]:
-                    return number
-        return None
+    def _line_of(self, given: Mapping[str, str], key: str) -> log.Joined | log.Returned:
+        """The line of the log for who begins a session with these identifiers."""
+        who = {(name, given[name]) for name in self.recruiting[:1]}
+        at, consent = self._clock(), self.consent_mark
+        for number, stored in self._identifiers.items():
+            if who and who <= stored.items():
+                return log.Returned(of=number, key=key, at=at, consent=consent)
+        if self.number >= MOST_PEOPLE:
+            why = "As many have joined as can; please tell the person who invited you."
+            raise Refused(429, "No more people can join now", why)
+        return log.Joined(
+            join=self.number, key=key, at=at, practice=self.practice, ask=self.ask, consent=consent
+        )
 
     def game(self, session_id: str) -> Game:
         """The game in a session; :class:`Refused` if there is none."""
@@ -292,8 +288,8 @@ class People:
         """Flush the log to the disk."""
         self._log.sync()
 
-    def keep(self, pause: float = 0.0, ended_only: bool = False) -> None:
-        """Write the record of every person who has acted, or ended a trial, since the last time.
+    def keep(self, pause: float = 0.0) -> None:
+        """Write the tables of every person who has done something since the last time.
 
         After each person it pauses some seconds, so that clicks are answered in between.
 
@@ -305,22 +301,22 @@ class People:
                 sweep(self.store.folder / data)
             written = False
             for game in self._games:
-                if self._write(game, ended_only):
+                if self._write(game):
                     written = True
                     time.sleep(pause)
             if written:
                 self._declare()
 
-    def _write(self, game: Game, ended_only: bool) -> bool:
-        """Write the tables of one game, if it has gone on or ended a trial; whether it has."""
-        before = self._written.get(game.number, (0, 0, 0))
+    def _write(self, game: Game) -> bool:
+        """Write the tables of one game, if they have new rows; whether they have."""
         with game.lock:
-            now = game.trials_over, len(game.answers), len(game.done)
-            if now == before or (ended_only and now[:2] == before[:2]):
+            rows = len(game.done) + len(game.answers)
+            if rows == self._written.get(game.number, 0):
                 return False
             done, answers, record = [*game.done], [*game.answers], game.session.record()
+            over = game.trials_over
         # The trial that a person is in, or has left for good, is no trial of the record.
-        ends = [action.time for action in done if action.attempt_over and action.visit <= now[0]]
+        ends = [row["time"] for row in done if row["attempt_over"] and row["visit"] <= over]
         cell, folder = game.cell, self.store.folder
         write_reactions(
             folder / REACTIONS / cell.file_name, cell.condition.name, cell.first_subject, done
@@ -329,7 +325,7 @@ class People:
             write_answers(folder / STRUCTURES / cell.file_name, answers)
         if ends:
             self.store.write(cell, with_times(record.slice(0, len(ends)), ends))
-        self._written[game.number] = now
+        self._written[game.number] = rows
         return True
 
     def _declare(self) -> None:

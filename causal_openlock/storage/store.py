@@ -349,8 +349,8 @@ class Store:
         command = self.experiment().command or f"play --out {self.folder}"
         return (
             f"the log of {self.folder} has {counted(count, 'action')} of people that no table has "
-            "yet: a server writes them as trials end, and the others when it is stopped; where "
-            f"none runs any more, start it and stop it: {command}"
+            "yet: a server that runs writes them within seconds; where none runs any more, start "
+            f"it and stop it: {command}"
         )
 
     def files(self) -> tuple[list[Path], list[Path]]:

@@ -61,7 +61,7 @@ def test_reaction_times_also_hold_a_trial_that_is_not_over(tmp_path):
     walk_through(home, name, trials=1)
     for turn, (action, reaction) in enumerate([(7, 250), (14, None), (9, 12_345), (3, 1)], start=6):
         home.take(name, turn, action=action, reaction=reaction)
-    home.keep(ended_only=True)
+    home.keep()
     home.close()
     assert set(Store(tmp_path).record()[0]["trial"].to_pylist()) == {1}
     rows = read_reactions(tmp_path).to_pylist()[6:]
@@ -92,7 +92,7 @@ def test_who_is_shown_a_room_can_only_watch_and_is_not_asked_about_it(tmp_path):
     assert again.view(name) == state
     walk_through(again, name)
     assert again.view(name)["stage"] == "question"
-    assert "shown" not in again.view(name)["ended"][6]
+    assert not again.view(name)["ended"][6]["shown"]
     again.take(name, again.view(name)["turn"], edges=[])
     again.close()
     results = Results.read(tmp_path)
