@@ -1,7 +1,6 @@
 """The identifiers that a recruiting service gives people, apart from the log of what they do.
 
-They come with the address of the page, and lead back to the service, whose page of completion can
-have them in its address.
+They come with the address of the page. The first of them identifies the person.
 """
 
 from __future__ import annotations
@@ -11,9 +10,8 @@ import io
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from urllib.parse import SplitResult, quote, urlsplit
 
-from causal_openlock.errors import OpenLockError, StoreError
+from causal_openlock.errors import StoreError
 from causal_openlock.files.atomic import write_text
 from causal_openlock.files.escaping import cell
 from causal_openlock.play.game import Refused
@@ -92,44 +90,3 @@ def _fault(value: str) -> str:
     if PLACEHOLDER.fullmatch(value):
         return f"is {value}, which stands for an identifier that was not filled in"
     return ""
-
-
-def completion(address: str, names: Sequence[str]) -> str:
-    """The address of the page of completion, if it is one.
-
-    Raises:
-        OpenLockError: If it is not, or has a placeholder that no identifier fills in.
-    """
-    example = filled(address, dict.fromkeys(names, "x"))
-    if address and not web_page(example):
-        raise OpenLockError(
-            f"{address!r} is not an address of a page; give one such as "
-            "https://app.prolific.com/submissions/complete?cc=C0DE"
-        )
-    if left := re.search(r"[{}<>]|%(?![0-9a-fA-F]{2})\w*%?", example):
-        raise OpenLockError(
-            f"--completion {address} has {left[0]}, which nothing fills in; %NAME% is filled in "
-            "with the identifier NAME of --recruiting, and a percent sign is written %25"
-        )
-    return address
-
-
-def filled(address: str, identifiers: Mapping[str, str]) -> str:
-    """An address with a person's identifiers in the place of their names.
-
-    >>> filled("https://a.org/?code=%PID%", {"PID": "a&b"})
-    'https://a.org/?code=a%26b'
-    """
-    for name, value in identifiers.items():
-        address = address.replace(f"%{name}%", quote(value, safe=""))
-    return address
-
-
-def web_page(address: str) -> SplitResult | None:
-    """The parts of an address of a page; None if it is not one."""
-    try:
-        parts = urlsplit(address)
-        whole = parts.scheme in ("http", "https") and parts.hostname and parts.port != 0
-    except ValueError:  # a bracket that is not closed, an invalid port
-        return None
-    return parts if whole else None

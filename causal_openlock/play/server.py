@@ -2,18 +2,18 @@
 
 =========================  =======================================================================
 ``GET /`` and its files    the page
-``GET /brief``             budgets, for the instructions
-``GET /geometry/7``        where things are in a room of seven levers
-``POST /join``             ``{"id", "agreed", "recruited"}``: start a session under an id that the
-                           page has drawn; answers it
+``GET /brief``             budgets, for the instructions, and where things are in rooms
+``POST /join``             ``{"agreed", "recruited"}``: start a session, whose id the page has
+                           drawn; answers as ``/state`` does
 ``GET /state``             what the person may know now
 ``POST /turn``             ``{"turn", "action", "reaction", "edges"}``: act, or say which lever
                            enables which, or with neither leave the practice room
 =========================  =======================================================================
 
-A session id travels as ``Authorization: Bearer ID``, which no other site's page can send. Status
-404 answers unknown sessions and addresses, 409 requests that are out of turn (with the state as it
-is), 400 requests that the page never makes. None of these changes anything.
+A session id travels as ``Authorization: Bearer ID``, which no other site's page can send, and
+nothing changes without one. Status 404 answers unknown sessions and addresses, 409 requests that
+are out of turn (with the state as it is), 400 requests that the page never makes. None of these
+changes anything.
 
 Starlette routes the requests and uvicorn speaks HTTP; the work for a request is done in a thread,
 so that no click waits until another one is written. By default the server listens on
@@ -45,7 +45,6 @@ except ModuleNotFoundError as _missing:
         "'causal-openlock[play]'"
     ) from None
 from starlette.concurrency import run_in_threadpool
-from starlette.convertors import IntegerConvertor, register_url_convertor
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.middleware.trustedhost import TrustedHostMiddleware
@@ -55,13 +54,11 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from causal_openlock.files.escaping import printable
-from causal_openlock.files.validation import StrictModel
-from causal_openlock.play.game import Answer, Refused
+from causal_openlock.files.validation import StrictModel, adapter
+from causal_openlock.play import pages
+from causal_openlock.play.game import PRACTICE, Answer, Refused
 from causal_openlock.play.log import Move
-from causal_openlock.play.pages import as_html, geometry
 from causal_openlock.play.people import People
-from causal_openlock.play.recruiting import completion as checked_completion
-from causal_openlock.play.recruiting import filled, web_page
 from causal_openlock.world.room import positions_for
 
 MOST_BYTES = 4096  # in the body of a request; three long identifiers have room
@@ -107,8 +104,8 @@ class PlayServer:
         changed: Callable[[], None] = lambda: None,
     ) -> None:
         self.people, self._changed = people, changed
-        self.completion = checked_completion(completion, people.recruiting)
-        self.address = _checked(address)
+        self.completion = pages.completion(completion, people.recruiting)
+        self.address = pages.public_address(address)
         self._socket = _listening(host, port)
         self.host, self.port = host, int(self._socket.getsockname()[1])
         self.loopback = host in LOOPBACK
@@ -149,8 +146,7 @@ class PlayServer:
         self._server.should_exit = True
 
     def _keep(self) -> None:
-        # The first time at once: a server that was killed may have left something to write.
-        waited, ended_only = KEEP_EVERY, False
+        waited = KEEP_EVERY  # written at once: a server that was killed may have left something
         before = self.people.number, self.people.finished
         while not self._stopped.wait(1.0):
             waited += 1.0
@@ -161,8 +157,8 @@ class PlayServer:
             try:
                 self.people.sync()
                 if waited >= KEEP_EVERY:
-                    self.people.keep(KEEP_PAUSE, ended_only)
-                    waited, ended_only = 0.0, True
+                    self.people.keep(KEEP_PAUSE)
+                    waited = 0.0
             except (OpenLockError, OSError) as error:
                 _warn(error)
             except RuntimeError:  # Python ends: closing people writes what is left
@@ -173,50 +169,52 @@ class PlayServer:
     # -- what is answered -----------------------------------------------------------------------
 
     def _application(self) -> Starlette:
-        people, public = self.people, urlsplit(self.address)
-        names = [*LOOPBACK, public.hostname or self.host] if self.loopback else ["*"]
-        app = Starlette(
+        people = self.people
+        public = urlsplit(self.address).hostname or self.host
+        names = [*LOOPBACK, public] if self.loopback else ["*"]
+        answered = (OpenLockError, ValidationError, ClientDisconnect, HTTPException)
+        return Starlette(
             routes=[
-                _get("/brief", lambda request: self._brief()),
-                _get("/geometry/{of:size}", lambda request: geometry(request.path_params["of"])),
-                _get("/state", lambda request: self._told(request, people.view(_session(request)))),
-                _post("/join", _Join, lambda request, sent: {
-                    "id": people.join(sent.agreed, sent.recruited, sent.id)}),
+                _get("/brief", lambda _: self._brief()),
+                _get("/state", lambda person: self._told(person, people.view(person))),
+                _post("/join", _Join, self._join),
                 _post("/turn", Move, self._turn),
                 Mount("/", StaticFiles(packages=[("causal_openlock.play", "static")], html=True)),
             ],
             middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=names, www_redirect=False)],
-            exception_handlers=dict.fromkeys(
-                (OpenLockError, ClientDisconnect, HTTPException), self._refused
-            ),
-        )  # fmt: skip
-        app.state.public = public.netloc
-        return app
+            exception_handlers=dict.fromkeys(answered, self._refused),
+        )
 
     def _brief(self) -> dict[str, Any]:
         experiment = self.people.experiment
         (entry,) = experiment.learners
         schemas = [schema for condition in experiment.conditions for schema in condition.schemas]
+        sizes = {*map(positions_for, [PRACTICE, *schemas])}
         return {
             "positions": max(map(positions_for, schemas)),
+            "geometry": {size: pages.geometry(size) for size in sizes},
             "action_limits": sorted({*map(entry.protocol.actions_for, schemas)}),
             "attempt_limit": entry.protocol.attempt_limit,
             "practice": self.people.practice,
-            "consent": as_html(self.people.consent),
+            "consent": pages.as_html(self.people.consent),
             "consent_mark": self.people.consent_mark,
             "recruiting": self.people.recruiting,
         }
 
-    def _turn(self, request: Request, sent: Move) -> Answer:
-        return self._told(request, self.people.take(_session(request), **dict(sent)))
+    def _join(self, person: str, sent: _Join) -> Answer:
+        self.people.join(sent.agreed, sent.recruited, adapter(SessionId).validate_python(person))
+        return self._told(person, self.people.view(person))
 
-    def _told(self, request: Request, said: Answer) -> Answer:
+    def _turn(self, person: str, sent: Move) -> Answer:
+        return self._told(person, self.people.take(person, **dict(sent)))
+
+    def _told(self, person: str, said: Answer) -> Answer:
         """What a person may know now; the link, which may be worth money, only at the end."""
         if "next" in said:
-            return {**said, "next": self._told(request, said["next"])}
+            return {**said, "next": self._told(person, said["next"])}
         if self.completion and said["stage"] == "end":
-            identifiers = self.people.identifiers(_session(request))
-            return {**said, "completion": filled(self.completion, identifiers)}
+            link = pages.filled(self.completion, self.people.identifiers(person))
+            return {**said, "completion": link}
         return said
 
     async def _refused(self, request: Request, error: Exception) -> Response:
@@ -227,24 +225,12 @@ class PlayServer:
                 _warn(error.advice)
             said: Answer = {"title": error.title, "error": str(error)}
             if error.now:
-                said["now"] = self._told(request, error.now)
+                said["now"] = self._told(_session(request), error.now)
             return JSONResponse(said, error.status)
         if isinstance(error, StoreError):
             _warn(error)  # the page need not know paths of this machine
             return JSONResponse({"error": "this cannot be saved now"}, 503)
-        return _invalid()
-
-
-def _checked(address: str) -> str:
-    """An address that people can type, with a slash in the end."""
-    parts = web_page(address)
-    whole = parts and parts.path in ("", "/") and not (parts.query or parts.fragment)
-    if address and not (whole and "@" not in address):
-        raise OpenLockError(
-            f"{address!r} is not an address of a server; give one such as "
-            "https://study.example.org, without a path: the page needs a host name of its own"
-        )
-    return f"{parts.scheme}://{parts.netloc.lower()}/" if parts else ""
+        return JSONResponse({"error": "invalid request"}, 400)
 
 
 def _listening(host: str, port: int) -> socket.socket:
@@ -257,64 +243,38 @@ def _listening(host: str, port: int) -> socket.socket:
         ) from None
 
 
+def _warn(error: Exception | str) -> None:
+    print(f"warning: {printable(error)}", file=sys.stderr)
+
+
 # -- requests -------------------------------------------------------------------------------------
 
-
-class _Size(IntegerConvertor):
-    regex = "[0-9]{1,2}"  # Python refuses to convert thousands of digits
-
-
-register_url_convertor("size", _Size())
+SessionId = Annotated[str, Field(pattern="^[A-Za-z0-9_-]{32}$")]
 
 
 class _Join(StrictModel):
     agreed: Annotated[str, Field(pattern="^(?:[0-9a-f]{16})?$")] = ""
     recruited: dict[str, str] = Field({}, max_length=3)
-    id: Annotated[str, Field(pattern="^(?:[A-Za-z0-9_-]{32})?$")] = ""
 
 
 Sent = TypeVar("Sent", bound=StrictModel)
 
 
-def _get(path: str, work: Callable[[Request], Any]) -> Route:
+def _get(path: str, work: Callable[[str], Any]) -> Route:
+    return Route(path, lambda request: JSONResponse(work(_session(request))))
+
+
+def _post(path: str, kind: type[Sent], work: Callable[[str, Sent], Any]) -> Route:
     async def answer(request: Request) -> Response:
-        return JSONResponse(await run_in_threadpool(work, request))
-
-    return Route(path, answer, methods=["GET"])
-
-
-def _post(path: str, kind: type[Sent], work: Callable[[Request, Sent], Any]) -> Route:
-    async def answer(request: Request) -> Response:
-        if not _is_ours(request):
-            return JSONResponse({"error": "this is the page of another server"}, 403)
         if int(request.headers.get("content-length", MOST_BYTES + 1)) > MOST_BYTES:
-            return _invalid()
-        try:
-            sent = kind.model_validate_json(await request.body())
-        except ValidationError:
-            return _invalid()
-        return JSONResponse(await run_in_threadpool(work, request, sent))
+            raise OpenLockError("no request of the page is as long")
+        sent = kind.model_validate_json(await request.body())
+        return JSONResponse(await run_in_threadpool(work, _session(request), sent))
 
     return Route(path, answer, methods=["POST"])
 
 
-def _is_ours(request: Request) -> bool:
-    """Whether a request comes from this server's own page, if the browser says from which."""
-    origin = request.headers.get("origin")
-    # A proxy may put its own name for us in the place of the host that the browser asked for.
-    ours = request.headers.get("host"), request.app.state.public
-    return origin is None or (web_page(origin) is not None and urlsplit(origin).netloc in ours)
-
-
-def _invalid() -> Response:
-    return JSONResponse({"error": "invalid request"}, 400)
-
-
-def _warn(error: Exception | str) -> None:
-    print(f"warning: {printable(error)}", file=sys.stderr)
-
-
 def _session(request: Request) -> str:
     """The session id of a request; a wrong one is nobody's."""
-    kind, _, name = request.headers.get("authorization", "").partition(" ")
-    return name if kind == "Bearer" else ""
+    kind, _, session_id = request.headers.get("authorization", "").partition(" ")
+    return session_id if kind == "Bearer" else ""

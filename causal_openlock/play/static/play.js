@@ -8,7 +8,6 @@ const $ = (id) => document.getElementById(id);
 const STORED = "locked-room";
 const KEYS = ["Digit1", "Digit2", "Digit3", "Digit4", "Digit5", "Digit6", "Digit7", "Digit8", "Digit9", "Digit0", "Minus", "Equal"];
 const LONGEST = 24 * 60 * 60 * 1000; // the longest reaction that is sent
-const LONGEST_NAME = 301; // one more than an identifier may have: longer ones are refused by the server
 const LOOK = 900; // milliseconds to look at how an attempt ended
 const SCREENS = ["consent", "intro", "ask", "play", "end", "trouble"];
 
@@ -84,8 +83,7 @@ function newSession() {
 // What the recruiting service has added to the address. A + is meant as one: few services write spaces so.
 function recruited() {
   const given = new URLSearchParams(location.search.replaceAll("+", "%2B"));
-  const pairs = brief.recruiting.map((name) => [name, [...(given.get(name) ?? "").trim()].slice(0, LONGEST_NAME).join("")]);
-  return Object.fromEntries(pairs.filter(([, value]) => value));
+  return Object.fromEntries(brief.recruiting.map((name) => [name, (given.get(name) ?? "").trim()]));
 }
 
 // -- screens ----------------------------------------------------------------------------------
@@ -118,8 +116,8 @@ function consent() {
 }
 
 // What the person thinks of the room that they have left: a box for each pair of levers.
-async function question() {
-  const { names } = await got(`/geometry/${state.positions}`), door = state.positions;
+function question() {
+  const { names } = brief.geometry[state.positions], door = state.positions;
   const called = (place) => place === door ? "the lock of the door" : `lever ${place + 1} (${names[place]})`;
   $("where").textContent = `Room ${state.ended.length} of ${state.trials}`;
   $("ask-levers").replaceChildren(...state.levers.map((lever) => {
@@ -189,7 +187,7 @@ async function enter() {
   uncover();
   if (state.stage === "question") return question();
   if (state.stage === "end") return end();
-  room = new Room($("room"), await got(`/geometry/${state.positions}`), act);
+  room = new Room($("room"), brief.geometry[state.positions], act);
   room.number($("keys").checked);
   $("last-key").textContent = "1234567890-="[state.positions - 1];
   $("practice").hidden = state.stage !== "practice";
@@ -349,16 +347,14 @@ $("begin").onclick = async () => {
   if (!state) {
     const begun = stored(); // in another tab, since this one was opened
     remember(begun ?? newSession()); // first: the page may be loaded again before the answer comes
-    if (!begun) {
-      $("begin").disabled = true;
-      const answer = await call("/join", { id: session, agreed, recruited: recruited() });
-      $("begin").disabled = false;
-      if (answer.status !== 200) {
-        remember(null);
-        return refused(answer);
-      }
+    $("begin").disabled = true;
+    const answer = await (begun ? call("/state") : call("/join", { agreed, recruited: recruited() }));
+    $("begin").disabled = false;
+    if (answer.status !== 200) {
+      if (!begun) remember(null);
+      return refused(answer);
     }
-    state = await got("/state");
+    state = answer.said;
   }
   await enter();
 };
