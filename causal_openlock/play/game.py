@@ -72,14 +72,7 @@ class Game:
     def __init__(self, joined: Joined, cell: Cell) -> None:
         self.number, self.cell = joined.join, cell
         self.lock = threading.Lock()
-        self.session = Session(
-            cell.condition,
-            cell.spec.protocol,
-            [cell.first_subject],
-            seed=cell.seed,
-            learner=LABEL,
-            experiment=EXPERIMENT,
-        )
+        self.session = Session.of(cell)
         self._joined, self._seconds = joined.at, 0.0
         self._practice = _practice_room(self.session) if joined.practice else None
         self._ask = joined.ask

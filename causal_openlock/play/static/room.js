@@ -47,27 +47,21 @@ export class Room {
   constructor(svg, geometry, act) {
     Object.assign(this, { svg, geometry, act });
     this.many = geometry.tracks.length;
-    this.levers = [];
     this.pushed = new Array(this.many).fill(0);
     this.opened = 0;
-    this.draw();
-    this.pose(geometry.rest);
-  }
-
-  draw() {
-    const { svg, geometry: g } = this;
     svg.replaceChildren();
-    const outer = Math.max(...g.tracks.map((t) => Math.hypot(...t.start) + t.travel / 2));
+    const g = geometry, outer = Math.max(...g.tracks.map((t) => Math.hypot(...t.start) + t.travel / 2));
     const right = Math.max(g.hinge[0] + g.door_length * Math.sin(g.swing), g.button[0]) + 0.5;
     // Side of what can be clicked, beyond the middles of the tracks: SMALLEST of the whole width.
     this.side = (SMALLEST * (outer + right)) / (1 - SMALLEST);
     const far = outer + this.side;
     svg.setAttribute("viewBox", `${-far} ${-far} ${far + right} ${2 * far}`);
-    g.tracks.forEach((track, place) => this.levers.push(this.drawLever(track, place)));
+    this.levers = g.tracks.map((track, place) => this.drawLever(track, place));
     this.drawDoor();
-    this.arm = make("g", { "aria-hidden": "true", "pointer-events": "none" }, svg);
+    this.drawArm();
     // What can be clicked lies above everything that is drawn.
     this.drawTargets();
+    this.pose(g.rest);
   }
 
   drawLever(track, place) {
@@ -96,6 +90,15 @@ export class Room {
     this.door = make("rect", { x: x - thickness / 2, y: -y, width: thickness, height: length, class: "door" }, group);
     make("circle", { cx: x, cy: -y, r: 0.11, class: "hinge" }, group);
     this.lock = make("circle", { cx: x, cy: -(y - length), r: 0.15 }, group);
+  }
+
+  drawArm() {
+    const { link, half_width: half } = this.geometry;
+    const arm = make("g", { "aria-hidden": "true", "pointer-events": "none" }, this.svg);
+    const each = (name, attributes) => Array.from({ length: LINKS }, () => make(name, attributes, arm));
+    this.links = each("rect", { y: -half, height: 2 * half, width: link, class: "link" });
+    this.joints = each("circle", { r: 0.09, class: "joint" });
+    this.joints.push(make("circle", { r: 0.125, class: "tip" }, arm));
   }
 
   // For each lever the outer part of its track and the inner one, and the green button.
@@ -142,7 +145,6 @@ export class Room {
   // Draw what is seen, at once.
   show(bits) {
     const n = this.many;
-    this.seen = bits;
     for (let place = 0; place < n; place++) {
       const { bar, tracks } = this.levers[place];
       for (const part of [bar, ...tracks]) part.classList.remove("grey", "white");
@@ -151,11 +153,6 @@ export class Room {
     }
     this.lock.style.display = bits[2 * n] ? "" : "none";
     this.swing(bits[2 * n + 1]);
-    this.label();
-  }
-
-  label() {
-    const n = this.many, bits = this.seen;
     this.geometry.names.forEach((name, place) => {
       const described = `lever ${place + 1}, ${name}, ${bits[n + place] ? "grey" : "white"}, ${bits[place] ? "pushed" : "pulled"}`;
       this.targets[place].setAttribute("aria-label", `Push ${described}`);
@@ -179,23 +176,15 @@ export class Room {
   }
 
   pose(angles) {
-    const { arm, geometry: { link, half_width: half } } = this;
     this.angles = angles;
-    const points = jointPoints(angles, link);
-    if (!arm.childElementCount) {
-      for (let i = 0; i < points.length - 1; i++) make("rect", { y: -half, height: 2 * half, width: link, class: "link" }, arm);
-      for (let i = 0; i < points.length - 1; i++) make("circle", { r: 0.09, class: "joint" }, arm);
-      make("circle", { r: 0.125, class: "tip" }, arm);
-    }
     let heading = 0;
-    points.forEach(([x, y], i) => {
-      const joint = arm.children[points.length - 1 + i];
-      joint.setAttribute("cx", x);
-      joint.setAttribute("cy", -y);
-      if (i === points.length - 1) return;
+    jointPoints(angles, this.geometry.link).forEach(([x, y], i) => {
+      this.joints[i].setAttribute("cx", x);
+      this.joints[i].setAttribute("cy", -y);
+      if (i === LINKS) return;
       heading += angles[i];
       const degrees = (-heading * 180) / Math.PI;
-      arm.children[i].setAttribute("transform", `translate(${x} ${-y}) rotate(${degrees})`);
+      this.links[i].setAttribute("transform", `translate(${x} ${-y}) rotate(${degrees})`);
     });
   }
 
@@ -218,20 +207,23 @@ export class Room {
     return along(along(hinge, down, handle), outward, -thickness / 2 - reach);
   }
 
+  // Joint angles with which the arm points at something, clear of everything.
+  pointing([x, y]) {
+    const { link, ready } = this.geometry, near = ready / Math.hypot(x, y);
+    return reaching([near * x, near * y], link);
+  }
+
   // Swing round to what an action is about and touch it. What comes of it need not be known yet.
   async approach(action) {
-    const { link, ready } = this.geometry;
     this.share = action < 2 * this.many ? this.pushed[action % this.many] : this.opened;
     const to = this.contact(action, this.share);
-    const heading = Math.atan2(to[1], to[0]);
-    const clear = [ready * Math.cos(heading), ready * Math.sin(heading)];
-    await this.turnTo(reaching(clear, link), SWING);
-    await this.turnTo(reaching(to, link), REACH);
+    await this.turnTo(this.pointing(to), SWING);
+    await this.turnTo(reaching(to, this.geometry.link), REACH);
   }
 
   // Do it, see what came of it, and draw back.
   async carryOut(action, outcome) {
-    const n = this.many, { link, ready } = this.geometry;
+    const n = this.many, { link } = this.geometry;
     const lever = action < 2 * n, place = action % n, from = this.share;
     const to = lever ? outcome[place] : outcome[2 * n + 1];
     const reach = (share) => this.pose(reaching(this.contact(action, share), link));
@@ -252,14 +244,12 @@ export class Room {
       });
     }
     this.show(outcome);
-    const end = jointPoints(this.angles, link).at(-1), heading = Math.atan2(end[1], end[0]);
-    await this.turnTo(reaching([ready * Math.cos(heading), ready * Math.sin(heading)], link), REACH);
+    await this.turnTo(this.pointing(jointPoints(this.angles, link).at(-1)), REACH);
   }
 
   // Everything goes back to where an attempt begins.
   async reset(bits) {
-    const pushed = [...this.pushed], opened = this.opened, from = this.angles;
-    const rest = this.geometry.rest;
+    const pushed = [...this.pushed], { opened, angles: from, geometry: { rest } } = this;
     await animate(BACK, (share) => {
       pushed.forEach((was, place) => this.slide(place, was + (bits[place] - was) * share));
       this.swing(opened * (1 - share));
