@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
 from itertools import chain, repeat
 
 from causal_openlock.physics.geometry import DOOR_SWING, Point, Pose, along, wrap
@@ -26,7 +25,7 @@ CORRECTION = 10.0  # speed of a joint for each radian that it is away from its p
 # end along a line and while it moves a lever, in a unit of time.
 JOINT_SPEED, TIP_SPEED, PRESS_SPEED = 4.0, 3.0, 2.0
 TOLERANCE = 0.03  # radians of any joint from the end of a path that count as arrival
-DOOR_STEPS = 40  # in which the door is pushed open
+DOOR_TIME = 40 * STEP  # in which the door is pushed open
 PRESS = 0.08  # how far the arm presses on where nothing gives way
 STALL = 8  # steps after which what has not moved at all is given up as locked
 MOVED = 0.03  # least movement that counts: part of the track, or radians
@@ -106,7 +105,7 @@ class Controller:
         self._face(geometry.at_door(0.0))
         self._reach(geometry.at_door(0.0))
         began = door.angle
-        points = (geometry.at_door(part * DOOR_SWING) for part in _parts(DOOR_STEPS))
+        points = (geometry.at_door(part * DOOR_SWING) for part in _parts(DOOR_TIME))
         path = [reaching(point, geometry.link) for point in points]
         for number, _ in enumerate(self._follow(path)):
             if DOOR_SWING - door.angle <= AJAR and number >= len(path):
@@ -119,12 +118,10 @@ class Controller:
 
     def _face(self, target: Point) -> None:
         """Swing round until the arm's end is straight between the base and a point."""
-        geometry = self._geometry
-        if math.hypot(*self._arm.tip) > geometry.ready + GRAZE:
+        if math.hypot(*self._arm.tip) > self._geometry.ready + GRAZE:
             self._withdraw()  # the movement before was broken off
-        part = geometry.ready / math.hypot(*target)
-        near = target[0] * part, target[1] * part
-        self._settle(swing(self._arm.angles, reaching(near, geometry.link)))
+        end = reaching(self._clear(target), self._geometry.link)
+        self._settle(swing(self._arm.angles, end))
 
     def _reach(self, target: Point) -> None:
         """Bring the arm's end to a point along a line."""
@@ -132,9 +129,12 @@ class Controller:
 
     def _withdraw(self) -> None:
         """Draw the arm's end straight back to where the arm can swing round."""
-        x, y = self._arm.tip
-        part = self._geometry.ready / math.hypot(x, y)
-        self._settle(straight((x, y), (x * part, y * part), self._geometry.link))
+        self._reach(self._clear(self._arm.tip))
+
+    def _clear(self, point: Point) -> Point:
+        """Where the arm's end is clear of all levers, in the direction of a point."""
+        part = self._geometry.ready / math.hypot(*point)
+        return point[0] * part, point[1] * part
 
     def _settle(self, path: Path) -> None:
         """Follow a path, and wait at its end until the arm is there."""
@@ -176,29 +176,22 @@ def swing(start: Sequence[float], end: Sequence[float]) -> Path:
     """Path from one posture to another, all joints together, the base the short way round."""
     ways = [to - now for now, to in zip(start, end, strict=True)]
     ways[0] = wrap(ways[0])
-    steps = _steps(max(map(abs, ways)) / JOINT_SPEED)
-    return [
-        tuple(now + part * way for now, way in zip(start, ways, strict=True))
-        for part in _parts(steps)
-    ]
+    parts = _parts(max(map(abs, ways)) / JOINT_SPEED)
+    return [tuple(a + part * b for a, b in zip(start, ways, strict=True)) for part in parts]
 
 
 def straight(start: Point, end: Point, link: float, speed: float = TIP_SPEED) -> Path:
     """Path of the arm's end along a line."""
     x, y = end[0] - start[0], end[1] - start[1]
-    parts = _parts(_steps(math.hypot(x, y) / speed))
+    parts = _parts(math.hypot(x, y) / speed)
     return [reaching((start[0] + part * x, start[1] + part * y), link) for part in parts]
 
 
-def _steps(time: float) -> int:
-    return max(4, math.ceil(time / STEP))
-
-
-@cache
-def _parts(steps: int) -> tuple[float, ...]:
+def _parts(time: float) -> list[float]:
     """Share of a way that is done after each step: slow at both ends, 1 in the end."""
+    steps = max(4, math.ceil(time / STEP))
     times = (step / steps for step in range(1, steps + 1))
-    return tuple(time * time * (3 - 2 * time) for time in times)
+    return [time * time * (3 - 2 * time) for time in times]
 
 
 def _apart(one: Sequence[float], other: Sequence[float]) -> float:

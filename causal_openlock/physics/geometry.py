@@ -45,11 +45,6 @@ class Track:
     travel: float
 
     @property
-    def radius(self) -> float:
-        """Distance of the bar's centre from the arm's base when the lever is pulled."""
-        return math.hypot(*self.start)
-
-    @property
     def end(self) -> Point:
         """Centre of the bar when the lever is pushed."""
         return self.centre(1.0)
@@ -120,10 +115,11 @@ class RoomGeometry:
         """
         facts = room_facts()
         arm, door, travel = facts["arm"], facts["door"], facts["track"]["visible_outside_bar"]
-        tracks = []
+        tracks, nearest = [], math.inf
         for x, y in position_coordinates(positions).tolist():
             radius = math.hypot(x, y)
             tracks.append(Track((x, y), (x / radius, y / radius), travel))
+            nearest = min(nearest, radius)
         stretch = positions / len(PAPER_POSITIONS)
         half_width = float(arm["width"]) / 2
         steps = [(x - x0, y - y0) for (x0, y0), (x, y) in pairwise(arm["joints"])]
@@ -136,7 +132,7 @@ class RoomGeometry:
             link=stretch * float(arm["link_length"]),
             half_width=half_width,
             rest=tuple(wrap(now - before) for before, now in pairwise([0.0, *headings])),
-            ready=min(track.radius for track in tracks) - BAR_WIDTH / 2 - half_width - CLEARANCE,
+            ready=nearest - BAR_WIDTH / 2 - half_width - CLEARANCE,
             hinge=(hinge_x * stretch, hinge_y),
             door_length=float(hinge_y - door["lock_indicator"][1]),
             door_thickness=float(door["thickness"]),
