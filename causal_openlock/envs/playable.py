@@ -92,7 +92,8 @@ class PlayableRoom:
 
     def _begin(self, seen: tuple[NDArray[np.int8], dict[str, Any]]) -> None:
         self.observation, self._info = seen
-        layout = Layout.of(self.schema, dict(self._info["latent"]["layout"]), self.positions)
+        self._places = dict(self._info["latent"]["layout"])
+        layout = Layout.of(self.schema, self._places, self.positions)
         self.layout = Layout.of(self.schema, layout.places, self.positions)  # with its name
         self.solutions_found: tuple[tuple[str, ...], ...] = ()
         self._done: list[ShownAction] = []
@@ -118,24 +119,20 @@ class PlayableRoom:
             raise OpenLockError("the trial is over; begin another one with reset()")
         before, known = self.observation, self._info["latent"]["found"]
         self.observation, reward, *_, self._info = self._env.step(chosen)
-        latent, attempt_over = self._info["latent"], "outcome" in self._info
-        outcome = self._info.get("outcome", self.observation)  # right after the action
-        places = dict(latent["layout"])
-        new = [latent["solutions"][k] for k in latent["found"] if k not in known]
-        self.solutions_found += tuple(tuple(places[lever] for lever in levers) for levers in new)
-        name = self.actions[chosen]
-        shown = ShownAction.of(name, before, outcome, bool(new))
-        self._done.append(shown)
-        title = f"{name}: {shown.outcome}"
-        for lever, place in places.items() if self._reveal else ():
-            if name.endswith(f" {place}"):
+        seen = self._info.get("outcome", self.observation)  # right after the action
+        new = {*self._info["latent"]["found"]} - {*known}
+        for index in new:
+            found = self.schema.solutions[index]
+            self.solutions_found += (tuple(self._places[lever] for lever in found),)
+        action = ShownAction.of(self.actions[chosen], before, seen, bool(new))
+        self._done.append(action)
+        title, panel = f"{action.name}: {action.outcome}", self.panel
+        for lever, place in self._places.items():
+            if self._reveal and action.name.endswith(f" {place}"):
                 title += f" (hidden from learners: this is {lever})"
-        panel = replace(self.panel, actions_left=0) if attempt_over else self.panel
-        if attempt_over:
-            self._done = []
-        return Seen(
-            outcome, shown.outcome, reward, bool(new), attempt_over, self.over, panel, title
-        )
+        if attempt_over := "outcome" in self._info:
+            panel, self._done = replace(panel, actions_left=0), []
+        return Seen(seen, action.outcome, reward, bool(new), attempt_over, self.over, panel, title)
 
     @property
     def panel(self) -> Panel:

@@ -137,11 +137,11 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
             seed: Seeds the environment and begins a new trial.
             options: ``{"new_trial": True}`` begins a new trial.
         """
+        asked = check_options(options, "new_trial")
         if seed is not None:
             super().reset(seed=seed)
         if self._row and not self._over and not self._whole_trial:
             self._spend_attempt()  # the attempt in progress is given up
-        asked = check_options(options, "new_trial")
         if self.trial_over or self._whole_trial or seed is not None or asked:
             self._begin_trial()
         self._put_back()
@@ -235,9 +235,9 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         solved = not self._solutions_left
         spent = self._attempts_left == 1 and not solved
         if solved or spent:
-            self._attempts_left, self.trial_over = 0, True
+            self._attempts_left = 0
         if not self._whole_trial:
-            info = self._info()
+            info = self._info()  # the attempt counts as left until the trial is over
             self._spend_attempt()
             self._over = True
             return outcome, reward, True, False, info
@@ -247,8 +247,7 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         return self._observations[0].copy(), reward, solved, spent, self._info(outcome=outcome)
 
     def _spend_attempt(self) -> None:
-        if self._attempts_left:
-            self._attempts_left -= 1
+        self._attempts_left = max(0, self._attempts_left - 1)
         self.trial_over = not self._attempts_left
 
     def _info(self, **more: Any) -> dict[str, Any]:

@@ -15,7 +15,7 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.error import InvalidAction, ResetNeeded
 
-from causal_openlock.envs.settings import ATTEMPT_LIMIT, AnySchema, check_options
+from causal_openlock.envs.settings import ATTEMPT_LIMIT, AnySchema
 from causal_openlock.envs.single import OpenLockEnv
 from causal_openlock.render.words import ANY, Counters, StoryName, Wording
 from causal_openlock.world.rewards import BASIC_REWARD, RewardForm
@@ -83,13 +83,12 @@ class OpenLockTextEnv(gymnasium.Env[str, str]):
             seed: Seeds the environment and draws another wording.
             options: ``{"new_trial": True}``, which it does anyway.
         """
-        check_options(options, "new_trial")
+        self._observation, info = self._env.reset(seed=seed, options=options)
         super().reset(seed=seed)
         if seed is not None or not self._text:
             self._words = Wording.draw(self.settings.positions, self.np_random, self._story)
-        self._observation, info = self._env.reset(seed=seed)
-        self._console, self._attempt, self._over = info["console"], 1, False
-        rules = self._words.instructions(self._console["actions_left"], self.settings.attempt_limit)
+        self._console = info["console"]
+        rules = self._words.instructions(self.settings.action_limit, self.settings.attempt_limit)
         self._text = f"{rules}\n\n{self._room()}"
         return self._text, self._info(None, info)
 
@@ -100,7 +99,7 @@ class OpenLockTextEnv(gymnasium.Env[str, str]):
             ResetNeeded: Before the first reset, and after the end of an episode.
             InvalidAction: If the action is not a text.
         """
-        if not self._text or self._over:
+        if self._env.trial_over:
             raise ResetNeeded("call reset() before step(), and after the end of every episode")
         words = self._words
         if not isinstance(action, str):
@@ -109,17 +108,16 @@ class OpenLockTextEnv(gymnasium.Env[str, str]):
         if chosen is None:
             self._text = words.no_action
             return self._text, 0.0, False, False, self._info(None, {})
-        before, known = self._observation, self._console["solutions_found"]
+        before, known = self._observation, self._console
         self._observation, reward, solved, spent, info = self._env.step(chosen)
-        self._console, self._over = info["console"], solved or spent
-        new = self._console["solutions_found"] > known
+        self._console = info["console"]
+        new = self._console["solutions_found"] > known["solutions_found"]
         outcome = info.get("outcome", self._observation)  # right after the action
         lines = [words.outcome(before, outcome, new)]
         if "outcome" in info:
-            left = self._console["solutions_left"]
-            lines.append(words.ending(self._attempt, self._over, left))
-            self._attempt += 1
-        if not self._over:
+            number = self.settings.attempt_limit + 1 - known["attempts_left"]
+            lines.append(words.ending(number, solved or spent, self._console["solutions_left"]))
+        if not (solved or spent):
             lines.append(self._room())
         self._text = "\n".join(lines)
         return self._text, reward, solved, spent, self._info(chosen, info)
@@ -135,4 +133,5 @@ class OpenLockTextEnv(gymnasium.Env[str, str]):
     def _room(self) -> str:
         console = self._console
         left = console["solutions_left"], console["attempts_left"], console["actions_left"]
-        return self._words.room(self._observation, Counters(*left, self._attempt))
+        number = self.settings.attempt_limit + 1 - console["attempts_left"]
+        return self._words.room(self._observation, Counters(*left, attempt=number))

@@ -345,6 +345,16 @@ def test_what_is_no_action_is_refused_and_changes_nothing(episode, action):
     assert info["console"]["actions_left"] == 1
 
 
+@pytest.mark.parametrize("options", [3, {"x": 1}])
+def test_a_reset_that_is_refused_changes_nothing(options):
+    env = trial7()
+    env.step(L0)
+    with pytest.raises(OpenLockError, match="new_trial"):
+        env.reset(seed=1, options=options)
+    info = env.step(L1)[4]
+    assert (info["console"]["attempts_left"], info["console"]["actions_left"]) == (30, 1)
+
+
 def test_any_kind_of_integer_is_an_action():
     for kind in (int, np.int8, np.uint8, np.int64, np.uint64, np.array):
         assert trial7().step(kind(L0))[0][L0] == 1
