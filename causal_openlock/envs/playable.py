@@ -124,15 +124,15 @@ class PlayableRoom:
         for index in new:
             found = self.schema.solutions[index]
             self.solutions_found += (tuple(self._places[lever] for lever in found),)
-        action = ShownAction.of(self.actions[chosen], before, seen, bool(new))
-        self._done.append(action)
-        title, panel = f"{action.name}: {action.outcome}", self.panel
+        shown = ShownAction.of(self.actions[chosen], before, seen, bool(new))
+        self._done.append(shown)
+        title, panel = f"{shown.name}: {shown.outcome}", self.panel
         for lever, place in self._places.items():
-            if self._reveal and action.name.endswith(f" {place}"):
+            if self._reveal and shown.name.endswith(f" {place}"):
                 title += f" (hidden from learners: this is {lever})"
         if attempt_over := "outcome" in self._info:
             panel, self._done = replace(panel, actions_left=0), []
-        return Seen(seen, action.outcome, reward, bool(new), attempt_over, self.over, panel, title)
+        return Seen(seen, shown.outcome, reward, bool(new), attempt_over, self.over, panel, title)
 
     @property
     def panel(self) -> Panel:

@@ -113,11 +113,10 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
 
     def _begin_trials(self, which: NDArray[np.int64]) -> None:
         many, layout = len(which), self.settings.layout
+        order = np.arange(self.settings.positions) if layout is None else layout.lever_at()
+        lever = np.tile(order, (many, 1))
         if layout is None:
-            lever = np.tile(np.arange(self.settings.positions), (many, 1))
             lever = self.np_random.permuted(lever, axis=1)
-        else:
-            lever = np.tile(layout.lever_at(), (many, 1))
         self._rooms.begin_trials(which, np.zeros(many, np.int64), lever)
 
     def step(

@@ -6,7 +6,6 @@ A :class:`WatchedTrial` holds what is shown; a notebook shows it as a strip of p
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -78,8 +77,10 @@ class WatchedTrial:
 
 def in_words(shot: Shot) -> str:
     """The moment that a shot shows: ``attempt 1, push UPPER: the lever moves``."""
-    done = (shot.panel.actions or ())[-1:]
-    return f"attempt {shot.attempt}" + "".join(f", {one.name}: {one.outcome}" for one in done)
+    if not shot.panel.actions:
+        return f"attempt {shot.attempt}"
+    action = shot.panel.actions[-1]
+    return f"attempt {shot.attempt}, {action.name}: {action.outcome}"
 
 
 def watch(
@@ -164,7 +165,8 @@ def belief_svg(belief: Moment, trace: Trace) -> str:
     wide, tall = high - low
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{3.3 * wide / tall:.2f}in" '
-        f'height="3.3in" viewBox="{low[0]:.0f} {low[1]:.0f} {wide:.0f} {tall:.0f}" role="img">',
+        f'height="3.3in" viewBox="{low[0]:.0f} {low[1]:.0f} {wide:.0f} {tall:.0f}" role="img" '
+        'font-size="17" font-family="sans-serif" text-anchor="middle">',
         "<title>What the learner believes</title>",
     ]
     for chance, (cause, effect) in sorted((p, edge) for edge, p in np.ndenumerate(belief.edges)):
@@ -182,24 +184,22 @@ def belief_svg(belief: Moment, trace: Trace) -> str:
         )
     for (x, y), (across, up), name in zip(spots, half, trace.nodes, strict=True):
         active = name in trace.truth.graph
+        fill, stroke, ink = ("#DDD", "#222", "#000") if active else ("#FFF", "#999", "#888")
         lines.append(
             f'<rect x="{x - across:.0f}" y="{y - up:.0f}" width="{2 * across:.0f}" '
-            f'height="{2 * up:.0f}" rx="{6 if name == DOOR else up}" '
-            f'fill="{"#DDD" if active else "#FFF"}" stroke="{"#222" if active else "#999"}" '
-            f'stroke-width="2"/><text x="{x:.0f}" y="{y + 6:.0f}" font-size="17" '
-            f'font-family="sans-serif" text-anchor="middle" '
-            f'fill="{"#000" if active else "#888"}">{name}</text>'
+            f'height="{2 * up:.0f}" rx="{6 if name == DOOR else up}" fill="{fill}" '
+            f'stroke="{stroke}" stroke-width="2"/>'
+            f'<text x="{x:.0f}" y="{y + 6:.0f}" fill="{ink}">{name}</text>'
         )
     return "\n".join([*lines, "</svg>"])
 
 
 def _arrow(start: Any, end: Any) -> tuple[str, str]:
     """A slightly bent arrow as two paths: its line, and its head at two thirds of the way."""
-    way = (end - start) / math.dist(start, end)
+    way = (end - start) / np.hypot(*(end - start))
     side = np.array([-way[1], way[0]])
-    bend = (start + end) / 2 + 0.12 * math.dist(start, end) * side
+    bend = (start + end) / 2 + 0.12 * np.hypot(*(end - start)) * side
     neck = (start + 4 * bend + 4 * end) / 9
-    head = (neck + 20 * way, neck + 9 * side, neck - 9 * side)
-    line, triangle = (" ".join(f"{x:.0f},{y:.0f}" for x, y in points)
-                      for points in ((bend, end), head))  # fmt: skip
-    return f"M{start[0]:.0f},{start[1]:.0f} Q{line}", f"M{triangle}Z"
+    corners = (start, bend, end, neck + 20 * way, neck + 9 * side, neck - 9 * side)
+    a, b, c, *head = (f"{x:.0f},{y:.0f}" for x, y in corners)
+    return f"M{a} Q{b} {c}", f"M{' '.join(head)}Z"

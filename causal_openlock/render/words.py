@@ -12,7 +12,6 @@ The environment ``causal_openlock/OpenLockText-v0``, ``causal-openlock text`` an
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import SimpleNamespace
@@ -183,6 +182,7 @@ class Wording:
     def room(self, observation: ArrayLike, now: Counters) -> str:
         """Text of an observation of a room, and of the console."""
         bits, many, terms = _bits(observation), len(self.names), self._terms
+        lock = terms.locked if bits[-2] else terms.unlocked
         things = "; ".join(
             f"{self.names[place]}: {terms.grey if bits[many + place] else terms.white}, "
             f"{terms.pushed if bits[place] else terms.pulled}"
@@ -192,13 +192,9 @@ class Wording:
         return (
             f"{where}. Left: {counted(now.solutions_left, 'combination')}, "
             f"{counted(now.attempts_left, 'attempt')}, {counted(now.actions_left, 'action')} in "
-            f"this attempt.\n{things}.\n{_capital(self._state(bits))}."
+            f"this attempt.\n{things}.\n"
+            f"{_capital(terms.goal)} is {lock} and {terms.open if bits[-1] else terms.closed}."
         )
-
-    def _state(self, bits: Sequence[int]) -> str:
-        terms = self._terms
-        lock = terms.locked if bits[-2] else terms.unlocked
-        return f"{terms.goal} is {lock} and {terms.open if bits[-1] else terms.closed}"
 
     def outcome(self, before: ArrayLike, after: ArrayLike, new_solution: bool = False) -> str:
         """Text of an action's result, from the observations before it and right after it."""
