@@ -140,7 +140,7 @@ def _check(subjects: dict[str, Recorded], plan: Plan) -> None:
 
 def _starts(part: Recorded, plan: Plan) -> list[list[float]]:
     """By fold, the best of some points, where the search for a subject's peak begins."""
-    shares = spread(plan.ranges, plan.candidates, plan.fit.seed)
+    shares = spread(plan.ranges, plan.fit.candidates, plan.fit.seed)
     points, predicted = logit(shares.clip(0.01, 0.99)), predictions([part], plan)
     prior = norm.logpdf(points, scale=SPREADS[1]).sum(axis=1)
     tables = [predicted(chosen_at(plan, point)) for point in points]

@@ -82,11 +82,11 @@ class Range(Part):
 class FitSettings(StrictModel):
     """Settings of a fit, whatever is searched: ``fit:`` in a plan, and ``--set``."""
 
-    candidates: Count | None = None  #: sets of parameters to try; by default 60 to means, else 160
+    candidates: Count = 160  #: most sets of parameters to try; to means by default 60
     #: of the search and of play, with the next two; play what was fitted with another
     seed: Annotated[int, Field(ge=0, le=2**62)] = 31
-    #: of means ``transfer`` (the four tests) or ``none``; else ``trials``, ``subjects`` or ``none``
-    hold_out: str | None = None
+    #: ``trials``, ``subjects`` or ``none``; to means ``transfer`` (the four tests) or ``none``
+    hold_out: str = "trials"
     # To means:
     target: Literal["people", "model"] = "people"  #: whose means (the model's are of AAAI 2020)
     subjects: Annotated[int, Field(ge=2)] = 40  #: of a candidate, in each condition
@@ -108,22 +108,11 @@ class Plan:
     ranges: Mapping[str, Range]
     fit: FitSettings = field(default_factory=FitSettings)
 
-    @property
-    def hold_out(self) -> str:
-        """What is held out, by default of a fit to actions."""
-        return self.fit.hold_out or "trials"
-
-    @property
-    def candidates(self) -> int:
-        """Sets of parameters that are tried, at most; by default of a fit to actions."""
-        return self.fit.candidates or 160
-
     def require_hold_out(self, known: Sequence[str]) -> None:
         """Raise OpenLockError unless what is held out is one of these."""
-        if self.hold_out not in known:
+        if (out := self.fit.hold_out) not in known:
             raise OpenLockError(
-                f"{self.hold_out!r} cannot be held out of this fit (hold_out); "
-                f"{nearest(self.hold_out, known)}"
+                f"{out!r} cannot be held out of this fit (hold_out); {nearest(out, known)}"
             )
 
     @cached_property
@@ -146,8 +135,7 @@ class Plan:
         space = {"learner": self.learner, "fixed": dict(self.fixed), "search": ranges}
         if self.code:
             space["code"] = self.code
-        chosen = {"hold_out": self.hold_out, "candidates": self.candidates}
-        return {"space": space, **self.fit.model_dump(), **chosen, "version": RESULTS_VERSION}
+        return {"space": space, **self.fit.model_dump(), "version": RESULTS_VERSION}
 
     @property
     def in_words(self) -> str:
@@ -199,7 +187,7 @@ class Plan:
             name: bounds for name, bounds in self.ranges.items() if name not in fix
         }
         kept = {name: value for name, value in self.fixed.items() if name not in wanted}
-        fit = read(FitSettings, {**self.fit.model_dump(), **given})
+        fit = read(FitSettings, {**self.fit.model_dump(exclude_unset=True), **given})
         return make_plan(self.learner, wanted, {**kept, **fix}, fit)
 
 

@@ -73,7 +73,7 @@ class FitOfActions:
     @property
     def holds_out(self) -> bool:
         """Whether actions are predicted by what was fitted without them."""
-        return self.plan.hold_out != NONE
+        return self.plan.fit.hold_out != NONE
 
     def of(self, who: str, fold: int) -> Fitted:
         """The fit for a subject."""

@@ -109,7 +109,7 @@ def fit_to_means(plan: Plan, workers: int, folder: Path) -> None:
         f"A small p rejects a model. Fitted numbers, here {len(plan.ranges)}, each take away a "
         "degree of freedom."
     )
-    if plan.learner == "bayes" and plan.hold_out != "none":
+    if plan.learner == "bayes" and plan.fit.hold_out != "none":
         console.print_line(
             "The default ranges of bayes were narrowed with the transfer tests in view "
             "(evidence/likeness): what is held out is a check, not an untouched prediction.",

@@ -80,14 +80,14 @@ def held_out(table: pd.DataFrame, plan: Plan, fold: int) -> BoolArray:
     """Mask of the actions in one cross-validation fold."""
     if fold == WHOLE:
         return np.zeros(len(table), dtype=bool)
-    number = table["trial"] - 1 if plan.hold_out == "trials" else table["subject"]
+    number = table["trial"] - 1 if plan.fit.hold_out == "trials" else table["subject"]
     dealt: BoolArray = (number % plan.fit.folds == fold).to_numpy(bool)
     return dealt
 
 
 def folds_of(plan: Plan) -> list[int]:
     """The folds, and :data:`WHOLE`."""
-    return [WHOLE, *range(plan.fit.folds if plan.hold_out != NONE else 0)]
+    return [WHOLE, *range(plan.fit.folds if plan.fit.hold_out != NONE else 0)]
 
 
 def fit_fold(who: str, parts: Sequence[Recorded], fold: int, plan: Plan) -> Fitted:
@@ -97,7 +97,7 @@ def fit_fold(who: str, parts: Sequence[Recorded], fold: int, plan: Plan) -> Fitt
     def loss(chosen: Chosen) -> float:
         return surprise(predicted(chosen), plan, fold)
 
-    tried = search(ranges, lambda sets: map(loss, sets), plan.candidates, plan.fit.seed)
+    tried = search(ranges, lambda sets: map(loss, sets), plan.fit.candidates, plan.fit.seed)
     best, nll = min(tried, key=lambda one: one.loss)
     table = predicted(best)
     out = held_out(table, plan, fold)
@@ -149,7 +149,7 @@ def groups_of(parts: Sequence[Recorded], plan: Plan) -> dict[str, Sequence[Recor
         OpenLockError: If subjects are to be held out of a fit to one subject, there are fewer
             subjects or trials than folds, or nobody has a trial left when one is held out.
     """
-    if plan.hold_out == "subjects" and plan.fit.each:
+    if plan.fit.hold_out == "subjects" and plan.fit.each:
         raise OpenLockError("of a single subject, hold out trials: --set hold_out=trials")
     check_folds(parts, plan)
     groups: dict[str, Sequence[Recorded]] = {"all": parts}
@@ -160,7 +160,7 @@ def groups_of(parts: Sequence[Recorded], plan: Plan) -> dict[str, Sequence[Recor
             part.done_actions["trial"][part.done_actions["phase"] != SHOWN].nunique()
             for part in group
         )
-        if plan.hold_out == "trials" and trials < 2:
+        if plan.fit.hold_out == "trials" and trials < 2:
             raise OpenLockError(
                 f"{who} played one trial only, and without it there is nothing to fit to; give "
                 "--set hold_out=none, or fit a group with --hierarchical"
@@ -172,11 +172,11 @@ def check_folds(parts: Sequence[Recorded], plan: Plan) -> None:
     """Raise OpenLockError if subjects or trials are to be held out, and a fold has none."""
     what, other, folds = "subject", "trials", plan.fit.folds
     numbers = {number for part in parts for number in part.numbers}
-    if plan.hold_out == "trials":
+    if plan.fit.hold_out == "trials":
         what, other = "trial", "none"
         done = pd.concat([part.done_actions for part in parts])
         numbers = set(done.loc[done["phase"] != SHOWN, "trial"])
-    if plan.hold_out != NONE and len({number % folds for number in numbers}) < folds:
+    if plan.fit.hold_out != NONE and len({number % folds for number in numbers}) < folds:
         raise OpenLockError(
             f"{folds} folds would not each have a {what}, dealt by their numbers, of which there "
             f"are {len(numbers)}; give fewer with --set folds=, or --set hold_out={other}"

@@ -41,7 +41,7 @@ from causal_openlock.files.atomic import write_bytes, write_text
 from causal_openlock.files.checksums import json_bytes
 from causal_openlock.files.escaping import csv_of
 from causal_openlock.files.yaml_file import dump_yaml
-from causal_openlock.fitting.plan import Chosen, Plan
+from causal_openlock.fitting.plan import Chosen, FitSettings, Plan
 from causal_openlock.fitting.search import NONE, Tried, at_bound, search, without_effect
 from causal_openlock.fitting.steps import SEEDS, begin, fitting_in, steps
 from causal_openlock.paper.likeness import (
@@ -75,9 +75,8 @@ def means_plan(plan: Plan) -> Plan:
     Raises:
         OpenLockError: If nothing of this name can be held out.
     """
-    fit = plan.fit
-    usual = {"hold_out": fit.hold_out or "transfer", "candidates": fit.candidates or 60}
-    plan = replace(plan, fit=fit.model_copy(update=usual))
+    given = {name: getattr(plan.fit, name) for name in plan.fit.model_fields_set}
+    plan = replace(plan, fit=FitSettings(**{"hold_out": "transfer", "candidates": 60, **given}))
     plan.require_hold_out(("transfer", "none"))
     return plan
 
@@ -150,7 +149,7 @@ class MeansFit:
         A row for the fitted learner and, if it is fitted to people, for other models; the perfect
         model has as many subjects and fitted numbers. Columns are :data:`PARTS`.
         """
-        plan, target, hold_out = self.plan, self.plan.fit.target, self.plan.hold_out
+        plan, target, hold_out = self.plan, self.plan.fit.target, self.plan.fit.hold_out
         searched = len(plan.ranges)
         own = points_towards(self.trials, target), (searched, 0, searched)
         models: dict[str, tuple[pd.DataFrame, tuple[int | None, ...]]] = {plan.fitted_name: own}
@@ -196,7 +195,7 @@ class MeansFit:
         }
         write_text(folder / "experiment.yaml", dump_yaml(experiment))
         points = points_of(self.trials).assign(learner=label)
-        out = points.index.isin(parts_of(points, plan.hold_out)[1].index)
+        out = points.index.isin(parts_of(points, plan.fit.hold_out)[1].index)
         write_text(folder / "candidates.csv", csv_of(self.table()))
         write_text(folder / "points.csv", csv_of(points.assign(held_out=out)))
         write_text(folder / "effects.csv", csv_of(effects))
@@ -228,7 +227,7 @@ def fit(
         StoreError: If another process fits in the folder.
         LearnerError: If the learner fails. Candidates that were done stay done.
     """
-    how, hold_out, target = plan.fit, plan.hold_out, plan.fit.target
+    how, hold_out, target = plan.fit, plan.fit.hold_out, plan.fit.target
     conditions = BASELINES if hold_out == "transfer" else PAPER_CONDITIONS
     count, tell = itertools.count(1), counting(report, "sets of parameters are tried")
     with fitting_in(folder, workers) as pool:
@@ -257,10 +256,10 @@ def fit(
 
         def losses(sets: Sequence[Chosen]) -> Iterator[float]:
             for rmse in distances(sets, how.subjects, how.seed):
-                tell(next(count), plan.candidates)
+                tell(next(count), how.candidates)
                 yield rmse
 
-        tried = search(plan.ranges, losses, plan.candidates, how.seed)
+        tried = search(plan.ranges, losses, how.candidates, how.seed)
         report("the best few again")
         nearest = sorted(range(len(tried)), key=lambda number: tried[number].loss)[: how.finalists]
         sets = [tried[number].chosen for number in nearest]

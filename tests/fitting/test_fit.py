@@ -115,7 +115,7 @@ def test_the_command_line_replaces_ranges_and_adds_settings(tmp_path):
     narrow = space.changed(["lapse=0.2:0.3:log"], ["mood=good"], ["candidates=8"])
     assert narrow.ranges == {"lapse": Range(0.2, 0.3, log=True)}
     assert dict(narrow.fixed) == {"mood": "good"}
-    assert (narrow.candidates, space.candidates) == (8, 160)
+    assert (narrow.fit.candidates, space.fit.candidates) == (8, 160)
 
 
 def test_the_bundled_search_of_bayes_is_what_its_fitted_experiment_varies():
