@@ -52,12 +52,10 @@ from causal_openlock.scoring.recorded import (
 )
 from causal_openlock.scoring.scores import Scores, choices_in
 from causal_openlock.scoring.teacher_forcing import known_learners, score_actions, scored_parts
-from causal_openlock.storage.store import Store, StoredExperiment
+from causal_openlock.storage.store import Store
 from causal_openlock.wording import joined
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from causal_openlock.comparison.results import Results
 
 
@@ -135,18 +133,14 @@ def _check_named(
     learner: str, fixed: Mapping[str, Any], named: Collection[str], path: Path
 ) -> None:
     """Refuse a learner that is code, or a setting that may name a file, unless it is named."""
-    if learner in named:
-        return
-    why = ["is code next to it"] if ":" in learner else []
-    if not why:
-        hints = get_type_hints(learner_class(learner).Parameters)
-        why = [
-            f"sets {name}, which may name a file"
-            for name, value in fixed.items()
-            if not isinstance(value, bool | int | float)
-            and get_origin(hints.get(name)) is not Literal
-        ]
-    if why:
+    hints = {} if ":" in learner else get_type_hints(learner_class(learner).Parameters)
+    texts = [
+        f"sets {name}, which may name a file"
+        for name, value in fixed.items()
+        if not isinstance(value, bool | int | float) and get_origin(hints.get(name)) is not Literal
+    ]
+    why = ["is code next to it"] if ":" in learner else texts
+    if why and learner not in named:
         raise StoreError(
             f"{path}: its learner {learner} {why[0]}; if you trust it, name it too: "
             f"--learner {learner}"
@@ -188,27 +182,24 @@ def score(
     asked = listed(learners)
     specs = make_experiment(["CC4"], asked).learners if asked else ()
     fitted = [read_fit(Path(folder), [spec.learner for spec in specs]) for folder in fits]
-    of = [spec.name for spec in known_learners(of, results.experiment.learners)]
-    stored = Store(results.folders[0]).record()
-    return score_learners(*stored, specs, fitted, of=of, lapse=lapse, workers=workers)
+    return score_learners(results.folders[0], specs, fitted, of=of, lapse=lapse, workers=workers)
 
 
 def score_learners(
-    record: pa.Table,
-    experiment: StoredExperiment,
+    folder: Path,
     learners: Sequence[LearnerSpec],
     fits: Sequence[FitOfActions] = (),
     *,
-    of: Sequence[str] = (),
+    of: Sequence[str] | str = (),
     lapse: float = LAPSE,
     draws: int | None = None,
     workers: int = 1,
     report: Callable[[int, int], None] = lambda done, total: None,
 ) -> Scores:
-    """Score learners, and those that were fitted, on the subjects of all these fits.
+    """Score learners, and those that were fitted, on the subjects in a results folder.
 
-    The other arguments and errors are those of
-    :func:`~causal_openlock.scoring.teacher_forcing.score_actions`.
+    Only subjects that were fitted in all of the fits are scored. The other arguments and errors are
+    those of :func:`~causal_openlock.scoring.teacher_forcing.score_actions`.
 
     Raises:
         StoreError: If a fit is of other subjects, or of other actions of theirs.
@@ -217,6 +208,8 @@ def score_learners(
     """
     if not (fits or learners):
         raise OpenLockError("name who predicts: learners (--learner, --from), or fits (--fits)")
+    record, experiment = Store(folder).record()
+    of = [spec.name for spec in known_learners(of, experiment.learners)]
     tables = []
     if learners:
         how: dict[str, Any] = {"of": of, "draws": draws, "workers": workers, "report": report}

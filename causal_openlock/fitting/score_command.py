@@ -63,23 +63,19 @@ def score(
     from causal_openlock.scoring.scores import FOLDER, Scores
     from causal_openlock.scoring.scores_section import FORMATS, HEADS, ranked
     from causal_openlock.scoring.teacher_forcing import known_learners
-    from causal_openlock.storage.store import Store
     from causal_openlock.wording import counted, joined
 
     console = Terminal()
-    record, played = Store(folder).record()
     if experiment:
         asked = read_experiment(find_experiment(experiment), tell=console.print_line).learners
         predicting = known_learners(learner, asked) if learner else list(asked)
     else:
         predicting = list(make_experiment(["CC4"], learner).learners) if learner else []
-    known_learners(of or (), played.learners)
     fitted = [read_fit(one, [spec.learner for spec in predicting]) for one in fits or ()]
     with shown_steps("score") as begin:
         begin("no part is scored yet")
         scores = score_learners(
-            record,
-            played,
+            folder,
             predicting,
             fitted,
             of=of or (),

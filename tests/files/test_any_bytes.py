@@ -90,7 +90,7 @@ def readers(work):
     cell, playing = (next((work / one / "cells").iterdir()) for one in ("out", "playing"))
     playing.unlink()
     playing.with_suffix(".progress").write_text("0.2500 12.5")
-    score_learners(*Store(work / "out").record(), made.learners).save(work / "out" / FOLDER)
+    score_learners(work / "out", made.learners).save(work / "out" / FOLDER)
     space = make_plan("associative", {"temperature": Range(0.02, 2.0, log=True)})
     plan = with_settings(space, candidates=2)
     groups = groups_of(recorded_subjects(*Store(work / "out").record()), plan)

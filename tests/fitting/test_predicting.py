@@ -43,7 +43,7 @@ def folder(tmp_path_factory):
 
 
 def scored(folder, *fits):
-    return score_learners(*Store(folder).record(), (), fits)
+    return score_learners(folder, (), fits)
 
 
 def test_a_fit_predicts_as_it_did_and_its_parameters_have_a_price(folder):
