@@ -26,7 +26,7 @@ import numpy as np
 import pandas as pd
 
 from causal_openlock.contract.checks import failures_of
-from causal_openlock.contract.registry import learner_class, parse_parameters
+from causal_openlock.contract.registry import learner_class
 from causal_openlock.design import COPIES
 from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.experiment.declare import Cell, Experiment, LearnerSpec
@@ -35,7 +35,7 @@ from causal_openlock.fitting.steps import begin, fitting_in, steps
 from causal_openlock.running.worker import made
 from causal_openlock.schemas.fsm import FloatArray
 from causal_openlock.scoring import LAPSE
-from causal_openlock.scoring.recorded import recorded_subjects
+from causal_openlock.scoring.recorded import Recorded, recorded_subjects
 from causal_openlock.scoring.teacher_forcing import known_learners, score_part
 from causal_openlock.wording import joined
 from causal_openlock.world.randomness import generators
@@ -71,7 +71,16 @@ def drawn(theory: LearnerSpec, seed: int, use: str, number: int) -> LearnerSpec:
     return replace(theory, parameters=parameters)
 
 
-def simulated(
+def simulated(cell: Cell, experiment: Experiment) -> Recorded:
+    """Simulate the subjects of a cell."""
+    with failures_of(cell.spec.name):
+        session, learner = made(cell)
+        played = session.play(learner)
+    (part,) = recorded_subjects(played, experiment)
+    return part
+
+
+def predicted(
     cell: Cell,
     experiment: Experiment,
     theories: Sequence[LearnerSpec],
@@ -83,21 +92,17 @@ def simulated(
     first, maker = cell.first_subject, cell.spec
     if draws:
         cell = replace(cell, spec=drawn(maker, experiment.seed, "subject", first))
-    with failures_of(maker.name):
-        session, learner = made(cell)
-        played = session.play(learner)
-    (part,) = recorded_subjects(played, experiment)
+    part = simulated(cell, experiment)
 
-    def predicted(theory: LearnerSpec) -> FloatArray:
+    def nats(theory: LearnerSpec) -> FloatArray:
         """``[B]`` log-likelihood of what each subject did, averaged over draws of parameters."""
         specs = [theory]
         if draws and unknown(theory):  # with nothing unknown, all draws are the same
             numbers = range(first * draws, (first + 1) * draws)
             specs = [drawn(theory, experiment.seed, "theory", number) for number in numbers]
         scores = [score_part(part, spec, lapse, copies) for spec in specs]
-        nats = [[own.sum() for _, own in score.groupby("subject")["log_probability"]]
-                for score in scores]  # fmt: skip
-        mean: FloatArray = np.logaddexp.reduce(nats) - math.log(len(nats))
+        sums = [score.groupby("subject")["log_probability"].sum() for score in scores]
+        mean: FloatArray = np.logaddexp.reduce(sums) - math.log(len(sums))
         return mean
 
     rows = pd.DataFrame(
@@ -108,7 +113,7 @@ def simulated(
             "subject": part.numbers,
             "attempts": part.rows.groupby("subject").size().to_numpy(),
             "actions": part.asked.sum(axis=1),
-            **{NATS + theory.name: predicted(theory) for theory in theories},
+            **{NATS + theory.name: nats(theory) for theory in theories},
         }
     )
     return rows.to_dict("records")
@@ -167,17 +172,14 @@ def told_apart(
 
     def about(cell: Cell) -> list[Any]:
         """All that decides the rows of a cell, as plain data."""
-        decides: list[Any] = [name, seed, [cell.first_subject, cell.subjects]]
-        decides += [cell.condition.as_dict(), draws, lapse, copies]
-        for theory in (cell.spec, *theories):
-            ranges = {key: vars(bounds) for key, bounds in unknown(theory).items()}
-            decides += [{**theory.as_dict(), "subjects": 1}, ranges]
-        return decides
+        specs = [cell.spec, *theories]
+        return [draws, lapse, copies, *map(unknown, specs),
+                *(replace(cell, spec=spec).identity for spec in specs)]  # fmt: skip
 
     total, rows = sum(cell.subjects for cell in cells), []
     with fitting_in(folder, workers) as pool:
         given = (experiment, theories, draws, lapse, copies)
-        jobs = [(about(cell), partial(begin, pool, simulated, cell, *given)) for cell in cells]
+        jobs = [(about(cell), partial(begin, pool, predicted, cell, *given)) for cell in cells]
         for found in steps(folder, jobs, list[dict[str, Any]]):
             rows += found
             report(len(rows), total)
@@ -222,6 +224,3 @@ def _check(theories: Sequence[LearnerSpec], experiment: Experiment, draws: int) 
             )
         for condition, why in experiment.not_applicable.get(theory.name, {}).items():
             raise LearnerError(f"{why}; leave out {condition}, or the theory")
-        for corner in ("low", "high"):
-            ends = {name: getattr(bounds, corner) for name, bounds in ranges.items()}
-            parse_parameters(theory.learner, {**theory.parameters, **ends})

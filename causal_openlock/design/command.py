@@ -158,11 +158,10 @@ def design(
     style.save(draw_confusion(sizes), folder / "design.svg")
     settings = {
         "experiment": chosen.as_dict(),
-        "unknown": {name: {key: vars(bounds) for key, bounds in own.items()}
-                    for name, own in ranges.items()},
+        "unknown": ranges,
         **{"outside": outside, "draws": draws, "lapse": lapse, "copies": copies},
-    }  # fmt: skip
-    write_text(folder / "design.json", json.dumps(settings, indent=2, default=str) + "\n")
+    }
+    write_text(folder / "design.json", json.dumps(settings, indent=2, default=vars) + "\n")
     files = ", ".join(f"{name}.csv" for name in tables)
     console.print_line(f"{folder}: {files}, design.svg and design.json written")
 

@@ -14,21 +14,16 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from causal_openlock.contract.checks import failures_of
 from causal_openlock.contract.registry import changed_parameters
+from causal_openlock.design.apart import simulated
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.declare import Experiment, LearnerSpec
 from causal_openlock.experiment.making import learner, make_experiment
-from causal_openlock.fitting.plan import (
-    FitSettings,
-    Plan,
-    bundled_plan,
-)
+from causal_openlock.fitting.plan import FitSettings, Plan, bundled_plan
 from causal_openlock.fitting.search import at_bound
 from causal_openlock.fitting.to_actions import fit_all
-from causal_openlock.running.worker import made
 from causal_openlock.scoring import LAPSE
-from causal_openlock.scoring.recorded import Recorded, recorded_subjects
+from causal_openlock.scoring.recorded import Recorded
 from causal_openlock.world.randomness import generators
 
 
@@ -96,13 +91,10 @@ def parameters_recovered(
         for number, chosen in enumerate(truth)
     ]
     conditions, seed = list(experiment.conditions), experiment.seed
-    simulated = make_experiment(conditions, makers, protocol=spec.protocol, seed=seed)
+    drawn = make_experiment(conditions, makers, protocol=spec.protocol, seed=seed)
     parts: dict[str, list[Recorded]] = defaultdict(list)
-    for cell in simulated.cells():
-        with failures_of(spec.name):
-            session, maker = made(cell)
-            played = session.play(maker)
-        parts[cell.spec.name] += recorded_subjects(played, simulated)
+    for cell in drawn.cells():
+        parts[cell.spec.name].append(simulated(cell, drawn))
     how = FitSettings(lapse=lapse, hold_out="none", candidates=candidates, seed=seed)
     fits = fit_all(parts, replace(space, fit=how), folder, workers=workers, report=report)
     return pd.DataFrame(
