@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.statistics import too_few
@@ -136,8 +137,9 @@ def _show_fits(table: pd.DataFrame, names: Sequence[str], console: Terminal, dig
     """Print fits, with marks at parameters that are no estimates, and what the marks mean."""
     shown = table.drop(columns=["at_bound", "without_effect"])
     for name in names:
-        rows = zip(table[name], table["at_bound"], table["without_effect"], strict=True)
-        shown[name] = [f"{value:.4g}{_mark(name, *lists)}" for value, *lists in rows]
+        at, idle = (table[lists].str.contains(rf"\b{name}\b")
+                    for lists in ("at_bound", "without_effect"))  # fmt: skip
+        shown[name] = table[name].map("{:.4g}".format) + np.select([idle, at], [IDLE, BOUND], "")
     _show(shown, console, digits)
     if at_bound := [name for name in names if shown[name].str.endswith(BOUND).any()]:
         console.print_line(
@@ -148,11 +150,6 @@ def _show_fits(table: pd.DataFrame, names: Sequence[str], console: Terminal, dig
         console.print_line("No estimate is at a bound of what was searched.")
     if any(shown[name].str.endswith(IDLE).any() for name in names):
         console.print_line(f"{IDLE} makes no difference here: any other value would do as well.")
-
-
-def _mark(name: str, at_bound: str, idle: str) -> str:
-    """The mark at a parameter, from lists of those at a bound and of those without effect."""
-    return IDLE if name in idle.split() else BOUND if name in at_bound.split() else ""
 
 
 def _print_entry(entry: Mapping[str, Any], console: Terminal) -> None:
