@@ -191,11 +191,13 @@ class Results(Material):
     def score(self, learners: LearnerForm | Sequence[LearnerForm] = (), **options: Any) -> Scores:
         """Let learners predict every action of these subjects: who predicts best?
 
-        Arguments, errors and an example: :func:`~causal_openlock.fitting.predicting.score`.
+        Arguments, errors and an example: :func:`~causal_openlock.fitting.predicting.score_folder`.
         """
-        from causal_openlock.fitting.predicting import score
+        from causal_openlock.fitting.predicting import score_folder
 
-        return score(self, learners, **options)
+        if len(self.folders) != 1:
+            raise StoreError("score the results of one folder at a time")
+        return score_folder(self.folders[0], learners, **options)
 
     @property
     def plot(self) -> Plots:

@@ -21,7 +21,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_origin, get_type_hints
+from typing import Any, Literal, get_origin, get_type_hints
 
 import pandas as pd
 
@@ -54,9 +54,6 @@ from causal_openlock.scoring.scores import Scores, choices_in
 from causal_openlock.scoring.teacher_forcing import known_learners, score_actions, scored_parts
 from causal_openlock.storage.store import Store
 from causal_openlock.wording import joined
-
-if TYPE_CHECKING:
-    from causal_openlock.comparison.results import Results
 
 
 @dataclass(frozen=True)
@@ -147,29 +144,37 @@ def _check_named(
         )
 
 
-def score(
-    results: Results,
-    /,
-    learners: LearnerForm | Sequence[LearnerForm] = (),
+def score_folder(
+    folder: Path,
+    learners: LearnerForm | Sequence[LearnerForm | LearnerSpec] = (),
     *,
     fits: Sequence[Path | str] = (),
     of: Sequence[str] | str = (),
     lapse: float = LAPSE,
+    draws: int | None = None,
     workers: int = 1,
+    report: Callable[[int, int], None] = lambda done, total: None,
 ) -> Scores:
     """Let learners predict every action of these subjects: who predicts best?
 
     Args:
-        results: The results of one folder; in ``results.score(...)`` it is given.
+        folder: The results folder; in ``results.score(...)`` it is given.
         learners: As in :func:`~causal_openlock.compare`.
-        fits: Folders of fits to actions; each predicts by its folder's name.
+        fits: Folders of fits to actions; each predicts by its folder's name, and only subjects that
+            were fitted in each of them are predicted.
         of: Labels of the learners whose subjects are predicted; by default all.
         lapse: The share of actions that are taken to be random.
+        draws: Most copies to ask of a learner that gives no probabilities; see
+            :func:`~causal_openlock.scoring.inverse_binomial.limit_of_draws`.
         workers: How many processes work; with one it is this process.
+        report: Called with how many parts of the work are done, of how many.
 
     Raises:
         LearnerError: If a learner cannot be put in another's place.
-        StoreError: If the results are from several folders, or cannot be played again.
+        StoreError: If the results are from several folders, or cannot be played again; or if a fit
+            is of other subjects, or of other actions of theirs.
+        OpenLockError: If nobody predicts, or fits cannot be compared: one held something out and
+            another nothing, they took another share of lapses, or have the same name.
 
     Example:
         >>> from causal_openlock import compare
@@ -177,52 +182,28 @@ def score(
         >>> results.score(["random", "oracle"]).ranking["scored"].tolist()
         ['oracle', 'random']
     """
-    if len(results.folders) != 1:
-        raise StoreError("score the results of one folder at a time")
     asked = listed(learners)
-    specs = make_experiment(["CC4"], asked).learners if asked else ()
-    fitted = [read_fit(Path(folder), [spec.learner for spec in specs]) for folder in fits]
-    return score_learners(results.folders[0], specs, fitted, of=of, lapse=lapse, workers=workers)
-
-
-def score_learners(
-    folder: Path,
-    learners: Sequence[LearnerSpec],
-    fits: Sequence[FitOfActions] = (),
-    *,
-    of: Sequence[str] | str = (),
-    lapse: float = LAPSE,
-    draws: int | None = None,
-    workers: int = 1,
-    report: Callable[[int, int], None] = lambda done, total: None,
-) -> Scores:
-    """Score learners, and those that were fitted, on the subjects in a results folder.
-
-    Only subjects that were fitted in all of the fits are scored. The other arguments and errors are
-    those of :func:`~causal_openlock.scoring.teacher_forcing.score_actions`.
-
-    Raises:
-        StoreError: If a fit is of other subjects, or of other actions of theirs.
-        OpenLockError: If fits cannot be compared: one held something out and another nothing, they
-            took another share of lapses, or have the same name.
-    """
-    if not (fits or learners):
+    if not (asked or fits):
         raise OpenLockError("name who predicts: learners (--learner, --from), or fits (--fits)")
+    specs = make_experiment(["CC4"], asked).learners if asked else ()
+    fitted = [read_fit(Path(path), [spec.learner for spec in specs]) for path in fits]
     record, experiment = Store(folder).record()
     of = [spec.name for spec in known_learners(of, experiment.learners)]
-    tables = []
-    if learners:
-        how: dict[str, Any] = {"of": of, "draws": draws, "workers": workers, "report": report}
-        tables = [score_actions(record, experiment, learners, lapse, **how)]
-    if fits:
+    tables, shared = [], dict[str, Recorded]()
+    if fitted:
         subjects = alone(recorded_subjects(record, experiment, of))
-        _check(fits, [spec.name for spec in learners], subjects_of([*subjects.values()]), lapse)
-        shared = {who: own for who, own in subjects.items() if all(who in f.subjects for f in fits)}
+        _check(fitted, [spec.name for spec in specs], subjects_of([*subjects.values()]), lapse)
+        shared = {
+            who: own for who, own in subjects.items() if all(who in fit.subjects for fit in fitted)
+        }
         if not shared:
-            labels = joined([fit.label for fit in fits])
+            labels = joined([fit.label for fit in fitted])
             raise StoreError(f"no subject was fitted in each of {labels}; fit to the same subjects")
-        predicted = [_predicted(fit, shared, draws, workers) for fit in fits]
-        tables = [*predicted, *(table[subject_names(table).isin(shared)] for table in tables)]
+        tables = [_predicted(fit, shared, draws, workers) for fit in fitted]
+    if specs:
+        how: dict[str, Any] = {"of": of, "draws": draws, "workers": workers, "report": report}
+        table = score_actions(record, experiment, specs, lapse, **how)
+        tables.append(table[subject_names(table).isin(shared)] if fitted else table)
     actions = pd.concat(tables, ignore_index=True)
     digest = record_digest(record, experiment, set(actions["learner"]))
     return Scores(actions, choices_in(experiment), digest)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -57,8 +58,8 @@ def score(
     from causal_openlock.analysis.table import p_value
     from causal_openlock.comparison.console import Terminal
     from causal_openlock.comparison.progress_bar import counting, shown_steps
-    from causal_openlock.experiment.making import find_experiment, make_experiment, read_experiment
-    from causal_openlock.fitting.predicting import read_fit, score_learners
+    from causal_openlock.experiment.making import find_experiment, read_experiment
+    from causal_openlock.fitting.predicting import score_folder
     from causal_openlock.running.workers import available_cores
     from causal_openlock.scoring.scores import FOLDER, Scores
     from causal_openlock.scoring.scores_section import FORMATS, HEADS, ranked
@@ -66,18 +67,16 @@ def score(
     from causal_openlock.wording import counted, joined
 
     console = Terminal()
+    predicting: Sequence[Any] = learner or ()
     if experiment:
         asked = read_experiment(find_experiment(experiment), tell=console.print_line).learners
-        predicting = known_learners(learner, asked) if learner else list(asked)
-    else:
-        predicting = list(make_experiment(["CC4"], learner).learners) if learner else []
-    fitted = [read_fit(one, [spec.learner for spec in predicting]) for one in fits or ()]
+        predicting = known_learners(learner, asked) if learner else asked
     with shown_steps("score") as begin:
         begin("no part is scored yet")
-        scores = score_learners(
+        scores = score_folder(
             folder,
             predicting,
-            fitted,
+            fits=fits or (),
             of=of or (),
             lapse=lapse,
             draws=draws,
@@ -100,10 +99,12 @@ def score(
     )
     if few := too_few(number):
         console.warn(few)
-    for fit in fitted:
-        by = "what it was fitted to; parameters have a price only in “followed by”"
-        by = "each action by what was fitted without it" if fit.holds_out else by
-        console.print_line(f"{fit.label} predicts {by}")
+    priced = scores.actions.groupby("scored", observed=True)["price"].any()
+    for label in [fit.resolve().name for fit in fits or ()]:
+        by = "each action by what was fitted without it"
+        if priced[label]:
+            by = "what it was fitted to; parameters have a price only in “followed by”"
+        console.print_line(f"{label} predicts {by}")
     drawn = subjects[subjects["standard_error"] > 0]
     for name, own in drawn.groupby("scored", observed=True):
         how = "estimates its probabilities from draws"

@@ -29,7 +29,7 @@ from causal_openlock.experiment.making import make_experiment, read_experiment
 from causal_openlock.export.as_csv import write_csv
 from causal_openlock.files.checksums import ZEROS
 from causal_openlock.fitting.plan import Range, make_plan, read_plan
-from causal_openlock.fitting.predicting import read_fit, score_learners
+from causal_openlock.fitting.predicting import read_fit, score_folder
 from causal_openlock.fitting.to_actions import FILE as FITS
 from causal_openlock.fitting.to_actions import fit_all, groups_of
 from causal_openlock.importing.folder import import_files
@@ -90,7 +90,7 @@ def readers(work):
     cell, playing = (next((work / one / "cells").iterdir()) for one in ("out", "playing"))
     playing.unlink()
     playing.with_suffix(".progress").write_text("0.2500 12.5")
-    score_learners(work / "out", made.learners).save(work / "out" / FOLDER)
+    score_folder(work / "out", made.learners).save(work / "out" / FOLDER)
     space = make_plan("associative", {"temperature": Range(0.02, 2.0, log=True)})
     plan = with_settings(space, candidates=2)
     groups = groups_of(recorded_subjects(*Store(work / "out").record()), plan)

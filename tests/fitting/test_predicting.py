@@ -11,7 +11,7 @@ from causal_openlock.experiment.making import make_experiment
 from causal_openlock.files.checksums import json_bytes
 from causal_openlock.fitting.hierarchical import fit_group
 from causal_openlock.fitting.plan import Range, make_plan
-from causal_openlock.fitting.predicting import read_fit, score_learners
+from causal_openlock.fitting.predicting import read_fit, score_folder
 from causal_openlock.fitting.to_actions import FILE, WHOLE, fit_all, groups_of
 from causal_openlock.running.runner import run
 from causal_openlock.scoring.recorded import recorded_subjects
@@ -43,12 +43,12 @@ def folder(tmp_path_factory):
 
 
 def scored(folder, *fits):
-    return score_learners(folder, (), fits)
+    return score_folder(folder, fits=fits)
 
 
 def test_a_fit_predicts_as_it_did_and_its_parameters_have_a_price(folder):
     whole, each, group = (read_fit(folder / way) for way in ("all", "each", "group"))
-    found = scored(folder, whole, each, group)
+    found = scored(folder, *(folder / way for way in ("all", "each", "group")))
     table = found.subjects.groupby("scored").agg({"nll": list, "bic": list})
     ((_, fitted),) = whole.fits.items()
     assert sum(table.loc["all", "nll"]) == pytest.approx(fitted.nll)
@@ -64,7 +64,7 @@ def test_a_fit_predicts_as_it_did_and_its_parameters_have_a_price(folder):
 @pytest.mark.parametrize("way", ["all_held", "each_held"])
 def test_actions_that_were_held_out_are_predicted_by_the_fit_to_the_rest(folder, way):
     fit = read_fit(folder / way)
-    found = scored(folder, fit)
+    found = scored(folder, folder / way)
     apart = sum(one.held_out for (_, fold), one in fit.fits.items() if fold != WHOLE)
     assert found.subjects["nll"].sum() == pytest.approx(apart)
     assert (found.subjects["bic"] == 2 * found.subjects["nll"]).all()
@@ -111,16 +111,16 @@ def test_a_fit_that_cannot_be_read_is_refused(folder, changed):
 
 
 def test_fits_that_do_not_compare_are_named(folder, changed):
-    whole = read_fit(folder / "all")
+    whole = folder / "all"
     names = json.loads((folder / "all" / FILE).read_text())["plan"]["subjects"]
     others = changed("others", subjects=dict.fromkeys(names, "0"))
     nobody = changed("nobody", subjects={"somebody else": "0"})
     for fits, named in (
-        ([read_fit(changed("lapsing", lapse=0.1))], r"--lapse 0\.1"),
-        ([whole, read_fit(folder / "all_held")], "held something out"),
+        ([changed("lapsing", lapse=0.1)], r"--lapse 0\.1"),
+        ([whole, folder / "all_held"], "held something out"),
         ([whole, whole], "all"),
-        ([read_fit(others)], "others"),
-        ([whole, read_fit(nobody)], "all and nobody"),
+        ([others], "others"),
+        ([whole, nobody], "all and nobody"),
     ):
         with pytest.raises(OpenLockError, match=named):
             scored(folder, *fits)
@@ -130,8 +130,8 @@ def test_a_fit_of_the_release_before_is_read(folder, changed):
     (fit, *_) = json.loads((folder / "all" / FILE).read_text())["done"]
     old = {name: value for name, value in fit.items() if name not in ("idle", "at_bound")}
     more = {"draws": {"most": 1500}, "restarts": 2, "moves": 60, "version": "0.2.0+1"}
-    found = read_fit(changed("old", done=[old], **more))
-    assert scored(folder, found).subjects["nll"].sum() == pytest.approx(fit["nll"])
+    found = scored(folder, changed("old", done=[old], **more))
+    assert found.subjects["nll"].sum() == pytest.approx(fit["nll"])
 
 
 def test_a_fit_runs_no_code_and_opens_no_file_unasked(tmp_path, changed):
