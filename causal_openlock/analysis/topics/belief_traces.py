@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
+from causal_openlock.analysis.plots.belief import THRESHOLD, plot_trace
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.traces import believers, replayed
 from causal_openlock.analysis.table import Table
-from causal_openlock.analysis.topic import Section, SectionPlot, Topic, drawn, sentences
+from causal_openlock.analysis.topic import Section, Topic, drawn, sentences
 from causal_openlock.errors import OpenLockError
 from causal_openlock.wording import counted, file_names, joined
 
@@ -56,9 +57,20 @@ def section(material: Material) -> Section | None:
             if trace.known_from and trace.found < len(trace.truth.solutions)
         )
     )
-    plots = [
-        _plot(f"belief_{part}", name, traces[name]) for name, part in file_names(traces).items()
-    ]
+    caption = (
+        "What one subject did, attempt by attempt; the bits missing to certainty about the room; "
+        "the information expected of each action by itself and the information that it gave, which "
+        "agree on average over rooms as probable as the subject believes; and the marginal "
+        f"probability of each arrow that was ever more probable than {THRESHOLD:.0%}, true arrows "
+        "above the line. Below, the structure that is most probable in the end next to the true "
+        "one, levers called by their positions. What a learner forgets after an attempt counts "
+        "against its last action."
+    )
+    plots = []
+    for name, part in file_names(traces).items():
+        call = f"results.plot.beliefs({traces[name].subject}, learner={name!r})"
+        title = f"What {name} believed"
+        plots.append(drawn(f"belief_{part}", plot_trace, traces[name], title, caption, call))
     paragraphs = tuple(filter(None, text))
     return Section("beliefs", "Beliefs", paragraphs, (_information(traces),), tuple(plots), answer)
 
@@ -94,22 +106,6 @@ def _information(traces: Mapping[str, Trace]) -> Table:
     )
     title = "Information gained per action"
     return Table("belief_information", title, frame.reset_index(), {"obtained": "+.2f"}, caption)
-
-
-def _plot(file: str, learner: str, trace: Trace) -> SectionPlot:
-    from causal_openlock.analysis.plots.belief import THRESHOLD, plot_trace
-
-    caption = (
-        "What one subject did, attempt by attempt; the bits missing to certainty about the room; "
-        "the information expected of each action by itself and the information that it gave, which "
-        "agree on average over rooms as probable as the subject believes; and the marginal "
-        f"probability of each arrow that was ever more probable than {THRESHOLD:.0%}, true arrows "
-        "above the line. Below, the structure that is most probable in the end next to the true "
-        "one, levers called by their positions. What a learner forgets after an attempt counts "
-        "against its last action."
-    )
-    call = f"results.plot.beliefs({trace.subject}, learner={learner!r})"
-    return drawn(file, plot_trace, trace, f"What {learner} believed", caption, call)
 
 
 TOPIC = Topic("belief_traces", 140, section)

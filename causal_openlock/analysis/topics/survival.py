@@ -86,11 +86,11 @@ def plot_survival(
     with panels(ax, len(shown), in_rows(len(shown), 3, 2.2)) as at:
         for axes, condition in zip(at.axes, shown, strict=True):
             here = table[table["condition"] == condition]
-            for name in names:
+            for name, look in looks.items():
                 own = here[here["learner"] == name]
                 if own.empty:
                     continue
-                x, look = own["attempts"], looks[name]
+                x = own["attempts"]
                 axes.step(x, own["unsolved"], where="post", label=name, **look)
                 if len(names) <= style.MOST_BANDS:
                     ends, colour = (own["ci_low"], own["ci_high"]), look["color"]
@@ -100,8 +100,7 @@ def plot_survival(
             axes.xaxis.set_major_locator(MaxNLocator(6, integer=True, steps=[1, 2, 5, 10]))
             axes.yaxis.set_major_formatter(PercentFormatter(1.0))
         at.label_y("Trials not solved yet")
-        keys = [Line2D([], [], label=style.label(name, 24), **looks[name])
-                for name in names]  # fmt: skip
+        keys = [Line2D([], [], label=style.label(name, 24), **look) for name, look in looks.items()]
         at.legend(keys, columns=min(len(names), 4))
     return at.returned
 
