@@ -160,34 +160,29 @@ def best_learner(held: Outcomes, informed: set[str]) -> str | None:
 def _ends(results: Material, protocol: str, limit: int) -> dict[str, tuple[float, float]]:
     """Attempts of random actions and of the ideal observer where each condition is judged."""
     protocols = {one.name: one for one in results.experiment.protocols}
-    found = {}
-    for condition in results.experiment.conditions:
+    ends = {}
+    for condition in results.experiment.conditions if limit <= MOST_ATTEMPTS else ():
         phase = "test" if condition.test else "train"
         bound = results.bounds.get((condition.name, protocol, phase))
         schemas = {one.name: one for one in condition.schemas}
-        if bound is None or bound.schema not in schemas or limit > MOST_ATTEMPTS:
+        if bound is None or bound.schema not in schemas:
             continue
         actions = protocols[protocol].actions_for(schemas[bound.schema])
         positions = max(map(positions_for, condition.schemas))
         random = attempts_at_random(schemas[bound.schema], actions, positions, limit)
         if random > bound.attempts:
-            found[condition.name] = (random, bound.attempts)
-    return found
+            ends[condition.name] = (random, bound.attempts)
+    return ends
 
 
 def _published(one: Beside, headline: pd.DataFrame, learner: str | None = None) -> dict[str, Group]:
     """A reference by condition, where it is comparable with this learner, or with any."""
-    if one.reference.points.empty:
-        return {}
-    rows = headline[headline[f"{one.reference.prefix}_attempts"].notna()]
+    means, errors = (f"{one.reference.prefix}_{of}" for of in ("attempts", "se"))
+    rows = headline[headline[means].notna()]
     rows = rows if learner is None else rows[rows["learner"] == learner]
     sizes = one.reference.points.groupby("condition")["subjects"].min()
-    found = {}
-    for row in rows.to_dict("records"):
-        n = int(sizes[row["condition"]])
-        mean, se = (float(row[f"{one.reference.prefix}_{of}"]) for of in ("attempts", "se"))
-        found[str(row["condition"])] = Group.published(mean, se, n)
-    return found
+    known = zip(rows["condition"].astype(str), rows[means], rows[errors], strict=True)
+    return {name: Group.published(mean, se, int(sizes[name])) for name, mean, se in known}
 
 
 def _groups(own: Mapping[str, pd.DataFrame]) -> dict[str, Group]:
