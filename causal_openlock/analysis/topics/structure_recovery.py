@@ -86,9 +86,10 @@ def structure_recovery(results: Material, subjects: int | None = None) -> pd.Dat
             continue
         for condition in results.experiment.conditions:
             own = _own(results, spec, condition, subjects)
-            for first in range(0, own["subject"].nunique(), AT_ONCE):
-                numbers = own["subject"].unique()[first : first + AT_ONCE]
-                rows += _again(own[own["subject"].isin(numbers)], spec, condition)
+            numbers = own["subject"].unique()
+            for first in range(0, len(numbers), AT_ONCE):
+                some = own["subject"].isin(numbers[first : first + AT_ONCE])
+                rows += _again(own[some], spec, condition)
     table = pd.DataFrame(rows, columns=COLUMNS)
     return table.sort_values(list(COLUMNS[:5]), kind="stable", ignore_index=True)
 
@@ -161,24 +162,22 @@ def _again(own: pd.DataFrame, spec: LearnerSpec, condition: Condition) -> Iterat
 def _answered(results: Material, pairs: pd.DataFrame) -> list[dict[str, Any]]:
     """A person's answer on a room, compared with the room; nothing if it is not on record."""
     about = pairs[["learner", "condition", "subject", "visit"]].iloc[0].to_dict()
-    learner, condition, _, visit = about.values()
+    condition = next(o for o in results.experiment.conditions if o.name == about["condition"])
+    protocol = next(o.protocol for o in results.experiment.learners if o.name == about["learner"])
     trials = results.trials.astype({"learner": str, "condition": str})
     own = trials.merge(pairs[["learner", "condition", "subject"]].head(1)).sort_values(VISIT)
-    (declared,) = (o for o in results.experiment.conditions if o.name == condition)
-    protocol = next(o.protocol for o in results.experiment.learners if o.name == learner)
-    trial = visit - shown_trials(declared, protocol)
+    trial = about["visit"] - shown_trials(condition, protocol)
     if not 1 <= trial <= len(own):
         return []
     row = own.iloc[trial - 1]
-    schema = next(one for one in declared.schemas if one.name == row["schema"])
-    positions = max(map(positions_for, declared.schemas))
-    layout = Layout.of(schema, row["layout"], positions)
+    schema = next(one for one in condition.schemas if one.name == row["schema"])
+    positions = max(map(positions_for, condition.schemas))
     edges = np.zeros((positions, positions + 1))
     inside = pairs[(pairs["cause"] < positions) & (pairs["effect"] <= positions)]
     edges[inside["cause"], inside["effect"]] = inside["enables"]
     believed = Structure(edges, np.full(positions + 1, np.nan))
-    about |= {"protocol": row["protocol"], "schema": schema.name}
-    return [about | structure_distance(believed, schema, layout)]
+    errors = structure_distance(believed, schema, Layout.of(schema, row["layout"], positions))
+    return [{**about, "protocol": row["protocol"], "schema": schema.name, **errors}]
 
 
 def plot_structure_recovery(
@@ -217,9 +216,8 @@ def plot_structure_recovery(
     with panels(ax, len(shown), in_rows(len(shown), 3, 2.0)) as at:
         for axes, condition in zip(at.axes, shown, strict=True):
             here = table[table["condition"] == condition]
-            for name in names:
+            for name, look in looks.items():
                 own = here[here["learner"] == name]
-                look = looks[name]
                 axes.plot(own["visit"], own["shd"], marker="o", ms=3, label=name, **look)
                 if len(names) <= style.MOST_BANDS:
                     ends = own["ci_low"], own["ci_high"]
@@ -276,11 +274,9 @@ def _first_and_last(table: pd.DataFrame) -> pd.DataFrame:
     by = ["learner", "condition", "protocol"]
     grouped = table.groupby(by, observed=True, sort=False)
     first, last = grouped.head(1).set_index(by), grouped.tail(1).set_index(by)
-    names = {
-        **{"subjects": "subjects", "visit": "rooms", "first": "first room", "shd": "last room"},
-        **{"ci_low": "low", "ci_high": "high", "f1": "F1", "brier": "Brier"},
-    }
-    rows = last.assign(first=first["shd"])[[*names]].rename(columns=names).reset_index()
+    names = {"visit": "rooms", "first": "first room", "shd": "last room"}
+    names |= {"ci_low": "low", "ci_high": "high", "f1": "F1", "brier": "Brier"}
+    rows = last.assign(first=first["shd"])[["subjects", *names]].rename(columns=names).reset_index()
     return rows.drop(columns="protocol") if rows["protocol"].nunique() == 1 else rows
 
 
