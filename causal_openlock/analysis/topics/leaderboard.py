@@ -212,6 +212,7 @@ def leaderboard_tables(
     for protocol, rows in ranked.groupby("protocol", sort=False):
         # References come first, people before all others; the rest stay in their order.
         asked = sorted(records(rows), key=lambda row: (not row["reference"], not row["informed"]))
+        references = [row["learner"] for row in asked if row["reference"]]
         played = rows[rows["conditions"] > 0]
         uneven = played["over"].nunique() > 1
         columns = {
@@ -219,7 +220,7 @@ def leaderboard_tables(
             "conditions" if played["conditions"].nunique() > 1 else "over": "Conditions",
             "before": "Training before",
             "attempts": "Attempts",
-            **{column: f"More than {name}" for column, name in _gaps(rows).items()},
+            **{gap_column(name): f"More than {name}" for name in references},
             "to_best": f"More than {rows['best'].iloc[0]}",
             "score": "Score",
             "solved": "Solved",
@@ -228,7 +229,8 @@ def leaderboard_tables(
         }
         empty = {column for column in columns if rows[column].isna().all()}
         empty |= set() if uneven else {"over"}
-        empty |= set() if any(row["before"] != 0 for row in _learners(rows)) else {"before"}
+        trained = any(row["before"] != 0 for row in asked if not row["reference"])
+        empty |= set() if trained else {"before"}
         columns = {column: head for column, head in columns.items() if column not in empty}
         texts = [
             [
@@ -340,7 +342,7 @@ def answers(ranked: pd.DataFrame, pairs: pd.DataFrame) -> dict[str, tuple[str, .
 
 
 def _answer(rows: pd.DataFrame, pairs: pd.DataFrame) -> Iterator[str]:
-    own = _learners(rows)
+    own = [row for row in records(rows) if not row["reference"]]
     best = next((row for row in own if row["learner"] == row["best"]), None)
     if best is None:
         yield "No learner solved a trial that counts."
@@ -364,7 +366,7 @@ def _answer(rows: pd.DataFrame, pairs: pd.DataFrame) -> Iterator[str]:
         yield f"{among}{name} needs the fewest attempts, {_mean(best)} on average{over}{after}."
     else:
         yield f"{name} needs {_mean(best)} attempts on average{over}{after}."
-    yield from (_difference(rows, best, column) for column in _gaps(rows))
+    yield from (_difference(best, row, own) for row in records(rows) if row["reference"])
     p = {
         row.other if row.learner == name else row.learner: row.p_corrected
         for row in pairs.itertuples()
@@ -379,17 +381,18 @@ def _answer(rows: pd.DataFrame, pairs: pd.DataFrame) -> Iterator[str]:
         yield f"Every other one that is ranked needs significantly more ({rule.format('<')})."
 
 
-def _difference(rows: pd.DataFrame, best: Mapping[str, Any], column: str) -> str:
-    """How far the best learner is from a reference, and whether that is significant."""
-    reference = next(row for row in records(rows) if gap_column(row["learner"]) == column)
-    name, gap = reference["learner"], best[column]
+def _difference(
+    best: Mapping[str, Any], reference: Mapping[str, Any], learners: Sequence[Mapping[str, Any]]
+) -> str:
+    """How far the best of the learners is from a reference, and whether that is significant."""
+    name, column = reference["learner"], gap_column(reference["learner"])
+    gap = best[column]
     if gap is None:
         none = set(reference["over"]).isdisjoint(best["over"])
         known = "none of these conditions is" if none else "not all of these conditions are"
         return f"Not compared with {name}, of whom {known} known."
-    learners = rows[~rows["reference"].astype(bool)]
-    ps = learners[f"{column}_p"].to_numpy(float)
-    p = float(holm(ps)[learners["learner"] == best["learner"]][0])
+    ps = np.array([row[f"{column}_p"] for row in learners], float)
+    p = float(holm(ps)[learners.index(best)])
     mean = ("" if reference["solved"] == 1 else "≥ ") + number(best["attempts"] - gap)
     found = f"It needs {abs(gap):.2f} {'fewer' if gap < 0 else 'more'} than {name} ({mean})"
     if np.isnan(p):
@@ -414,14 +417,3 @@ def _after(row: Mapping[str, Any]) -> str:
         return ", after training of unknown length"
     trained = f"{row['before']:,.0f} attempts of training"
     return f", after {trained} (one network: intervals are over rooms)"
-
-
-def _learners(rows: pd.DataFrame) -> list[dict[str, Any]]:
-    """The rows of learners, with None for what does not exist."""
-    return [row for row in records(rows) if not row["reference"]]
-
-
-def _gaps(rows: pd.DataFrame) -> dict[str, str]:
-    """The reference of each column of differences."""
-    names = rows.loc[rows["reference"].astype(bool), "learner"]
-    return {gap_column(name): name for name in names}

@@ -88,8 +88,6 @@ def plot_survival(
             here = table[table["condition"] == condition]
             for name, look in looks.items():
                 own = here[here["learner"] == name]
-                if own.empty:
-                    continue
                 x = own["attempts"]
                 axes.step(x, own["unsolved"], where="post", label=name, **look)
                 if len(names) <= style.MOST_BANDS:
