@@ -215,9 +215,7 @@ def shown(table: pd.DataFrame) -> pd.DataFrame:
 
 def _trained(attempts: float) -> str:
     """Attempts of training before the experiment; NaN where nobody knows."""
-    if np.isnan(attempts):
-        return "unknown"
-    return f"{attempts:,.0f}" if attempts else "none"
+    return "unknown" if np.isnan(attempts) else _printed(attempts) if attempts else "none"
 
 
 def _printed(attempts: float) -> str:
