@@ -36,7 +36,6 @@ class OpenedRoom(ExitStack):
         self.url, self.folder = server.url, people.store.folder
         self._thread = threading.Thread(target=server.serve_forever, daemon=True)
         self._thread.start()
-        atexit.register(self.close)
         # Called when it is closed, from the last to the first.
         if temporary is not None:
             self.callback(temporary.cleanup)

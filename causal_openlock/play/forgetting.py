@@ -47,25 +47,21 @@ def forget_person(
     """
     store = Store(folder)
     experiment = store.experiment()
-    names = [one.name for one in experiment.conditions]
+    conditions = {one.name: one for one in experiment.conditions}
     if any(spec.learner != PERSON for spec in experiment.learners):
         raise StoreError(f"{folder} is of learners; what people did is in a folder of play")
-    if condition is None and len(names) > 1:
-        raise StoreError(f"say which condition, with --condition: {', '.join(names)}")
-    condition = condition or names[0]
-    if condition not in names:
-        raise StoreError(f"{folder} has no condition {condition!r}; give {' or '.join(names)}")
+    if condition is None and len(conditions) > 1:
+        raise StoreError(f"say which condition, with --condition: {', '.join(conditions)}")
+    condition = condition or next(iter(conditions))
+    if condition not in conditions:
+        raise StoreError(f"{folder} has no condition {condition!r}; give {' or '.join(conditions)}")
     there = sorted(store.folder.iterdir())
     left = [path.name for path in there if not any(map(path.match, OWN))]
     with locked(store.folder):
         files = _files_of(store, experiment, condition, subject)
-        lines = read_log(store.folder / LOG)
-        numbers = [
-            line.join
-            for line in lines
-            if isinstance(line, Joined)
-            and dealt(experiment, line.join) == (names.index(condition), subject)
-        ]
+        lines, place = read_log(store.folder / LOG), ([*conditions].index(condition), subject)
+        joined = [line.join for line in lines if isinstance(line, Joined)]
+        numbers = [number for number in joined if dealt(experiment, number) == place]
         if not files and not numbers:
             raise StoreError(f"{folder} has no person {subject} in {condition}")
         paths = [store.folder / data / file for data in DATA for file in files]
@@ -73,14 +69,11 @@ def forget_person(
         for path in deleted:
             path.unlink()
         # What they are found by comes last, for a command that was killed and is given again.
-        conditions = tuple(
-            replace(one, rooms={n: rooms for n, rooms in one.rooms.items() if n != subject})
-            if one.name == condition
-            else one
-            for one in experiment.conditions
-        )
+        played = conditions[condition]
+        rooms = {number: own for number, own in played.rooms.items() if number != subject}
+        conditions[condition] = replace(played, rooms=rooms)
         listed = [file for file in experiment.files if file not in files]
-        store.declare(replace(experiment, conditions=conditions), listed)
+        store.declare(replace(experiment, conditions=(*conditions.values(),)), listed)
         for number in numbers:
             identifiers = read_identifiers(store.folder)
             if identifiers.pop(number, None):
