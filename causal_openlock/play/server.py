@@ -26,8 +26,6 @@ from __future__ import annotations
 
 import mimetypes
 import socket
-import sys
-import threading
 from collections.abc import Callable
 from typing import Annotated, Any, TypeVar
 from urllib.parse import urlsplit
@@ -53,17 +51,15 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
-from causal_openlock.files.escaping import printable
 from causal_openlock.files.validation import StrictModel, adapter
 from causal_openlock.play import pages
 from causal_openlock.play.game import PRACTICE, Answer, Refused
+from causal_openlock.play.keeping import kept, warn
 from causal_openlock.play.log import Move
 from causal_openlock.play.people import People
 from causal_openlock.world.room import positions_for
 
 MOST_BYTES = 4096  # in the body of a request; three long identifiers have room
-KEEP_EVERY = 10.0  # seconds between two writings of the record; the log has every click at once
-KEEP_PAUSE = 0.05  # seconds between the records of two people, in which clicks are answered
 HEADERS = {
     "Content-Security-Policy": (
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
@@ -109,7 +105,6 @@ class PlayServer:
         self._socket = _listening(host, port)
         self.host, self.port = host, int(self._socket.getsockname()[1])
         self.loopback = host in LOOPBACK
-        self._stopped = threading.Event()
         self._server = uvicorn.Server(
             uvicorn.Config(
                 self._application(),
@@ -132,39 +127,12 @@ class PlayServer:
 
     def serve_forever(self) -> None:
         """Serve until :meth:`shutdown`, SIGINT or SIGTERM; then people can be closed."""
-        keeper = threading.Thread(target=self._keep, name="keeper", daemon=True)
-        keeper.start()
-        try:
+        with self._socket, kept(self.people, self._changed):
             self._server.run(sockets=[self._socket])
-        finally:
-            self._stopped.set()
-            self._socket.close()
-            keeper.join()
 
     def shutdown(self) -> None:
         """Make :meth:`serve_forever` return soon; for another thread."""
         self._server.should_exit = True
-
-    def _keep(self) -> None:
-        waited = KEEP_EVERY  # written at once: a server that was killed may have left something
-        before = self.people.number, self.people.finished
-        while not self._stopped.wait(1.0):
-            waited += 1.0
-            now = self.people.number, self.people.finished
-            if now != before:
-                self._changed()
-            before = now
-            try:
-                self.people.sync()
-                if waited >= KEEP_EVERY:
-                    self.people.keep(KEEP_PAUSE)
-                    waited = 0.0
-            except (OpenLockError, OSError) as error:
-                _warn(error)
-            except RuntimeError:  # Python ends: closing people writes what is left
-                if threading.main_thread().is_alive():
-                    raise
-                return
 
     # -- what is answered -----------------------------------------------------------------------
 
@@ -222,13 +190,13 @@ class PlayServer:
             return JSONResponse({"error": "there is nothing at this address"}, error.status_code)
         if isinstance(error, Refused):
             if error.advice:
-                _warn(error.advice)
+                warn(error.advice)
             said: Answer = {"title": error.title, "error": str(error)}
             if error.now:
                 said["now"] = self._told(_session(request), error.now)
             return JSONResponse(said, error.status)
         if isinstance(error, StoreError):
-            _warn(error)  # the page need not know paths of this machine
+            warn(error)  # the page need not know paths of this machine
             return JSONResponse({"error": "this cannot be saved now"}, 503)
         return JSONResponse({"error": "invalid request"}, 400)
 
@@ -241,10 +209,6 @@ def _listening(host: str, port: int) -> socket.socket:
             f"cannot listen on {host}, port {port} ({error.strerror or error}); choose another "
             "with --host or --port"
         ) from None
-
-
-def _warn(error: Exception | str) -> None:
-    print(f"warning: {printable(error)}", file=sys.stderr)
 
 
 # -- requests -------------------------------------------------------------------------------------

@@ -1,0 +1,59 @@
+"""While people play, a thread flushes their log to the disk and writes their record.
+
+Whatever serves :class:`~causal_openlock.play.people.People`, such as the web server
+(:mod:`~causal_openlock.play.server`), serves them in a block of :func:`kept`.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from causal_openlock.errors import OpenLockError
+from causal_openlock.files.escaping import printable
+from causal_openlock.play.people import People
+
+KEEP_EVERY = 10.0  # seconds between two writings of the record; the log has every click at once
+KEEP_PAUSE = 0.05  # seconds between the records of two people, in which clicks are answered
+
+
+@contextmanager
+def kept(people: People, changed: Callable[[], None]) -> Iterator[None]:
+    """A block in which people can play; ``changed`` is called soon after one joins or finishes."""
+    stopped = threading.Event()
+    keeper = threading.Thread(target=_keep, args=(people, changed, stopped), daemon=True)
+    keeper.start()
+    try:
+        yield
+    finally:
+        stopped.set()
+        keeper.join()
+
+
+def warn(error: Exception | str) -> None:
+    """Tell the researcher."""
+    print(f"warning: {printable(error)}", file=sys.stderr)
+
+
+def _keep(people: People, changed: Callable[[], None], stopped: threading.Event) -> None:
+    waited = KEEP_EVERY  # written at once: a server that was killed may have left something
+    before = people.number, people.finished
+    while not stopped.wait(1.0):
+        waited += 1.0
+        now = people.number, people.finished
+        if now != before:
+            changed()
+        before = now
+        try:
+            people.sync()
+            if waited >= KEEP_EVERY:
+                people.keep(KEEP_PAUSE)
+                waited = 0.0
+        except (OpenLockError, OSError) as error:
+            warn(error)
+        except RuntimeError:  # Python ends: closing people writes what is left
+            if threading.main_thread().is_alive():
+                raise
+            return
