@@ -256,21 +256,17 @@ def beside_null_models(
     rows = []
     for name, (points, training, numbers) in models.items():
         test = points["phase"] == "test"
-        row: dict[str, object] = {"learner": name, "ceiling": noise_ceiling(points, numbers).both}
-        parts = (points, points[~test], points[test], training)
-        for part, title, own in zip(_PARTS, _MISFITS, parts, strict=True):
-            row[part] = distance(own)[0]
+        parts = {"rmse": points, "baselines": points[~test], "tests": points[test], "all": training}
+        row: dict[str, object] = {"learner": name}
+        for part, own in parts.items():
             # How many of the fitted numbers count in a part of the points is not known.
-            if not numbers or part in ("rmse", "all"):
-                row[title] = misfit(own, numbers if part == "rmse" else 0).in_words or None
+            known = name != PERFECT and (not numbers or part in ("rmse", "all"))
+            fit = misfit(own, numbers if part == "rmse" else 0).in_words if known else ""
+            row |= {part: distance(own)[0], f"misfit_{part}": fit or None}
+        row["ceiling"] = None if name == PERFECT else noise_ceiling(points, numbers).both
         if name in drawn and name != nearest:
             pair = (points, like.points[nearest]), (drawn[name], drawn[nearest])
             row |= rmse_difference(*pair, rng)._asdict()
-        rows.append(row if name != PERFECT else {**row, **dict.fromkeys([*_MISFITS, "ceiling"])})
-    columns = [name for both in zip(_PARTS, _MISFITS, strict=True) for name in both]
-    table = pd.DataFrame(rows, columns=["learner", *columns, "ceiling", *Difference._fields])
+        rows.append(row)
+    table = pd.DataFrame(rows).rename(columns={"misfit_rmse": "misfit"})
     return table.sort_values("rmse", kind="stable", ignore_index=True)
-
-
-_PARTS = ("rmse", "baselines", "tests", "all")
-_MISFITS = ("misfit", *(f"misfit_{part}" for part in _PARTS[1:]))

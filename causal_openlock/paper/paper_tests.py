@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cache
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -161,34 +162,20 @@ def paper_tests(trials: pd.DataFrame, learners: Sequence[str]) -> pd.DataFrame:
           NaN where a test is not defined.
     """
     means = by_subject(trials, ["phase", "trial"])
-    rows = [row for name in learners for row in _tests_of(means, name)]
+    whole: dict[tuple[str, ...], FloatArray] = {}
+    for group, own in means.groupby(["learner", "phase", "condition"], observed=True):
+        attempts, _ = at_places(own, ["trial"])
+        if len(complete := attempts[~np.isnan(attempts).any(axis=1)]):
+            whole[tuple(map(str, group))] = complete
+    rows = []
+    for learner, test in product(learners, TESTS):
+        keys = {name: (learner, test.phase, name) for name in test.conditions}
+        groups = {name: whole[key] for name, key in keys.items() if key in whole}
+        same_trials = len({attempts.shape[1] for attempts in groups.values()}) == 1
+        if groups.keys() == keys.keys() and same_trials:
+            rows.append(_row(learner, test, sum(map(len, groups.values())), test.run(groups)))
     people = printed_tests()
     return pd.concat([people, pd.DataFrame(rows)], ignore_index=True) if rows else people[:0]
-
-
-def _tests_of(means: pd.DataFrame, learner: str) -> list[dict[str, object]]:
-    mine = means[means["learner"] == learner]
-    played = {phase: _matrices(mine[mine["phase"] == phase]) for phase in ("train", "test")}
-    rows = []
-    for test in TESTS:
-        held = played[test.phase]
-        if not all(name in held for name in test.conditions):
-            continue
-        attempts = {name: held[name] for name in test.conditions}
-        if len({values.shape[1] for values in attempts.values()}) > 1:
-            continue  # groups that played different trials
-        subjects = sum(map(len, attempts.values()))
-        rows.append(_row(learner, test, subjects, test.run(attempts)))
-    return rows
-
-
-def _matrices(means: pd.DataFrame) -> dict[str, FloatArray]:
-    """``[n, T]`` attempts of the subjects of each condition that played all of its trials."""
-    held = {}
-    for name, rows in means.groupby("condition", observed=True, sort=False):
-        attempts, _ = at_places(rows, ["trial"])
-        held[str(name)] = attempts[~np.isnan(attempts).any(axis=1)]
-    return {name: whole for name, whole in held.items() if len(whole)}
 
 
 def _row(
@@ -217,8 +204,8 @@ def section(material: Material) -> Section | None:
     tests = paper_tests(played, material.learners)
     if tests.empty:
         return None
-    key = ["family", "test"]
-    rows = [(test, tests[(tests[key] == [test.family, test.name]).all(axis=1)]) for test in TESTS]
+    by_test = dict(iter(tests.groupby(["family", "test"], sort=False)))
+    rows = [(test, by_test[test.family, test.name]) for test in TESTS]
     asked = [(test, own) for test, own in rows if len(own) > 1]  # not of people alone
     frame = pd.DataFrame([finding(test, own.iloc[0], own.iloc[1:]) for test, own in asked])
     caption = (
