@@ -167,12 +167,9 @@ def section(material: Material) -> Section | None:
 
 def _wide(rows: pd.DataFrame, column: str) -> pd.DataFrame:
     """A column of shares for each block, or for each condition; learners of a measure together."""
-    names = [name for name in ROW if name != column]
-    order = pd.MultiIndex.from_frame(rows[names].drop_duplicates())
-    table = rows.set_index([*names, column])["share"].unstack()
-    return (
-        table.reindex(order, columns=rows[column].unique()).rename_axis(columns=None).reset_index()
-    )
+    index = [name for name in ROW if name != column]
+    table = rows.set_index([*index, column])["share"].unstack(sort=False)
+    return table.rename_axis(columns=None).reset_index()
 
 
 TOPIC = Topic("agreement", 110, section)

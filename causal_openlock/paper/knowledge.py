@@ -121,7 +121,7 @@ def peoples_rooms() -> pd.DataFrame:
     room of a transfer is its first) and, in three-lever rooms, ``first_solution_first_room`` and
     ``first_solution_last_room``.
     """
-    training = people_in_training().rename(columns={"schema": "condition"})
+    training = people_in_training()
     whole = pd.concat([training[training["solution"] == "all"], people()])
     tested = whole["condition"].isin(whole.loc[whole["phase"] == "test", "condition"])
     whole = whole[(whole["phase"] == "test") | ~tested]

@@ -97,17 +97,17 @@ def points_of(trials: pd.DataFrame, reference: pd.DataFrame | None = None) -> pd
     """
     names = ["learner", "condition", "phase"]
     means = mean_by_trial(trials).astype(dict.fromkeys(names, str))
-    return _beside(people() if reference is None else reference, means, POINT)
+    return _beside(people() if reference is None else reference, means)
 
 
 def points_of_model() -> pd.DataFrame:
     """The published model's points, in the form of :func:`points_of`."""
-    return _beside(people(), model().assign(learner=PUBLISHED_MODEL), POINT)
+    return _beside(people(), model().assign(learner=PUBLISHED_MODEL))
 
 
 def points_of_people() -> pd.DataFrame:
     """People's own points, in the form of :func:`points_of`; no learner is nearer to people."""
-    return _beside(people(), people().assign(learner="people"), POINT)
+    return _beside(people(), people().assign(learner="people"))
 
 
 def training_points_of(trials: pd.DataFrame) -> pd.DataFrame:
@@ -119,33 +119,32 @@ def training_points_of(trials: pd.DataFrame) -> pd.DataFrame:
         trials: As for :func:`points_of`.
 
     Returns:
-        One row for each ``learner`` and of the twelve training trials: ``schema``, ``trial``,
-        ``subjects``, ``mean``, ``se``, and the same three of people.
+        The twelve training trials, in the form of :func:`points_of`; a ``condition`` is the schema
+        that was trained.
     """
     played = trials[trials["condition"].isin(TRANSFERS) & (trials["phase"] == "train")]
-    schema = played["condition"].astype(str).str[:3]
-    played = played.assign(learner=played["learner"].astype(str), schema=schema)
-    each = by_subject(played, ["schema", "trial"]).groupby(["learner", "schema", "trial"])
-    means = each["attempts"].agg(subjects="size", mean="mean", sd=lambda some: some.std(ddof=0))
-    return _in_training(means.assign(se=means["sd"] / np.sqrt(means["subjects"])).reset_index())
+    condition = played["condition"].astype(str)
+    subject = condition + "/" + played["subject"].astype(str)  # each has subjects of its own
+    together = played.assign(condition=condition.str[:3], subject=subject)
+    return points_of(together, _until_all(people_in_training()))
 
 
 def training_points_of_model() -> pd.DataFrame:
     """The points of CogSci 2019's own model, in the form of :func:`training_points_of`."""
-    return _in_training(
-        model_in_training().query("solution == 'all'").assign(learner=TRAINING_MODEL)
-    )
+    means = model_in_training().assign(learner=TRAINING_MODEL)
+    return _beside(_until_all(people_in_training()), _until_all(means))
 
 
-def _in_training(means: pd.DataFrame) -> pd.DataFrame:
-    return _beside(people_in_training().query("solution == 'all'"), means, ["schema", "trial"])
+def _until_all(means: pd.DataFrame) -> pd.DataFrame:
+    """Means of attempts until all solutions are found."""
+    return means[means["solution"] == "all"]
 
 
-def _beside(reference: pd.DataFrame, means: pd.DataFrame, at: list[str]) -> pd.DataFrame:
+def _beside(reference: pd.DataFrame, means: pd.DataFrame) -> pd.DataFrame:
     """Means next to those of a reference in the same trials, learner by learner."""
-    known = reference.rename(columns=_OF_PEOPLE)[[*at, *_OF_PEOPLE.values()]]
-    both = known.merge(means, on=at).sort_values("learner", kind="stable")
-    return both[["learner", *at, *MEANS, *_OF_PEOPLE.values()]].reset_index(drop=True)
+    known = reference.rename(columns=_OF_PEOPLE)[[*POINT, *_OF_PEOPLE.values()]]
+    both = known.merge(means, on=POINT).sort_values("learner", kind="stable")
+    return both[["learner", *POINT, *MEANS, *_OF_PEOPLE.values()]].reset_index(drop=True)
 
 
 def distance(points: pd.DataFrame) -> tuple[float, float]:

@@ -14,10 +14,8 @@ from typing import Any
 
 import pandas as pd
 
+from causal_openlock.analysis.results.references import POINT, POINT_COLUMNS
 from causal_openlock.world import facts
-
-POINT = ["condition", "phase", "trial"]
-"""Columns that identify the trials of which means are published."""
 
 AGENTS = 40
 """Number of agents behind each published mean of the model."""
@@ -61,20 +59,21 @@ def _means(source: Mapping[str, Any], subjects: int) -> pd.DataFrame:
         (condition, "test", 1, subjects, values["mean"], values["se"])
         for condition, values in source["transfer"].items()
     ]
-    return pd.DataFrame(rows, columns=[*POINT, "subjects", "mean", "se"])
+    return pd.DataFrame(rows, columns=POINT_COLUMNS)
 
 
 def people_in_training() -> pd.DataFrame:
     """People's means in the six training trials before the test, by the schema of the rooms.
 
-    >>> people_in_training().query("schema == 'CC3' and solution == 'second'")["mean"].tolist()
+    >>> people_in_training().query("condition == 'CC3' and solution == 'second'")["mean"].tolist()
     [4.9, 2.68, 2.23, 1.54, 1.31, 1.23]
 
     Returns:
-        One row for each ``schema`` (CC3, CE3), ``solution`` and ``trial``, with ``subjects``,
-        ``mean`` and ``se``: attempts until ``all`` solutions are found (30 in a trial that is not
-        solved), until the ``first``, and from there to the ``second``, in people who solved every
-        trial (which is inferred: the paper does not say who is left out).
+        One row for each ``solution``, ``condition`` (the schema that is trained: CC3, CE3),
+        ``phase`` and ``trial``, with ``subjects``, ``mean`` and ``se``: attempts until ``all``
+        solutions are found (30 in a trial that is not solved), until the ``first``, and from there
+        to the ``second``, in people who solved every trial (which is inferred: the paper does not
+        say who is left out).
     """
     return _training("human")
 
@@ -87,12 +86,12 @@ def model_in_training() -> pd.DataFrame:
 def _training(who: str) -> pd.DataFrame:
     known = facts.results()["cogsci2019"]
     rows = [
-        (schema, solution, trial, known["subjects"][who][solution], mean, se)
+        (solution, schema, "train", trial, known["subjects"][who][solution], mean, se)
         for solution, by_schema in known[who].items()
         for schema, values in by_schema.items()
         for trial, (mean, se) in enumerate(zip(values["mean"], values["se"], strict=True), 1)
     ]
-    return pd.DataFrame(rows, columns=["schema", "solution", "trial", "subjects", "mean", "se"])
+    return pd.DataFrame(rows, columns=["solution", *POINT_COLUMNS])
 
 
 def paper_ddqn() -> pd.DataFrame:

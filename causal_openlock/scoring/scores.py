@@ -141,10 +141,15 @@ class Scores:
         :func:`~causal_openlock.scoring.model_selection.select_models`, with -BIC/2 for the log
         evidence; a learner that never does what a subject did is taken to be very unlikely for it.
         """
-        found = self._selection
-        shares = [found.frequencies, found.exceedance, found.protected]
-        table = dict(zip(("frequency", "exceedance", "protected"), shares, strict=True))
-        return pd.DataFrame({"scored": self._evidence.columns, **table})
+        selection = self._selection
+        return pd.DataFrame(
+            {
+                "scored": self._evidence.columns,
+                "frequency": selection.frequencies,
+                "exceedance": selection.exceedance,
+                "protected": selection.protected,
+            }
+        )
 
     @cached_property
     def attributed(self) -> pd.DataFrame:
@@ -155,16 +160,12 @@ class Scores:
         far its evidence, as :attr:`followed` takes it, is ``ahead`` of the best of the others, in
         nats (negative where another one is more frequent; NaN if there is no other).
         """
-        evidence, shares = self._evidence, self._selection.followed
-        which, rows = shares.argmax(axis=1), np.arange(len(shares))
-        others = evidence.to_numpy(float, copy=True)
-        own = others[rows, which]
-        others[rows, which] = -np.inf
-        ahead = own - others.max(axis=1)
+        evidence, probabilities = self._evidence, self._selection.followed
+        best = probabilities.argmax(axis=1)
+        is_best = np.eye(len(evidence.columns), dtype=bool)[best]
+        ahead = evidence.to_numpy()[is_best] - evidence.mask(is_best).max(axis=1).to_numpy()
         return evidence.index.to_frame(index=False).assign(
-            follows=evidence.columns[which],
-            probability=shares[rows, which],
-            ahead=np.where(np.isfinite(ahead), ahead, np.nan),
+            follows=evidence.columns[best], probability=probabilities[is_best], ahead=ahead
         )
 
     @cached_property
@@ -246,8 +247,7 @@ class Scores:
         own = self.of(whose)
         ranked = own.ranking["scored"].astype(str)
         names = [name for name in ranked if learners is None or name in learners]
-        parts = "condition", "trial"
-        return draw_scores(own.over(*parts), own.by_subject(*parts), names, self.choices, ax)
+        return draw_scores(own, names, ax)
 
     @classmethod
     def read(cls, folder: Path) -> Scores:
@@ -286,10 +286,10 @@ class Scores:
         done = record.select([*SUBJECT, "phase", "actions"]).to_pandas()
         done = done[done["phase"] != SHOWN].astype(dict.fromkeys(GROUP[:-1], str))
         lengths = done["actions"].map(len).groupby([done[name] for name in SUBJECT]).sum()
-        wide = self.subjects.set_index([*SUBJECT, "scored"])["actions"].unstack()
-        right = wide.eq(lengths.reindex(wide.index), axis=0) | wide.isna()
+        scored = self.subjects.set_index(SUBJECT)["actions"]
         places = ["scored", *SUBJECT, "trial", "attempt", "action"]
-        whole = right.all(axis=None) and not self.actions.duplicated(places).any()
+        whole = scored.eq(lengths.reindex(scored.index)).all()
+        whole &= not self.actions.duplicated(places).any()
         return "" if whole else "some actions are not there, or twice"
 
     def save(self, folder: Path) -> list[Path]:
@@ -317,12 +317,12 @@ def choices_in(experiment: Experiment) -> dict[str, int]:
     }
 
 
-def stored_scores(material: Material) -> tuple[dict[str, Scores], list[str]]:
+def stored_scores(material: Material) -> tuple[Scores | None, list[str]]:
     """Read the scores in the folders of results.
 
     Returns:
-        The scores of the subjects of each learner, by its label; and a sentence on each part that
-        is left out, as its subjects have been played again since, or cannot be compared.
+        The scores, None without any; and a sentence on each part that is left out, as its subjects
+        have been played again since, or cannot be compared.
     """
     parts, notes = [], []
     for folder in material.folders:
@@ -340,20 +340,20 @@ def stored_scores(material: Material) -> tuple[dict[str, Scores], list[str]]:
         notes.append(f"The scores in {folder.name}/{FOLDER} are left out: {why}. Score these "
                      "subjects again.")  # fmt: skip
     if not parts:
-        return {}, notes
-    actions = pd.concat([scores.actions for scores in parts], ignore_index=True)
+        return None, notes
     record = parts[0].record if len(parts) == 1 else ""
+    actions = pd.concat([scores.actions for scores in parts], ignore_index=True)
     scores = Scores(actions, choices_in(material.experiment), record)
-    by_learner = {
-        name: scores.of(name) for name in ordered(actions["learner"].unique(), material.learners)
-    }
-    if apart := [name for name, own in by_learner.items() if own._by_learner("bits").empty]:
+    learners = ordered(actions["learner"].unique(), material.learners)
+    by_learner = {name: scores.of(name) for name in learners}
+    if apart := [name for name in learners if by_learner[name]._by_learner("bits").empty]:
         notes.append(
             f"Scores of the subjects of {joined(apart)} are left out: none of these subjects was "
             "scored by all of the learners that scored some. Score all subjects with the same "
             "learners."
         )
-    return {name: own for name, own in by_learner.items() if name not in apart}, notes
+    whole = [own.actions for name, own in by_learner.items() if name not in apart]
+    return replace(scores, actions=pd.concat(whole)) if whole else None, notes
 
 
 def scores_on_record(results: Material) -> Scores:
@@ -362,8 +362,8 @@ def scores_on_record(results: Material) -> Scores:
     Raises:
         StoreError: If they were not scored as they are on record, or the scores are damaged.
     """
-    by_learner, notes = stored_scores(results)
-    if not by_learner:
+    scores, notes = stored_scores(results)
+    if scores is None:
         where = results.folders[0] if results.folders else "FOLDER"
         why = " ".join(notes) or "these subjects are not scored"
         raise StoreError(
@@ -372,8 +372,7 @@ def scores_on_record(results: Material) -> Scores:
         )
     for note in notes:
         warnings.warn(note, stacklevel=4)
-    first, *_ = by_learner.values()
-    return replace(first, actions=pd.concat([own.actions for own in by_learner.values()]))
+    return scores
 
 
 def _interval(column: pd.Series[float]) -> tuple[float, float, float, float]:

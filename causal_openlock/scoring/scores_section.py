@@ -42,9 +42,10 @@ def ranked(scores: Scores) -> pd.DataFrame:
 
 def section(material: Material) -> Section | None:
     """Section: the best predictor, and the learners that subjects follow; or None."""
-    by_learner, notes = stored_scores(material)
-    if not by_learner:
+    scores, notes = stored_scores(material)
+    if scores is None:
         return Section("scores", TITLE, tuple(notes)) if notes else None
+    by_learner = {name: scores.of(name) for name in scores.actions["learner"].unique()}
     rankings = {of: ranked(scores) for of, scores in by_learner.items()}
     text = [_about(material, by_learner), *notes]
     text += [_predicted(of, scores, rankings[of]) for of, scores in [*by_learner.items()][:8]]

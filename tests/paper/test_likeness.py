@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 from causal_openlock.analysis.results.material import Material
+from causal_openlock.analysis.results.references import POINT
 from causal_openlock.analysis.topic import sections_of
 from causal_openlock.paper.likeness import (
     EFFECTS,
@@ -19,7 +20,7 @@ from causal_openlock.paper.likeness import (
     points_of_people,
 )
 from causal_openlock.paper.likeness_figure import MOST_DRAWN, draw_points, plot_likeness, signs
-from causal_openlock.paper.published import POINT, model
+from causal_openlock.paper.published import model
 from support.fabricated_records import table
 from support.made_up_experiments import BESIDE_ALL, NOBODY
 from support.made_up_people import made_up

@@ -54,12 +54,12 @@ def test_training_is_taken_together_whatever_the_test():
     points = training_points_of(pd.concat([made_up(), training()]))
     assert len(points) == 12
     assert (points["subjects"] == 4).all()
-    points = points.set_index(["schema", "trial"])
+    points = points.set_index(["condition", "trial"])
     assert points.loc[("CE3", 3), ["mean", "se", "people_mean"]].tolist() == [7.0, 0.0, 7.73]
     trials = training()
     lost = (trials["subject"] == 1) & (trials["trial"] == 4)
     trials.loc[lost, ["attempts", "solved"]] = 30, False
-    points = training_points_of(trials).set_index(["schema", "trial"])
+    points = training_points_of(trials).set_index(["condition", "trial"])
     assert points.loc[("CC3", 4), ["mean", "se"]].tolist() == [(8 + 30) / 2, 11 / np.sqrt(4)]
 
 
