@@ -118,11 +118,8 @@ def noise_ceiling(points: pd.DataFrame, fitted: int = 0) -> Ceiling:
     theirs, own = left * _error(points, "people_"), _error(points)
     drawn = np.random.default_rng(SEED).normal(0.0, theirs, (RESAMPLES, len(points)))
     low, high = np.quantile(np.sqrt((drawn**2).mean(axis=1)), _TAILS).tolist()
-    return Ceiling(_root(theirs**2), low, high, _root(theirs**2 + own**2))
-
-
-def _root(squares: FloatArray) -> float:
-    return float(np.sqrt(squares.mean()))
+    people, both = (float(np.sqrt(squares.mean())) for squares in (theirs**2, theirs**2 + own**2))
+    return Ceiling(people, low, high, both)
 
 
 _TAILS = [(1 - LEVEL) / 2, (1 + LEVEL) / 2]

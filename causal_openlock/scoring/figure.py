@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
@@ -16,46 +17,51 @@ from causal_openlock.analysis.plots.panels import in_rows, panels
 from causal_openlock.analysis.statistics import sizes
 from causal_openlock.scoring.recorded import GROUP
 
-if TYPE_CHECKING:
-    from causal_openlock.scoring.scores import Scores
-
 _NOTHING: Any = {"color": "#666666", "lw": 1.0, "ls": (0, (1, 1.5))}
 
 
-def draw_scores(scores: Scores, names: Sequence[str], ax: Any = None) -> Any:
+def draw_scores(
+    table: pd.DataFrame,
+    each: pd.DataFrame,
+    names: Sequence[str],
+    choices: Mapping[str, int],
+    ax: Any = None,
+) -> Any:
     """Draw a panel for each condition, with a line for each learner that predicts.
 
     Args:
-        scores: Scores of the subjects of one learner.
-        names: Labels of the learners that predict, in the order of the legend.
+        table: A row for each ``scored`` learner, condition and trial, from
+            :meth:`~causal_openlock.scoring.scores.Scores.over`.
+        each: The ``bits`` of each subject in each trial, as they are drawn behind the means.
+        names: Labels of the learners, in the order of the legend.
+        choices: By condition, among how many actions one that knows nothing chooses; where it is
+            not known, no level is drawn.
         ax: As for :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`.
     """
-    tables = scores.over("condition", "trial"), scores.by_subject("condition", "trial")
-    table, each = (one[one["scored"].isin(names)].replace(np.inf, np.nan) for one in tables)
-    conditions = ordered(table["condition"].unique())
-    levels = {
-        name: float(np.log2(scores.choices[name])) for name in conditions if name in scores.choices
-    }
+    table, each = (one[one["scored"].isin(names)].replace(np.inf, np.nan) for one in (table, each))
+    levels = {name: float(np.log2(count)) for name, count in choices.items()}
+    levels = {name: levels[name] for name in table["condition"].unique() if name in levels}
     drawn = table[["bits", "ci_high"]].max(axis=None), each["bits"].max(), *levels.values()
     top = 1.04 * float(np.nanmax(drawn))
+    conditions = ordered(table["condition"].unique())
     looks = {name: style.current().line(number, name) for number, name in enumerate(names)}
     with panels(ax, len(conditions), in_rows(len(conditions), 3, 2.2)) as at:
         for axes, condition in zip(at.axes, conditions, strict=True):
             here = table[table["condition"] == condition]
             if condition in levels:
                 axes.axhline(levels[condition], label="knows nothing", zorder=1.5, **_NOTHING)
-            for name, look in looks.items():
-                rows, colour = here[here["scored"] == name], look["color"]
+            for name in names:
+                rows, look = here[here["scored"] == name], looks[name]
                 own = each[(each["condition"] == condition) & (each["scored"] == name)]
                 by_trial = own.set_index([*GROUP, "subject", "trial"])["bits"].unstack()
                 lines = [np.column_stack([by_trial.columns, bits]) for bits in by_trial.to_numpy()]
                 axes.add_collection(
-                    LineCollection(lines, colors=colour, lw=0.6, alpha=0.3, zorder=1)
+                    LineCollection(lines, colors=look["color"], lw=0.6, alpha=0.3, zorder=1)
                 )
                 axes.plot(rows["trial"], rows["bits"], marker="o", ms=3, label=name, **look)
                 if len(names) <= style.MOST_BANDS:
                     ends = rows["ci_low"], rows["ci_high"]
-                    axes.fill_between(rows["trial"], *ends, color=colour, alpha=0.15, lw=0)
+                    axes.fill_between(rows["trial"], *ends, color=look["color"], alpha=0.15, lw=0)
             style.panel_title(axes, condition, sizes(here))
             axes.set(xlabel="Trial", ylim=(0, top))
             axes.xaxis.set_major_locator(MaxNLocator(integer=True))

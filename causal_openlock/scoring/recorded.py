@@ -116,13 +116,11 @@ class Recorded:
             if not step.view.playing[acts].all():
                 raise StoreError("the record has more actions than its protocol allows")
         places = ["subject", "phase", "loop", "trial", "attempt"]
-
-        def happened(rows: pd.DataFrame) -> dict[tuple[Any, ...], list[Any]]:
-            table = rows.astype({"phase": str}).set_index(places)[["actions", "moved", "opened"]]
-            return {place: [np.asarray(value).tolist() for value in outcome]
-                    for place, *outcome in table.itertuples()}  # fmt: skip
-
-        if not happened(self.rows).items() <= happened(session.record().to_pandas()).items():
+        recorded, replayed = (
+            rows.astype({"phase": str}).set_index(places)[["actions", "moved", "opened"]]
+            for rows in (self.rows, session.record().to_pandas())
+        )
+        if not recorded.equals(replayed.reindex(recorded.index)):
             raise StoreError(
                 f"what {self.group['learner']} did in {self.group['condition']} does not come out "
                 "again in the rooms of its experiment, so no learner can be put in its place; was "

@@ -247,7 +247,8 @@ class Scores:
         own = self.of(whose)
         ranked = own.ranking["scored"].astype(str)
         names = [name for name in ranked if learners is None or name in learners]
-        return draw_scores(own, names, ax)
+        parts = "condition", "trial"
+        return draw_scores(own.over(*parts), own.by_subject(*parts), names, self.choices, ax)
 
     @classmethod
     def read(cls, folder: Path) -> Scores:
