@@ -11,7 +11,7 @@ from causal_openlock.analysis.report.described import described, in_words, pairs
 from causal_openlock.analysis.report.warnings import about_people
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import Reference
-from causal_openlock.analysis.statistics import LEVEL
+from causal_openlock.analysis.statistics import LEVEL, sizes
 from causal_openlock.contract.registry import changed_parameters, registry
 from causal_openlock.experiment.declare import PERSON, LearnerSpec
 from causal_openlock.files.validation import plain
@@ -62,10 +62,8 @@ def methods(results: Material) -> Methods:
 
 def _rooms(results: Material, tables: Mapping[str, pd.DataFrame]) -> Iterator[str]:
     """The paragraph on subjects, rooms and budgets."""
-    subjects = []
-    for name, own in results.headline.groupby("learner", sort=False)["subjects"]:
-        several = own.min() < own.max()
-        subjects.append(f"{name} (n = {own.min():,}{f' to {own.max():,}' if several else ''})")
+    headline = results.headline.groupby("learner", sort=False)
+    subjects = [f"{name} ({sizes(own)})" for name, own in headline]
     yield (
         f"{joined(subjects)} played in rooms of OpenLock (Edmonds et al., 2018), in which levers "
         "and a door follow a hidden causal schema; n counts the subjects in a condition."
@@ -160,6 +158,5 @@ def _measures(results: Material) -> Iterator[str]:
 
 def _source(reference: Reference) -> str:
     """``people (Edmonds et al., 2018; n = 40)``."""
-    sizes = sorted({str(int(size)) for size in reference.points["subjects"]})
-    parts = filter(None, (reference.source or reference.detail, f"n = {joined(sizes)}"))
+    parts = filter(None, (reference.source or reference.detail, sizes(reference.points)))
     return f"{reference.name} ({'; '.join(parts)})"

@@ -71,10 +71,8 @@ def not_applicable(reasons: Iterable[str]) -> tuple[str, ...]:
 def _called_alike(results: Material) -> list[str]:
     """Cells of conditions that are called like published ones, and are others."""
     summary = results.summary
-    named = np.zeros(len(summary), bool)
-    for one in results.references:
-        named |= summary["condition"].isin(one.reference.points["condition"]).to_numpy()
-    named &= (summary["protocol"] == HUMAN_PROTOCOL).to_numpy()
+    published = {name for one in results.references for name in one.reference.points["condition"]}
+    named = summary["condition"].isin(published) & (summary["protocol"] == HUMAN_PROTOCOL)
     others = summary.loc[named & ~beside_any(summary, results.references), CELL].drop_duplicates()
     return [_label(key) for key in others.itertuples(index=False)]
 
@@ -93,13 +91,9 @@ def _label(key: Any) -> str:
 def exclusions(results: Material) -> tuple[str, ...]:
     """Say how many people are left out, a sentence for each of their labels."""
     sizes = results.trials.drop_duplicates([*CELL, *SUBJECT])["learner"].value_counts()
-    people = {
-        name: counted(out + int(sizes.get(name, 0)), "person", "people")
-        for name, out in results.experiment.excluded.items()
-    }
     return tuple(
-        f"Of {people[name]} ({name}), {out} completed no trial and "
-        f"{'was' if out == 1 else 'were'} left out."
+        f"Of {counted(out + sizes.get(name, 0), 'person', 'people')} ({name}), {out} completed no "
+        f"trial and {'was' if out == 1 else 'were'} left out."
         for name, out in results.experiment.excluded.items()
     )
 
