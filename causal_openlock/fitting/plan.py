@@ -30,8 +30,6 @@ from causal_openlock.contract.parameters import Count
 from causal_openlock.contract.registry import is_ours, parameter_table, parse_parameters
 from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.experiment.declare import LearnerSpec
-from causal_openlock.experiment.making import learner as with_parameters
-from causal_openlock.experiment.making import make_experiment
 from causal_openlock.experiment.origin import origin_of
 from causal_openlock.files.validation import Part, StrictModel, part, read
 from causal_openlock.files.yaml_file import Document, read_document
@@ -170,8 +168,7 @@ class Plan:
 
     def spec(self, chosen: Chosen) -> LearnerSpec:
         """The learner with the parameters of a choice."""
-        made = with_parameters(self.learner, **self.parameters(chosen))
-        return make_experiment(["CC4"], [made]).learners[0]
+        return LearnerSpec(learner=self.learner, parameters=self.parameters(chosen))
 
     def changed(self, ranges: Sequence[str], fixed: Sequence[str], settings: Sequence[str]) -> Plan:
         """This plan with what the command line has.
