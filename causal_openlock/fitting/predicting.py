@@ -148,7 +148,7 @@ def score_folder(
     folder: Path,
     learners: LearnerForm | Sequence[LearnerForm | LearnerSpec] = (),
     *,
-    fits: Sequence[Path | str] = (),
+    fits: Path | str | Sequence[Path | str] = (),
     of: Sequence[str] | str = (),
     lapse: float = LAPSE,
     draws: int | None = None,
@@ -182,7 +182,7 @@ def score_folder(
         >>> results.score(["random", "oracle"]).ranking["scored"].tolist()
         ['oracle', 'random']
     """
-    asked = listed(learners)
+    asked, fits = listed(learners), listed(fits)
     if not (asked or fits):
         raise OpenLockError("name who predicts: learners (--learner, --from), or fits (--fits)")
     specs = make_experiment(["CC4"], asked).learners if asked else ()

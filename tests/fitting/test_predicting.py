@@ -78,7 +78,7 @@ def test_score_takes_fits_by_their_folders(folder, tmp_path):
     done = at_once(*words, "--out", tmp_path)
     assert done.status == 0, done.stderr
     assert "each_held" in done.stdout
-    table = ol.open_results(folder).score(fits=[folder / "each_held"]).ranking
+    table = ol.open_results(folder).score(fits=str(folder / "each_held")).ranking
     assert table["scored"].tolist() == ["each_held"]
 
 
