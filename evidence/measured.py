@@ -152,24 +152,18 @@ class Evidence:
         asks = last if last in ("interval", "verdict") else ""
         words = first if asks else rest
         if kind == "claim":
-            return self._of_claim(words, asks)
+            claim, _, part = words.partition(" ")
+            contrasts = named("claim", claim, self.decided)
+            asked, said, found, why = named("contrast", part or next(iter(contrasts)), contrasts)
+            if asks == "verdict":
+                return said if part else self.verdict(claim)
+            if why:
+                raise EvidenceError(f"{self.study.name}: {why}")
+            return ends(found, asked.measure) if asks else signed(found, asked.measure)
         if kind not in MEASURES:
             raise EvidenceError(f"{title!r} names no measure; {nearest(kind, MEASURES)}")
         found = mean_selected(self.units, words, kind)
         return ends(found, kind, least=0.0) if asks else number(found.value, kind)
-
-    def _of_claim(self, words: str, asks: str) -> str:
-        """The difference, interval or verdict of ``CLAIM [CONTRAST]``."""
-        name, _, part = words.partition(" ")
-        contrasts = named("claim", name, self.decided)
-        if asks == "verdict" and not part:
-            return self.verdict(name)
-        asked, said, found, why = named("contrast", part or next(iter(contrasts)), contrasts)
-        if asks == "verdict":
-            return said
-        if why:
-            raise EvidenceError(f"{self.study.name}: {why}")
-        return ends(found, asked.measure) if asks else signed(found, asked.measure)
 
     def block(self, what: str) -> str:
         """The Markdown of a table: ``claims``, ``derived``, or one that the study declares."""
