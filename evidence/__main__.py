@@ -9,14 +9,13 @@ from collections import Counter
 from pathlib import Path
 
 from causal_openlock.cli.stopping import resumable
-from causal_openlock.errors import EvidenceError, OpenLockError
+from causal_openlock.errors import OpenLockError
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.wording import counted
 from evidence.figures import drawn
 from evidence.measured import Evidence
 from evidence.pages import check
 from evidence.run import run_study
-from evidence.stamp import stamp
 from evidence.study import read_studies
 
 
@@ -27,29 +26,23 @@ def arguments() -> ArgumentParser:
     parser.add_argument("--workers", type=int, help="processes; by default one for each core")
     parser.add_argument("--check", action="store_true", help="whether all texts follow from units")
     parser.add_argument("--write", action="store_true", help="write texts and figures anew")
-    parser.add_argument("--stamp", metavar="NAME", help="store the hash of its present declaration")
-    parser.add_argument("--before", type=Path, metavar="CHECKOUT", help="code before the change")
-    parser.add_argument("--reason", help="why the declaration is written otherwise, in a sentence")
     return parser
 
 
 def main(asked: Namespace, root: Path, results: Path) -> list[str]:
     """Do what is asked for, and return the faults of what is written."""
-    studies = read_studies(root, [asked.stamp] if asked.stamp else asked.names)
-    if asked.stamp:
-        if not (asked.before and asked.reason):
-            raise EvidenceError("--stamp needs --before CHECKOUT and --reason 'A sentence.'")
-        stamp(studies[0], asked.before, asked.reason, print)
+    studies = read_studies(root, asked.names)
     with resumable():
         for study in studies if asked.names else ():
             run_study(study, results / study.name, asked.workers)
-    for evidence in map(Evidence, studies) if asked.names or asked.write else ():
-        for name, path in evidence.figures.items():
-            write_bytes(path, drawn(evidence, name))
-    if asked.names or asked.write or asked.stamp:
+    evidences = [Evidence(study) for study in studies]
+    if asked.names or asked.write:
+        for evidence in evidences:
+            for name, path in evidence.figures.items():
+                write_bytes(path, drawn(evidence, name))
         return check(root, write=True)
-    told = Counter(evidence.played_with for evidence in map(Evidence, studies))
-    for evidence in map(Evidence, studies) if not asked.check else ():
+    told = Counter(evidence.played_with for evidence in evidences)
+    for evidence in evidences if not asked.check else ():
         hours = f"{evidence.study.file.hours:g} core hours"
         print(f"{evidence.study.name}: {evidence.study.file.title} ({hours}; {evidence.state})")
     for sentence, number in told.items():

@@ -16,10 +16,11 @@ import pandas as pd
 from causal_openlock.analysis.statistics import LEVEL
 from causal_openlock.analysis.table import markdown, printed
 from causal_openlock.errors import EvidenceError
+from causal_openlock.version import RESULTS_VERSION
 from causal_openlock.wording import nearest
 from evidence.derived import DERIVED_TABLES
 from evidence.published import PUBLISHED
-from evidence.run import RUN, older_results, read_run, read_units
+from evidence.run import RUN, read_run, read_units
 from evidence.study import CORRELATION, DERIVED, MEASURES, NO_SHARES, Contrast, Study, Table, named
 from evidence.units import selected, with_differences
 from evidence.verdicts import (
@@ -87,8 +88,13 @@ class Evidence:
     @property
     def played_with(self) -> str:
         """A sentence that says which results were measured, if results are others now."""
-        older = older_results(self.run) if self.was_run else ""
-        return f"Played with results of {older}." if older else ""
+        if not self.was_run:
+            return ""
+        version: str = self.run["versions"]["causal-openlock"]
+        stamped = [stamp["results"] for stamp in self.run.get("stamps", ())]
+        if RESULTS_VERSION in (version, *stamped[-1:]):
+            return ""
+        return f"Played with results of {'.'.join(version.split('.')[:2])}."
 
     @property
     def state(self) -> str:

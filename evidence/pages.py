@@ -56,7 +56,7 @@ def check(root: Path, write: bool = False) -> list[str]:
             if evidence.state.startswith("changed"):
                 faults.append(
                     f"{study.folder}: {study.file.experiment}, or what it names, has changed since "
-                    f"it was run; run: make evidence NAME={study.name}, or see --stamp"
+                    f"it was run; run: make evidence NAME={study.name}"
                 )
             texts[study.folder / README] = page_of(evidence)
             if evidence.was_run:

@@ -41,7 +41,6 @@ from causal_openlock.files.checksums import (
     table_bytes,
 )
 from causal_openlock.storage.versions import versions
-from causal_openlock.version import RESULTS_VERSION
 from evidence.study import FILE, Study
 from evidence.theories import units_of_theories
 from evidence.units import of_network, units_of
@@ -143,7 +142,8 @@ def store(
         hashes[name] = hashlib.sha256(content).hexdigest()
         write_bytes(study.folder / name, content)
     about = {
-        **as_declared(study),
+        "declared": study.declared,
+        "seed": study.asked.seed,
         "claims": claims,
         "core_hours": round(hours, 2),
         "date": datetime.now(UTC).date().isoformat(),
@@ -151,17 +151,7 @@ def store(
         "versions": versions(),
         "files": hashes,
     }
-    write_run(study, about)
-
-
-def write_run(study: Study, about: dict[str, Any]) -> None:
-    """Write the facts about the run."""
     write_bytes(study.folder / RUN, json_bytes(about))
-
-
-def as_declared(study: Study) -> dict[str, Any]:
-    """What ``run.json`` has of the declaration: its hash and its seed."""
-    return {"declared": study.declared, "seed": study.asked.seed}
 
 
 def _processor() -> str:
@@ -207,14 +197,3 @@ def _read(study: Study, name: str, parse: Callable[[bytes], Any], sha256: str = 
         ) from None
     except (ChecksumError, OSError) as error:
         raise EvidenceError(f"{path} is damaged: {in_short(error)}; run the study again") from None
-
-
-def older_results(run: dict[str, Any]) -> str:
-    """Return the release whose results a study has, if results are others now; else nothing.
-
-    >>> older_results({"versions": {"causal-openlock": "0.1.0+4"}})
-    '0.1'
-    """
-    version: str = run["versions"]["causal-openlock"]
-    stamped = [stamp["results"] for stamp in run.get("stamps", ())]
-    return "" if RESULTS_VERSION in (version, *stamped[-1:]) else ".".join(version.split(".")[:2])

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 from causal_openlock.errors import EvidenceError, FileError, StoreError
 from causal_openlock.files.checksums import digest, json_bytes, read_json
+from causal_openlock.version import RESULTS_VERSION
 from evidence.__main__ import arguments, main
 from evidence.figures import draw_course
 from evidence.measured import Evidence
@@ -322,30 +323,15 @@ def test_a_study_says_which_results_it_was_played_with_if_others_are_given_now(r
     assert "1 study: Played with results of 0.1." in capsys.readouterr().out
 
 
-def test_a_declaration_that_is_written_otherwise_is_stamped_if_records_are_equal(
-    ran, tmp_path, monkeypatch
-):
-    before = tmp_path / "before"
-    shutil.copytree(ran, before / "evidence")
-    for code in ("causal_openlock", "learners", "schemas"):
-        (before / code).symlink_to(ROOT / code)
-    monkeypatch.chdir(ran.parent)
-    root = ran.relative_to(ran.parent)
-    asked = ["--stamp", "small", "--before", before, "--reason", "It has a new word."]
-    with pytest.raises(EvidenceError, match="nothing to stamp"):
-        command(root, *asked)
-    rewrite(ran, declared="written otherwise")
-    changed = (ran / "small" / "run.json").read_bytes()
-    change(before / "evidence", "experiment.yaml", "name:", "seed: 7\nname:")
-    with pytest.raises(EvidenceError, match="oracle acts otherwise"):
-        command(root, *asked)
-    assert (ran / "small" / "run.json").read_bytes() == changed
-    change(before / "evidence", "experiment.yaml", "seed: 7\n", "")
-    assert command(root, *asked) == check(ran) == []
-    assert "otherwise since: It has a new word." in (ran / "small" / "README.md").read_text()
-    change(ran, "experiment.yaml", "subjects: 6", "subjects: 7")
-    with pytest.raises(EvidenceError, match="other units than were played"):
-        command(root, *asked)
+def test_a_stamped_study_says_why_its_declaration_is_another_than_at_its_run(ran):
+    stamps = [{"was": "c8", "by": "f1", "results": RESULTS_VERSION, "reason": "It has a new word."}]
+    rewrite(ran, stamps=stamps, versions={"causal-openlock": "0.1.0+4"})
+    assert check(ran, write=True) == []
+    page = (ran / "small" / "README.md").read_text()
+    assert "otherwise since: It has a new word." in page
+    assert "Played with results" not in page  # those of the stamp are these
+    rewrite(ran, stamps=[{**stamps[0], "results": "0.1.0+5"}])
+    assert evidence(ran).played_with == "Played with results of 0.1."
 
 
 # -- runs -----------------------------------------------------------------------------------------
