@@ -20,8 +20,7 @@ function make(name, attributes, parent) {
 const along = ([x, y], [dx, dy], far) => [x + dx * far, y + dy * far];
 const ease = (share) => (share < 0.5 ? 2 * share * share : 1 - 2 * (1 - share) ** 2);
 
-// How far to turn so that "up" points along a direction, in SVG's degrees.
-const turned = ([x, y]) => (Math.atan2(x, y) * 180) / Math.PI;
+const degrees = (radians) => (radians * 180) / Math.PI;
 
 // Call frame(share) with shares that grow from 0 to 1.
 function animate(duration, frame) {
@@ -68,7 +67,7 @@ export class Room {
     const g = this.geometry, half = g.bar_width / 2, wide = g.track_width;
     const [x, y] = track.start;
     // In its own coordinates a lever's bar lies at the origin and "up" is outward.
-    const at = `translate(${x} ${-y}) rotate(${turned(track.outward)})`;
+    const at = `translate(${x} ${-y}) rotate(${degrees(Math.atan2(...track.outward))})`;
     const group = make("g", { transform: at, "aria-hidden": "true" }, this.svg);
     const middle = -track.travel / 2, inner = half, outer = -track.travel - half;
     const box = { x: -wide / 2, width: wide, class: "track" };
@@ -171,8 +170,7 @@ export class Room {
   swing(share) {
     this.opened = share;
     const { hinge: [x, y], swing } = this.geometry;
-    const degrees = (-share * swing * 180) / Math.PI;
-    this.door.setAttribute("transform", `rotate(${degrees} ${x} ${-y})`);
+    this.door.setAttribute("transform", `rotate(${degrees(-share * swing)} ${x} ${-y})`);
   }
 
   pose(angles) {
@@ -183,8 +181,7 @@ export class Room {
       this.joints[i].setAttribute("cy", -y);
       if (i === LINKS) return;
       heading += angles[i];
-      const degrees = (-heading * 180) / Math.PI;
-      this.links[i].setAttribute("transform", `translate(${x} ${-y}) rotate(${degrees})`);
+      this.links[i].setAttribute("transform", `translate(${x} ${-y}) rotate(${degrees(-heading)})`);
     });
   }
 
@@ -290,9 +287,8 @@ function reaching([x, y], link) {
 
 // Angles on the way from one posture to another, each joint by the shorter way round.
 function between(from, to, share) {
-  return from.map((angle, i) => angle + share * wrap(to[i] - angle));
-}
-
-function wrap(angle) {
-  return angle - 2 * Math.PI * Math.round(angle / (2 * Math.PI));
+  return from.map((angle, i) => {
+    const turn = to[i] - angle;
+    return angle + share * (turn - 2 * Math.PI * Math.round(turn / (2 * Math.PI)));
+  });
 }
