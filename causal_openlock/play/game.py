@@ -9,7 +9,6 @@ given, one after the other.
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Sequence
 from itertools import product
 from typing import Any, Literal
@@ -31,8 +30,6 @@ Answer = dict[str, Any]
 EXPERIMENT = "people"
 PRACTICE = Schema("practice", ["L0"], {"L0": ["door"]})
 """One free lever unlocks the door: enough to learn what a click does, and no more."""
-PRACTICE_PLACE = 2
-"""Position of the only grey lever of the practice room."""
 
 
 class Refused(OpenLockError):  # noqa: N818 - an answer to the page
@@ -61,7 +58,6 @@ class Game:
         cell: Which rooms are visited, with what budgets and seed.
 
     Attributes:
-        lock: To be held while the game is used.
         turn: How many turns have been taken.
         done: The actions of the trials that count, in order, as rows of
             :func:`~causal_openlock.experiment.beside_record.reactions_schema`, with
@@ -71,7 +67,6 @@ class Game:
 
     def __init__(self, joined: Joined, cell: Cell) -> None:
         self.number, self.cell = joined.join, cell
-        self.lock = threading.Lock()
         self.session = Session.of(cell)
         self._joined, self._seconds = joined.at, 0.0
         self._practice = _practice_room(self.session) if joined.practice else None
@@ -227,6 +222,7 @@ def _room(session: Session) -> Answer:
 
 
 def _practice_room(session: Session) -> Session:
-    condition = Condition("practice", (Trials(PRACTICE, (Layout((PRACTICE_PLACE,)),)),))
+    upper_left = Layout((2,))
+    condition = Condition("practice", (Trials(PRACTICE, (upper_left,)),))
     protocol = Protocol("practice", session.brief.attempt_limit, stop_when_solved=True)
     return Session(condition, protocol, [0], learner=LABEL)

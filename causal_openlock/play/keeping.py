@@ -16,7 +16,6 @@ from causal_openlock.files.escaping import printable
 from causal_openlock.play.people import People
 
 KEEP_EVERY = 10.0  # seconds between two writings of the record; the log has every click at once
-KEEP_PAUSE = 0.05  # seconds between the records of two people, in which clicks are answered
 
 
 @contextmanager
@@ -49,7 +48,7 @@ def _keep(people: People, changed: Callable[[], None], stopped: threading.Event)
         try:
             people.sync()
             if waited >= KEEP_EVERY:
-                people.keep(KEEP_PAUSE)
+                people.keep()
                 waited = 0.0
         except (OpenLockError, OSError) as error:
             warn(error)

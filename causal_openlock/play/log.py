@@ -9,7 +9,6 @@ dropped; damage anywhere else is an error, since what follows would be replayed 
 from __future__ import annotations
 
 import os
-import threading
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Literal
@@ -121,7 +120,7 @@ def _bytes(line: Line) -> bytes:
 
 
 class Log:
-    """The file of a log, to which lines are added; made if it is not there.
+    """The file of a log, to which one thread at a time adds lines; made if it is not there.
 
     Raises:
         StoreError: If it cannot be opened.
@@ -129,7 +128,6 @@ class Log:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._lock = threading.Lock()
         try:
             self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o600)
             self._size = path.read_bytes().rfind(b"\n") + 1
@@ -143,17 +141,15 @@ class Log:
         Raises:
             StoreError: If it cannot be written; nothing of it is in the file then.
         """
-        text = _bytes(line)
-        with self._lock:
-            written, why = 0, "the disk is full"
-            try:
-                written = os.write(self._file, text)
-            except OSError as error:
-                why = str(error.strerror)
-            if written < len(text):
-                os.ftruncate(self._file, self._size)
-                raise StoreError(f"{self.path} cannot be written ({why}); free some space")
-            self._size += written
+        text, written, why = _bytes(line), 0, "the disk is full"
+        try:
+            written = os.write(self._file, text)
+        except OSError as error:
+            why = str(error.strerror)
+        if written < len(text):
+            os.ftruncate(self._file, self._size)
+            raise StoreError(f"{self.path} cannot be written ({why}); free some space")
+        self._size += written
 
     def sync(self) -> None:
         """Flush everything to the disk."""
@@ -161,6 +157,5 @@ class Log:
 
     def close(self) -> None:
         """Sync and close the file."""
-        with self._lock:
-            self.sync()
-            os.close(self._file)
+        self.sync()
+        os.close(self._file)

@@ -106,7 +106,7 @@ class People:
         self._sessions: dict[str, Game] = {}  # by the hash of the session id
         self._order: list[Game | None] = []  # None: their data were deleted
         self._written: dict[int, int] = {}  # how many rows of each game are in the files
-        self._joining, self._keeping = threading.Lock(), threading.Lock()
+        self._lock = threading.Lock()  # held while games, the log or identifiers are used
         # Loaded now, and not while a person waits for an answer.
         import pyarrow.parquet  # noqa: F401
 
@@ -147,7 +147,7 @@ class People:
         given = identified(recruited or {}, self.recruiting)
         session_id = session_id or secrets.token_urlsafe(24)
         key = _key(session_id)
-        with self._joining:
+        with self._lock:
             known = key in self._sessions  # the answer to a first call was lost
             if not known:
                 line = self._line_of(given, key)
@@ -189,9 +189,8 @@ class People:
 
     def view(self, session_id: str) -> Answer:
         """State of a person's game that the person may know now; refused as :meth:`game` is."""
-        game = self.game(session_id)
-        with game.lock:
-            return game.view()
+        with self._lock:
+            return self.game(session_id).view()
 
     def take(self, session_id: str, turn: int, **what: Any) -> Answer:
         """Take a person's turn.
@@ -207,7 +206,7 @@ class People:
             StoreError: If it cannot be written to the log; nothing has changed then.
         """
         game = self.game(session_id)
-        with game.lock:
+        with self._lock:
             line = log.Turn(of=game.number, turn=turn, at=self._clock(), **what)
             if not game.allows(line):
                 why = "This is not the turn that the session is at."
@@ -288,28 +287,21 @@ class People:
         """Flush the log to the disk."""
         self._log.sync()
 
-    def keep(self, pause: float = 0.0) -> None:
+    def keep(self) -> None:
         """Write the tables of every person who has done something since the last time.
-
-        After each person it pauses some seconds, so that clicks are answered in between.
 
         Raises:
             StoreError: If it cannot be written; the log still has everything.
         """
-        with self._keeping:
-            for data in (REACTIONS, STRUCTURES):
-                sweep(self.store.folder / data)
-            written = False
-            for game in self._games:
-                if self._write(game):
-                    written = True
-                    time.sleep(pause)
-            if written:
-                self._declare()
+        for data in (REACTIONS, STRUCTURES):
+            sweep(self.store.folder / data)
+        written = [self._write(game) for game in self._games]
+        if any(written):
+            self._declare()
 
     def _write(self, game: Game) -> bool:
         """Write the tables of one game, if they have new rows; whether they have."""
-        with game.lock:
+        with self._lock:
             rows = len(game.done) + len(game.answers)
             if rows == self._written.get(game.number, 0):
                 return False

@@ -15,11 +15,10 @@ nothing changes without one. Status 404 answers unknown sessions and addresses, 
 are out of turn (with the state as it is), 400 requests that the page never makes. None of these
 changes anything.
 
-Starlette routes the requests and uvicorn speaks HTTP; the work for a request is done in a thread,
-so that no click waits until another one is written. By default the server listens on
-loopback, and then refuses requests under another name than this machine's own: those of a
-foreign page whose host name was made to point here. Behind a reverse proxy it also accepts the
-address that people use, which it has to be given.
+Starlette routes the requests and uvicorn speaks HTTP; the work for a request is done in a thread.
+By default the server listens on loopback, and then refuses requests under another name than this
+machine's own: those of a foreign page whose host name was made to point here. Behind a reverse
+proxy it also accepts the address that people use, which it has to be given.
 """
 
 from __future__ import annotations
