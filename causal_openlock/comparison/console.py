@@ -44,24 +44,19 @@ class Terminal(RichConsole):
         """Print a table, as its values are printed in a report."""
         from causal_openlock.analysis.table import Table as Printed
 
-        self.print_whole(plain_table([*frame.columns], Printed("", "", frame, formats).rows))
+        self.print_rows([*frame.columns], Printed("", "", frame, formats).rows)
 
-    def print_whole(self, table: Table) -> None:
-        """Print a table with all its columns, wider than the terminal if it must be."""
+    def print_rows(self, heads: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+        """Print a table without lines; columns are aligned right, but for the first one."""
+        table = Table(box=None, padding=(0, 2, 0, 0))
+        for number, head in enumerate(heads):
+            table.add_column(head, justify="right" if number else "left", no_wrap=True)
+        for row in rows:
+            table.add_row(*row)
         # A column that is cut off would be lost; a line that wraps is only ugly.
         wide = self.measure(table, options=self.options.update(max_width=MOST_COLUMNS))
         table.width = wide.maximum
         self.print(table, crop=False)
-
-
-def plain_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
-    """A table without lines; columns are aligned right, but for the first one."""
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    for number, head in enumerate(heads):
-        table.add_column(head, justify="right" if number else "left", no_wrap=True)
-    for row in rows:
-        table.add_row(*row)
-    return table
 
 
 def print_leaderboard(
@@ -77,6 +72,5 @@ def print_leaderboard(
         rows = [[text.replace("\n", " ") for text in row] for row in table.rows]
         if table.looks:
             rows.insert(len(table.looks), [])  # below those who do not compete
-        shown = plain_table([head.replace(" than ", " than\n") for head in table.heads], rows)
-        console.print_whole(shown)
+        console.print_rows([head.replace(" than ", " than\n") for head in table.heads], rows)
         console.print(table.caption, style="dim", highlight=False)
