@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pandas as pd
 
 from causal_openlock.analysis.measures import CELL
-from causal_openlock.analysis.results.references import Beside
 from causal_openlock.analysis.topics.learning_cost import costs_by_learner, shown
 from causal_openlock.errors import EvidenceError
 from causal_openlock.paper.likeness import Likeness, distance, likeness, points_of_model
@@ -42,7 +43,7 @@ def beside_people(study: Study, units: pd.DataFrame) -> tuple[pd.DataFrame, Like
     trials = units.rename(columns={"unit": "subject"})
     trials = trials.assign(experiment=study.name, seed=0, loop=1)
     cells = frozenset(trials[CELL].astype(str).itertuples(index=False, name=None))
-    like = likeness(trials, Beside(people(), cells), list(dict.fromkeys(trials["learner"])))
+    like = likeness(trials, replace(people(), cells=cells), list(dict.fromkeys(trials["learner"])))
     if like is None:
         raise EvidenceError("no learner has played all six conditions")
     return trials, like

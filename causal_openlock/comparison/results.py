@@ -22,8 +22,8 @@ from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.missing import missing_cells
 from causal_openlock.analysis.results.reading import (
     Exclusion,
-    beside,
     read_results,
+    together,
     without_excluded,
 )
 from causal_openlock.analysis.table import Table
@@ -77,7 +77,7 @@ class Results(Material):
     def read(cls, *folders: Path | str, exclude: Exclusion | None = None) -> Results:
         """The results in these folders together; see :func:`open_results`."""
         found = [read_results(Store(folder), exclude) for folder in folders]
-        return cls.of(*beside(found), tuple(Path(folder).resolve() for folder in folders))
+        return cls.of(*together(found), tuple(Path(folder).resolve() for folder in folders))
 
     # -- tables ---------------------------------------------------------------------------------
 
@@ -277,7 +277,7 @@ class Results(Material):
             (one.record, replace(one.experiment, title=", and ".join(titles)))
             for one in (self, other)
         ]
-        return self.of(*beside(parts), self.folders + other.folders)
+        return self.of(*together(parts), self.folders + other.folders)
 
     def __repr__(self) -> str:
         """The leaderboard as text, and the warnings."""

@@ -29,7 +29,7 @@ from causal_openlock.analysis.measures import (
     by_subject,
     mean_by_trial,
 )
-from causal_openlock.analysis.results.references import POINT, Beside
+from causal_openlock.analysis.results.references import POINT, Reference
 from causal_openlock.paper.published import (
     model,
     model_in_training,
@@ -203,7 +203,7 @@ class Likeness(NamedTuple):
     effects: dict[str, pd.DataFrame]  #: by learner, from :func:`effects_of`
 
 
-def likeness(trials: pd.DataFrame, people: Beside, learners: Sequence[str]) -> Likeness | None:
+def likeness(trials: pd.DataFrame, people: Reference, learners: Sequence[str]) -> Likeness | None:
     """Compare learners that played all six conditions as people did, and the published model.
 
     Args:

@@ -124,10 +124,9 @@ def _effects(like: Likeness) -> Table:
 
 def _other_references(material: Material) -> Iterator[Table]:
     """Distances from each reference but the paper's people, of learners that did what it did."""
-    files = file_names(one.reference.prefix for one in material.leading)
-    for beside in material.leading:
-        reference = beside.reference
-        trials = material.trials[beside.stands(material.trials)]
+    files = file_names(one.prefix for one in material.leading)
+    for reference in material.leading:
+        trials = material.trials[reference.stands(material.trials)]
         if reference.name == PEOPLE or trials.empty:
             continue
         points = points_of(trials, reference.points)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import pandas as pd
 
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.references import POINT_COLUMNS, Beside, Reference
+from causal_openlock.analysis.results.references import POINT_COLUMNS, Reference
 from causal_openlock.experiment.declare import HUMAN_PROTOCOL, PROTOCOLS, Condition, LearnerSpec
 from causal_openlock.paper import published
 
@@ -59,12 +59,12 @@ def ddqn_2018() -> Reference:
     )
 
 
-def people_beside(results: Material) -> Beside:
+def people_beside(results: Material) -> Reference:
     """Return the paper's people, with the learners that did what they did."""
     for one in results.references:
-        if one.reference.name == PEOPLE:
+        if one.name == PEOPLE:
             return one
-    return Beside(people(), frozenset())
+    return people()
 
 
 def did_what_people_did(spec: LearnerSpec, condition: Condition) -> bool:

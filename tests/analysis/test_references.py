@@ -32,14 +32,14 @@ def test_every_registered_reference_keeps_to_the_contract(name):
     assert not reference.points.duplicated(POINT).any()
     assert (reference.points["subjects"] > 0).all()
     assert (reference.points["se"] >= 0).all()
-    cells = reference.beside(EXPERIMENT).cells
+    cells = reference.within(EXPERIMENT).cells
     assert cells
     assert cells < {
         (spec.name, condition.name, spec.protocol.name)
         for spec in EXPERIMENT.learners
         for condition in EXPERIMENT.conditions
     }
-    assert not reference.beside(replace(EXPERIMENT, conditions=())).cells
+    assert not reference.within(replace(EXPERIMENT, conditions=())).cells
 
 
 def test_own_people_stand_where_the_papers_do_and_are_tested_from_their_subjects(tmp_path):

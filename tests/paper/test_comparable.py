@@ -30,7 +30,7 @@ def described(folder, conditions=ALL, **settings):
 
 
 def pairs(experiment):
-    return people().beside(experiment).cells
+    return people().within(experiment).cells
 
 
 def played(protocol="human"):

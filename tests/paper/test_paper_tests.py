@@ -1,6 +1,7 @@
 """The paper's tests on a record: every number by other means, and the tables of the section."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -9,7 +10,6 @@ from scipy import stats
 
 from causal_openlock.analysis.measures import attempts_to_solve
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.references import Beside
 from causal_openlock.analysis.topic import sections_of
 from causal_openlock.paper.paper_tests import (
     TESTS,
@@ -203,7 +203,7 @@ def test_no_learner_is_judged_by_the_others():
 def test_learners_that_did_something_else_are_not_tested(played):
     assert tables(Material(played.record, {}, played.trials, LEARNERS, (), {})) == {}
     cells = {("good", "CC4", "human"), ("good", "CE4", "human")}
-    beside = (Beside(people(), cells),)
+    beside = (replace(people(), cells=cells),)
     found = tables(Material(played.record, {}, played.trials, LEARNERS, beside, {}))
     assert found["all"]["learner"].tolist() == ["People", "good"] * 3
     assert set(found["all"]["family"]) == {"baseline"}

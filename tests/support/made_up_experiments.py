@@ -4,7 +4,7 @@ import json
 
 from causal_openlock.analysis.results.bounds import ideal_bounds
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.references import Beside, references_beside
+from causal_openlock.analysis.results.references import Reference, references_of
 from causal_openlock.analysis.results.summary import headline, summarise
 from causal_openlock.experiment.declare import (
     PAPER_CONDITIONS,
@@ -98,18 +98,20 @@ def edit_stored(folder, change):
 NOBODY = experiment_of(table([]))
 """An experiment that nobody plays."""
 
-NO_ONE_BESIDE = references_beside(NOBODY)
+NO_ONE_BESIDE = references_of(NOBODY)
 """References that stand beside nobody."""
 
 
-class BesideAll(Beside):
+class BesideAll(Reference):
     """A reference that stands beside whoever played as people did by the protocol's name."""
 
     def stands(self, rows):
         return (rows["protocol"] == "human").to_numpy(bool)
 
 
-BESIDE_ALL = tuple(BesideAll(one.reference, frozenset({("", "", "")})) for one in NO_ONE_BESIDE)
+BESIDE_ALL = tuple(
+    BesideAll(**{**vars(one), "cells": frozenset({("", "", "")})}) for one in NO_ONE_BESIDE
+)
 
 
 def summary_table(record, experiment=None):
@@ -126,7 +128,7 @@ def _beside(record, experiment):
     from causal_openlock.analysis.measures import attempts_to_solve
 
     bounds = ideal_bounds(experiment) if experiment else {}
-    beside = references_beside(experiment) if experiment else BESIDE_ALL
+    beside = references_of(experiment) if experiment else BESIDE_ALL
     return attempts_to_solve(record), beside, bounds
 
 

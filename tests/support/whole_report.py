@@ -110,7 +110,7 @@ def whole_material():
     )
     guests = Reference("guests", points, lambda spec, condition: spec.protocol.name == "human")
     made = Material.of(record, experiment)
-    return replace(made, references=(*made.references, guests.beside(experiment)))
+    return replace(made, references=(*made.references, guests.within(experiment)))
 
 
 BLOCKS = ("p", "h1", "h2", "h3", "h4", "li", "summary", "figcaption", "tr", "dt", "dd", "pre")

@@ -177,11 +177,10 @@ def _draw(
     phase = str(means["phase"].iloc[0])
     shown = []
     for one in results.references if published else ():
-        reference = one.reference
-        rows = reference.points
+        rows = one.points
         rows = rows[(rows["phase"] == phase) & rows["condition"].isin(_PAPER[phase])]
         if len(rows) and one.stands(means).any():
-            shown.append((reference.title, f"{reference.detail}, ", rows))
+            shown.append((one.title, f"{one.detail}, ", rows))
     shown += [(str(name), "", rows) for name, rows in means.groupby("learner", observed=True)]
     top = max(float((rows["mean"] + rows["se"].fillna(0)).max()) for _, _, rows in shown)
     with panels(ax, len(shown), in_rows(len(shown), 3, 2.3)) as at:

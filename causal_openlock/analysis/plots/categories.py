@@ -80,10 +80,10 @@ def plot_categories(
     names, phase = KINDS[kind]
     shown = []
     for one in results.references if published else ():
-        known = one.reference.categories
+        known = one.categories
         if known is not None and one.stands(counts).any():
             rows = known[(known["phase"] == phase) & known["condition"].isin(names)]
-            shown.append((one.reference.title, one.reference.detail, rows))
+            shown.append((one.title, one.detail, rows))
     for name in ordered(counts["learner"], results.learners):
         for protocol, rows in counts[counts["learner"] == name].groupby("protocol", observed=True):
             shown.append((name, f"{protocol}, {sizes(rows)}", rows))

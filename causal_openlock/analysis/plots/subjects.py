@@ -51,9 +51,9 @@ def plot_subjects(
         if len(own := table[(table["learner"] == name) & (table["protocol"] == protocol)])
     ]
     references = {
-        one.reference.name: (one.reference.prefix, marker)
+        one.name: (one.prefix, marker)
         for one, marker in zip(results.leading, cycle("Ds^v"), strict=False)
-        if table[f"{one.reference.prefix}_attempts"].notna().any()
+        if table[f"{one.prefix}_attempts"].notna().any()
     }
     points: Any = {"color": style.current().other(2), "ls": "", "ms": 4.5, "zorder": 3}
     keys = [

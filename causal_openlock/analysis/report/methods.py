@@ -138,11 +138,7 @@ def _measures(results: Material) -> Iterator[str]:
         "tests by t with Welch and Satterthwaite's degrees of freedom, or, where 90% or more of "
         "the differences are the same, by the sign test (a permutation test where rooms differ)."
     )
-    references = [
-        _source(one.reference)
-        for one in results.references
-        if one.cells and len(one.reference.points)
-    ]
+    references = [_source(one) for one in results.references if one.cells and len(one.points)]
     if references:
         yield (
             "Where learners played the same rooms under the same budgets, they are compared, by "

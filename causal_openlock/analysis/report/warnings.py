@@ -15,7 +15,6 @@ import pandas as pd
 
 from causal_openlock.analysis.measures import CELL, SUBJECT
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.references import beside_any
 from causal_openlock.analysis.statistics import FEW_SUBJECTS
 from causal_openlock.analysis.table import share
 from causal_openlock.experiment.beside_record import REACTIONS, read_reactions
@@ -71,9 +70,9 @@ def not_applicable(reasons: Iterable[str]) -> tuple[str, ...]:
 def _called_alike(results: Material) -> list[str]:
     """Cells of conditions that are called like published ones, and are others."""
     summary = results.summary
-    published = {name for one in results.references for name in one.reference.points["condition"]}
-    named = summary["condition"].isin(published) & (summary["protocol"] == HUMAN_PROTOCOL)
-    others = summary.loc[named & ~beside_any(summary, results.references), CELL].drop_duplicates()
+    published = {name for one in results.references for name in one.points["condition"]}
+    named = summary[summary["condition"].isin(published) & (summary["protocol"] == HUMAN_PROTOCOL)]
+    others = named.drop(results.compared(named).index)[CELL].drop_duplicates()
     return [_label(key) for key in others.itertuples(index=False)]
 
 
@@ -112,9 +111,9 @@ def about_people(results: Material) -> str:
     if not took:
         return " ".join(exclusions(results))
     told = [f"From the first action to the last, {joined(took)} (median)"]
-    for reference in (one.reference for one in results.references if one.reference.minutes):
-        known = [f"{value} in {IN_WORDS[kind]}" for kind, value in reference.minutes.items()]
-        told.append(f"{reference.name} ({reference.source}) took about {joined(known)}")
+    for one in results.references:
+        if known := [f"{value} in {IN_WORDS[kind]}" for kind, value in one.minutes.items()]:
+            told.append(f"{one.name} ({one.source}) took about {joined(known)}")
     return " ".join([*exclusions(results), "; ".join(told) + "."])
 
 

@@ -14,7 +14,7 @@ import pandas as pd
 
 from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.references import Beside
+from causal_openlock.analysis.results.references import Reference
 from causal_openlock.analysis.results.summary import records
 from causal_openlock.analysis.statistics import beside_mean, sizes
 from causal_openlock.analysis.table import Table, number, share
@@ -35,12 +35,12 @@ def _table(results: Material, protocol: str, name: str, rows: pd.DataFrame) -> T
     of = {name: [row for (_, one), row in cells.items() if one == name] for name in conditions}
     lines: list[tuple[str, str, list[str]]] = []  # a row's look, its head, its cells
     for one in results.references:
-        if one.reference.points.empty:
+        if one.points.empty:
             continue
         texts = [_of_reference(one, *played) for played in of.items()]
         if set(texts) != {"–"}:
-            about = ", ".join(filter(None, [one.reference.detail, sizes(one.reference.points)]))
-            lines.append(("published", f"{one.reference.title}\n{about}", texts))
+            about = ", ".join(filter(None, [one.detail, sizes(one.points)]))
+            lines.append(("published", f"{one.title}\n{about}", texts))
     bounds = [{row["ideal_attempts"] for row in played} for played in of.values()]
     ideal = [None if len(known) > 1 else known.pop() for known in bounds]
     if any(ideal):
@@ -80,11 +80,11 @@ def _in_cell(row: Mapping[str, Any] | None) -> str:
     return "\n".join(filter(None, (mean if solved == 1 else f"≥ {mean}", small)))
 
 
-def _of_reference(one: Beside, condition: str, cells: Sequence[Mapping[str, Any]]) -> str:
+def _of_reference(one: Reference, condition: str, cells: Sequence[Mapping[str, Any]]) -> str:
     """The mean of a reference with its standard error, where all learners have the same trial."""
-    mean, error = (cells[0][f"{one.reference.prefix}_{name}"] for name in ("attempts", "se"))
-    same = {(cell["measured"], cell[f"{one.reference.prefix}_attempts"]) for cell in cells}
+    mean, error = (cells[0][f"{one.prefix}_{name}"] for name in ("attempts", "se"))
+    same = {(cell["measured"], cell[f"{one.prefix}_attempts"]) for cell in cells}
     if mean is None or len(same) > 1:
         return "–"
-    least = "≥ " if one.reference.in_leaderboard and one.solved(condition) != 1 else ""
+    least = "≥ " if one.in_leaderboard and one.solved(condition) != 1 else ""
     return f"{least}{mean:.2f}" + ("" if error is None else f"\n± {error:.2f}")

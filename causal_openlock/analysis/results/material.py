@@ -13,11 +13,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
+import numpy as np
 import pandas as pd
 
 from causal_openlock.analysis.measures import Counts, count, ordered
 from causal_openlock.analysis.results.bounds import Bounds, ideal_bounds
-from causal_openlock.analysis.results.references import Beside, beside_any, references_beside
+from causal_openlock.analysis.results.references import Reference, references_of
 from causal_openlock.analysis.results.summary import headline, summarise
 from causal_openlock.experiment.declare import PERSON
 from causal_openlock.storage.store import StoredExperiment
@@ -38,7 +39,7 @@ class Material:
     """From :func:`~causal_openlock.analysis.measures.attempts_to_solve`; their learners are
     categories in the order of ``learners``."""
     learners: tuple[str, ...]  #: labels in the order in which they are shown
-    references: tuple[Beside, ...]  #: what learners are compared with, and which of them
+    references: tuple[Reference, ...]  #: what learners are compared with, and which of them
     bounds: Bounds  #: what the ideal observer needs
     folders: tuple[Path, ...] = ()  #: the results folders that it was read from
     counted: Counts | None = None  #: what is counted in the record, if it is there already
@@ -71,8 +72,8 @@ class Material:
         counts = count(record)
         specs = sorted(experiment.learners, key=lambda spec: spec.learner != PERSON)
         learners = ordered(counts.trials["learner"], [spec.name for spec in specs])
-        beside, bounds = references_beside(experiment), ideal_bounds(experiment)
-        return cls(record, experiment, counts.trials, learners, beside, bounds, folders, counts)
+        references, bounds = references_of(experiment), ideal_bounds(experiment)
+        return cls(record, experiment, counts.trials, learners, references, bounds, folders, counts)
 
     @property
     def conditions(self) -> tuple[str, ...]:
@@ -87,13 +88,9 @@ class Material:
         return () if people == self.learners else people
 
     @property
-    def leading(self) -> list[Beside]:
+    def leading(self) -> list[Reference]:
         """References that the leaderboard has."""
-        return [
-            one
-            for one in self.references
-            if one.reference.in_leaderboard and len(one.reference.points)
-        ]
+        return [one for one in self.references if one.in_leaderboard and len(one.points)]
 
     @property
     def trained_before(self) -> dict[str, float]:
@@ -111,7 +108,8 @@ class Material:
 
     def compared(self, trials: pd.DataFrame) -> pd.DataFrame:
         """The rows of a table with which any reference is comparable."""
-        return trials[beside_any(trials, self.references)]
+        stands = [one.stands(trials) for one in self.references if len(one.points)]
+        return trials[np.logical_or.reduce([np.zeros(len(trials), bool), *stands])]
 
     def once(self, compute: Callable[[Material], T]) -> T:
         """Return what a function computes from these results; it is called the first time alone.

@@ -74,7 +74,7 @@ def without_excluded(
     return record.filter(~out.to_numpy()), replace(experiment, excluded=excluded)
 
 
-def beside(
+def together(
     results: Sequence[tuple[pa.Table, StoredExperiment]],
 ) -> tuple[pa.Table, StoredExperiment]:
     """Join several results into one, such as those of people and those of learners.
@@ -115,7 +115,7 @@ def beside(
                     f"the condition {condition.name} is not the same in these results; compare "
                     "those that are"
                 )
-    together = replace(
+    whole = replace(
         experiments[0],
         learners=tuple(learners.values()),
         # Whose rooms are on record belongs to the results that they are of.
@@ -130,4 +130,4 @@ def beside(
         excluded=excluded,
         warned=tuple(dict.fromkeys(said for one in experiments for said in one.warned)),
     )
-    return pa.concat_tables([record for record, _ in results]), together
+    return pa.concat_tables([record for record, _ in results]), whole

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
@@ -53,6 +53,8 @@ class Reference:
     and ``until``, the attempts up to the end of the block."""
     minutes: Mapping[str, float] = field(default_factory=dict, kw_only=True)
     """About how many minutes people took, in a ``baseline`` and in ``transfer``, where known."""
+    cells: Cells = field(default=frozenset(), kw_only=True)
+    """What it is comparable with of an experiment; see :meth:`within`."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "title", self.title or self.name)
@@ -66,23 +68,15 @@ class Reference:
         """Name of the reference, and its number of means."""
         return f"<Reference {self.name}: {counted(len(self.points), 'mean')}>"
 
-    def beside(self, experiment: Experiment) -> Beside:
-        """Return the reference with the learners of an experiment that it is comparable with."""
+    def within(self, experiment: Experiment) -> Reference:
+        """Return it with the learners of an experiment that it is comparable with, ``cells``."""
         cells = frozenset(
             (spec.name, condition.name, spec.protocol.name)
             for spec in experiment.learners
             for condition in experiment.conditions
             if self.comparable(spec, condition)
         )
-        return Beside(self, cells)
-
-
-@dataclass(frozen=True, eq=False)
-class Beside:
-    """A reference, and the learners with conditions and protocols that it is comparable with."""
-
-    reference: Reference
-    cells: Cells
+        return replace(self, cells=cells)
 
     def stands(self, table: pd.DataFrame) -> BoolArray:
         """``[N]`` whether it is comparable with each row: its learner, condition and protocol."""
@@ -94,25 +88,23 @@ class Beside:
 
         Rows have ``learner``, ``protocol`` and :data:`POINT`.
         """
-        one = self.reference
         keys = pd.MultiIndex.from_arrays([table[column].astype(object) for column in POINT])
-        beside, stands = one.points.set_index(POINT).reindex(keys), self.stands(table)
+        beside, stands = self.points.set_index(POINT).reindex(keys), self.stands(table)
         return {
-            f"{one.prefix}_{column}": np.where(stands, beside[value].to_numpy(float), np.nan)
+            f"{self.prefix}_{column}": np.where(stands, beside[value].to_numpy(float), np.nan)
             for column, value in (("attempts", "mean"), ("se", "se"))
         }
 
     def solved(self, condition: str) -> float:
         """The share of trials solved where a condition is judged; NaN if it is not known."""
-        points = self.reference.points
-        own = points[points["condition"] == condition].reindex(columns=["share_solved"])
+        own = self.points[self.points["condition"] == condition].reindex(columns=["share_solved"])
         return float(own["share_solved"].iloc[-1]) if len(own) else np.nan
 
 
-def references_beside(experiment: Experiment) -> tuple[Beside, ...]:
+def references_of(experiment: Experiment) -> tuple[Reference, ...]:
     """Return the registered references, with the learners of an experiment that each suits."""
     known = _registered(tuple(registered(REFERENCES).values()))
-    return tuple(one.beside(experiment) for one in known)
+    return tuple(one.within(experiment) for one in known)
 
 
 @lru_cache(maxsize=4)
@@ -121,7 +113,7 @@ def _registered(entries: tuple[Any, ...]) -> tuple[Reference, ...]:
 
 
 def with_references(
-    table: pd.DataFrame, references: Sequence[Beside]
+    table: pd.DataFrame, references: Sequence[Reference]
 ) -> tuple[pd.DataFrame, list[str]]:
     """Return a table of mean ``attempts`` with references, and the names of their columns.
 
@@ -130,25 +122,17 @@ def with_references(
     first.
     """
     added: dict[str, Any] = {}
-    leading = [one for one in references if one.reference.in_leaderboard]
+    leading = [one for one in references if one.in_leaderboard]
     for one in references:
-        prefix = one.reference.prefix
-        if one.reference.points.empty:
+        if one.points.empty:
             continue
         added |= one.columns(table)
         if one in leading:
-            name = "difference" if one is leading[0] else f"{prefix}_difference"
-            added[name] = table["attempts"] - added[f"{prefix}_attempts"]
+            name = "difference" if one is leading[0] else f"{one.prefix}_difference"
+            added[name] = table["attempts"] - added[f"{one.prefix}_attempts"]
     return table.assign(**added), list(added)
 
 
 def gap_column(name: str) -> str:
     """Return the column of differences from a reference of that name, such as ``to_people``."""
     return "to_" + re.sub(r"\W+", "_", name)
-
-
-def beside_any(table: pd.DataFrame, references: Sequence[Beside]) -> BoolArray:
-    """``[N]`` whether any reference with means is comparable with each row."""
-    stands = [one.stands(table) for one in references if not one.reference.points.empty]
-    found: BoolArray = np.logical_or.reduce([np.zeros(len(table), bool), *stands])
-    return found

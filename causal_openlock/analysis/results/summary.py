@@ -15,7 +15,7 @@ import pandas as pd
 
 from causal_openlock.analysis.measures import CELL, by_subject, judged, mean_by_trial, measured
 from causal_openlock.analysis.results.bounds import Bounds
-from causal_openlock.analysis.results.references import Beside, with_references
+from causal_openlock.analysis.results.references import Reference, with_references
 from causal_openlock.analysis.statistics import mean_intervals
 
 SUMMARY_COLUMNS = (
@@ -25,7 +25,7 @@ SUMMARY_COLUMNS = (
 
 
 def summarise(
-    trials: pd.DataFrame, references: Sequence[Beside] = (), bounds: Bounds | None = None
+    trials: pd.DataFrame, references: Sequence[Reference] = (), bounds: Bounds | None = None
 ) -> pd.DataFrame:
     """Every trial of every condition, of trials that are counted already.
 
@@ -55,7 +55,7 @@ def summarise(
 
 
 def headline(
-    trials: pd.DataFrame, references: Sequence[Beside] = (), bounds: Bounds | None = None
+    trials: pd.DataFrame, references: Sequence[Reference] = (), bounds: Bounds | None = None
 ) -> pd.DataFrame:
     """The result of each learner in each condition, of trials that are counted already.
 
@@ -75,7 +75,7 @@ def headline(
 
 def _means(
     trials: pd.DataFrame,
-    references: Sequence[Beside],
+    references: Sequence[Reference],
     bounds: Bounds | None,
 ) -> tuple[pd.DataFrame, list[str]]:
     """The means of each trial, and the names of the columns of references and ideal attempts."""

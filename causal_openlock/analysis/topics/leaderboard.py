@@ -19,7 +19,7 @@ from causal_openlock.analysis.effects import ALPHA, Difference, Group, holm, wei
 from causal_openlock.analysis.measures import judged, ordered
 from causal_openlock.analysis.results.chance import attempts_at_random
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.references import Beside, gap_column
+from causal_openlock.analysis.results.references import Reference, gap_column
 from causal_openlock.analysis.results.summary import records
 from causal_openlock.analysis.statistics import APPROXIMATE, FEW_SUBJECTS
 from causal_openlock.analysis.table import Table, number, p_value, printed, share
@@ -68,7 +68,7 @@ def leaderboard(results: Material) -> pd.DataFrame:
         *(f"to_best{end}" for end in ("", "_low", "_high")),
         *(
             gap_column(name) + end
-            for name in (*(one.reference.name for one in results.leading), *results.people)
+            for name in (*(one.name for one in results.leading), *results.people)
             for end in ("", "_low", "_high", "_p")
         ),
     ]
@@ -99,7 +99,7 @@ def _rows(results: Material, protocol: str) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     for one in results.leading:
         if known := _published(one, headline):
-            row = {**common, "learner": one.reference.name, "reference": True, "informed": False}
+            row = {**common, "learner": one.name, "reference": True, "informed": False}
             row["solved"] = np.mean([one.solved(name) for name in known])
             gap = _against(known, _groups(of_best))
             rows.append({**row, **_means(known, ends), **gap.columns("to_best")})
@@ -111,7 +111,7 @@ def _rows(results: Material, protocol: str) -> list[dict[str, Any]]:
         row["median"] = medians.get(name, np.nan)
         paired = name != best and own.keys() <= of_best.keys()
         row |= compared(own, of_best if paired else {})[0].columns("to_best")
-        others = {one.reference.name: _published(one, headline, name) for one in results.leading}
+        others = {one.name: _published(one, headline, name) for one in results.leading}
         for other, known in (others | ({} if name in people else people)).items():
             row |= _against(groups, known).columns(gap_column(other))
         rows.append(row)
@@ -175,12 +175,14 @@ def _ends(results: Material, protocol: str, limit: int) -> dict[str, tuple[float
     return ends
 
 
-def _published(one: Beside, headline: pd.DataFrame, learner: str | None = None) -> dict[str, Group]:
+def _published(
+    one: Reference, headline: pd.DataFrame, learner: str | None = None
+) -> dict[str, Group]:
     """A reference by condition, where it is comparable with this learner, or with any."""
-    means, errors = (f"{one.reference.prefix}_{of}" for of in ("attempts", "se"))
+    means, errors = (f"{one.prefix}_{of}" for of in ("attempts", "se"))
     rows = headline[headline[means].notna()]
     rows = rows if learner is None else rows[rows["learner"] == learner]
-    sizes = one.reference.points.groupby("condition")["subjects"].min()
+    sizes = one.points.groupby("condition")["subjects"].min()
     known = zip(rows["condition"].astype(str), rows[means], rows[errors], strict=True)
     return {name: Group.published(mean, se, int(sizes[name])) for name, mean, se in known}
 

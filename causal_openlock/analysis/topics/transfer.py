@@ -80,8 +80,8 @@ def transfer(results: Material) -> pd.DataFrame:
     first = trials[is_first & (is_test | trials["condition"].isin(BASELINES))]
     both = [judged(trials[is_test]).assign(of="test"), first.assign(of="first")]
     each = by_subject(pd.concat(both), ["of"])
-    known = {one: _published(one.reference) for one in results.references}
-    published = {gap_column(one.reference.name): one for one in results.leading}
+    known = {one: _published(one) for one in results.references}
+    published = {gap_column(one.name): one for one in results.leading}
     people = {gap_column(name): name for name in results.people}
     rows: list[dict[str, Any]] = []
     for protocol in ordered(each["protocol"].unique(), (HUMAN_PROTOCOL,)):
@@ -89,7 +89,7 @@ def transfer(results: Material) -> pd.DataFrame:
         tests = here[here["of"] == "test"]
         for one in results.references:
             if one.stands(tests).any():
-                about = {"learner": one.reference.name, "reference": True, "protocol": protocol}
+                about = {"learner": one.name, "reference": True, "protocol": protocol}
                 rows += [about | row for row in _rows(known[one], {})]
         played = {name: _played(own) for name, own in here.groupby("learner", observed=True)}
         for name in ordered(tests["learner"].unique(), results.learners):
@@ -330,7 +330,7 @@ def _effect(row: Mapping[str, Any], value: str, ends: str = "") -> str:
 
 def _table(name: str, title: str, rows: pd.DataFrame, material: Material) -> Table:
     """A row for each learner in each test."""
-    names = (*(one.reference.name for one in material.leading), *material.people)
+    names = (*(one.name for one in material.leading), *material.people)
     gaps = {gap_column(name): name for name in names}
     gaps = {column: of for column, of in gaps.items() if rows[column].notna().any()}
     lines = []
