@@ -125,6 +125,11 @@ def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(texts)
 
 
+def records(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """Rows as mappings, with None for what does not exist."""
+    return table.astype(object).where(table.notna(), None).to_dict("records")
+
+
 def write_table(table: pd.DataFrame, path: Path | str) -> None:
     """Write a table of results as CSV; equal data give equal bytes.
 

@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from causal_openlock.analysis.results.summary import SUMMARY_COLUMNS
+from causal_openlock.analysis.results.material import SUMMARY_COLUMNS
 from causal_openlock.analysis.table import write_table
 from causal_openlock.paper.published import model, people
 from support.fabricated_records import random_cells, table, trial_rows

@@ -8,9 +8,8 @@ import pytest
 from matplotlib.figure import Figure
 from scipy import stats
 
-from causal_openlock.analysis.measures import attempts_to_solve
+from causal_openlock.analysis.measures import attempts_to_solve, judged
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.results.summary import judged
 from causal_openlock.analysis.topic import sections_of
 from causal_openlock.analysis.topics.transfer import OTHER, plot_savings, transfer
 from causal_openlock.paper.paper_tests import paper_tests
@@ -171,7 +170,7 @@ def test_the_section_shows_people_first(played):
     assert shown.loc[("people", "CC4"), ["untrained", "saved by CC3"]].tolist() == ["19.38", "71%"]
     assert section.plots[0].caption.endswith("Not drawn, as they solved no trial: never.")
     # Published people stand beside nobody who did something else.
-    parts = played.record, played.experiment, played.trials, played.learners
+    parts = played.record, played.experiment, played.counts, played.learners
     section = section_of(Material(*parts, frozenset(), {}))
     assert section.tables[0].frame["learner"].unique().tolist() == ["good", "never", "always"]
     assert "people" not in section.answer

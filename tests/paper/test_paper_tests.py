@@ -201,9 +201,9 @@ def test_no_learner_is_judged_by_the_others():
 
 
 def test_learners_that_did_something_else_are_not_tested(played):
-    assert tables(Material(played.record, {}, played.trials, LEARNERS, (), {})) == {}
+    assert tables(Material(played.record, {}, played.counts, LEARNERS, (), {})) == {}
     cells = {("good", "CC4", "human"), ("good", "CE4", "human")}
     beside = (replace(people(), cells=cells),)
-    found = tables(Material(played.record, {}, played.trials, LEARNERS, beside, {}))
+    found = tables(Material(played.record, {}, played.counts, LEARNERS, beside, {}))
     assert found["all"]["learner"].tolist() == ["People", "good"] * 3
     assert set(found["all"]["family"]) == {"baseline"}

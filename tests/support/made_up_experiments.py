@@ -2,10 +2,9 @@
 
 import json
 
-from causal_openlock.analysis.results.bounds import ideal_bounds
+from causal_openlock.analysis.measures import count
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import Reference, references_of
-from causal_openlock.analysis.results.summary import headline, summarise
 from causal_openlock.experiment.declare import (
     PAPER_CONDITIONS,
     PROTOCOLS,
@@ -116,28 +115,24 @@ BESIDE_ALL = tuple(
 
 def summary_table(record, experiment=None):
     """The summary of a record, beside references by the names of conditions or by experiment."""
-    return summarise(*_beside(record, experiment))
+    return _beside(record, experiment).summary
 
 
 def headline_table(record, experiment=None):
     """The headline, likewise."""
-    return headline(*_beside(record, experiment))
+    return _beside(record, experiment).headline
 
 
 def _beside(record, experiment):
-    from causal_openlock.analysis.measures import attempts_to_solve
-
-    bounds = ideal_bounds(experiment) if experiment else {}
-    beside = references_of(experiment) if experiment else BESIDE_ALL
-    return attempts_to_solve(record), beside, bounds
+    if experiment:
+        return Material.of(record, experiment)
+    return material_of(record, experiment_of(record), references=BESIDE_ALL)
 
 
 def material_of(record, experiment, **values):
     """What sections are made of, without people or bounds to compare with."""
-    from causal_openlock.analysis.measures import attempts_to_solve
-
     given = {
-        "trials": attempts_to_solve(record),
+        "counts": count(record),
         "learners": tuple(one.name for one in experiment.learners),
         "references": NO_ONE_BESIDE,
         "bounds": {},

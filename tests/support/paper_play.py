@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from causal_openlock.analysis.measures import attempts_to_solve
+from causal_openlock.analysis.measures import count
 from causal_openlock.analysis.results.bounds import Bound
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.experiment.declare import PAPER_CONDITIONS
@@ -75,7 +75,7 @@ def material(rows, learners, **values):
     return Material(
         record=record,
         experiment=values.get("experiment") or experiment_of(record),
-        trials=attempts_to_solve(record),
+        counts=count(record),
         learners=learners,
         references=values.get("references", BESIDE_ALL),
         bounds=bounds,

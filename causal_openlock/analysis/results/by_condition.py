@@ -15,9 +15,8 @@ import pandas as pd
 from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import Reference
-from causal_openlock.analysis.results.summary import records
 from causal_openlock.analysis.statistics import beside_mean, sizes
-from causal_openlock.analysis.table import Table, number, share
+from causal_openlock.analysis.table import Table, number, records, share
 from causal_openlock.wording import file_names
 
 

@@ -16,10 +16,19 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 import numpy as np
 import pandas as pd
 
-from causal_openlock.analysis.measures import Counts, count, ordered
+from causal_openlock.analysis.measures import (
+    CELL,
+    Counts,
+    by_subject,
+    count,
+    judged,
+    mean_by_trial,
+    measured,
+    ordered,
+)
 from causal_openlock.analysis.results.bounds import Bounds, ideal_bounds
 from causal_openlock.analysis.results.references import Reference, references_of
-from causal_openlock.analysis.results.summary import headline, summarise
+from causal_openlock.analysis.statistics import mean_intervals
 from causal_openlock.experiment.declare import PERSON
 from causal_openlock.storage.store import StoredExperiment
 
@@ -27,6 +36,10 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 T = TypeVar("T")
+SUMMARY_COLUMNS = (
+    *(*CELL, "phase", "trial", "loops", "subjects"),
+    *("attempts", "se", "ci_low", "ci_high", "mode", "at_mode", "share_solved"),
+)  #: first columns of a summary; those of references and ``ideal_attempts`` follow
 
 
 @dataclass(frozen=True)
@@ -35,19 +48,11 @@ class Material:
 
     record: pa.Table  #: columns as in :func:`causal_openlock.experiment.record.record_schema`
     experiment: StoredExperiment  #: what was run
-    trials: pd.DataFrame
-    """From :func:`~causal_openlock.analysis.measures.attempts_to_solve`; their learners are
-    categories in the order of ``learners``."""
+    counts: Counts  #: trials, and attempts of each category by blocks of training
     learners: tuple[str, ...]  #: labels in the order in which they are shown
     references: tuple[Reference, ...]  #: what learners are compared with, and which of them
     bounds: Bounds  #: what the ideal observer needs
     folders: tuple[Path, ...] = ()  #: the results folders that it was read from
-    counted: Counts | None = None  #: what is counted in the record, if it is there already
-
-    def __post_init__(self) -> None:
-        names = ordered(self.trials["learner"].unique(), self.learners)
-        learner = pd.Categorical(self.trials["learner"], list(names))
-        object.__setattr__(self, "trials", self.trials.assign(learner=learner))
 
     def __getattribute__(self, name: str) -> Any:
         """Hand out copies of tables and mappings: who changes one does not change the results."""
@@ -73,7 +78,17 @@ class Material:
         specs = sorted(experiment.learners, key=lambda spec: spec.learner != PERSON)
         learners = ordered(counts.trials["learner"], [spec.name for spec in specs])
         references, bounds = references_of(experiment), ideal_bounds(experiment)
-        return cls(record, experiment, counts.trials, learners, references, bounds, folders, counts)
+        return cls(record, experiment, counts, learners, references, bounds, folders)
+
+    @cached_property
+    def trials(self) -> pd.DataFrame:
+        """From :func:`~causal_openlock.analysis.measures.attempts_to_solve`.
+
+        Learners are categories in the order of ``learners``.
+        """
+        trials = self.counts.trials
+        names = ordered(trials["learner"].unique(), self.learners)
+        return trials.assign(learner=pd.Categorical(trials["learner"], list(names)))
 
     @property
     def conditions(self) -> tuple[str, ...]:
@@ -126,16 +141,64 @@ class Material:
         return {}
 
     @cached_property
-    def counts(self) -> Counts:
-        """Trials, and attempts of each category by blocks of training."""
-        return self.counted or count(self.record)
-
-    @cached_property
     def summary(self) -> pd.DataFrame:
-        """A row for each trial of a condition; see :func:`~.summary.summarise`."""
-        return summarise(self.counts.trials, self.references, self.bounds)
+        """Every trial of every condition, with references and the ideal observer.
+
+        A protocol with loops visits a trial number many times; a subject's visits are averaged
+        first, so a row is about one trial number over all loops, and every subject counts once.
+
+        One row for each ``learner``, ``condition``, ``protocol``, ``phase`` and ``trial``, with
+
+        - ``loops``: visits that were averaged (the most of any subject).
+        - ``subjects``: how many.
+        - ``attempts``: mean attempts to solve the trial; an unsolved trial counts as the limit.
+        - ``se``: population SD / √subjects, as the paper's error bars.
+        - ``ci_low``, ``ci_high``: 95% interval (Student's) over subjects; NaN for fewer than five,
+          or where 90% of them have one value.
+        - ``mode``, ``at_mode``: the most common value of subjects, and how many have it.
+        - ``share_solved``: share of visits in which every solution was found, from 0 to 1.
+        - ``human_attempts``, ``human_se``: people's, as published; NaN where there are none.
+        - ``difference``: ``attempts`` minus ``human_attempts``.
+        - ``model_attempts``, ``model_se``: the published model's, where people's are.
+        - ``NAME_attempts``, ``NAME_se``, ``NAME_difference``: the same of each further reference;
+          a difference only from those in the leaderboard.
+        - ``ideal_attempts``: what the ideal observer needs, which knows the schema; NaN if that is
+          not known.
+        """
+        table, added = self._means(self.counts.trials)
+        return table.rename(columns={"visits": "loops"})[[*SUMMARY_COLUMNS, *added]]
 
     @cached_property
     def headline(self) -> pd.DataFrame:
-        """A row for each learner in each condition; see :func:`~.summary.headline`."""
-        return headline(self.counts.trials, self.references, self.bounds)
+        """The result of each learner in each condition.
+
+        One row for each ``learner``, ``protocol`` and ``condition``, with ``measured`` (such as
+        ``trial 5`` or ``test``), ``subjects``, ``attempts``, ``ci_low``, ``ci_high``, ``mode``,
+        ``at_mode``, ``share_solved``, the columns of references and ``ideal_attempts`` as in
+        :attr:`summary`.
+        """
+        table, added = self._means(judged(self.counts.trials))
+        first = ["learner", "protocol", "condition"]
+        table = table.assign(measured=measured(table))
+        table = table.sort_values(first, kind="stable", ignore_index=True)
+        first += ["measured", "subjects", "attempts"]
+        return table[[*first, "ci_low", "ci_high", "mode", "at_mode", "share_solved", *added]]
+
+    def _means(self, trials: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
+        """The means of each trial, and the columns of references and the ideal observer."""
+        by = ["phase", "trial"]
+        means = mean_by_trial(trials, by).rename(columns={"mean": "attempts"})
+        intervals = mean_intervals(by_subject(trials, by), [*CELL, *by], "attempts")
+        table = means.assign(**intervals[["ci_low", "ci_high", "mode", "at_mode"]])
+        added: dict[str, Any] = {}
+        for one in self.references:
+            if len(one.points):
+                added |= one.columns(table)
+            if one in self.leading:
+                name = "difference" if one is self.leading[0] else f"{one.prefix}_difference"
+                added[name] = table["attempts"] - added[f"{one.prefix}_attempts"]
+        keys = table[["condition", "protocol", "phase"]].astype(str).itertuples(index=False)
+        known = [self.bounds.get(tuple(key)) for key in keys]
+        ideal = [np.nan if one is None else one.attempts for one in known]
+        added["ideal_attempts"] = np.array(ideal, float)
+        return table.assign(**added), list(added)

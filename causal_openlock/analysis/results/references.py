@@ -11,7 +11,7 @@ Published results are registered as entry points, each a function that returns a
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
@@ -110,27 +110,6 @@ def references_of(experiment: Experiment) -> tuple[Reference, ...]:
 @lru_cache(maxsize=4)
 def _registered(entries: tuple[Any, ...]) -> tuple[Reference, ...]:
     return tuple(loaded(entry)() for entry in entries)
-
-
-def with_references(
-    table: pd.DataFrame, references: Sequence[Reference]
-) -> tuple[pd.DataFrame, list[str]]:
-    """Return a table of mean ``attempts`` with references, and the names of their columns.
-
-    These are ``PREFIX_attempts`` and ``PREFIX_se`` of each reference with points and, of those in
-    the leaderboard, the ``difference`` of attempts from them: ``PREFIX_difference`` of all but the
-    first.
-    """
-    added: dict[str, Any] = {}
-    leading = [one for one in references if one.in_leaderboard]
-    for one in references:
-        if one.points.empty:
-            continue
-        added |= one.columns(table)
-        if one in leading:
-            name = "difference" if one is leading[0] else f"{one.prefix}_difference"
-            added[name] = table["attempts"] - added[f"{one.prefix}_attempts"]
-    return table.assign(**added), list(added)
 
 
 def gap_column(name: str) -> str:

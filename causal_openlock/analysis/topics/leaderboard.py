@@ -20,9 +20,8 @@ from causal_openlock.analysis.measures import judged, ordered
 from causal_openlock.analysis.results.chance import attempts_at_random
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import Reference, gap_column
-from causal_openlock.analysis.results.summary import records
 from causal_openlock.analysis.statistics import APPROXIMATE, FEW_SUBJECTS
-from causal_openlock.analysis.table import Table, number, p_value, printed, share
+from causal_openlock.analysis.table import Table, number, p_value, printed, records, share
 from causal_openlock.analysis.topics.pairwise import Outcomes, all_outcomes, compared
 from causal_openlock.experiment.declare import HUMAN_PROTOCOL
 from causal_openlock.wording import counted, joined, some

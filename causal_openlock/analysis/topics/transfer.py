@@ -190,7 +190,9 @@ def plot_savings(
     :func:`~causal_openlock.analysis.plots.attempts.plot_attempts`.
     """
     protocol, trials = trials_under(results, protocol, learners)
-    table = (results if learners is None else replace(results, trials=trials)).once(transfer)
+    if learners is not None:
+        results = replace(results, counts=results.counts._replace(trials=trials))
+    table = results.once(transfer)
     table = table[table["protocol"] == protocol]
     if table["reference"].all():
         raise NothingToDrawError(
