@@ -20,12 +20,7 @@ from causal_openlock.analysis.report.warnings import not_applicable, warnings_of
 from causal_openlock.analysis.results.by_condition import condition_tables
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.missing import missing_cells
-from causal_openlock.analysis.results.reading import (
-    Exclusion,
-    read_results,
-    together,
-    without_excluded,
-)
+from causal_openlock.analysis.results.reading import Exclusion, read_results, together
 from causal_openlock.analysis.table import Table
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.making import listed
@@ -72,12 +67,6 @@ class Results(Material):
         >>> results.trials[["subject", "trial", "attempts", "solved"]].head(2).values.tolist()
         [[0, 1, 3, True], [0, 2, 3, True]]
     """
-
-    @classmethod
-    def read(cls, *folders: Path | str, exclude: Exclusion | None = None) -> Results:
-        """The results in these folders together; see :func:`open_results`."""
-        found = [read_results(Store(folder), exclude) for folder in folders]
-        return cls.of(*together(found), tuple(Path(folder).resolve() for folder in folders))
 
     # -- tables ---------------------------------------------------------------------------------
 
@@ -158,25 +147,15 @@ class Results(Material):
 
     @cached_property
     def _whole(self) -> pd.DataFrame:
-        """The record with all its columns, in the order of :attr:`trials`."""
-        import pyarrow as pa
-
-        parts = [Store(folder).record() for folder in self.folders]
-        if [name for _, one in parts for name in one.files] != [*self.experiment.files]:
-            raise StoreError(
-                f"{self.folders[0]} has been used for another comparison since; open it again"
-            )
-        if excluded := self.experiment.excluded:
-            parts = [without_excluded(*part, excluded) for part in parts]
-        table = pa.concat_tables([record for record, _ in parts]).to_pandas()
-        named = table.copy(deep=False)
+        """The record in the order of :attr:`trials`, with its names."""
+        whole = self.record.to_pandas()
         for name in [*SUBJECTS, *ROOM]:
             known = self.trials[name]
-            named[name] = table[name].astype(known.dtype)
+            whole[name] = whole[name].astype(known.dtype)
             if isinstance(known.dtype, pd.CategoricalDtype):
                 # pandas takes categories in another order for the same.
-                named[name] = named[name].cat.reorder_categories(known.cat.categories)
-        return named.sort_values([*SUBJECTS, *VISIT, "attempt"], ignore_index=True)
+                whole[name] = whole[name].cat.reorder_categories(known.cat.categories)
+        return whole.sort_values([*SUBJECTS, *VISIT, "attempt"], ignore_index=True)
 
     @cached_property
     def scores(self) -> Scores:
@@ -310,5 +289,6 @@ def open_results(
         StoreError: If a folder holds no results, one is damaged, nobody is left, or they cannot be
             compared.
     """
-    places = map(folder_at, (folder, *others, *listed(beside)))
-    return Results.read(*places, exclude=exclude)
+    folders = [*map(folder_at, (folder, *others, *listed(beside)))]
+    found = [read_results(Store(path), exclude) for path in folders]
+    return Results.of(*together(found), tuple(path.resolve() for path in folders))

@@ -21,7 +21,6 @@ from causal_openlock.analysis.measures import (
     mean_by_trial,
     ordered,
 )
-from causal_openlock.analysis.results import reading
 from causal_openlock.analysis.results.reading import read_results
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.making import Changes, find_experiment, read_experiment
@@ -193,7 +192,7 @@ def test_counts_agree_with_plain_loops(random_record):
     assert counts["count"].sum() == random_record.num_rows
 
 
-# -- in pieces, and read small --------------------------------------------------------------------
+# -- in pieces ------------------------------------------------------------------------------------
 
 
 def same_as_whole(record, at_once):
@@ -241,17 +240,6 @@ def store(tmp_path_factory):
     experiment = read_experiment(find_experiment("default"), changes)
     with ThreadPoolExecutor(1) as pool:
         return run(experiment, tmp_path_factory.mktemp("results") / "r", executor=pool)
-
-
-def test_reading_small_leaves_out_columns_and_changes_no_value(store):
-    whole, told = store.record()
-    small, description = read_results(store)
-    assert description == told
-    assert set(whole.column_names) - set(small.column_names) == set(reading.UNREAD)
-    for name in small.column_names:
-        assert small[name].to_pylist() == whole[name].to_pylist(), name
-    assert small.nbytes < 0.8 * whole.nbytes
-    same_as_whole(small, 1)
 
 
 def test_a_damaged_cell_is_named_however_it_is_read(store, tmp_path):

@@ -1,8 +1,4 @@
-"""Reading results folders for analysis: the columns that are needed, as small as they can be.
-
-In memory a record of ten million attempts has more than a gigabyte, most of it in columns that an
-analysis never uses and in codes of names that are wider than they need be. So a cell is read at a
-time, without the columns that are not needed, and narrowed before the next one is read.
+"""Reading results folders for analysis, and joining what several of them hold.
 
 People may be left out by the rule of the paper, which removed those who completed no trial. Nobody
 is unless it is asked for, and reports and methods then say how many are. Learners never are.
@@ -10,14 +6,13 @@ is unless it is asked for, and reports and methods then say how many are. Learne
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Literal, get_args
 
 from causal_openlock.analysis.measures import CELL, SUBJECT
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.declare import PERSON, SHOWN
-from causal_openlock.experiment.record import record_schema
 from causal_openlock.storage.store import Store
 from causal_openlock.storage.versions import merged_versions
 from causal_openlock.wording import joined
@@ -28,31 +23,29 @@ if TYPE_CHECKING:
     from causal_openlock.experiment.declare import Condition, LearnerSpec
     from causal_openlock.storage.store import StoredExperiment
 
-UNREAD = ("moved", "reward", "wall_time")  #: a quarter of a record, of no use to analyses
 Exclusion = Literal["completed no trial"]  #: rules by which people are left out
 
 
 def read_results(
     store: Store, exclude: Exclusion | None = None
 ) -> tuple[pa.Table, StoredExperiment]:
-    """The records of all cells as one, without :data:`UNREAD`, and the experiment they are of.
+    """The records of all cells as one, and the experiment they are of.
 
     Raises:
         StoreError: If there is no cell, one is damaged, or the rule leaves nobody.
     """
-    if exclude is not None and exclude not in get_args(Exclusion):
+    if exclude not in (None, *get_args(Exclusion)):
         raise StoreError(
             f"no rule {exclude!r} leaves people out; {joined(get_args(Exclusion))} does"
         )
-    found = store.record([name for name in record_schema().names if name not in UNREAD])
-    people = [spec.name for spec in found[1].learners if spec.learner == PERSON]
-    return found if exclude is None else without_excluded(*found, people)
+    record, experiment = store.record()
+    return (record, experiment) if exclude is None else without_excluded(record, experiment)
 
 
 def without_excluded(
-    record: pa.Table, experiment: StoredExperiment, people: Collection[str]
+    record: pa.Table, experiment: StoredExperiment
 ) -> tuple[pa.Table, StoredExperiment]:
-    """Leave out those of the ``people`` who found every solution of no room.
+    """Leave out the people who found every solution of no room.
 
     The experiment is returned with their numbers, ``excluded``.
 
@@ -61,6 +54,7 @@ def without_excluded(
     """
     import pandas as pd
 
+    people = [spec.name for spec in experiment.learners if spec.learner == PERSON]
     columns = {name: record[name].to_pandas() for name in (*CELL, *SUBJECT)}
     complete = record["solutions_found"].to_pandas() == record["solutions"].to_pandas()
     columns["solved"] = complete & (record["phase"].to_pandas() != SHOWN)

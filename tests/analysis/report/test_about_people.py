@@ -68,4 +68,4 @@ def test_a_rule_that_leaves_nobody_is_refused(tmp_path, two_of_three):
     first = record.column_names.index("phase")  # a solution that was shown completes no trial
     shown = record.set_column(first, "phase", pa.array(["shown"] * record.num_rows))
     with pytest.raises(StoreError, match=f"everybody {RULE}"):
-        without_excluded(shown, experiment, ["person"])
+        without_excluded(shown, experiment)
