@@ -63,13 +63,19 @@ def plot_attempts(
         NothingToDrawError: If no such learner played such a condition.
         OpenLockError: If a learner or a condition is not in the results, or ``ax`` does not fit.
     """
-    means = _comparable_means(results, "train", learners, conditions)
-    asked = [conditions] if isinstance(conditions, str) else conditions or ()
-    as_people = len(means) > 0 and {*asked} <= {*BASELINES}
+    trials = rows_of(results, results.trials, learners, conditions)
+    if trials.empty:
+        raise NothingToDrawError("no such learner played such a condition")
+    means = _comparable_means(results, trials, "train")
+    as_people = len(means) > 0 and (conditions is None or {*trials["condition"]} <= {*BASELINES})
     if as_people:
         looks = {name: {"color": style.current().trained(name)} for name in BASELINES}
     else:
-        means = _means_of_every_trial(results, learners, conditions)
+        means = mean_by_trial(trials)
+        labels = means["learner"].astype(str)  # with the protocol, where it has several
+        several = means.groupby("learner", observed=True)["protocol"].transform("nunique") > 1
+        labels = labels.where(~several, labels + " (" + means["protocol"].astype(str) + ")")
+        means["learner"] = pd.Categorical(labels, labels.unique())
         names = ordered(means["condition"].unique(), results.conditions)
         looks = {name: style.current().line(number, name) for number, name in enumerate(names)}
     width = 0.8 / len(looks)
@@ -113,7 +119,8 @@ def plot_transfer(
     Returns:
         ``[P]`` the axes of the panels; of a single panel its axes.
     """
-    means = _comparable_means(results, "test", learners, conditions)
+    trials = rows_of(results, results.trials, learners, conditions)
+    means = _comparable_means(results, trials, "test")
     if means.empty:
         raise NothingToDrawError(
             "no such learner played a transfer condition as people did, in the paper's rooms under "
@@ -142,25 +149,11 @@ def plot_transfer(
     return _draw(results, means, published, panel, keys, ax)
 
 
-def _comparable_means(
-    results: Material, phase: str, learners: Names, conditions: Names
-) -> pd.DataFrame:
+def _comparable_means(results: Material, trials: pd.DataFrame, phase: str) -> pd.DataFrame:
     """Means of what learners did as a reference had: the baselines (``train``) or the ``test``."""
-    trials = rows_of(results, results.compared(results.trials), learners, conditions)
+    trials = results.compared(trials)
     trials = trials[trials["condition"].isin(_PAPER[phase]) & (trials["phase"] == phase)]
     return mean_by_trial(trials, ["phase", "trial"] if phase == "train" else ["phase"])
-
-
-def _means_of_every_trial(results: Material, learners: Names, conditions: Names) -> pd.DataFrame:
-    """Means of every trial; a learner with several protocols is one learner for each."""
-    trials = rows_of(results, results.trials, learners, conditions)
-    if trials.empty:
-        raise NothingToDrawError("no such learner played such a condition")
-    means = mean_by_trial(trials)
-    several = means.groupby("learner", observed=True)["protocol"].transform("nunique") > 1
-    labels = means["learner"].astype(str)
-    labels = labels.where(~several, labels + " (" + means["protocol"].astype(str) + ")")
-    return means.assign(learner=pd.Categorical(labels, labels.unique()))
 
 
 def _draw(

@@ -20,7 +20,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import panels, set_size
+from causal_openlock.analysis.plots.panels import panels
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.traces import replayed
 from causal_openlock.belief.trace import Moment, Trace, agreement, percent, shown_name
@@ -93,7 +93,7 @@ def plot_trace(trace: Trace, *, actions: int = MOST_ACTIONS, ax: Any = None) -> 
     height = sum(heights) + around + _GRAPHS
 
     def lay_out(figure: Figure) -> list[Axes]:
-        set_size(figure, shown.width, height)
+        figure.set_size_inches(shown.width, height)
         engine: Any = figure.get_layout_engine()
         engine.set(rect=(0, _GRAPHS / height, 1, 1 - _GRAPHS / height), h_pad=0.07)
         boxes = [(left, 0.01, 0.47, _GRAPHS / height - 0.04) for left in (0.015, 0.515)]

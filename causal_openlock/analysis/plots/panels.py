@@ -32,12 +32,6 @@ Names = Collection[str] | None  #: labels of learners or conditions; None for al
 Layout = Callable[[Figure], Sequence[Axes]]  #: gives a figure its size and its panels
 
 
-def set_size(figure: Figure, width: float, height: float) -> None:
-    """Give a figure its size in inches, and have it laid out for that."""
-    figure.set_layout_engine("constrained")
-    figure.set_size_inches(width, height)
-
-
 @dataclass(frozen=True)
 class Panels:
     """The axes of the panels, in order."""
@@ -83,6 +77,7 @@ def panels(ax: Any, count: int, lay_out: Layout) -> Iterator[Panels]:
                 import matplotlib.pyplot as plt
 
                 ax = plt.figure()
+            ax.set_layout_engine("constrained")
             yield Panels(list(lay_out(ax)), ax)
     else:
         axes = " or axes" if count == 1 else f", as this plot has {count} panels"
@@ -106,7 +101,7 @@ def in_rows(
     columns = math.ceil(count / rows)  # four panels are two and two, not three and one
 
     def lay_out(figure: Figure) -> list[Axes]:
-        set_size(figure, width if columns > 1 else 0.62 * width, rows * height + above)
+        figure.set_size_inches(width * (1 if columns > 1 else 0.62), rows * height + above)
         grid = figure.subplots(rows, columns, sharey=common, squeeze=False).ravel().tolist()
         for unused in grid[count:]:
             unused.remove()

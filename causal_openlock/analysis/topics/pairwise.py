@@ -22,7 +22,7 @@ from matplotlib.figure import Figure
 from causal_openlock.analysis.effects import ALPHA, Difference, contrast, holm, weighted_difference
 from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT, judged, ordered
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import Names, panels, set_size, trials_under
+from causal_openlock.analysis.plots.panels import Names, panels, trials_under
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.table import Table, printed
 from causal_openlock.analysis.topic import Section, Topic, drawn, sentences
@@ -165,7 +165,7 @@ def plot_pairs(
     cell = min(0.55, (style.WIDTH - edge - 0.5 * edge) / size)
 
     def lay_out(figure: Figure) -> list[Axes]:
-        set_size(figure, max(3.5, 1.5 * edge + cell * size), 0.75 + 0.7 * edge + cell * size)
+        figure.set_size_inches(max(3.5, 1.5 * edge + cell * size), 0.75 + 0.7 * edge + cell * size)
         return [figure.subplots()]
 
     with panels(ax, 1, lay_out) as at:

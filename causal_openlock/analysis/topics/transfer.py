@@ -24,7 +24,7 @@ from matplotlib.ticker import MaxNLocator, PercentFormatter
 from causal_openlock.analysis.effects import ALPHA, Group, weighted_difference
 from causal_openlock.analysis.measures import BASELINES, TRANSFERS, by_subject, judged, ordered
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import Names, panels, set_size, trials_under
+from causal_openlock.analysis.plots.panels import Names, panels, trials_under
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import Reference, gap_column
 from causal_openlock.analysis.table import Table, p_value, printed
@@ -205,7 +205,7 @@ def plot_savings(
     looks = {name: (style.current().trained(name), mark) for name, mark in marks.items()}
 
     def lay_out(figure: Figure) -> Sequence[Axes]:
-        set_size(figure, style.WIDTH, 2 * (0.85 + 0.21 * len(names)) + 0.3)
+        figure.set_size_inches(style.WIDTH, 2 * (0.85 + 0.21 * len(names)) + 0.3)
         return list(figure.subplots(2, 2, sharey=True, sharex="row").ravel())
 
     with panels(ax, 4, lay_out) as at:
