@@ -136,15 +136,18 @@ def plot_trace(trace: Trace, *, actions: int = MOST_ACTIONS, ax: Any = None) -> 
 
 
 def _looks() -> dict[str, dict[str, Any]]:
-    """Marks of the outcomes of actions, distinct in form as well: a ring, filled marks, a star."""
+    """Marks of the outcomes of actions, distinct in form: a ring, filled marks, a star.
+
+    They fit into the narrowest column, of 9 points.
+    """
     own, edge = style.current(), {"mec": _INK, "mew": 0.8}
     return {
-        "nothing": {"marker": "_", "mec": _FAINT, "mew": 1.6, "ms": 7},
-        "moved": {"marker": "o", "mfc": "white", **edge, "ms": 6},
-        "unlocked": {"marker": "D", "mfc": own.other(3), **edge, "ms": 5.5},
-        "locked": {"marker": "s", "mfc": _INK, **edge, "ms": 5.5},
-        "opened": {"marker": "^", "mfc": own.other(1), **edge, "ms": 7},
-        "new solution": {"marker": "*", "mfc": own.common_cause, **edge, "ms": 11},
+        "nothing": {"marker": "_", "mec": _FAINT, "mew": 1.6, "ms": 6},
+        "moved": {"marker": "o", "mfc": "white", **edge, "ms": 5},
+        "unlocked": {"marker": "D", "mfc": own.other(3), **edge, "ms": 4.5},
+        "locked": {"marker": "s", "mfc": _INK, **edge, "ms": 4.5},
+        "opened": {"marker": "^", "mfc": own.other(1), **edge, "ms": 6},
+        "new solution": {"marker": "*", "mfc": own.common_cause, **edge, "ms": 9},
     }
 
 
@@ -192,11 +195,6 @@ class Part:
         return max(style.WIDTH, _BESIDE + _NARROWEST * (len(self.actions) + 1))
 
     @property
-    def column(self) -> float:
-        """Width of a column in points."""
-        return 72 * (self.width - _BESIDE) / (len(self.actions) + 1)
-
-    @property
     def cut(self) -> str:
         """Sentence on the part that is shown; empty if all is shown."""
         number, all_actions = len(self.actions), len(self.trace.actions)
@@ -222,12 +220,10 @@ def _draw_timeline(axes: Axes, shown: Part, names: list[str]) -> None:
         axes.axvspan(begin + 0.04, end - 0.04, fc=("#EDEDED", "#DCDCDC")[number % 2], zorder=0)
         middle = (begin + end) / 2
         axes.text(middle, 0.97, str(number + 1), ha="center", va="top", fontsize=_SMALL + 0.5)
-    scale = min(1.0, shown.column / 11.5)
     for outcome, mark in _looks().items():
         columns = [place for place, one in enumerate(shown.actions, 1) if one.outcome == outcome]
-        look = {**mark, "ms": mark["ms"] * scale, "ls": "none"}
         if columns:
-            axes.plot(columns, [0.32] * len(columns), label=outcome, **look)
+            axes.plot(columns, [0.32] * len(columns), ls="none", label=outcome, **mark)
     axes.set_yticks([0.84, 0.32], ["Attempt", "What came of it"])
     axes.set_xticks(range(len(names) + 1), ["at first", *names], rotation=90, fontsize=_SMALL)
     axes.tick_params(length=0)
@@ -237,8 +233,7 @@ def _draw_timeline(axes: Axes, shown: Part, names: list[str]) -> None:
 def _draw_entropy(axes: Axes, shown: Part) -> None:
     """The bits that are missing to certainty, at first and after each action."""
     values = shown.trace.entropies[: len(shown.actions) + 1]
-    size = min(3.2, 0.25 * shown.column)
-    axes.plot(range(len(values)), values, ls="none", color=_INK, marker="o", ms=size, clip_on=False)
+    axes.plot(range(len(values)), values, ls="none", color=_INK, marker="o", ms=2.5, clip_on=False)
     for column, action in enumerate(shown.actions):
         look: Any = _RENEWED if action.renewed else {"color": _INK, "lw": 1.2}
         axes.plot([column, column + 1], values[column : column + 2], **look)
