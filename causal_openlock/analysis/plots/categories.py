@@ -84,7 +84,8 @@ def plot_categories(
         if known is not None and one.stands(counts).any():
             rows = known[(known["phase"] == phase) & known["condition"].isin(names)]
             shown.append((one.title, one.detail, rows))
-    for name in ordered(counts["learner"], results.learners):
+    played = ordered(counts["learner"], results.learners)
+    for name in played:
         for protocol, rows in counts[counts["learner"] == name].groupby("protocol", observed=True):
             shown.append((name, f"{protocol}, {sizes(rows)}", rows))
     looks = zip(_NAMES, style.current().categories, strict=True)
@@ -96,11 +97,12 @@ def plot_categories(
         ]
     with panels(ax, len(shown), in_rows(len(shown), 2, 2.7)) as at:
         for axes, (name, detail, rows) in zip(at.axes, shown, strict=True):
-            (_draw_blocks if kind == "baseline" else _draw_tests)(axes, rows)
+            if kind == "baseline":
+                _draw_blocks(axes, rows)
+                axes.set_xlabel("Attempts of each subject" if name in played else "Attempts")
+            else:
+                _draw_tests(axes, rows)
             style.panel_title(axes, name, detail)
-        top = max(axes.get_ylim()[1] for axes in at.axes)
-        for axes in at.axes:
-            axes.set_ylim(0, top)
         at.label_y(r"$\log_{10}$ of attempts, stacked")
         at.legend(keys)
     return at.returned
@@ -112,8 +114,7 @@ def _draw_blocks(axes: Axes, rows: pd.DataFrame) -> None:
             _stack(axes, block - 1 + 0.4 * side - 0.2, part, 0.38, outline)
     names = _ranges(rows.groupby("block")["until"].max().to_numpy())
     axes.set_xticks(range(len(names)), names, fontsize="small")
-    whose = " of each subject" if "learner" in rows else ""
-    axes.set(xlim=(-0.6, len(names) - 0.4), xlabel=f"Attempts{whose}")
+    axes.set_xlim(-0.6, len(names) - 0.4)
 
 
 def _draw_tests(axes: Axes, rows: pd.DataFrame) -> None:
