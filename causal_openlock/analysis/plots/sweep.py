@@ -59,36 +59,27 @@ def sweep_table(results: Material, parameter: str | None = None) -> pd.DataFrame
                 f"{found} between learners of the same kind; name one, as in plot.sweep('lapse')"
             )
         (parameter,) = swept
-    swept_specs = [spec for spec in specs if parameter in spec.parameters]
-    if not swept_specs:
+    having = [spec for spec in specs if parameter in spec.parameters]
+    if not having:
         known = {key for spec in specs for key in spec.parameters}
         raise OpenLockError(
             f"no learner of these results has a parameter {parameter}; "
             f"{nearest(str(parameter), known)}"
         )
-    values = {spec.name: spec.parameters[parameter] for spec in swept_specs}
-    series = {
-        spec.name: ", ".join(
-            [
-                spec.learner.rpartition(":")[2],
-                *(f"{key} {settings[spec.name][key]}" for key in differ[spec.name]
-                  if key != parameter),
-            ]
-        )
-        for spec in swept_specs
-    }  # fmt: skip
-    order = list(values.values())
-    if _are_numbers(order):
-        order.sort()
-    rows = results.headline[results.headline["learner"].isin(list(values))]
-    names = rows["learner"].astype(str)
-    table = rows.assign(
-        parameter=parameter,
-        value=pd.Series([values[name] for name in names], rows.index, object),
-        series=names.map(series),
-        place=[order.index(values[name]) for name in names],
-    ).sort_values(["condition", "protocol", "series", "place"], ignore_index=True)
-    return table[["parameter", "value", "series", *rows.columns]]
+    values = [spec.parameters[parameter] for spec in having]
+    order = sorted(values) if _are_numbers(values) else values
+    rows = []
+    for spec, value in zip(having, values, strict=True):
+        own = settings[spec.name]
+        others = [f"{key} {own[key]}" for key in differ[spec.name] if key != parameter]
+        series = ", ".join([spec.learner.rpartition(":")[2], *others])
+        rows.append((spec.name, parameter, series, order.index(value)))
+    about = pd.DataFrame(rows, columns=["learner", "parameter", "series", "place"])
+    about["value"] = pd.Series(values, dtype=object)  # 1 and None stay what they are
+    headline = results.headline
+    table = headline.merge(about.astype({"learner": headline["learner"].dtype}), on="learner")
+    table = table.sort_values(["condition", "protocol", "series", "place"], ignore_index=True)
+    return table[["parameter", "value", "series", *headline.columns]]
 
 
 def _are_numbers(values: list[Any]) -> bool:
