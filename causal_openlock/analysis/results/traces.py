@@ -8,9 +8,7 @@ rooms are not those on record, there is no trace.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from contextlib import suppress
-from itertools import chain
 from typing import TYPE_CHECKING
 
 import pandas as pd
@@ -104,7 +102,7 @@ def replayed(
     row = visits.iloc[trial - 1]
     believer = create(spec.learner, spec.parameters)
     assert isinstance(believer, BeliefLearner)
-    recorded = [*_recorded(results.record, visits.iloc[:trial])]
+    recorded = _recorded(results.record, visits.iloc[:trial])
     trace = trace_trial(
         believer,
         rooms[condition],
@@ -115,7 +113,7 @@ def replayed(
         # A user's own code is not run to read results; learners with beliefs ignore rewards.
         reward=PAPER_REWARD if spec.reward.is_own else spec.reward,
         label=spec.name,
-        recorded=chain(*chain(*recorded)),
+        recorded=(action for visit in recorded for attempt in visit for action in attempt),
     )
     schema = next(one for one in rooms[condition].schemas if one.name == row["schema"])
     room = Room.of(schema, row["layout"], len(trace.nodes) - 1)
@@ -133,7 +131,7 @@ def _unknown(learner: str, trials: str) -> NothingToDrawError:
     )
 
 
-def _recorded(record: pa.Table, visits: pd.DataFrame) -> Iterator[list[list[int]]]:
+def _recorded(record: pa.Table, visits: pd.DataFrame) -> list[list[list[int]]]:
     """The actions of each attempt, of each of a subject's trials."""
     from pyarrow.compute import field
 
@@ -142,5 +140,5 @@ def _recorded(record: pa.Table, visits: pd.DataFrame) -> Iterator[list[list[int]
     names = [*CELL, *VISIT]
     rows = own.select([*names, "attempt", "actions"]).to_pandas().sort_values("attempt")
     known = dict(iter(rows.groupby(names, observed=True)["actions"]))
-    for visit in visits[names].itertuples(index=False, name=None):
-        yield [actions.tolist() for actions in known.get(visit, ())]
+    played = visits[names].itertuples(index=False, name=None)
+    return [[actions.tolist() for actions in known.get(visit, ())] for visit in played]
