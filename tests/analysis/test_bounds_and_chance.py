@@ -123,7 +123,7 @@ def test_every_figure_has_its_line(tmp_path):
     for axes in figure.axes:
         assert lines(axes) == [(pytest.approx(3.75), *axes.get_xlim())]
     keys = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
-    assert keys.count(style.IDEAL) == 1
+    assert keys.count(style.ideal_key().get_label()) == 1
     known = dict(results.bounds)
     for condition in ("CC3-CE4", "CE3-CE4"):
         known[condition, "human", "test"] = Bound("CE4", 5.0)

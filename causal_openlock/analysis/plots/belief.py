@@ -272,11 +272,10 @@ def _draw_arrows(axes: Axes, shown: Part, beside: list[Axes]) -> None:
     )  # fmt: skip
     labels = [f"{nodes[cause]} → {nodes[effect]}" for cause, effect in shown.arrows]
     axes.set_yticks(range(count), labels, fontsize=_SMALL)
-    for place, tick in enumerate(axes.get_yticklabels()):
-        tick.set(color="#6A6A6A" if place >= shown.true else "black")
-        tick.set(fontweight="normal" if place >= shown.true else "bold")
+    axes.tick_params(axis="y", length=0, labelcolor="#6A6A6A")
+    for tick in axes.get_yticklabels()[: shown.true]:
+        tick.set(color="black", fontweight="bold")
     axes.set_ylim(count - 0.5, -0.5)
-    axes.tick_params(axis="y", length=0)
     axes.spines[:].set_visible(False)
     if 0 < shown.true < count:
         axes.axhline(shown.true - 0.5, color=_INK, lw=1.0)

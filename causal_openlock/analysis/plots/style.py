@@ -28,10 +28,6 @@ from matplotlib.lines import Line2D
 from causal_openlock.files.atomic import write_bytes
 from causal_openlock.files.validation import check_arguments
 
-IDEAL = "ideal observer (schema known)"
-"""Name of the bound of :mod:`~causal_openlock.analysis.results.bounds` in figures, a line in
-them."""
-
 WIDTH = 7.2  #: width of a full figure in inches: two columns of a printed page
 
 _RC: Any = {
@@ -208,7 +204,7 @@ def ideal_line(axes: Axes, attempts: float, start: float, end: float) -> None:
 
 def ideal_key() -> Line2D:
     """The entry of the ideal observer in a legend."""
-    return Line2D([], [], **_IDEAL_LOOK, label=IDEAL)
+    return Line2D([], [], **_IDEAL_LOOK, label="ideal observer (schema known)")
 
 
 def save(figure: Figure, path: Path) -> None:
