@@ -122,14 +122,10 @@ def count(record: pa.Table, at_once: int = AT_ONCE) -> Counts:
 
 def _named(record: pa.Table) -> pa.Table:
     """What is counted of a record; its columns of text are codes, the same in every chunk."""
-    import pyarrow as pa
-
     record = record.select([*TRIAL, "attempt", "category", "solutions_found", "solutions"])
     for name in NAMES:
-        column = record[name]
-        if not pa.types.is_dictionary(column.type):
-            place = record.schema.get_field_index(name)
-            record = record.set_column(place, name, column.dictionary_encode())
+        place = record.schema.get_field_index(name)
+        record = record.set_column(place, name, record[name].dictionary_encode())
     return record.unify_dictionaries()
 
 

@@ -41,8 +41,9 @@ SUBJECTS = [*CELL, *SUBJECT]  #: columns that identify a subject
 ROOM = [*VISIT, "schema", "layout"]  #: columns that identify a trial of a subject, and its room
 
 
-def _table_of(topic: str, name: str, about: str) -> cached_property[pd.DataFrame]:
-    """A table of results, which the function of this name in a topic computes."""
+def _table_of(topic: str, about: str, name: str = "") -> cached_property[pd.DataFrame]:
+    """A table of results, computed by the function of a topic with its name, or with this one."""
+    name = name or topic
 
     def table(results: Results) -> pd.DataFrame:
         # Topics draw, and what draws takes half a second to load.
@@ -70,14 +71,12 @@ class Results(Material):
 
     # -- tables ---------------------------------------------------------------------------------
 
-    leaderboard = _table_of("leaderboard", "leaderboard", "A row for each learner and protocol.")
-    pairs = _table_of("pairwise", "pairs", "Additional attempts of one learner next to another.")
-    transfer = _table_of("transfer", "transfer", "What training saves in each transfer condition.")
-    regret = _table_of("regret", "regret", "Worth of each attempt, by the ideal observer.")
+    leaderboard = _table_of("leaderboard", "A row for each learner and protocol.")
+    pairs = _table_of("pairwise", "Additional attempts of one learner next to another.", "pairs")
+    transfer = _table_of("transfer", "What training saves in each transfer condition.")
+    regret = _table_of("regret", "Worth of each attempt, by the ideal observer.")
     structure_recovery = _table_of(
-        "structure_recovery",
-        "structure_recovery",
-        "What subjects believed the structure of each room to be, and how far that is from it.",
+        "structure_recovery", "Distance of what subjects believed from the structure of each room."
     )
 
     @property
@@ -91,12 +90,11 @@ class Results(Material):
 
         Few subjects, trials that were not solved and count as the limit, cells that are missing.
         """
-        missing = missing_cells(self.experiment)
-        of_numbers = *not_applicable(self.experiment.reasons), *warnings_of(self)
-        if not missing:
-            return of_numbers
-        unfinished = f"{counted(len(missing), 'cell')} of {len(self.experiment.files)} missing"
-        return f"{unfinished}: {missing[0].text}{'; ...' if missing[1:] else ''}.", *of_numbers
+        warnings = *not_applicable(self.experiment.reasons), *warnings_of(self)
+        if missing := missing_cells(self.experiment):
+            number = f"{counted(len(missing), 'cell')} of {len(self.experiment.files)} missing"
+            warnings = f"{number}: {missing[0].text}{'; ...' if missing[1:] else ''}.", *warnings
+        return warnings
 
     @cached_property
     def attempts(self) -> pd.DataFrame:
@@ -252,11 +250,9 @@ class Results(Material):
         if not isinstance(other, Results):
             return NotImplemented
         titles = dict.fromkeys(one.experiment.title for one in (self, other))
-        parts = [
-            (one.record, replace(one.experiment, title=", and ".join(titles)))
-            for one in (self, other)
-        ]
-        return self.of(*together(parts), self.folders + other.folders)
+        first = replace(self.experiment, title=", and ".join(titles))
+        both = together([(self.record, first), (other.record, other.experiment)])
+        return self.of(*both, self.folders + other.folders)
 
     def __repr__(self) -> str:
         """The leaderboard as text, and the warnings."""
