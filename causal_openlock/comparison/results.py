@@ -69,6 +69,12 @@ class Results(Material):
         [[0, 1, 3, True], [0, 2, 3, True]]
     """
 
+    @classmethod
+    def read(cls, *folders: Path | str, exclude: Exclusion | None = None) -> Results:
+        """The results in these folders together; see :func:`open_results`."""
+        found = [read_results(Store(folder), exclude) for folder in folders]
+        return cls.of(*together(found), tuple(Path(folder).resolve() for folder in folders))
+
     # -- tables ---------------------------------------------------------------------------------
 
     leaderboard = _table_of("leaderboard", "A row for each learner and protocol.")
@@ -285,6 +291,5 @@ def open_results(
         StoreError: If a folder holds no results, one is damaged, nobody is left, or they cannot be
             compared.
     """
-    folders = [*map(folder_at, (folder, *others, *listed(beside)))]
-    found = [read_results(Store(path), exclude) for path in folders]
-    return Results.of(*together(found), tuple(path.resolve() for path in folders))
+    places = map(folder_at, (folder, *others, *listed(beside)))
+    return Results.read(*places, exclude=exclude)

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from causal_openlock import Session, open_results, read_reactions
+from causal_openlock import Results, Session, read_reactions
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.declare import PROTOCOLS, Experiment, find_condition
@@ -102,7 +102,7 @@ def test_actions_in_rooms_that_the_file_names_are_reported_and_scored(actions, t
     assert first["layout"].tolist() == layouts
     scored = score_actions(played, experiment, spec("random", learner="random"))
     assert len(scored) == len(table)
-    results = open_results(tmp_path / "in")
+    results = Results.read(tmp_path / "in")
     assert results.learners == ("visitor",)
     assert len(results.trials) == 14
 
@@ -130,7 +130,7 @@ def test_a_trial_that_is_not_over_is_left_out_and_named(actions, tmp_path):
     ended = at_once("import", tmp_path / "data.csv", "-o", tmp_path / "in")
     assert ended.status == 0
     assert f"data.csv:{len(actions) - 1}: the last trial of subject P1" in ended.stderr
-    assert len(open_results(tmp_path / "in").trials) == 13
+    assert len(Results.read(tmp_path / "in").trials) == 13
 
 
 def refused(table, folder):

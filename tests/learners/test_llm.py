@@ -11,8 +11,8 @@ import httpx2
 import numpy as np
 import pytest
 
-from causal_openlock import open_results
 from causal_openlock.analysis.topics import language_models
+from causal_openlock.comparison.results import Results
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import CellsFailed, LearnerError, Stopped
 from causal_openlock.experiment.declare import Condition, Protocol, Trials
@@ -520,7 +520,7 @@ def test_what_was_said_is_in_the_results_and_in_their_bundle(scripted, tmp_path,
     # The report has the sums, whatever else is among the transcripts.
     for path in paths:
         path.write_bytes(path.read_bytes() + b'{"answers": -1}\n\xff\n[]\n')
-    row = section_on(language_models.TOPIC, open_results(out)).tables[0].rows[0]
+    row = section_on(language_models.TOPIC, Results.read(out)).tables[0].rows[0]
     assert (row[:6], row[7:]) == (["llm", "CC3", "3", "10", "1,000", "50"], ["1", "0", "0"])
 
 
@@ -564,7 +564,7 @@ def test_a_server_that_is_away_can_be_tried_again_and_again(scripted, tmp_path):
         assert "retry-failed" not in str(error.value)
     scripted(lambda *_: says("hello"))
     run(away, out, workers=0)
-    assert not open_results(out).trials["solved"].any()
+    assert not Results.read(out).trials["solved"].any()
     # A repetition says that nobody was asked.
     scripted(lambda *_: CUT)
     run(away, tmp_path / "again", workers=0, warn=warned.append)

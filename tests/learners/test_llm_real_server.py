@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from causal_openlock import open_results
+from causal_openlock.comparison.results import Results
 from causal_openlock.experiment.making import read_experiment
 from causal_openlock.running.runner import run
 from openlock_learners.language.replies import FOLDER
@@ -48,7 +48,7 @@ def test_a_real_server_answers_and_a_repetition_needs_none(tmp_path, monkeypatch
         server.terminate()
         server.wait()
     assert "18 actions stayed unanswered" in warned[0]  # two subjects, three attempts of three
-    assert not open_results(Path("out")).trials["solved"].any()
+    assert not Results.read(Path("out")).trials["solved"].any()
     run(experiment, Path("again"), workers=0, warn=warned.append)
     assert "36 answers had been given before" in warned[-1]  # each was asked for twice
     said, repeated = (

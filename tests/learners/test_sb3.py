@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import torch
 
-from causal_openlock import open_results
 from causal_openlock.comparison.comparing import play as play_experiment
+from causal_openlock.comparison.results import Results
 from causal_openlock.contract.checks import GlobalRandomness
 from causal_openlock.contract.one_subject import OneSubjectLearner
 from causal_openlock.contract.registry import create
@@ -236,7 +236,7 @@ def test_who_never_learns_is_named_before_and_after(tmp_path):
     told = []
     made = make_experiment(["CC3"], learners, subjects=1, protocol=short)
     play_experiment(made, tmp_path, warn=told.append, workers=0)
-    results = open_results(tmp_path)
+    results = Results.read(tmp_path)
     assert "sb3 first learns after 2,048 actions" in told[0]
     assert "at most 15" in told[0]
     named = [warning for warning in results.warnings if "never learned" in warning]

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from causal_openlock import open_results
+from causal_openlock import Results
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.beside_record import read_reactions
 from causal_openlock.experiment.declare import PROTOCOLS, find_condition
@@ -95,7 +95,7 @@ def test_who_is_shown_a_room_can_only_watch_and_is_not_asked_about_it(tmp_path):
     assert not again.view(name)["ended"][6]["shown"]
     again.take(name, again.view(name)["turn"], edges=[])
     again.close()
-    results = open_results(tmp_path)
+    results = Results.read(tmp_path)
     assert results.trials["phase"].tolist() == ["test"]
     assert results.structure_recovery["shd"].tolist() == [6]
     assert read_reactions(tmp_path)["reaction"].to_pylist()[: 6 * 2 * 3] == [None] * 36

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from causal_openlock import open_results
+from causal_openlock import Results
 from causal_openlock.contract.registry import create
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.beside_record import read_answers
@@ -72,7 +72,7 @@ def test_people_are_asked_after_each_room_and_what_they_say_is_scored(tmp_path):
     assert again.view(name)["stage"] == "end"
     again.close()
     assert {*read_answers(tmp_path)["visit"].to_pylist()} == {1, 2, 3, 4, 5, 6, 7}
-    table = open_results(tmp_path).structure_recovery
+    table = Results.read(tmp_path).structure_recovery
     assert table["shd"].tolist() == [0, 0, 4, 0, 0, 0, 0]
     assert table["f1"].tolist() == [1.0, 1.0, 0.0, 1.0, 1.0, 1.0, 1.0]
 
@@ -131,7 +131,7 @@ def test_who_comes_again_with_an_identifier_goes_on_where_they_stopped(tmp_path)
     assert home.view(first)["stage"] == "end"
     assert home.view(other)["room"]["trial"] == 1
     home.close()
-    assert len(open_results(tmp_path).trials) == 5
+    assert len(Results.read(tmp_path).trials) == 5
     assert "ann" not in (tmp_path / "log.jsonl").read_text()
     for name in (first, again):  # nor is a session id anywhere
         assert name.encode() not in content_of(tmp_path)
@@ -183,9 +183,9 @@ def test_what_a_killed_server_left_in_the_log_is_told_of(tmp_path):
         text = " ".join(f"{said.stdout}{said.stderr}".split())
         assert "the log of killed has 6 actions of people that no table has" in text
         assert text.partition("stop it: ")[2].startswith("causal-openlock play --out played")
-    assert "has 6 actions" in " ".join(open_results(tmp_path / "killed").warnings)
+    assert "has 6 actions" in " ".join(Results.read(tmp_path / "killed").warnings)
     home.close()
-    assert open_results(tmp_path / "played").experiment.warned == ()
+    assert Results.read(tmp_path / "played").experiment.warned == ()
 
 
 # -- forgetting -----------------------------------------------------------------------------------
@@ -223,7 +223,7 @@ def test_what_one_person_did_is_deleted_and_others_go_on(tmp_path):
     again.join(recruited={"PID": "person1"})
     assert again.number == 5
     again.close()
-    assert len(open_results(tmp_path).trials) == 2 + 5 + 2
+    assert len(Results.read(tmp_path).trials) == 2 + 5 + 2
     for chosen, named in ((condition, f"person {subject} in"), (None, "--condition: C")):
         with pytest.raises(StoreError, match=named):
             forget_person(tmp_path, subject, chosen)
