@@ -66,19 +66,6 @@ def mean_intervals(frame: pd.DataFrame, by: Sequence[str], value: str) -> pd.Dat
     return table.reset_index()[[*by, "ci_low", "ci_high", "mode", "at_mode"]]
 
 
-def mean_interval(values: FloatArray) -> tuple[float, float]:
-    """Student's interval of the mean of ``[n]`` subjects; NaN where it has none.
-
-    >>> low, high = mean_interval(np.array([3.0, 4, 3, 5, 4, 4]))
-    >>> round(low, 2), round(high, 2), mean_interval(np.full(6, 30.0))
-    (3.04, 4.62, (nan, nan))
-    """
-    size = len(values)
-    variance = values.var(ddof=1) if size > 1 else np.nan
-    low, high = student(size, values.mean(), variance, mode(values)[1])
-    return float(low), float(high)
-
-
 def mode(values: FloatArray) -> tuple[float, int]:
     """The most common of ``[n]`` values, and how many have it.
 

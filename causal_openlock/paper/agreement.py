@@ -15,9 +15,9 @@ from itertools import product
 import numpy as np
 import pandas as pd
 
+from causal_openlock.analysis.effects import Group, weighted_difference
 from causal_openlock.analysis.measures import BASELINES, SUBJECT, TRANSFERS
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.statistics import mean_interval
 from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Section, Topic
 from causal_openlock.analysis.topics.learning import (
@@ -87,7 +87,7 @@ def share_text(shares: FloatArray) -> str:
     Where nearly all are alike, their number stands in place of the intervals; fewer than five
     subjects have none.
     """
-    mean, (low, high) = float(shares.mean()), mean_interval(shares)
+    mean, low, high, _ = weighted_difference([Group.of(shares)])
     if np.isnan(low):
         return f"{mean:.1%}"
     half = (high - low) / 2 * np.sqrt(len(shares) + 1)  # t · SD · √(1 + 1/n)

@@ -15,13 +15,13 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from causal_openlock.analysis.effects import Group, weighted_difference
 from causal_openlock.analysis.measures import CELL, START, SUBJECT, at_places
 from causal_openlock.analysis.results.chance import chance_of_finding_all, chance_of_opening
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.statistics import (
     LEAST_UNITS,
     LEVEL,
-    mean_interval,
     share_interval,
     student,
 )
@@ -190,7 +190,7 @@ def progress(trials: pd.DataFrame, experiment: Experiment) -> pd.DataFrame:
             share = matrix(parts, measure)
             counted = matrix(parts, "attempts" if measure == OPENS else "visits")[:, -1]
             means = share.mean(axis=0)
-            low, high = mean_interval(share[:, -1])
+            _, low, high, _ = weighted_difference([Group.of(share[:, -1])])
             if np.isnan(low):  # where nearly all subjects are alike
                 low, high = map(float, share_interval(means[-1], len(share)))
             exact = _chance(experiment, condition, protocol, rooms[group], measure)

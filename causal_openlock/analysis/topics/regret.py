@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from causal_openlock.analysis.effects import Group, weighted_difference
 from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.statistics import mean_interval
 from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Section, Topic, of_all_conditions
 from causal_openlock.errors import OpenLockError
@@ -111,9 +111,9 @@ def regret_by_condition(table: pd.DataFrame) -> pd.DataFrame:
         each[name] /= each["used"]
     rows = []
     for (learner, protocol), own in each.groupby(["learner", "protocol"], observed=True):
-        low, high = mean_interval(own["regret"].to_numpy(float))
-        means = own[["regret", "gained", "useless"]].mean()
-        rows.append((learner, protocol, len(own), means.iloc[0], low, high, *means.iloc[1:]))
+        mean, low, high, _ = weighted_difference([Group.of(own["regret"].to_numpy(float))])
+        means = own[["gained", "useless"]].mean()
+        rows.append((learner, protocol, len(own), mean, low, high, *means))
     columns = ["learner", "protocol", "subjects", "regret", "ci_low", "ci_high"]
     return pd.DataFrame(rows, columns=[*columns, "information", "useless"])
 
