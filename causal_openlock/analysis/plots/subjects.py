@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -21,6 +20,8 @@ from causal_openlock.errors import NothingToDrawError
 
 _BINS = 30  # heights that circles can have
 _WIDEST = 16.0  # diameter of a circle that is all subjects, in points
+_EDGE = "#1F6F9F"
+_MARKERS = "Ds^v"  # of references
 _MEAN: Any = {"color": "black", "zorder": 3}
 
 
@@ -50,17 +51,14 @@ def plot_subjects(
         for protocol in protocols
         if len(own := table[(table["learner"] == name) & (table["protocol"] == protocol)])
     ]
-    references = {
-        one.name: (one.prefix, marker)
-        for one, marker in zip(results.leading, cycle("Ds^v"), strict=False)
-        if table[f"{one.prefix}_attempts"].notna().any()
-    }
+    leading = [one for one in results.leading if table[f"{one.prefix}_attempts"].notna().any()]
     points: Any = {"color": style.current().other(2), "ls": "", "ms": 4.5, "zorder": 3}
+    circle: Any = {"color": style.current().other(3), "alpha": 0.75, "mec": _EDGE, "ls": ""}
     keys = [
-        Line2D([], [], **_circle(""), marker="o", ls="", ms=7, label="subjects"),
+        Line2D([], [], **circle, marker="o", ms=7, label="subjects"),
         Line2D([], [], **_MEAN, lw=2, label="mean, 95% interval"),
-        *(Line2D([], [], **points, marker=marker, label=name)
-          for name, (_, marker) in references.items()),
+        *(Line2D([], [], **points, marker=_MARKERS[number % 4], label=one.name)
+          for number, one in enumerate(leading)),
     ]  # fmt: skip
     if table["ideal_attempts"].notna().any():
         keys.append(style.ideal_key())
@@ -70,7 +68,7 @@ def plot_subjects(
     with panels(ax, len(shown), rows) as at:
         for axes, (name, protocol, own) in zip(at.axes, shown, strict=True):
             played, means = (one[one["protocol"] == protocol] for one in (values, headline))
-            known = [means[f"{of}_attempts"] + means[f"{of}_se"] for of, _ in references.values()]
+            known = [means[f"{one.prefix}_attempts"] + means[f"{one.prefix}_se"] for one in leading]
             drawn = (played["attempts"], means["ideal_attempts"], *known)
             highest = np.nanmax([column.max() for column in drawn])
             names = ordered(own["condition"], results.conditions)
@@ -81,10 +79,11 @@ def plot_subjects(
             place = np.array([names.index(one) for one in own["condition"]], float)
             axes.vlines(place + 0.14, own["ci_low"], own["ci_high"], lw=1.4, **_MEAN)
             axes.hlines(own["attempts"], place + 0.08, place + 0.2, lw=2, **_MEAN)
-            for number, (of, marker) in enumerate(references.values()):
+            for number, one in enumerate(leading):
                 axes.errorbar(
-                    place + 0.3 + 0.08 * number, own[f"{of}_attempts"], own[f"{of}_se"],
-                    elinewidth=1, capsize=2, marker=marker, **points,
+                    place + 0.3 + 0.08 * number, own[f"{one.prefix}_attempts"],
+                    own[f"{one.prefix}_se"], elinewidth=1, capsize=2,
+                    marker=_MARKERS[number % 4], **points,
                 )  # fmt: skip
             for spot, attempts in zip(place, own["ideal_attempts"], strict=True):
                 style.ideal_line(axes, attempts, spot - 0.38, spot + 0.4)
@@ -101,22 +100,18 @@ def _attempts_of_subjects(results: Material) -> pd.DataFrame:
     return by_subject(judged(results.trials), ["phase"])
 
 
-def _circle(name: str) -> dict[str, Any]:
-    colour = style.current().colors.get(name, style.current().other(3))
-    return {"color": colour, "alpha": 0.75, "mec": "#1F6F9F"}
-
-
 def _draw_circles(
     axes: Axes, names: Sequence[str], played: pd.DataFrame, highest: float, name: str
 ) -> None:
     """Draw a circle for the subjects of each interval of attempts, as large as their share."""
-    width, look = max(1.0, highest / _BINS), _circle(name)
+    width = max(1.0, highest / _BINS)
     played = played[played["condition"].isin(names)]
     place = [names.index(one) for one in played["condition"]]
     height = np.round(played["attempts"].to_numpy() / width) * width
     circles, counts = np.unique([place, height], axis=1, return_counts=True)
     share = counts / np.bincount(place)[circles[0].astype(int)]
     axes.scatter(
-        circles[0] - 0.16, circles[1], s=_WIDEST**2 * share, color=look["color"],
-        alpha=look["alpha"], linewidths=0.5, edgecolors=look["mec"], zorder=2, clip_on=False,
+        circles[0] - 0.16, circles[1], s=_WIDEST**2 * share, alpha=0.75, linewidths=0.5,
+        color=style.current().colors.get(name, style.current().other(3)), edgecolors=_EDGE,
+        zorder=2, clip_on=False,
     )  # fmt: skip
