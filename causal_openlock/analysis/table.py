@@ -118,11 +118,12 @@ def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     |---|---|
     | 1 | 2 |
     """
-    lines = [head, ["---"] * len(head), *rows]
-    cells = [[re.sub(r"\s*\n\s*", " ", one).replace("|", "\\|") for one in line] for line in lines]
-    texts = ["| " + " | ".join(line) + " |" for line in cells]
-    texts[1] = "|" + "|".join("---" for _ in head) + "|"
-    return "\n".join(texts)
+
+    def line(cells: Sequence[str]) -> str:
+        texts = [re.sub(r"\s*\n\s*", " ", text).replace("|", "\\|") for text in cells]
+        return f"| {' | '.join(texts)} |"
+
+    return "\n".join([line(head), "|" + "---|" * len(head), *map(line, rows)])
 
 
 def records(table: pd.DataFrame) -> list[dict[str, Any]]:
@@ -152,7 +153,7 @@ def printed(value: Any, form: str | None) -> str:
     """A value as the page prints it, in a form of :func:`format`; None and NaN are a dash."""
     if value is None or (isinstance(value, float) and value != value) or value is pd.NA:
         return "–"
-    if isinstance(value, bool) or type(value).__name__ == "bool":  # NumPy has a bool of its own
+    if isinstance(value, bool | np.bool):
         return "yes" if value else "no"
     if isinstance(value, int | float) or form:
         form = form or (".2f" if isinstance(value, float) else ",")
