@@ -141,7 +141,9 @@ def import_files(
                 )
     over = [again for again in replayed if again.record.num_rows]
     if not over:
-        raise OpenLockError(f"{files[0]}: it has no action of a trial that is over; is it whole?")
+        raise OpenLockError(
+            f"{files[0]}: there is no action of a trial that is over; is this the right file?"
+        )
     times = [action.reaction for action in actions if action.reaction is not None]
     if times and median(times) > SLOW:
         warnings.append(

@@ -20,7 +20,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.declare import MISSING
@@ -41,6 +41,10 @@ Number = Annotated[int, Field(ge=1, lt=2**31)]
 Seconds = Annotated[float, Field(ge=0, lt=2**31, allow_inf_nan=False)]
 
 
+def _index(action: Any) -> Any:
+    return int(action) if isinstance(action, str) and action.isdecimal() else action
+
+
 @part(kw_only=True)
 class Action(Part):
     """An action, as a file describes it."""
@@ -50,7 +54,7 @@ class Action(Part):
     condition: Text
     trial: Number  #: in the whole condition, or in its phase and loop if these are given
     attempt: Number
-    action: Text  #: its index or its name
+    action: Annotated[int | str, BeforeValidator(_index)]  #: its index or its name
     phase: Text = ""
     loop: Number = 1
     learner: Text = ""  #: label of the learner; empty for the default
@@ -74,10 +78,19 @@ def actions_in(path: Path) -> Iterator[Action]:
     """
     text = _text(path)
     rows = _entries(text, path) if text.lstrip()[:1] in ("[", "{") else _table(text, path)
+    last: dict[tuple[str, str, str], float] = {}
     for place, row in rows:
         known = [name for name in Action.__dataclass_fields__ if row.get(name) not in EMPTY]
         with fault_at(place):
             action: Action = read(Action, {**{name: row[name] for name in known}, "place": place})
+            who = action.learner, action.condition, action.subject
+            before = last.get(who, 0.0)
+            last[who] = before if action.time is None else action.time
+            if last[who] < before:
+                raise OpenLockError(
+                    f"time is {last[who]:g}, and was {before:g} before; it is seconds since the "
+                    "subject began, and rows are in the order of time"
+                )
         yield action
 
 
@@ -109,10 +122,13 @@ def _table(text: str, path: Path) -> Iterator[tuple[str, Row]]:
 
     def lines() -> Iterator[tuple[str, list[str]]]:
         begins = 1  # a cell may have several lines
-        for cells in reader:
-            place, begins = f"{path}:{begins}", reader.line_num + 1
-            if any(map(str.strip, cells)):
-                yield place, [cell.strip() for cell in cells]
+        try:
+            for cells in reader:
+                place, begins = f"{path}:{begins}", reader.line_num + 1
+                if any(map(str.strip, cells)):
+                    yield place, [cell.strip() for cell in cells]
+        except csv.Error as error:
+            raise OpenLockError(f"{path}:{begins}: this is not CSV ({error})") from None
 
     def rows() -> Iterator[tuple[str, Row]]:
         for place, cells in table:
@@ -123,26 +139,22 @@ def _table(text: str, path: Path) -> Iterator[tuple[str, Row]]:
                 row |= {name: row[name].replace(",", ".") for name in SECONDS if name in row}
             yield place, row
 
-    try:
-        table = lines()
-        first, heads = next(table, (f"{path}:1", []))
-        header = [" ".join(head.split()) for head in heads]
-        if twice := [name for name in header if name and header.count(name) > 1]:
-            raise OpenLockError(f"{first}: the column {twice[0]} is there twice")
-        jspsych = "trial_type" in header or "time_elapsed" in header
-        if {*record_schema().names} <= {*header}:
-            yield from _of_attempts(rows())
-        elif missing := [name for name in NEEDED[jspsych:] if name not in header]:
-            raise OpenLockError(
-                f"{first}: there is no column {missing[0]}; found: {', '.join(header)}; a table "
-                f"of actions has {', '.join(NEEDED)}, and an export of this project the columns of "
-                "a record"
-            )
-        else:
-            yield from _screens(rows(), path) if jspsych else rows()
-    except csv.Error as error:
-        line = max(reader.line_num, 1)
-        raise OpenLockError(f"{path}:{line}: this is not CSV ({error})") from None
+    table = lines()
+    first, heads = next(table, (f"{path}:1", []))
+    header = [" ".join(head.split()) for head in heads]
+    if twice := [name for name in header if name and header.count(name) > 1]:
+        raise OpenLockError(f"{first}: the column {twice[0]} is there twice")
+    jspsych = "trial_type" in header or "time_elapsed" in header
+    if {*record_schema().names} <= {*header}:
+        yield from _of_attempts(rows())
+    elif missing := [name for name in NEEDED[jspsych:] if name not in header]:
+        raise OpenLockError(
+            f"{first}: there is no column {missing[0]}; found: {', '.join(header)}; a table of "
+            f"actions has {', '.join(NEEDED)}, and an export of this project the columns of a "
+            "record"
+        )
+    else:
+        yield from _screens(rows(), path) if jspsych else rows()
 
 
 def _of_attempts(rows: Iterable[tuple[str, Row]]) -> Iterator[tuple[str, Row]]:

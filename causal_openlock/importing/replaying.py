@@ -58,17 +58,10 @@ def replay(actions: Sequence[Action], cell: Cell, drawn: bool = False) -> Replay
     known = {cell.first_subject: rooms} if rooms else {}
     cell = replace(cell, condition=replace(condition, rooms=known))
     session = Session.of(cell)
-    indices, last = [], 0.0
+    indices = []
     for action in actions:
-        name = int(action.action) if action.action.isdecimal() else action.action
         with fault_at(action.place):
-            indices.append(action_index(name, session.brief.positions))
-            if action.time is not None and action.time < last:
-                raise OpenLockError(
-                    f"time is {action.time:g}, and was {last:g} before; it is seconds since the "
-                    "subject began, and rows are in the order of time"
-                )
-            last = action.time or last
+            indices.append(action_index(action.action, session.brief.positions))
     done: list[dict[str, Any]] = []
     whole = attempts = kept = 0  # actions and attempts of trials that are over
     for action, trial, (_, step) in zip(

@@ -214,7 +214,8 @@ def test_files_of_one_name_are_of_one_person_if_they_say_so(tmp_path):
     rows = pd.read_csv(tmp_path / written(tmp_path, TIMED)).to_dict("records")
     for folder, own in (("a", rows[:3]), ("b", rows[3:])):
         (tmp_path / folder).mkdir()
-        (tmp_path / folder / "data.json").write_text(json.dumps(own))
+        timed = [{**row, "time": second} for second, row in enumerate(own)]  # from 0 in each file
+        (tmp_path / folder / "data.json").write_text(json.dumps(timed))
     paths = [tmp_path / "a" / "data.json", tmp_path / "b" / "data.json"]
     made = import_files(paths, tmp_path / "in")
     assert (made.subjects, made.attempts) == (1, 2)
