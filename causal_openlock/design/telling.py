@@ -46,15 +46,10 @@ def attributed(nats: FloatArray) -> FloatArray:
     return shares
 
 
-def _theories(subjects: pd.DataFrame) -> list[str]:
-    """Names of the theories that predict subjects."""
-    columns = [str(name) for name in subjects.columns]
-    return [name.removeprefix(NATS) for name in columns if name.startswith(NATS)]
-
-
-def _nats(subjects: pd.DataFrame) -> FloatArray:
-    """``[N, M]`` log-likelihoods of subjects under each theory."""
-    return subjects[[NATS + name for name in _theories(subjects)]].to_numpy(float)
+def _nats(subjects: pd.DataFrame) -> pd.DataFrame:
+    """Log-likelihoods of subjects under each theory, by its name."""
+    nats = subjects.filter(regex=f"^{NATS}")
+    return nats.rename(columns=lambda name: name.removeprefix(NATS))
 
 
 def by_size(subjects: pd.DataFrame, seed: int = 0) -> pd.DataFrame:
@@ -68,16 +63,16 @@ def by_size(subjects: pd.DataFrame, seed: int = 0) -> pd.DataFrame:
         A row for each ``learner`` that made subjects, ``condition`` and number of ``subjects`` in a
         group, and a column for each theory: the share of groups that are attributed to it.
     """
-    names, rows = _theories(subjects), []
-    for (maker, condition), own in subjects.groupby(["learner", "condition"], observed=True):
-        nats = _nats(own)
+    rows, by = [], ["learner", "condition"]
+    for (maker, condition), own in subjects.groupby(by, observed=True):
+        nats = _nats(own).to_numpy(float)
         (generator,) = generators(seed, f"groups/{maker}/{condition}", [1])
         for size in sorted({min(size, len(nats)) for size in (*SIZES, len(nats))}):
             groups = nats
             if size > 1:
                 groups = nats[generator.integers(len(nats), size=(GROUPS, size))].sum(axis=1)
             rows.append([maker, condition, size, *attributed(groups).mean(axis=0)])
-    return pd.DataFrame(rows, columns=["learner", "condition", "subjects", *names])
+    return pd.DataFrame(rows, columns=[*by, "subjects", *_nats(subjects)])
 
 
 def confusion(sizes: pd.DataFrame, of_groups: bool = False) -> pd.DataFrame:
@@ -103,10 +98,8 @@ def bits(subjects: pd.DataFrame) -> pd.DataFrame:
 
     The diagonal is the ceiling: no theory predicts subjects better than the one that made them.
     """
-    names = _theories(subjects)
     sums = subjects.groupby("learner", observed=True, sort=False).sum(numeric_only=True)
-    table = -sums[[NATS + name for name in names]].div(sums["actions"], axis=0) / LN2
-    return table.set_axis(names, axis=1)
+    return -_nats(sums).div(sums["actions"], axis=0) / LN2
 
 
 def minutes_an_attempt() -> float:
@@ -142,7 +135,7 @@ def informed(subjects: pd.DataFrame) -> pd.DataFrame:
         that no theory made have no ``information``, ``per_minute`` and ``single``, and they alone
         have ``unlike``, if that theory made :data:`FEWEST_OWN` subjects.
     """
-    names, nats = _theories(subjects), _nats(subjects)
+    names, nats = [*_nats(subjects)], _nats(subjects).to_numpy(float)
     likely = np.exp(nats - nats.max(axis=1, keepdims=True))
     likely = (1 - DOUBT) * likely / likely.sum(axis=1, keepdims=True) + DOUBT / len(names)
     made_by, rows = pd.Index(names).get_indexer(subjects["learner"]), np.arange(len(subjects))
