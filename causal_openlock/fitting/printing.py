@@ -34,11 +34,7 @@ BOUND, IDLE = "*", "?"  #: marks at fitted parameters that are no estimates
 
 
 def fit_to_actions(
-    plan: Plan,
-    results: Path,
-    hierarchical: bool,
-    workers: int,
-    folder: Path,
+    plan: Plan, results: Path, hierarchical: bool, workers: int, folder: Path
 ) -> None:
     """Fit a learner to recorded subjects, and write and print what was found."""
     console, how = Terminal(), plan.fit
