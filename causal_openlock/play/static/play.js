@@ -88,7 +88,8 @@ function recruited() {
 
 // -- screens ----------------------------------------------------------------------------------
 
-function screen(name) {
+function screen(name, where = "") {
+  $("where").textContent = where;
   for (const other of SCREENS) $(other).hidden = other !== name;
   $("help").hidden = name !== "play";
   const heading = $(name).querySelector("h2");
@@ -99,7 +100,6 @@ function screen(name) {
 }
 
 function intro() {
-  $("where").textContent = "";
   const budgets = { levers: count(brief.positions, "lever"), actions: count(brief.action_limits.join(" or "), "action"), attempts: count(brief.attempt_limit, "attempt") };
   for (const node of document.querySelectorAll("[data-brief]")) node.textContent = budgets[node.dataset.brief];
   $("identified").hidden = brief.recruiting.length === 0;
@@ -109,7 +109,6 @@ function intro() {
 
 // What people agree to before they begin; only those who have not begun are asked.
 function consent() {
-  $("where").textContent = "";
   if (!brief.consent || state || agreed) return intro();
   $("consent-text").innerHTML = brief.consent; // made by the server of the study's own text
   screen("consent");
@@ -119,7 +118,6 @@ function consent() {
 function question() {
   const { names } = brief.geometry[state.positions], door = state.positions;
   const called = (place) => place === door ? "the lock of the door" : `lever ${place + 1} (${names[place]})`;
-  $("where").textContent = `Room ${state.ended.length} of ${state.trials}`;
   $("ask-levers").replaceChildren(...state.levers.map((lever) => {
     const group = document.createElement("fieldset");
     const legend = Object.assign(document.createElement("legend"), { textContent: `Pushing ${called(lever)} made it possible to move` });
@@ -133,7 +131,7 @@ function question() {
     return group;
   }));
   $("ask-go").disabled = false;
-  screen("ask");
+  screen("ask", `Room ${state.ended.length} of ${state.trials}`);
 }
 
 function console_(now) {
@@ -228,18 +226,14 @@ async function next() {
 }
 
 function end() {
-  $("where").textContent = "";
-  const played = state.ended.filter((one) => !one.shown);
-  const solved = played.filter((one) => one.left === 0).length;
-  const many = played.length;
-  $("outcome").textContent = solved === many
-    ? "You found every combination in every room."
-    : `You found every combination in ${solved} of ${count(many, "room")}.`;
+  const played = state.ended.filter((trial) => !trial.shown);
+  const solved = played.filter((trial) => trial.left === 0).length;
+  const rooms = solved === played.length ? "every room" : `${solved} of ${count(played.length, "room")}`;
+  $("outcome").textContent = `You found every combination in ${rooms}.`;
   $("rooms").replaceChildren(...state.ended.map(({ attempts, found, left, shown }, i) => {
     const row = document.createElement("tr");
-    for (const text of [i + 1, shown ? "shown to you" : `${found} of ${found + left}`, shown ? "–" : attempts]) {
-      row.append(Object.assign(document.createElement("td"), { textContent: text }));
-    }
+    const texts = shown ? [i + 1, "shown to you", "–"] : [i + 1, `${found} of ${found + left}`, attempts];
+    for (const text of texts) row.insertCell().textContent = text;
     return row;
   }));
   // Nothing is asked of the server any more: it may be stopped as soon as everybody has finished.
