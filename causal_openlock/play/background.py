@@ -5,12 +5,12 @@ from __future__ import annotations
 import atexit
 import threading
 import webbrowser
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from causal_openlock.experiment.declare import Condition, Trials, find_protocol
+from causal_openlock.experiment.declare import Condition, Protocol, Trials, find_protocol
 from causal_openlock.files.validation import whole_number
 from causal_openlock.play.people import People
 from causal_openlock.play.server import PlayServer
@@ -27,19 +27,21 @@ class OpenedRoom(ExitStack):
         folder: Where what people do is kept.
     """
 
-    def __init__(self, people: People, temporary: TemporaryDirectory[str] | None) -> None:
+    def __init__(
+        self, out: Path | str | None, condition: Condition, protocol: Protocol, **options: Any
+    ) -> None:
         # Records are written with it, and when Python ends it can no longer be imported.
         import pandas  # noqa: F401
 
         super().__init__()
+        # What is entered and called here is left and called in reverse order when it is closed.
+        if out is None:
+            out = self.enter_context(TemporaryDirectory(prefix="causal_openlock_"))
+        people = self.enter_context(closing(People(out, [condition], protocol, **options)))
         server = PlayServer(people)
         self.url, self.folder = server.url, people.store.folder
         self._thread = threading.Thread(target=server.serve_forever, daemon=True)
         self._thread.start()
-        # Called when it is closed, from the last to the first.
-        if temporary is not None:
-            self.callback(temporary.cleanup)
-        self.callback(people.close)
         self.callback(self._thread.join)
         self.callback(server.shutdown)
         self.callback(atexit.unregister, atexit.register(self.close))
@@ -81,10 +83,7 @@ def play_room(
     """
     found, seed = declared(schema), whole_number(seed, "seed")
     condition, budgets = Condition(found.name, (Trials(found),)), find_protocol(protocol)
-    temporary = TemporaryDirectory(prefix="causal_openlock_") if out is None else None
-    folder = temporary.name if temporary else out or ""
-    people = People(folder, [condition], budgets, seed=seed, practice=practice)
-    opened = OpenedRoom(people, temporary)
+    opened = OpenedRoom(out, condition, budgets, seed=seed, practice=practice)
     if browser:
         webbrowser.open(opened.url)
     return opened
