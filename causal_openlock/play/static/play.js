@@ -12,7 +12,7 @@ const LOOK = 900; // milliseconds to look at how an attempt ended
 const SCREENS = ["consent", "intro", "ask", "play", "end", "trouble"];
 
 let session = null, brief = null, state = null, room = null;
-let busy = true, ready = 0, agreed = "";
+let busy = true, ready = 0;
 
 const wait = (time) => new Promise((done) => setTimeout(done, time));
 const count = (many, what) => `${many} ${what}${many === 1 ? "" : "s"}`;
@@ -109,7 +109,7 @@ function intro() {
 
 // What people agree to before they begin; only those who have not begun are asked.
 function consent() {
-  if (!brief.consent || state || agreed) return intro();
+  if (!brief.consent) return intro();
   $("consent-text").innerHTML = brief.consent; // made by the server of the study's own text
   screen("consent");
 }
@@ -342,7 +342,7 @@ $("begin").onclick = async () => {
     const begun = stored(); // in another tab, since this one was opened
     remember(begun ?? newSession()); // first: the page may be loaded again before the answer comes
     $("begin").disabled = true;
-    const answer = await (begun ? call("/state") : call("/join", { agreed, recruited: recruited() }));
+    const answer = await (begun ? call("/state") : call("/join", { agreed: brief.consent_mark, recruited: recruited() }));
     $("begin").disabled = false;
     if (answer.status !== 200) {
       if (!begun) remember(null);
@@ -358,10 +358,7 @@ $("help").onclick = () => {
   intro();
 };
 $("agree").onchange = () => { $("consent-go").disabled = !$("agree").checked; };
-$("consent-go").onclick = () => {
-  agreed = brief.consent_mark;
-  intro();
-};
+$("consent-go").onclick = intro;
 $("ask-go").onclick = () => {
   $("ask-go").disabled = true;
   const ticked = [...$("ask-levers").querySelectorAll("input:checked")];
