@@ -88,20 +88,22 @@ def in_rows(
     count: int,
     columns: int,
     height: float,
-    width: float = style.WIDTH,
+    width: float | None = None,
     common: bool = True,
     above: float = 0.5,
 ) -> Layout:
     """Lay out ``count`` panels, in rows of at most ``columns``.
 
-    A panel has a height in inches, and so has what is ``above`` all of them. With a ``common`` y
-    axis only the first of a row has labels.
+    A panel has a height in inches, and so has what is ``above`` all of them. The figure is by
+    default as wide as the page, or 0.62 of that with a single column. With a ``common`` y axis only
+    the first of a row has labels.
     """
     rows = math.ceil(count / columns)
     columns = math.ceil(count / rows)  # four panels are two and two, not three and one
 
     def lay_out(figure: Figure) -> list[Axes]:
-        figure.set_size_inches(width * (1 if columns > 1 else 0.62), rows * height + above)
+        wide = width or style.WIDTH * (1 if columns > 1 else 0.62)
+        figure.set_size_inches(wide, rows * height + above)
         grid = figure.subplots(rows, columns, sharey=common, squeeze=False).ravel().tolist()
         for unused in grid[count:]:
             unused.remove()

@@ -133,8 +133,8 @@ def plot_sweep(
     if table["ideal_attempts"].notna().any():
         keys.append(style.ideal_key())
     shown = ordered(table["condition"].unique(), results.conditions)
-    width = style.WIDTH / (0.62 if len(shown) == 1 else 1)  # the legend needs all of it
-    with panels(ax, len(shown), in_rows(len(shown), 3, 2.2, width)) as at:
+    wide = in_rows(len(shown), 3, 2.2, style.WIDTH)  # of a single panel too: the legend needs it
+    with panels(ax, len(shown), wide) as at:
         for axes, condition in zip(at.axes, shown, strict=True):
             here = table[table["condition"] == condition]
             for name, rows in here.groupby("series", sort=False):

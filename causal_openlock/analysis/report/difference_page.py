@@ -227,7 +227,7 @@ def plot_differences(table: pd.DataFrame, names: Sequence[str], ax: Any = None) 
     y = np.arange(len(table))
     differs = [verdict == DIFFERENT for verdict in table["verdict"]]
     colours = [style.current().other(2) if sure else "#666666" for sure in differs]
-    with panels(ax, 1, in_rows(1, 1, 0.19 * len(table) + 0.5, style.WIDTH / 0.62)) as at:
+    with panels(ax, 1, in_rows(1, 1, 0.19 * len(table) + 0.5, style.WIDTH)) as at:
         (axes,) = at.axes
         axes.hlines(y, table["ci_low"], table["ci_high"], colors=colours, lw=1.6)
         faces = [colour if sure else "white" for colour, sure in zip(colours, differs, strict=True)]

@@ -132,7 +132,7 @@ def draw_costs(table: pd.DataFrame, learners: Sequence[str], ax: Any = None) -> 
     dots: Any = {"ls": "", "marker": "o", "mec": "#1F6F9F"}
     line: Any = {"color": "black", "lw": 1.6}
     mark: Any = {"marker": "|", "ms": 9, "mew": 2}
-    with panels(ax, 1, in_rows(1, 1, 0.27 * len(names) + 0.75, style.WIDTH / 0.62)) as at:
+    with panels(ax, 1, in_rows(1, 1, 0.27 * len(names) + 0.75, style.WIDTH)) as at:
         (axes,) = at.axes
         axes.set(xscale="log", xlim=(low, high), xlabel="Attempts, all training counted")
         subs = (1, 2, 5) if high < 1000 * low else (1,)

@@ -17,12 +17,11 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
-from matplotlib.figure import Figure
 
 from causal_openlock.analysis.effects import ALPHA, Difference, contrast, holm, weighted_difference
 from causal_openlock.analysis.measures import CELL, SUBJECT, VISIT, judged, ordered
 from causal_openlock.analysis.plots import style
-from causal_openlock.analysis.plots.panels import Names, panels, trials_under
+from causal_openlock.analysis.plots.panels import Names, in_rows, panels, trials_under
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.table import Table, printed
 from causal_openlock.analysis.topic import Section, Topic, drawn, sentences
@@ -163,12 +162,8 @@ def plot_pairs(
     many = many if len(counts) == 1 else f"{counts[0]} to {many}"
     edge = 0.25 + 0.07 * max(map(len, shown))  # names along the left and, slanted, along the top
     cell = min(0.55, (style.WIDTH - edge - 0.5 * edge) / size)
-
-    def lay_out(figure: Figure) -> list[Axes]:
-        figure.set_size_inches(max(3.5, 1.5 * edge + cell * size), 0.75 + 0.7 * edge + cell * size)
-        return [figure.subplots()]
-
-    with panels(ax, 1, lay_out) as at:
+    width, height = max(3.5, 1.5 * edge + cell * size), 0.7 * edge + cell * size
+    with panels(ax, 1, in_rows(1, 1, height, width, above=0.75)) as at:
         (axes,) = at.axes
         axes.set_xlabel(
             f"P(row needs fewer attempts than column),\nmean over {many}; ties count half"
