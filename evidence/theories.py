@@ -63,7 +63,9 @@ def units_of_theories(
                 candidates=settings.candidates, workers=cores,
                 report=counting(begin, f"sets of {spec.name}"),
             )  # fmt: skip
-            units.append(units_of_parameters(spec.name, on_search_scale(pairs, space)))
+            about = {"learner": spec.name, "condition": "", "protocol": "", "subjects": 1, **WHOLE}
+            sets = on_search_scale(pairs, space).drop(columns="at_bound")
+            units.append(sets.rename(columns={"set": "unit"}).assign(**about))
     return pd.concat(units, ignore_index=True), (sum(os.times()[:4]) - began) / 3600
 
 
@@ -81,13 +83,6 @@ def units_of_subjects(subjects: pd.DataFrame) -> pd.DataFrame:
                 about = dict(zip(CELL, names, strict=True))
                 groups.append({**about, "unit": unit, "subjects": len(half), measure: right})
     return pd.concat([units, pd.DataFrame(groups)], ignore_index=True).assign(**WHOLE)
-
-
-def units_of_parameters(learner: str, pairs: pd.DataFrame) -> pd.DataFrame:
-    """The rows of a learner's parameters, from pairs on the scale that was searched."""
-    about = {"learner": learner, "condition": "", "protocol": "", "subjects": 1, **WHOLE}
-    kept = pairs[["set", "parameter", "true", "fitted"]]
-    return kept.rename(columns={"set": "unit"}).assign(**about)
 
 
 def sizes_of(study: Study, units: pd.DataFrame) -> pd.DataFrame:
