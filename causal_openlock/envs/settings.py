@@ -55,14 +55,13 @@ class Settings:
         positions: int | None,
     ) -> None:
         self.schema = schema = find_schema(schema)
-        if positions is None:
-            own = layout.positions if isinstance(layout, Layout) else 0
-            positions = max(own, positions_for(schema))
-        self.positions = whole_number(positions, "positions")
+        least = layout.positions if isinstance(layout, Layout) else positions_for(schema)
+        self.positions = whole_number(least if positions is None else positions, "positions")
         position_names(self.positions)  # refuses a number that no room has
         if self.positions < len(schema.levers):
             raise ExperimentError(
-                f"{schema.name} has {len(schema.levers)} levers, more than {positions} positions"
+                f"{schema.name} has {len(schema.levers)} levers, more than {self.positions} "
+                "positions"
             )
         if episode not in ("attempt", "trial"):
             raise OpenLockError(f"an episode is 'attempt' or 'trial', not {episode!r}")

@@ -227,21 +227,6 @@ class Wording:
         attempts = counted(attempt, "attempt")
         return f"You found every combination! The {self._terms.place} is over after {attempts}."
 
-    def question(self) -> str:
-        """The question after a room: what enables what."""
-        terms = self._terms
-        return (
-            f"You have left this {terms.place}. Which {terms.thing} had to be {terms.pushed} "
-            f"before another one could be moved, and which made {terms.goal} {terms.unlocked}? "
-            "List every pair of a cause and its effect that you believe in; an effect is a "
-            f"{terms.thing} or `{terms.goal}`."
-        )
-
-    @property
-    def nodes(self) -> tuple[str, ...]:
-        """``P + 1`` what can be an effect: the names of the positions, and the goal."""
-        return (*self.names, self._terms.goal)
-
 
 def room_now(words: Wording, view: View, subject: int, trials: int) -> str:
     """Text of a subject's room and console, from a learner's view."""
