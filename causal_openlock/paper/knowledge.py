@@ -47,10 +47,8 @@ SEARCHES: Mapping[str, Callable[[int], int]] = {
 """Sequences that a search goes through, by what it knows."""
 MOVES, SCHEMA, WITHOUT_LEVERS = "what movements tell", "schema", "schema, not the active levers"
 TRAINING_ROOMS = 6
-_ALL, _FIRST = ("attempts", ""), ("first", "first_solution_")
-_DRAWN = {"CC4": _ALL, "CE4": _ALL, "CC3": _FIRST, "CE3": _FIRST}
-"""Condition of each panel, with the column of steps and the beginning of people's columns."""
-_ENDS = ("first", "last")
+_DRAWN = {"CC4": "", "CE4": "", "CC3": "first_solution_", "CE3": "first_solution_"}
+"""Condition of each panel, with the beginning of people's columns (until all, or the first)."""
 
 
 def knowledge_steps(conditions: Collection[str] = CONDITIONS) -> pd.DataFrame:
@@ -161,10 +159,10 @@ def plot_knowledge_steps(steps: pd.DataFrame | None = None, *, ax: Any = None) -
         )
     steps, rooms = steps[steps["knows"] != WITHOUT_LEVERS], peoples_rooms().set_index("condition")
     with panels(ax, 4, in_rows(4, 2, 2.4)) as at:
-        for axes, (condition, (measure, prefix)) in zip(at.axes, _DRAWN.items(), strict=True):
+        for axes, (condition, prefix) in zip(at.axes, _DRAWN.items(), strict=True):
             own = steps[steps["condition"] == condition].reset_index(drop=True)
             colour = style.current().trained(condition)
-            ends = own[measure].to_numpy(float)
+            ends = own["first" if prefix else "attempts"].to_numpy(float)
             axes.scatter(ends, own.index, color=colour, s=18, zorder=3)
             axes.barh(own.index[1:], ends[:-1] - ends[1:], left=ends[1:], color=colour, alpha=0.45)
             for place, value in enumerate(ends):
@@ -172,7 +170,7 @@ def plot_knowledge_steps(steps: pd.DataFrame | None = None, *, ax: Any = None) -
                     f"{value:,.2f}", (value, place), xytext=(-5, 0), textcoords="offset points",
                     ha="right", va="center", fontsize="small",
                 )  # fmt: skip
-            low, high = sorted(rooms.loc[condition, [f"{prefix}{end}_room" for end in _ENDS]])
+            low, high = sorted(rooms.loc[condition, [f"{prefix}first_room", f"{prefix}last_room"]])
             axes.axvspan(low, high, color="#777777", alpha=0.2, lw=0)
             axes.set_xscale("log")
             axes.set_xlim(0.3, 5000)

@@ -61,10 +61,7 @@ def ddqn_2018() -> Reference:
 
 def people_beside(results: Material) -> Reference:
     """Return the paper's people, with the learners that did what they did."""
-    for one in results.references:
-        if one.name == PEOPLE:
-            return one
-    return people()
+    return next((one for one in results.references if one.name == PEOPLE), people())
 
 
 def did_what_people_did(spec: LearnerSpec, condition: Condition) -> bool:
