@@ -130,8 +130,8 @@ class Log:
         self.path = path
         try:
             self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o600)
-            self._size = path.read_bytes().rfind(b"\n") + 1
-            os.ftruncate(self._file, self._size)  # a last line that was cut short
+            whole = path.read_bytes().rfind(b"\n") + 1
+            os.ftruncate(self._file, whole)  # a last line that was cut short
         except OSError as error:
             raise _inaccessible(path, error) from None
 
@@ -141,15 +141,15 @@ class Log:
         Raises:
             StoreError: If it cannot be written; nothing of it is in the file then.
         """
-        text, written, why = _bytes(line), 0, "the disk is full"
+        text, end = _bytes(line), os.fstat(self._file).st_size
+        written, why = 0, "the disk is full"
         try:
             written = os.write(self._file, text)
         except OSError as error:
             why = str(error.strerror)
         if written < len(text):
-            os.ftruncate(self._file, self._size)
+            os.ftruncate(self._file, end)
             raise StoreError(f"{self.path} cannot be written ({why}); free some space")
-        self._size += written
 
     def sync(self) -> None:
         """Flush everything to the disk."""
