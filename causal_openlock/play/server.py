@@ -177,11 +177,9 @@ class PlayServer:
 
     def _told(self, person: str, said: Answer) -> Answer:
         """What a person may know now; the link, which may be worth money, only at the end."""
-        if "next" in said:
-            return {**said, "next": self._told(person, said["next"])}
-        if self.completion and said["stage"] == "end":
-            link = pages.filled(self.completion, self.people.identifiers(person))
-            return {**said, "completion": link}
+        now = said.get("next", said)
+        if self.completion and now["stage"] == "end":
+            now["completion"] = pages.filled(self.completion, self.people.identifiers(person))
         return said
 
     async def _refused(self, request: Request, error: Exception) -> Response:
