@@ -28,12 +28,8 @@ class OpenLockTextEnv(gymnasium.Env[str, str]):
     """One room in words; an episode is a trial.
 
     Args:
-        schema: As for :class:`~causal_openlock.envs.single.OpenLockEnv`, and so are the following.
-        layout: The positions of the levers, or ``random``.
-        reward: The reward of each action.
-        attempt_limit: Attempts in a trial.
-        action_limit: Actions in an attempt.
-        positions: Number of positions.
+        schema, layout, reward, attempt_limit, action_limit, positions: As for
+            :class:`~causal_openlock.envs.single.OpenLockEnv`.
         story: ``levers``, ``switches``, ``symbols``, or ``any``. ``reset(seed=...)`` draws the
             names of positions and their order, and the story if it is ``any``; they stay the same
             until the next seed.

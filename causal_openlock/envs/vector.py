@@ -30,13 +30,9 @@ class OpenLockVectorEnv(VectorEnv[NDArray[np.int8], NDArray[np.int64], NDArray[A
 
     Args:
         num_envs: How many rooms.
-        schema: As for :class:`OpenLockEnv`, like the arguments below.
-        layout: See there; ``random`` draws one for every trial of every room.
-        reward: See there.
-        episode: See there.
-        attempt_limit: See there.
-        action_limit: See there.
-        positions: See there.
+        schema, reward, episode, attempt_limit, action_limit, positions: As for
+            :class:`OpenLockEnv`.
+        layout: As there; ``random`` draws one for every trial of every room.
         reveal: Whether ``info["latent"]`` holds, for analysis, the ``layout`` of each room,
             ``[num_envs, positions]``: the index of the lever there, -1 for an inactive one; and
             which solutions are ``found``, ``[num_envs, solutions]``.
