@@ -56,7 +56,7 @@ from .paper.published import people as people
 from .analysis.sample_size import sample_size as sample_size
 
 # Pictures, films and people
-from .play.background import play_room as play_room
+from .play.background import play_room as play_room, serve as serve
 from .play.people import People as People
 from .experiment.beside_record import read_reactions as read_reactions
 from .render.watch import watch as watch

@@ -28,7 +28,7 @@ GROUPS = {
     "Start here": ("compare", "report", "schema", "play", "notebook"),
     "Declare": ("learners", "room", "train"),
     "Compare": ("status", "trace", "film"),
-    "People": ("import", "forget", "text"),
+    "People and agents": ("import", "forget", "text", "serve"),
     "Predict": ("score", "fit", "design"),
     "Share": ("export", "bundle"),
 }  #: groups in which ``--help`` lists commands, what a newcomer needs first; all others come last

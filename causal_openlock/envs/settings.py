@@ -55,13 +55,14 @@ class Settings:
         positions: int | None,
     ) -> None:
         self.schema = schema = find_schema(schema)
-        least = layout.positions if isinstance(layout, Layout) else positions_for(schema)
-        self.positions = whole_number(least if positions is None else positions, "positions")
+        if positions is None:
+            own = layout.positions if isinstance(layout, Layout) else 0
+            positions = max(own, positions_for(schema))
+        self.positions = whole_number(positions, "positions")
         position_names(self.positions)  # refuses a number that no room has
         if self.positions < len(schema.levers):
             raise ExperimentError(
-                f"{schema.name} has {len(schema.levers)} levers, more than {self.positions} "
-                "positions"
+                f"{schema.name} has {len(schema.levers)} levers, more than {positions} positions"
             )
         if episode not in ("attempt", "trial"):
             raise OpenLockError(f"an episode is 'attempt' or 'trial', not {episode!r}")

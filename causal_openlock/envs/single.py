@@ -217,8 +217,12 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         assert self._bodies
         assert self._movements
         movement, tables = self._bodies.act(action, yields), self._lists.tables
-        self._movements |= {"finished": movement.finished, "steps": movement.steps}
-        self._movements["unfinished"] += not movement.finished
+        unfinished = self._movements["unfinished"] + (not movement.finished)
+        self._movements = {
+            "finished": movement.finished,
+            "steps": movement.steps,
+            "unfinished": unfinished,
+        }
         used = tables.used == tables.used[self._row] + 1
         after = np.flatnonzero(used & (tables.state == self._bodies.state))
         (happened,) = events_of(tables, self._fsm, np.array([self._row]), after).tolist()
@@ -243,8 +247,7 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         return self._observations[0].copy(), reward, solved, spent, self._info(outcome=outcome)
 
     def _spend_attempt(self) -> None:
-        if self._attempts_left:
-            self._attempts_left -= 1
+        self._attempts_left = max(0, self._attempts_left - 1)
         self.trial_over = not self._attempts_left
 
     def _info(self, **more: Any) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from causal_openlock.contract.learner import Step
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.declare import Cell, Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
@@ -27,7 +28,6 @@ Stage = Literal["practice", "room", "question", "end"]
 Answer = dict[str, Any]
 """Answer to the page: plain data, ready for JSON."""
 
-EXPERIMENT = "people"
 PRACTICE = Schema("practice", ["L0"], {"L0": ["door"]})
 """One free lever unlocks the door: enough to learn what a click does, and no more."""
 
@@ -74,6 +74,7 @@ class Game:
         self._question: tuple[int, ...] | None = None  # the levers that are asked about
         self._ended: list[Answer] = []  # what came of each trial
         self.turn = 0
+        self.step: Step | None = None  # what the last action led to
         self.done: list[Answer] = []
         self.answers: list[Answer] = []
 
@@ -148,7 +149,7 @@ class Game:
 
     def _answer(self, edges: Sequence[tuple[int, int]]) -> None:
         about = {
-            "learner": LABEL,
+            "learner": self.cell.spec.name,
             "condition": self.session.condition.name,
             "subject": self.cell.first_subject,
             "visit": self.trials_over,
@@ -161,7 +162,7 @@ class Game:
 
     def _act(self, action: int, reaction: float | None) -> Answer:
         session = self._playing
-        step = session.step(np.array([action]))
+        self.step = step = session.step(np.array([action]))
         console = step.view.console
         new = bool(step.new_solution[0])
         said = {

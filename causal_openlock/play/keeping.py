@@ -1,7 +1,7 @@
 """While people play, a thread flushes their log to the disk and writes their record.
 
-Whatever serves :class:`~causal_openlock.play.people.People`, such as the web server
-(:mod:`~causal_openlock.play.server`), serves them in a block of :func:`kept`.
+Whatever serves :class:`~causal_openlock.play.people.People`, over the web
+(:mod:`~causal_openlock.play.web`) or for one agent, serves them in a block of :func:`kept`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ KEEP_EVERY = 10.0  # seconds between two writings of the record; the log has eve
 
 
 @contextmanager
-def kept(people: People, changed: Callable[[], None]) -> Iterator[None]:
+def kept(people: People, changed: Callable[[], None] = lambda: None) -> Iterator[None]:
     """A block in which people can play; ``changed`` is called soon after one joins or finishes."""
     stopped = threading.Event()
     keeper = threading.Thread(target=_keep, args=(people, changed, stopped), daemon=True)
@@ -44,6 +44,7 @@ def _keep(people: People, changed: Callable[[], None], stopped: threading.Event)
         now = people.number, people.finished
         if now != before:
             changed()
+            waited = KEEP_EVERY if now[1] != before[1] else waited  # soon after one has finished
         before = now
         try:
             people.sync()

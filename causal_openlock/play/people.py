@@ -33,18 +33,19 @@ from causal_openlock.experiment.beside_record import (
     write_answers,
     write_reactions,
 )
-from causal_openlock.experiment.declare import Cell, Condition, Experiment, Protocol
+from causal_openlock.experiment.declare import PERSON, Cell, Condition, Experiment, Protocol
 from causal_openlock.experiment.plan import plan
 from causal_openlock.experiment.record import with_times
 from causal_openlock.files.atomic import sweep, write_text
 from causal_openlock.files.checksums import digest
 from causal_openlock.play import log
-from causal_openlock.play.game import EXPERIMENT, Answer, Game, Refused
-from causal_openlock.play.person import as_learner
+from causal_openlock.play.game import Answer, Game, Refused
+from causal_openlock.play.person import AGENT, LABEL, as_learner
 from causal_openlock.play.recruiting import identified, read_identifiers, write_identifiers
 from causal_openlock.storage.store import LOG, Store
 from causal_openlock.world.rewards import PAPER_REWARD, find_reward
 
+PEOPLE, AGENTS = "people", "agents"  #: names of the experiment that they play
 MOST_PEOPLE = 10_000
 """Most people who can join in one folder."""
 
@@ -64,6 +65,7 @@ class People:
             as ``("PROLIFIC_PID", "STUDY_ID", "SESSION_ID")``. It is kept in ``recruited.csv``.
             The first of them identifies the person, and nobody joins without it.
         command: The command that continues, for the report.
+        agent: What tables call the agent that all subjects are; by default they are people.
         clock: Returns the time in seconds.
 
     Attributes:
@@ -86,18 +88,20 @@ class People:
         consent: str = "",
         recruiting: Sequence[str] = (),
         command: str = "",
+        agent: str = "",
         clock: Callable[[], float] = time.time,
     ) -> None:
         for condition in conditions:
             plan(condition, protocol, np.random.default_rng(0))
+        reward, who = find_reward(PAPER_REWARD), (agent, AGENT) if agent else (LABEL, PERSON)
         self.experiment = Experiment(
-            name=EXPERIMENT,
-            title="People",
+            name=AGENTS if agent else PEOPLE,
+            title="Agents" if agent else "People",
             command=command,
             seed=seed,
             cell_size=1,
             conditions=tuple(conditions),
-            learners=(as_learner(protocol, find_reward(PAPER_REWARD)),),
+            learners=(as_learner(protocol, reward, *who),),
         )
         self.practice, self.ask, self.consent, self._clock = practice, ask, consent, clock
         self.recruiting = tuple(recruiting)
@@ -225,7 +229,7 @@ class People:
         """Cell that a person plays."""
         which, subject = dealt(self.experiment, number)
         condition, (spec,) = self.experiment.conditions[which], self.experiment.learners
-        return Cell(EXPERIMENT, self.experiment.seed, spec, condition, subject, 1)
+        return Cell(self.experiment.name, self.experiment.seed, spec, condition, subject, 1)
 
     def _resume(self, lines: Sequence[log.Line]) -> None:
         """Repeat what the log holds."""

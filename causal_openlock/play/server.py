@@ -24,7 +24,6 @@ proxy it also accepts the address that people use, which it has to be given.
 from __future__ import annotations
 
 import mimetypes
-import socket
 from collections.abc import Callable
 from typing import Annotated, Any, TypeVar
 from urllib.parse import urlsplit
@@ -34,13 +33,13 @@ from pydantic import Field, ValidationError
 from causal_openlock.errors import OpenLockError, StoreError
 
 try:
-    import uvicorn
-    from starlette.applications import Starlette
+    from causal_openlock.play.web import LOOPBACK, WebServer
 except ModuleNotFoundError as _missing:
     raise OpenLockError(
         f"playing needs the package {_missing.name}; install it with: pip install "
         "'causal-openlock[play]'"
     ) from None
+from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
@@ -53,7 +52,7 @@ from starlette.staticfiles import StaticFiles
 from causal_openlock.files.validation import StrictModel, adapter
 from causal_openlock.play import pages
 from causal_openlock.play.game import PRACTICE, Answer, Refused
-from causal_openlock.play.keeping import kept, warn
+from causal_openlock.play.keeping import warn
 from causal_openlock.play.log import Move
 from causal_openlock.play.people import People
 from causal_openlock.world.room import positions_for
@@ -68,11 +67,10 @@ HEADERS = {
     "Referrer-Policy": "no-referrer",
     "Cache-Control": "no-store",
 }
-LOOPBACK = ("127.0.0.1", "localhost")
 mimetypes.add_type("text/javascript", ".js")  # Windows can say text/plain, which is not run
 
 
-class PlayServer:
+class PlayServer(WebServer):
     """Serves the page to the people of one results folder.
 
     Args:
@@ -98,40 +96,13 @@ class PlayServer:
         completion: str = "",
         changed: Callable[[], None] = lambda: None,
     ) -> None:
-        self.people, self._changed = people, changed
+        self.people = people
         self.completion = pages.completion(completion, people.recruiting)
         self.address = pages.public_address(address)
-        self._socket = _listening(host, port)
-        self.host, self.port = host, int(self._socket.getsockname()[1])
-        self.loopback = host in LOOPBACK
-        self._server = uvicorn.Server(
-            uvicorn.Config(
-                self._application(),
-                ws="none",
-                lifespan="off",
-                log_config=None,
-                log_level="error",  # addresses are not logged
-                access_log=False,
-                server_header=False,
-                headers=[*HEADERS.items()],
-                timeout_graceful_shutdown=2,
-            )
+        self.host, self.loopback = host, host in LOOPBACK
+        super().__init__(
+            people, self._application(), host=host, port=port, headers=HEADERS, changed=changed
         )
-
-    @property
-    def url(self) -> str:
-        """Address of the page, for this machine."""
-        host = "127.0.0.1" if self.host == "0.0.0.0" else self.host
-        return f"http://{host}:{self.port}/"
-
-    def serve_forever(self) -> None:
-        """Serve until :meth:`shutdown`, SIGINT or SIGTERM; then people can be closed."""
-        with self._socket, kept(self.people, self._changed):
-            self._server.run(sockets=[self._socket])
-
-    def shutdown(self) -> None:
-        """Make :meth:`serve_forever` return soon; for another thread."""
-        self._server.should_exit = True
 
     # -- what is answered -----------------------------------------------------------------------
 
@@ -196,16 +167,6 @@ class PlayServer:
             warn(error)  # the page need not know paths of this machine
             return JSONResponse({"error": "this cannot be saved now"}, 503)
         return JSONResponse({"error": "invalid request"}, 400)
-
-
-def _listening(host: str, port: int) -> socket.socket:
-    try:
-        return socket.create_server((host, port), backlog=256)
-    except OSError as error:
-        raise OpenLockError(
-            f"cannot listen on {host}, port {port} ({error.strerror or error}); choose another "
-            "with --host or --port"
-        ) from None
 
 
 # -- requests -------------------------------------------------------------------------------------

@@ -5,8 +5,8 @@ symbols. A :class:`Wording` is a story, a name for each position, and the order 
 are listed. Names and order are drawn at random, so that texts about this room that a language model
 was trained on do not help. The text says everything that can be perceived, and nothing latent.
 
-The environment ``causal_openlock/OpenLockText-v0``, ``causal-openlock text`` and the learner
-``llm`` use the same words.
+The environment ``causal_openlock/OpenLockText-v0``, ``causal-openlock text``, ``causal-openlock
+serve`` and the learner ``llm`` use the same words.
 """
 
 from __future__ import annotations
@@ -227,6 +227,21 @@ class Wording:
         attempts = counted(attempt, "attempt")
         return f"You found every combination! The {self._terms.place} is over after {attempts}."
 
+    def question(self) -> str:
+        """The question after a room: what enables what."""
+        terms = self._terms
+        return (
+            f"You have left this {terms.place}. Which {terms.thing} had to be {terms.pushed} "
+            f"before another one could be moved, and which made {terms.goal} {terms.unlocked}? "
+            "List every pair of a cause and its effect that you believe in; an effect is a "
+            f"{terms.thing} or `{terms.goal}`."
+        )
+
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """``P + 1`` what can be an effect: the names of the positions, and the goal."""
+        return (*self.names, self._terms.goal)
+
 
 def room_now(words: Wording, view: View, subject: int, trials: int) -> str:
     """Text of a subject's room and console, from a learner's view."""
@@ -242,14 +257,14 @@ def room_now(words: Wording, view: View, subject: int, trials: int) -> str:
     return words.room(view.observation[subject], now)
 
 
-def feedback(words: Wording, step: Step, subject: int, trials: int) -> str:
-    """The text after an action: what it did, what ended, and what comes next."""
+def feedback(words: Wording, step: Step, subject: int, trials: int, *, room: bool = True) -> str:
+    """The text after an action: what it did, what ended, and, with ``room``, what comes next."""
     new, trial_over = bool(step.new_solution[subject]), bool(step.trial_over[subject])
     lines = [words.outcome(step.view.observation[subject], step.outcome[subject], new)]
     if step.attempt_over[subject]:
         left = int(step.view.console.solutions_left[subject]) - new
         lines.append(words.ending(int(step.view.attempt[subject]), trial_over, left))
-    if step.next.playing[subject]:
+    if room and step.next.playing[subject]:
         lines.append(room_now(words, step.next, subject, trials))
     return "\n".join(lines)
 

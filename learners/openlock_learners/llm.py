@@ -38,12 +38,12 @@ from causal_openlock.world.room import position_names
 from openlock_learners.language.answers import (
     HOW,
     HOW_IN_TEXT,
+    STRUCTURE,
     Message,
     act_tool,
     acting,
     read_answer,
     read_structure,
-    structure_question,
 )
 from openlock_learners.language.replies import Replies, Reply, Request, key_of
 
@@ -270,7 +270,7 @@ class LanguageModel(Learner):
         subject, new = self._subjects[row], bool(step.new_solution[row])
         words, nodes = subject.words, (*position_names(self.brief.positions), DOOR)
         outcome = words.outcome(step.view.observation[row], step.outcome[row], new)
-        question = subject.message(f"{outcome}\n{structure_question(words)}")
+        question = subject.message(f"{outcome}\n{words.question()}\n{STRUCTURE}")
         line = self._ask(row, step.view, "structure", [*subject.talk, question], [question])
         line["enables"] = read_structure(line["reply"]["message"], words, nodes)
         line["fault"] = "malformed" if line["enables"] is None else None

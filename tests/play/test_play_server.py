@@ -226,7 +226,7 @@ def test_calls_of_other_sites_are_refused(tmp_path, address):
 
 def test_without_its_packages_play_says_what_to_install(tmp_path, monkeypatch):
     for name in [*sys.modules]:
-        if name.startswith(("causal_openlock.play.server", "uvicorn.")):
+        if name.startswith(("causal_openlock.play.server", "causal_openlock.play.web", "uvicorn.")):
             monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "uvicorn", None)
     done = at_once("play", "--no-browser", cwd=tmp_path)

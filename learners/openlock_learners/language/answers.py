@@ -11,7 +11,7 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
-from causal_openlock.render.words import STORIES, Wording
+from causal_openlock.render.words import Wording
 
 Message = dict[str, Any]
 """A message of a chat, as it is sent."""
@@ -23,6 +23,7 @@ HOW = (
     "your answer with a line that holds the action and nothing else."
 )
 HOW_IN_TEXT = "Answer with one action at a time, on a last line that holds it and nothing else."
+STRUCTURE = 'Answer with JSON alone: {"enables": [{"cause": NAME, "effect": NAME}, ...]}.'
 EMPTY = "(no answer)"
 """Stands for an empty answer in the conversation, since servers refuse empty messages."""
 WHOLE = ("", "stop", "tool_calls", "function_call", "tool_use", "end_turn", "stop_sequence", "eos")
@@ -126,18 +127,6 @@ def acting(words: Wording, action: int, tools: bool) -> Message:
     return _given_back({"tool_calls": [{}]}, text)
 
 
-def structure_question(words: Wording) -> str:
-    """The question after a room: what enables what."""
-    terms = STORIES[words.story]
-    return (
-        f"You have left this {terms.place}. Which {terms.thing} had to be {terms.pushed} "
-        f"before another one could be moved, and which made {terms.goal} {terms.unlocked}? "
-        "List every pair of a cause and its effect that you believe in; an effect is a "
-        f"{terms.thing} or `{terms.goal}`.\n"
-        'Answer with JSON alone: {"enables": [{"cause": NAME, "effect": NAME}, ...]}.'
-    )
-
-
 def read_structure(reply: Message, words: Wording, nodes: Sequence[str]) -> list[list[str]] | None:
     """The pairs that a model named, by ``nodes``: positions and the door; ``None`` if unreadable.
 
@@ -146,7 +135,7 @@ def read_structure(reply: Message, words: Wording, nodes: Sequence[str]) -> list
     >>> read_structure({"content": said}, words, ("P0", "P1", "P2", "door"))
     [['P0', 'door']]
     """
-    node_of = dict(zip(map(_bare, (*words.names, STORIES[words.story].goal)), nodes, strict=True))
+    node_of = dict(zip(map(_bare, words.nodes), nodes, strict=True))
     said = _without_thoughts(_text(reply)) or ""
     try:
         answer = said[said.rindex("{", 0, said.rindex('"enables"')) :]

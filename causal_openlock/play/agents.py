@@ -1,0 +1,248 @@
+"""The games of people, for agents that act through tools: a server of the Model Context Protocol.
+
+An agent is told in words what a person sees (:mod:`causal_openlock.render.words`), with names and
+in an order that are drawn for each subject, and has the tools ``look``, ``act`` and, where subjects
+are asked for structures, ``explain``. What it does goes into the log and the record of
+:class:`~causal_openlock.play.people.People`, as a person's clicks do.
+
+Protocols since 2026 have no sessions, so a *subject* has a name: over HTTP it is the path of the
+address, over stdio that of the process. Who comes back under a name continues its game, and there
+is no way to begin it again.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import Any
+
+from causal_openlock.errors import OpenLockError, StoreError
+
+try:
+    import anyio
+    import mcp_types as types
+    from mcp.server.context import ServerRequestContext
+    from mcp.server.lowlevel import Server
+    from mcp.server.stdio import stdio_server
+except ModuleNotFoundError as _missing:
+    raise OpenLockError(
+        f"serving agents needs the package {_missing.name}; install it with: pip install "
+        "'causal-openlock[mcp]'"
+    ) from None
+
+from causal_openlock.play.game import Game, Refused
+from causal_openlock.play.keeping import kept
+from causal_openlock.play.people import People
+from causal_openlock.play.web import WebServer
+from causal_openlock.render.words import Wording, feedback, room_now
+from causal_openlock.version import __version__
+from causal_openlock.wording import joined
+from causal_openlock.world.randomness import generators
+
+NAME = "name"  #: what a subject's row in recruited.csv has it under
+LAST = "That was the last room. There is nothing left to do."
+NOT_DONE = "Nothing was done."
+
+
+class Subject:
+    """One subject: its game, in its own words.
+
+    Args:
+        people: Who it is one of.
+        name: What it is known by; a name that has been here continues.
+
+    Raises:
+        Refused: If no more subjects can join, or it can be no name.
+        StoreError: If that cannot be written.
+    """
+
+    def __init__(self, people: People, name: str) -> None:
+        self._people = people
+        self._id = people.join(people.consent_mark, {NAME: name}, name)
+        self.game: Game = people.game(self._id)
+        cell, positions = self.game.cell, self.game.session.brief.positions
+        (luck,) = generators(cell.seed, f"words/{cell.condition.name}", [cell.first_subject])
+        self.words = Wording.draw(positions, luck)
+
+    def tools(self) -> list[types.Tool]:
+        """What it can call, with its own names of actions."""
+        action = {
+            "type": "string",
+            "enum": self.words.choices,
+            "description": "The action to take.",
+        }
+        names = [self.words.nodes[place] for place in self.words.order]
+        pair = _object(
+            cause={"type": "string", "enum": names},
+            effect={"type": "string", "enum": [*names, self.words.nodes[-1]]},
+        )
+        found = [
+            _tool("look", "Read the rules, and how everything is now.", _object()),
+            _tool("act", "Take one action.", _object(action=action)),
+        ]
+        if self._people.ask:
+            pairs = {
+                "type": "array",
+                "items": pair,
+                "description": "All pairs that you believe in.",
+            }
+            found.append(_tool("explain", "Say what enables what.", _object(enables=pairs)))
+        return found
+
+    def call(self, tool: str, given: dict[str, Any]) -> str:
+        """What a tool answers.
+
+        Raises:
+            Refused: If there is no such tool, or what is given makes no sense to it.
+            StoreError: If it cannot be written; nothing was done then.
+        """
+        match tool:
+            case "look":
+                return self.look()
+            case "act":
+                return self.act(str(given.get("action", "")))
+            case "explain" if self._people.ask:
+                return self.explain(given.get("enables"))
+        raise Refused(404, "", f"There is no tool of this name. {NOT_DONE}")
+
+    def look(self) -> str:
+        """The rules, and what there is now."""
+        brief = self.game.session.brief
+        rules = self.words.instructions(brief.action_limit, brief.attempt_limit)
+        return f"{rules}\n\n{self._watched()}{self._now()}"
+
+    def act(self, action: str) -> str:
+        """Do an action; what came of it, and what there is then."""
+        if watched := self._watched():
+            return f"{NOT_DONE}\n\n{watched}{self._now()}"
+        if self.game.stage != "room":
+            return f"{NOT_DONE}\n\n{self._now()}"
+        index = self.words.read(action)
+        if index is None:
+            raise Refused(400, "", self.words.no_action)
+        return self._take(index)
+
+    def explain(self, enables: Any) -> str:
+        """Keep what it believes of the room that it has left; what there is then."""
+        if self.game.stage != "question":
+            return f"There is no room to explain now. {NOT_DONE}\n\n{self._now()}"
+        place = {name: number for number, name in enumerate(self.words.nodes)}
+        try:
+            edges = [(place[pair["cause"]], place[pair["effect"]]) for pair in enables]
+            self._people.take(self._id, self.game.turn, edges=edges)
+        except (LookupError, TypeError, Refused):
+            raise Refused(
+                400, "", f"These are no such pairs. {NOT_DONE}\n\n{self._now()}"
+            ) from None
+        return self._now()
+
+    def _take(self, action: int) -> str:
+        self._people.take(self._id, self.game.turn, action=action)
+        step, stage = self.game.step, self.game.stage
+        assert step is not None
+        room = stage == "room"
+        told = feedback(self.words, step, 0, self.game.session.brief.trials, room=room)
+        return told if room else f"{told}\n\n{self._now()}"
+
+    def _watched(self) -> str:
+        """Go through the rooms that are shown before its own; what was to be seen there."""
+        told = []
+        while (shown := self.game.session.shown) is not None:
+            action = int(shown[0])
+            told.append(f"> {self.words.actions[action]}\n{self._take(action)}")
+        head = "You watch what somebody does who knows how."
+        return "\n\n".join([head, *told, ""]) if told else ""
+
+    def _now(self) -> str:
+        match self.game.stage:
+            case "end":
+                return LAST
+            case "question":
+                levers = joined([self.words.names[place] for place in self.game.view()["levers"]])
+                only = f"It is {levers} that you are asked about; call the tool `explain`."
+                return f"{self.words.question()}\n{only}"
+        session = self.game.session
+        return room_now(self.words, session.view, 0, session.brief.trials)
+
+
+class Agents:
+    """All subjects of a folder, as a server of the protocol.
+
+    Args:
+        people: The games.
+        name: The subject that all requests are from; by default the path of each says it.
+    """
+
+    def __init__(self, people: People, name: str = "") -> None:
+        self._people, self._name = people, name
+        self._subjects: dict[str, Subject] = {}
+        self.server: Server[Any] = Server(
+            "openlock",
+            version=__version__,
+            instructions="Call the tool `look` first.",
+            on_list_tools=self._list,
+            on_call_tool=self._call,
+        )
+
+    def _subject(self, context: ServerRequestContext[Any, Any]) -> Subject:
+        request: Any = context.request  # None over stdio
+        name = self._name or request.path_params["name"]
+        if name not in self._subjects:
+            self._subjects[name] = Subject(self._people, name)
+        return self._subjects[name]
+
+    # Requests are answered one after the other: each takes some milliseconds, and of two calls by
+    # one subject the second is told what there is after the first.
+
+    async def _list(self, context: ServerRequestContext[Any, Any], _: Any) -> types.ListToolsResult:
+        with suppress(Refused):
+            return types.ListToolsResult(tools=self._subject(context).tools())
+        return types.ListToolsResult(tools=[])
+
+    async def _call(
+        self, context: ServerRequestContext[Any, Any], asked: types.CallToolRequestParams
+    ) -> types.CallToolResult:
+        try:
+            text, failed = self._subject(context).call(asked.name, asked.arguments or {}), False
+        except Refused as error:
+            text, failed = str(error), True
+        except StoreError:
+            text, failed = f"This cannot be saved now. {NOT_DONE}", True
+        return types.CallToolResult(
+            content=[types.TextContent(type="text", text=text)], is_error=failed
+        )
+
+
+def options_of(label: str, seed: int, ask: bool) -> dict[str, Any]:
+    """How agents play, as options of :class:`~causal_openlock.play.people.People`."""
+    return {"agent": label, "seed": seed, "ask": ask, "practice": False, "recruiting": (NAME,)}
+
+
+def serve_stdio(people: People, name: str) -> None:
+    """Serve one subject on standard input and output, until these end."""
+    server = Agents(people, name).server
+
+    async def run() -> None:
+        async with stdio_server() as (read, write):
+            await server.run(read, write, server.create_initialization_options())
+
+    with kept(people):
+        anyio.run(run)
+
+
+def http_server(people: People, port: int = 0) -> WebServer:
+    """A server on loopback; each path ``/NAME`` of its address is a subject."""
+    app = Agents(people).server.streamable_http_app(streamable_http_path="/{name}")
+    return WebServer(people, app, port=port)
+
+
+def _tool(name: str, description: str, schema: dict[str, Any]) -> types.Tool:
+    return types.Tool(name=name, description=description, input_schema=schema)
+
+
+def _object(**properties: Any) -> dict[str, Any]:
+    return {
+        "type": "object",
+        "properties": properties,
+        "required": [*properties],
+        "additionalProperties": False,
+    }
