@@ -15,7 +15,6 @@ import pandas as pd
 
 from causal_openlock.analysis.measures import CELL, SUBJECT
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.statistics import FEW_SUBJECTS
 from causal_openlock.analysis.table import share
 from causal_openlock.experiment.beside_record import REACTIONS, read_reactions
 from causal_openlock.experiment.declare import HUMAN_PROTOCOL, PERSON
@@ -34,17 +33,13 @@ def warnings_of(results: Material) -> Iterator[str]:
             "Some conditions are called like the paper's and have other rooms, trials or budgets, "
             f"so published results are not shown next to them ({some(others)})."
         )
-    of_learner = ["learner", "protocol"]
-    fewest = summary.groupby(of_learner, observed=True)["subjects"].min()
-    if few := _by_label(fewest[fewest < FEW_SUBJECTS]):
-        yield f"Fewer than {FEW_SUBJECTS} subjects, so intervals are unreliable ({some(few)})."
     subjects = summary.groupby(CELL, observed=True)["subjects"].agg(["min", "max"])
     if uneven := [*map(_label, subjects.index[subjects["min"] != subjects["max"]])]:
         yield (
             "Not every subject played every trial, so means of different trials are about "
             f"different subjects ({some(uneven)})."
         )
-    solved = trials.groupby(of_learner, observed=True)["solved"].mean()
+    solved = trials.groupby(["learner", "protocol"], observed=True)["solved"].mean()
     if unsolved := _by_label(solved[solved < 1]):
         shares = {name: share(1 - solved) for name, solved in unsolved.items()}
         yield (

@@ -318,12 +318,7 @@ def _caption(rows: Sequence[Mapping[str, Any]], columns: Collection[str]) -> str
         )
     if any(row["reference"] and row["solved"] is None for row in played):
         said.append("How many of people's trials were not solved is not published.")
-    few = {
-        row["learner"]: row["subjects"]
-        for row in played
-        if not row["reference"] and row["subjects"] < FEW_SUBJECTS
-    }
-    if few:
+    if few := {row["learner"]: n for row in played if (n := row["subjects"]) < FEW_SUBJECTS}:
         said.append(
             f"Fewer than {FEW_SUBJECTS} subjects, so intervals are unreliable: {some(few)}."
         )
