@@ -244,6 +244,14 @@ class Learner(LearnerBase, ABC):
         """
         return None
 
+    def predictions(self, view: View) -> FloatArray | None:
+        """``[B, A]`` how likely it finds each action of recorded subjects; None if it cannot say.
+
+        For a learner whose ``probabilities`` are None, as ``act`` does not draw from these. Only
+        scoring asks, once for each action of the rows that play.
+        """
+        return None
+
     def structure(self, subject: int) -> Structure | None:
         """A subject's belief about the structure of its room; None if the learner cannot say.
 

@@ -100,7 +100,7 @@ def predicted(
         if draws and unknown(theory):  # with nothing unknown, all draws are the same
             numbers = range(first * draws, (first + 1) * draws)
             specs = [drawn(theory, experiment.seed, "theory", number) for number in numbers]
-        scores = [score_part(part, spec, lapse, copies) for spec in specs]
+        scores = [score_part(part, spec, lapse, copies)[0] for spec in specs]
         sums = [score.groupby("subject")["log_probability"].sum() for score in scores]
         mean: FloatArray = np.logaddexp.reduce(sums) - math.log(len(sums))
         return mean

@@ -25,6 +25,7 @@ from typing import Any, Literal, get_origin, get_type_hints
 
 import pandas as pd
 
+from causal_openlock.contract.learner import Account
 from causal_openlock.contract.registry import learner_class
 from causal_openlock.errors import OpenLockError, StoreError
 from causal_openlock.experiment.declare import LearnerSpec
@@ -51,7 +52,7 @@ from causal_openlock.scoring.recorded import (
     subject_names,
 )
 from causal_openlock.scoring.scores import Scores, choices_in
-from causal_openlock.scoring.teacher_forcing import known_learners, score_actions, scored_parts
+from causal_openlock.scoring.teacher_forcing import known_learners, scored_parts
 from causal_openlock.storage.store import Store
 from causal_openlock.wording import joined
 
@@ -165,7 +166,7 @@ def score_folder(
         of: Labels of the learners whose subjects are predicted; by default all.
         lapse: The share of actions that are taken to be random.
         draws: Most copies to ask of a learner that gives no probabilities; see
-            :func:`~causal_openlock.scoring.inverse_binomial.limit_of_draws`.
+            :func:`~causal_openlock.scoring.inverse_binomial.limit_of_draws`; None for predictions.
         workers: How many processes work; with one it is this process.
         report: Called with how many parts of the work are done, of how many.
 
@@ -189,7 +190,8 @@ def score_folder(
     fitted = [read_fit(Path(path), [spec.learner for spec in specs]) for path in fits]
     record, experiment = Store(folder).record()
     of = [spec.name for spec in known_learners(of, experiment.learners)]
-    tables, shared = [], dict[str, Recorded]()
+    tables, shared, accounts = [], dict[str, Recorded](), list[Account]()
+    how: dict[str, Any] = {"draws": draws, "workers": workers, "accounts": accounts}
     if fitted:
         subjects = alone(recorded_subjects(record, experiment, of))
         _check(fitted, [spec.name for spec in specs], subjects_of([*subjects.values()]), lapse)
@@ -199,14 +201,15 @@ def score_folder(
         if not shared:
             labels = joined([fit.label for fit in fitted])
             raise StoreError(f"no subject was fitted in each of {labels}; fit to the same subjects")
-        tables = [_predicted(fit, shared, draws, workers) for fit in fitted]
+        tables = [_predicted(fit, shared, **how) for fit in fitted]
     if specs:
-        how: dict[str, Any] = {"of": of, "draws": draws, "workers": workers, "report": report}
-        table = score_actions(record, experiment, specs, lapse, **how)
+        parts = recorded_subjects(record, experiment, of)
+        jobs = [(part, spec) for part in parts for spec in specs]
+        table = pd.concat(scored_parts(jobs, lapse, **how, report=report), ignore_index=True)
         tables.append(table[subject_names(table).isin(shared)] if fitted else table)
     actions = pd.concat(tables, ignore_index=True)
     digest = record_digest(record, experiment, set(actions["learner"]))
-    return Scores(actions, choices_in(experiment), digest)
+    return Scores(actions, choices_in(experiment), digest, tuple(accounts))
 
 
 def _check(
@@ -236,9 +239,7 @@ def _check(
             )
 
 
-def _predicted(
-    fit: FitOfActions, subjects: Mapping[str, Recorded], draws: int | None, workers: int
-) -> pd.DataFrame:
+def _predicted(fit: FitOfActions, subjects: Mapping[str, Recorded], **how: Any) -> pd.DataFrame:
     """The scores of a fitted learner, where possible by what was fitted without the action."""
     plan = fit.plan
     folds = [fold for fold in folds_of(plan) if (fold != WHOLE) == fit.holds_out]
@@ -247,7 +248,7 @@ def _predicted(
         (subjects[who], replace(plan.spec(fit.of(who, fold).chosen), name=fit.label))
         for who, fold in jobs
     ]
-    scored = scored_parts(parts, plan.fit.lapse, draws, workers)
+    scored = scored_parts(parts, plan.fit.lapse, **how)
     tables = [
         table[held_out(table, plan, fold) == fit.holds_out]
         for (_, fold), table in zip(jobs, scored, strict=True)

@@ -64,7 +64,7 @@ def predictions(parts: Sequence[Recorded], plan: Plan) -> Callable[[Chosen], pd.
     @cache
     def table(*values: float) -> pd.DataFrame:
         spec = plan.spec(dict(zip(plan.ranges, values, strict=True)))
-        scores = [score_part(part, spec, plan.fit.lapse) for part in parts]
+        scores = [score_part(part, spec, plan.fit.lapse)[0] for part in parts]
         return pd.concat(scores, ignore_index=True)
 
     return lambda chosen: table(*chosen.values())

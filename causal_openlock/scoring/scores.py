@@ -7,6 +7,7 @@ is the mean of subjects, and two learners are compared on the same subjects.
 
 from __future__ import annotations
 
+import json
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -21,6 +22,7 @@ from causal_openlock.analysis.effects import Group, weighted_difference
 from causal_openlock.analysis.measures import ordered
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.statistics import mean_intervals
+from causal_openlock.contract.learner import Account
 from causal_openlock.errors import OpenLockError, StoreError, in_short
 from causal_openlock.experiment.declare import SHOWN, Experiment
 from causal_openlock.files.atomic import write_bytes, write_text
@@ -51,6 +53,7 @@ RECORD = b"causal_openlock.record"
 FOLDER, ACTIONS = "scores", "actions.parquet"  #: folder and file of scores in a results folder
 BY_SUBJECT, FOLLOWED = "subjects.csv", "followed.csv"
 """Files derived from the scores, for other programs; nothing here reads them."""
+TRANSCRIPTS = "transcripts.jsonl"  #: what a learner that speaks was asked; the report reads it
 
 
 @dataclass(frozen=True)
@@ -64,11 +67,13 @@ class Scores:
             is not known.
         record: Digest of what was scored, from
             :func:`~causal_openlock.scoring.recorded.record_digest`.
+        accounts: What learners say of their predictions; empty in stored scores.
     """
 
     actions: pd.DataFrame
     choices: Mapping[str, int] = field(default_factory=dict)
     record: str = ""
+    accounts: tuple[Account, ...] = ()
 
     @cached_property
     def subjects(self) -> pd.DataFrame:
@@ -294,7 +299,7 @@ class Scores:
         return "" if whole else "some actions are not there, or twice"
 
     def save(self, folder: Path) -> list[Path]:
-        """Write ``actions.parquet``, ``subjects.csv`` and ``followed.csv``; returns where.
+        """Write ``actions.parquet``, ``subjects.csv``, ``followed.csv``, what was said; say where.
 
         Raises:
             OSError: If they cannot be written.
@@ -307,6 +312,10 @@ class Scores:
         write_bytes(files[0], table_bytes(table, {RECORD: self.record.encode()}))
         write_text(files[1], csv_of(self.subjects.round(6)))
         write_text(files[2], csv_of(self.attributed.round(6)))
+        said = [line for account in self.accounts for part in account.transcripts for line in part]
+        if said or (folder / TRANSCRIPTS).exists():
+            lines = [json.dumps(line, default=int) + "\n" for line in said]
+            write_text(folder / TRANSCRIPTS, "".join(lines))
         return files
 
 

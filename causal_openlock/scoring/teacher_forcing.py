@@ -3,13 +3,15 @@
 The subject's session is played again with the recorded actions
 (:mod:`~causal_openlock.scoring.recorded`). The learner learns from the subject's actions as if they
 were its own, and from what the subject was shown, which is not scored. It never acts, unless it
-gives no probabilities: then copies of it do (:mod:`~causal_openlock.scoring.inverse_binomial`).
+gives neither ``probabilities`` nor ``predictions``, or draws are wanted in place of these: then
+copies of it do (:mod:`~causal_openlock.scoring.inverse_binomial`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +20,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from causal_openlock.contract.checks import are_probabilities, failures_of
-from causal_openlock.contract.learner import InformedLearner, Learner
+from causal_openlock.contract.learner import Account, InformedLearner, Learner
 from causal_openlock.contract.registry import changed_parameters, create
 from causal_openlock.errors import LearnerError
 from causal_openlock.experiment.declare import SHOWN, LearnerSpec
@@ -54,7 +56,7 @@ def score_actions(
             that the learner would never do does not outweigh all others.
         of: Labels of the learners whose subjects are predicted; by default all.
         draws: Most copies to ask of a learner that gives no probabilities; see
-            :func:`~causal_openlock.scoring.inverse_binomial.limit_of_draws`.
+            :func:`~causal_openlock.scoring.inverse_binomial.limit_of_draws`; None for predictions.
         workers: How many processes work; with one it is this process.
         report: Called with how many parts of the work are done, of how many.
 
@@ -76,7 +78,7 @@ def score_actions(
     """
     specs = [scored] if isinstance(scored, LearnerSpec) else list(scored)
     jobs = [(part, spec) for part in recorded_subjects(record, experiment, of) for spec in specs]
-    return pd.concat(scored_parts(jobs, lapse, draws, workers, report), ignore_index=True)
+    return pd.concat(scored_parts(jobs, lapse, draws, workers, [], report), ignore_index=True)
 
 
 def scored_parts(
@@ -84,22 +86,25 @@ def scored_parts(
     lapse: float,
     draws: int | None,
     workers: int,
+    accounts: list[Account],
     report: Callable[[int, int], None] = lambda done, total: None,
 ) -> list[pd.DataFrame]:
-    """The scores of learners on parts of a record, in the order of the jobs."""
+    """The scores of learners on parts of a record, by job; what they say goes to ``accounts``."""
     tables = []
     with worker_pool(workers) if workers > 1 else nullcontext() as pool:
         calls = [partial(score_part, part, spec, lapse, draws) for part, spec in jobs]
         for result in [pool.submit(call).result for call in calls] if pool else calls:
-            tables.append(result())
+            table, account = result()
+            tables.append(table)
+            accounts.append(account)
             report(len(tables), len(jobs))
     return tables
 
 
 def score_part(
     part: Recorded, scored: LearnerSpec, lapse: float, draws: int | None = None
-) -> pd.DataFrame:
-    """The scores of one learner on some subjects of a group.
+) -> tuple[pd.DataFrame, Account]:
+    """The scores of one learner on some subjects of a group, and what it says of them.
 
     Raises:
         LearnerError: If the learner cannot be put in another's place, or fails there.
@@ -112,13 +117,12 @@ def score_part(
                 "place of a subject that did others; leave it out"
             )
         session.begin(learner)
-        if learner.probabilities(session.view) is None:
-            scores = by_draws(part, scored, draws, lapse, session.brief.actions)
-        else:
-            scores = _told(part, session, learner, scored.name, lapse)
+        scores = _told(part, session, learner, scored.name, lapse, draws is None)
+        account = learner.account() if scores else Account()
+        scores = scores or by_draws(part, scored, draws, lapse, session.brief.actions)
     which = part.done_actions[part.done_actions["phase"] != SHOWN].drop(columns="phase")
     chosen, actions = changed_parameters(scored.learner, scored.parameters), which["subject"]
-    return pd.DataFrame(
+    table = pd.DataFrame(
         {
             "scored": scored.name,
             **part.group,
@@ -127,17 +131,25 @@ def score_part(
             "price": len(chosen) * np.log(actions.groupby(actions).transform("size")).to_numpy(),
         }
     )
+    of = {"scored": scored.name, **part.group}
+    said = zip(part.numbers, account.transcripts, strict=False)
+    labelled = tuple([{**of, "subject": who, **line} for line in lines] for who, lines in said)
+    return table, Account(labelled, tuple(f"{scored.name}: {one}" for one in account.remarks))
 
 
 def _told(
-    part: Recorded, session: Session, learner: Learner, name: str, lapse: float
-) -> dict[str, NDArray[Any]]:
-    """``[B, T]`` scores of a learner that gives its probabilities."""
+    part: Recorded, session: Session, learner: Learner, name: str, lapse: float, predicts: bool
+) -> dict[str, NDArray[Any]] | None:
+    """``[B, T]`` scores of a learner that gives its probabilities, or ``predicts``; None if not."""
     shape, choices = part.asked.shape, session.brief.actions
     own, entropy, highest = (np.zeros(shape) for _ in range(3))
     for moment in range(shape[1]):
         acts, action = part.asked[:, moment], part.actions[:, moment]
         found = learner.probabilities(session.view)
+        if found is None and predicts:
+            found = learner.predictions(replace(session.view, playing=acts))
+        if found is None and moment == 0:
+            return None
         if not (
             isinstance(found, np.ndarray)
             and len(found) == len(acts)
