@@ -39,7 +39,7 @@ def score(
         typer.Option(
             min=1,
             help="Most copies to ask of a learner without probabilities; by default actions / "
-            "lapse.",
+            "lapse. With it llm is asked in words, not in letters.",
         ),
     ] = None,
     workers: Workers = None,
@@ -105,6 +105,8 @@ def score(
         if priced[label]:
             by = "what it was fitted to; parameters have a price only in “followed by”"
         console.print_line(f"{label} predicts {by}")
+    for remark in [remark for account in scores.accounts for remark in account.remarks]:
+        console.warn(remark)
     drawn = subjects[subjects["standard_error"] > 0]
     for name, own in drawn.groupby("scored", observed=True):
         how = "estimates its probabilities from draws"

@@ -9,9 +9,11 @@ up to a limit. After that the action counts as *unanswered*: it is spent on a le
 where it is, which changes nothing, the model is informed, and it is counted. A subject that leaves
 too many actions unanswered ends its cell with an error that says how many and why.
 
-It gives no probabilities: the chat interface has none of whole answers. Everything that was said is
-kept in ``transcripts/`` of the results folder: for each subject a line about it, and one for each
-answer, with tokens, latency, and model and server as the reply named them.
+It gives no probabilities: the chat interface has none of whole answers. Where it is scored, it is
+asked for a letter, and ``predictions`` are the probabilities of the letters that stand for actions;
+what it does in words may be another matter. Everything that was said is kept in ``transcripts/`` of
+the results folder, or in its scores: for each subject a line about it, and one for each answer,
+with tokens, latency, and model and server as the reply named them.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
+from string import ascii_uppercase
 from typing import Annotated, Any
 
 import numpy as np
@@ -31,7 +34,7 @@ from causal_openlock.contract.learner import Account, Brief, Learner, Step, View
 from causal_openlock.contract.parameters import Count, Positive
 from causal_openlock.errors import LearnerError, NotAvailableError
 from causal_openlock.render.words import ANY, StoryName, Wording, feedback, room_now
-from causal_openlock.schemas.fsm import IntArray
+from causal_openlock.schemas.fsm import FloatArray, IntArray
 from causal_openlock.schemas.schema import DOOR
 from causal_openlock.wording import counted, joined
 from causal_openlock.world.room import position_names
@@ -42,7 +45,9 @@ from openlock_learners.language.answers import (
     Message,
     act_tool,
     acting,
+    letters_question,
     read_answer,
+    read_letters,
     read_structure,
 )
 from openlock_learners.language.replies import Replies, Reply, Request, key_of
@@ -102,6 +107,7 @@ class _Subject:
 
     words: Wording
     seed: int
+    letters: list[int]  # the action that each letter stands for
     talk: list[Message] = field(default_factory=list)
     said: int = 0  # messages of the conversation that are in the transcript
     lines: list[dict[str, Any]] = field(default_factory=list)  # of the transcript, by answer
@@ -123,6 +129,10 @@ class _Subject:
     def tokens(self, part: int) -> list[int]:
         """Tokens of each question (0), or of each answer (1)."""
         return [line["reply"]["tokens"][part] for line in self.lines]
+
+    def by_letter(self, what: str) -> list[Any]:
+        """``probabilities`` of letters, or what is ``missing``, in each answer in letters."""
+        return [line[what] for line in self.lines if line["asked"] == "letter"]
 
     def message(self, text: str) -> Message:
         """The next message to the model: the result of its call, or a text."""
@@ -160,7 +170,11 @@ class LanguageModel(Learner):
             )
         self.brief, story = brief, self.parameters.story
         self._subjects = [
-            _Subject(Wording.draw(brief.positions, each, story), int(each.integers(2**31)))
+            _Subject(
+                Wording.draw(brief.positions, each, story),
+                int(each.integers(2**31)),
+                each.permutation(brief.actions).tolist(),
+            )
             for each in brief.generators
         ]
         self._replies = Replies(self._connect)
@@ -211,6 +225,30 @@ class LanguageModel(Learner):
             if action is not None:
                 return action
         return self._spend(row, view)
+
+    def predictions(self, view: View) -> FloatArray:
+        """``[B, A]`` probabilities of the letters that stand for actions, by one answer of each."""
+        playing = np.flatnonzero(view.playing).tolist()
+        odds = np.zeros((self.brief.subjects, self.brief.actions))
+        with ThreadPoolExecutor(self.parameters.requests) as pool:
+            answers = pool.map(lambda row: self._ask_letter(row, view), playing)
+            for row, by_letter in zip(playing, answers, strict=True):
+                odds[row, self._subjects[row].letters] = by_letter
+        return odds
+
+    def _ask_letter(self, row: int, view: View) -> FloatArray:
+        """Ask a subject for a letter; the conversation itself stays without the question."""
+        subject = self._subjects[row]
+        self._open(row, view)
+        *before, last = subject.talk
+        question = letters_question(subject.words, subject.letters)
+        # Some servers refuse two messages of the same role, one after the other.
+        asked = {**last, "content": f"{last['content']}\n\n{question}"}
+        line = self._ask(row, view, "letter", [*before, asked], [*before[subject.said :], asked])
+        subject.said = len(subject.talk)
+        odds, missing = read_letters(line["reply"].get("logprobs", {}), self.brief.actions)
+        line |= {"probabilities": odds.round(6).tolist(), "missing": round(missing, 6)}
+        return odds
 
     def _open(self, row: int, view: View) -> None:
         """Begin the conversation with the rules and the room, unless it has begun."""
@@ -289,11 +327,15 @@ class LanguageModel(Learner):
         if chosen.tools:
             request |= {"tools": [act_tool(subject.words)], "parallel_tool_calls": False}
         request |= chosen.settings
-        if chosen.tools and asked == "structure":
+        if chosen.tools and asked != "action":
             request["tool_choice"] = "none"
+        if asked == "letter":
+            newer = "max_completion_tokens"
+            limit = newer if chosen.settings.get(newer) else "max_tokens"
+            request = {"logprobs": True, "top_logprobs": 20} | request | {limit: 1}
         request = {name: value for name, value in request.items() if value is not None}
         key = key_of(request, subject.seed, len(subject.lines))
-        reply, repeated = self._replies.reply(key, request)
+        reply, repeated = self._replies.reply(key, request, logprobs=asked == "letter")
         subject.repeated += repeated
         line = {
             "trial": int(view.trial[row]),
@@ -318,6 +360,11 @@ class LanguageModel(Learner):
     def _head(self, subject: _Subject) -> dict[str, Any]:
         """The first line of a subject's transcript."""
         latency = sum(line["reply"]["latency"] for line in subject.lines)
+        letters = {}
+        if missing := subject.by_letter("missing"):
+            means = np.mean(subject.by_letter("probabilities"), axis=0).round(6).tolist()
+            by_letter = dict(zip(ascii_uppercase, means, strict=False))
+            letters = {"letters": by_letter, "missing": float(np.mean(missing))}
         return {
             "model": self.parameters.model,
             "base_url": self.parameters.base_url,
@@ -330,6 +377,7 @@ class LanguageModel(Learner):
             "faults": subject.faults("action"),
             "unanswered": subject.unanswered,
             "unreadable": subject.faults("structure").total(),
+            **letters,
         }
 
     def _remarks(self) -> Iterator[str]:
@@ -346,6 +394,13 @@ class LanguageModel(Learner):
             yield "answers that are cut off have more room with a larger max_tokens in settings"
         if many := sum(subject.faults("structure").total() for subject in subjects):
             yield f"{counted(many, 'answer')} to which lever enables which could not be read"
+        missing = [share for subject in subjects for share in subject.by_letter("missing")]
+        if many := sum(share > 0.05 for share in missing):
+            yield (
+                f"in {many:,} of {counted(len(missing), 'answer')} more than 5% of the probability "
+                f"was on no letter (mean of all: {np.mean(missing):.0%}); transcripts.jsonl of the "
+                "scores has what the model says instead"
+            )
         if many := sum(subject.tokens(0).count(0) for subject in subjects):
             yield f"the server did not count the tokens of {counted(many, 'question')}"
         if many := sum(map(_was_cut, subjects)):

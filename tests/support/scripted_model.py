@@ -5,6 +5,7 @@ A script gives, for the body of a request and its number, a message, an exceptio
 """
 
 import json
+import math
 import time
 import zlib
 from threading import Lock
@@ -41,12 +42,26 @@ def some_action(body, _):
     return call(listed[zlib.crc32(json.dumps(body, sort_keys=True).encode()) % len(listed)])
 
 
-def completion(message, finish="stop", usage=USAGE):
+def letters_in(messages):
+    """The action in words that each letter of the question stands for."""
+    listed = messages[-1]["content"].rpartition(" alone.\n")[2]
+    return dict(line.split(": ") for line in listed.splitlines())
+
+
+def logprobs(chances):
+    """Log-probabilities of the only token of an answer, as OpenAI gives them."""
+    likeliest = [{"token": token, "logprob": math.log(p)} for token, p in chances.items()]
+    return {"content": [{**likeliest[0], "top_logprobs": likeliest}]}
+
+
+def completion(message, finish="stop", usage=USAGE, logprobs=None):
     """A reply that holds a message, which ended for this reason."""
     reply = {
         "model": "scripted-1",
         "system_fingerprint": "fp_7",
-        "choices": [{"index": 0, "message": message, "finish_reason": finish}],
+        "choices": [
+            {"index": 0, "message": message, "finish_reason": finish, "logprobs": logprobs}
+        ],
         "usage": usage,
     }
     return 200, json.dumps(reply), {"Server": "Scripted/1"}

@@ -1,16 +1,17 @@
-"""Cost of language models, and the number of their answers that were not actions.
+"""Cost of language models, their answers that were not actions, and their preference for letters.
 
-All that was said is in the transcripts of a results folder; a line for each subject has the counts.
+All that was said is in the transcripts of results and of their scores; a line a subject has counts.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
 import pandas as pd
-from pydantic import BaseModel, Field, NonNegativeInt, ValidationError
+from pydantic import BaseModel, Field, NonNegativeInt, StringConstraints, ValidationError
 
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.missing import beginnings
@@ -18,6 +19,8 @@ from causal_openlock.analysis.table import Table
 from causal_openlock.analysis.topic import Section, Topic
 from causal_openlock.storage.store import Store
 from causal_openlock.wording import counted
+
+Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class _Counts(BaseModel):
@@ -31,11 +34,19 @@ class _Counts(BaseModel):
     unreadable: NonNegativeInt
 
 
+class _Letters(BaseModel):
+    """Mean probability of each letter, and of other answers, in such a line."""
+
+    scored: str
+    letters: dict[Annotated[str, StringConstraints(pattern="^[A-Z]$")], Share]
+    missing: Share
+
+
 def section(material: Material) -> Section | None:
-    """Answers, tokens and seconds; None where nothing was said."""
-    table = _counted(material)
+    """Answers, tokens and seconds, and the mean of letters; None where nothing was said."""
+    table, letters = _counted(material), _letters(material)
     if table.empty:
-        return None
+        return Section("language_models", "Language models", (), letters) if letters else None
     groups = table.groupby(["learner", "condition"], sort=False)
     shown = groups.sum()
     shown.insert(0, "subjects", groups.size())
@@ -56,7 +67,7 @@ def section(material: Material) -> Section | None:
     title = "What was asked and answered"
     formats = {"seconds": ",.0f"}
     counts = Table("language_models", title, shown.reset_index(), formats, caption)
-    return Section("language_models", "Language models", tuple(text), (counts,))
+    return Section("language_models", "Language models", tuple(text), (counts, *letters))
 
 
 def _counted(material: Material) -> pd.DataFrame:
@@ -89,6 +100,32 @@ def _counts(path: Path) -> Iterator[dict[str, float]]:
                 "unanswered actions": counts.unanswered,
                 "unreadable structures": counts.unreadable,
             }
+
+
+def _letters(material: Material) -> tuple[Table, ...]:
+    """How likely scored models found each letter, whatever it stood for; empty without any."""
+    rows = []
+    for folder in material.folders:
+        path = folder / "scores" / "transcripts.jsonl"
+        for line in path.read_bytes().splitlines() if path.is_file() else ():
+            with suppress(ValidationError):  # what was said
+                said = _Letters.model_validate_json(line)
+                of = {"learner": said.scored, "actions": len(said.letters)}
+                rows.append({**of, "missing": said.missing, **said.letters})
+    if not rows:
+        return ()
+    groups = pd.DataFrame(rows).groupby(["learner", "actions"], sort=False)
+    means = groups.mean()
+    means.insert(0, "subjects", groups.size())
+    caption = (
+        "Models that were scored were asked for the letter of their next action. What a letter "
+        "stands for is drawn for each subject: with many subjects, and no preference for a letter, "
+        "all have about the same mean. Means over subjects. Missing: the probability of other "
+        "answers, before those of letters were divided by their sum."
+    )
+    formats = dict.fromkeys(means.columns[1:], ".0%")
+    title = "Mean probability by letter"
+    return (Table("letters", title, means.reset_index(), formats, caption),)
 
 
 TOPIC = Topic("language_models", 60, section)

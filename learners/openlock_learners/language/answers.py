@@ -8,10 +8,15 @@ its own fields, as some servers want (thought signatures, reasoning), a text as 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
+from string import ascii_uppercase
 from typing import Any
 
+import numpy as np
+
 from causal_openlock.render.words import Wording
+from causal_openlock.schemas.fsm import FloatArray
 
 Message = dict[str, Any]
 """A message of a chat, as it is sent."""
@@ -125,6 +130,30 @@ def acting(words: Wording, action: int, tools: bool) -> Message:
     if not tools:
         return {"role": "assistant", "content": text}
     return _given_back({"tool_calls": [{}]}, text)
+
+
+def letters_question(words: Wording, letters: Sequence[int]) -> str:
+    """The question for the next action by its letter: A stands for the first of these actions."""
+    pairs = zip(ascii_uppercase, letters, strict=False)
+    listed = "\n".join(f"{letter}: {words.actions[action]}" for letter, action in pairs)
+    return f"Answer this time with the letter of your next action alone.\n{listed}"
+
+
+def read_letters(logprobs: Mapping[str, float], letters: int) -> tuple[FloatArray, float]:
+    """Probabilities of the first letters, and the probability of all other answers together.
+
+    Tokens such as ``" A"``, ``a`` or ``A)`` count for A. A letter without a token gets an equal
+    share of what is missing, but no more than the least likely token has, as it would be among them
+    otherwise. Then all letters are divided by their sum.
+    """
+    odds, least = np.zeros(letters), np.exp(min([*logprobs.values(), 0.0]))
+    for token, logprob in logprobs.items():
+        named = re.fullmatch(r"[\W_Ġ]*([A-Za-z])[\W_]*", token)  # some servers write a blank as Ġ
+        if named and (letter := ascii_uppercase.index(named[1].upper())) < letters:
+            odds[letter] += np.exp(min(logprob, 0.0))
+    missing, unseen = max(1.0 - float(odds.sum()), 0.0), odds == 0
+    odds[unseen] = min(missing / max(unseen.sum(), 1), least)
+    return (odds / odds.sum() if odds.any() else np.full(letters, 1 / letters)), missing
 
 
 def read_structure(reply: Message, words: Wording, nodes: Sequence[str]) -> list[list[str]] | None:

@@ -26,6 +26,8 @@ from pydantic import BaseModel, Field, NonNegativeInt
 
 from causal_openlock.errors import NotAvailableError
 
+IN_WORDS = "name another server in base_url, or score by what it does in words (--draws 200)"
+"""What to do where answers come without logprobs."""
 FOLDER = "OPENLOCK_LLM_REPLAY"
 """Environment variable; not a parameter, since results do not depend on it."""
 Request = dict[str, Any]
@@ -42,6 +44,7 @@ class _Reply(BaseModel):
     tokens: tuple[NonNegativeInt, NonNegativeInt]  # of the question, and of the answer
     latency: Annotated[float, Field(ge=0, allow_inf_nan=False)]
     retries: NonNegativeInt = 0
+    logprobs: dict[str, float] | None = Field(None, exclude_if=lambda given: given is None)
 
 
 def checked(reply: Any) -> Reply:
@@ -85,11 +88,11 @@ class Replies:
                     kept = json.loads(line)
                     self._kept.setdefault(str(kept["key"]), checked(kept["reply"]))
 
-    def reply(self, key: str, request: Request) -> tuple[Reply, bool]:
+    def reply(self, key: str, request: Request, logprobs: bool = False) -> tuple[Reply, bool]:
         """The reply to a request, and whether it is one that was given before.
 
         Raises:
-            NotAvailableError: If nobody gives one, or it cannot be kept.
+            NotAvailableError: If nobody gives one, or none with ``logprobs``, or it cannot be kept.
         """
         if key in self._kept:
             return self._kept[key], True
@@ -97,7 +100,10 @@ class Replies:
             if self._ask is None:
                 self._require_place()
                 self._ask = self._connect()
-        reply = self._kept[key] = self._ask(request)
+        reply = self._ask(request)
+        if logprobs and "logprobs" not in reply and reply["finish"] != "content_filter":
+            raise NotAvailableError(f"{request['model']} answers without logprobs; {IN_WORDS}")
+        self._kept[key] = reply
         line = json.dumps({"key": key, "reply": reply}) + "\n"
         with self._own.open("ab", buffering=0) as file:
             file.write(line.encode())  # at once, whichever threads do so too

@@ -17,7 +17,7 @@ import httpx2
 import openai
 
 from causal_openlock.errors import NotAvailableError, in_short
-from openlock_learners.language.replies import Reply, Request, checked
+from openlock_learners.language.replies import IN_WORDS, Reply, Request, checked
 
 OPENAI = "https://api.openai.com/v1"
 KEY, TRUSTED = "OPENAI_API_KEY", "OPENAI_BASE_URL"
@@ -76,6 +76,7 @@ class Server:
                 "tokens": tokens_of(said.get("usage") or {}),
                 "latency": round(time.perf_counter() - began, 3),
                 "retries": int(response.request.headers.get("x-stainless-retry-count", 0)),
+                "logprobs": first_logprobs(choice.get("logprobs")),
             }
             return checked(reply)
         except openai.APIStatusError as error:
@@ -95,8 +96,18 @@ class Server:
 
     def _failure(self, what: str) -> NotAvailableError:
         again = "what was answered is kept, so give the same command again once that is fixed"
+        again = IN_WORDS if "logprobs" in what else again
         told = f"the server at {self.base_url} {what}; {again}"
         return NotAvailableError(told.replace(self._key, "[key]") if self._key else told)
+
+
+def first_logprobs(given: Any) -> dict[str, float] | None:
+    """Log-probabilities of the likeliest first tokens of an answer; None if a server gives none."""
+    try:
+        likeliest = given["content"][0]["top_logprobs"]
+        return {str(one["token"]): max(float(one["logprob"]), -1e4) for one in likeliest} or None
+    except (LookupError, TypeError, ValueError):
+        return None
 
 
 def tokens_of(usage: dict[str, Any]) -> tuple[int, int]:
