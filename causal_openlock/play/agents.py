@@ -12,6 +12,7 @@ is no way to begin it again.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -65,64 +66,45 @@ class Subject:
 
     def tools(self) -> list[types.Tool]:
         """What it can call, with its own names of actions."""
-        action = {
-            "type": "string",
-            "enum": self.words.choices,
-            "description": "The action to take.",
+        nodes = [self.words.nodes[place] for place in (*self.words.order, -1)]
+        pair = _object(cause=_one_of(nodes[:-1]), effect=_one_of(nodes))
+        tools = {
+            "look": ("Read the rules, and how everything is now.", _object()),
+            "act": ("Take one action.", _object(action=_one_of(self.words.choices))),
         }
-        names = [self.words.nodes[place] for place in self.words.order]
-        pair = _object(
-            cause={"type": "string", "enum": names},
-            effect={"type": "string", "enum": [*names, self.words.nodes[-1]]},
-        )
-        found = [
-            _tool("look", "Read the rules, and how everything is now.", _object()),
-            _tool("act", "Take one action.", _object(action=action)),
-        ]
         if self._people.ask:
-            pairs = {
-                "type": "array",
-                "items": pair,
-                "description": "All pairs that you believe in.",
-            }
-            found.append(_tool("explain", "Say what enables what.", _object(enables=pairs)))
-        return found
+            pairs = _object(enables={"type": "array", "items": pair})
+            tools["explain"] = ("Say what enables what: all pairs that you believe in.", pairs)
+        return [
+            types.Tool(name=name, description=about, input_schema=schema)
+            for name, (about, schema) in tools.items()
+        ]
 
     def call(self, tool: str, given: dict[str, Any]) -> str:
-        """What a tool answers.
-
-        Raises:
-            Refused: If there is no such tool, or what is given makes no sense to it.
-            StoreError: If it cannot be written; nothing was done then.
-        """
+        """What a tool answers; Refused or StoreError if nothing was done."""
         match tool:
             case "look":
-                return self.look()
+                return self._look()
             case "act":
-                return self.act(str(given.get("action", "")))
+                return self._act(str(given.get("action", "")))
             case "explain" if self._people.ask:
-                return self.explain(given.get("enables"))
+                return self._explain(given.get("enables"))
         raise Refused(404, "", f"There is no tool of this name. {NOT_DONE}")
 
-    def look(self) -> str:
-        """The rules, and what there is now."""
+    def _look(self) -> str:
         brief = self.game.session.brief
         rules = self.words.instructions(brief.action_limit, brief.attempt_limit)
         return f"{rules}\n\n{self._watched()}{self._now()}"
 
-    def act(self, action: str) -> str:
-        """Do an action; what came of it, and what there is then."""
-        if watched := self._watched():
+    def _act(self, action: str) -> str:
+        if (watched := self._watched()) or self.game.stage != "room":
             return f"{NOT_DONE}\n\n{watched}{self._now()}"
-        if self.game.stage != "room":
-            return f"{NOT_DONE}\n\n{self._now()}"
         index = self.words.read(action)
         if index is None:
             raise Refused(400, "", self.words.no_action)
         return self._take(index)
 
-    def explain(self, enables: Any) -> str:
-        """Keep what it believes of the room that it has left; what there is then."""
+    def _explain(self, enables: Any) -> str:
         if self.game.stage != "question":
             return f"There is no room to explain now. {NOT_DONE}\n\n{self._now()}"
         place = {name: number for number, name in enumerate(self.words.nodes)}
@@ -130,9 +112,7 @@ class Subject:
             edges = [(place[pair["cause"]], place[pair["effect"]]) for pair in enables]
             self._people.take(self._id, self.game.turn, edges=edges)
         except (LookupError, TypeError, Refused):
-            raise Refused(
-                400, "", f"These are no such pairs. {NOT_DONE}\n\n{self._now()}"
-            ) from None
+            raise Refused(400, "", f"That is no list of such pairs. {NOT_DONE}") from None
         return self._now()
 
     def _take(self, action: int) -> str:
@@ -235,8 +215,8 @@ def http_server(people: People, port: int = 0) -> WebServer:
     return WebServer(people, app, port=port)
 
 
-def _tool(name: str, description: str, schema: dict[str, Any]) -> types.Tool:
-    return types.Tool(name=name, description=description, input_schema=schema)
+def _one_of(names: Sequence[str]) -> dict[str, Any]:
+    return {"type": "string", "enum": list(names)}
 
 
 def _object(**properties: Any) -> dict[str, Any]:
