@@ -33,8 +33,8 @@ def near(shape, point):
 
 def test_levers_stand_where_they_were_measured(look):
     shapes = look.shapes()
-    for place, name in enumerate(position_names(7)):
-        inner, outer, bar = shapes[f"lever {place}"]
+    for name in position_names(7):
+        inner, outer, bar = shapes[f"lever_{name}"]
         x, y = LEVERS[name]
         assert near(bar, (x, y))
         assert (2 * bar.length, 2 * bar.width) == pytest.approx((BAR_LENGTH, WIDTH))
