@@ -1,8 +1,8 @@
 """Learners against themselves: how often a report says that anything differs where nothing does.
 
-A thousand reports are simulated from what `ideal` and `oracle` do, without playing: the learners of
-each report are the same one with other seeds. Nothing differs but by chance, so of the answers to
-each question at most one in twenty may call anything significant.
+Hundreds of reports are simulated from what `ideal` and `oracle` do, without playing: the learners
+of each report are the same one with other seeds. Nothing differs but by chance, so of the answers
+to each question at most one in twenty may call anything significant.
 """
 
 from collections import Counter
@@ -20,7 +20,7 @@ from support.paper_play import material, play
 
 pytestmark = pytest.mark.slow
 
-REPORTS, SUBJECTS, LEARNERS = 1000, 20, ("a", "b", "c", "d")
+REPORTS, SUBJECTS, LEARNERS = 400, 20, ("a", "b", "c", "d")
 IDEAL = {"3": ([2, 3], [1 / 3, 2 / 3]), "4": ([3, 4], [1 / 4, 3 / 4])}
 """What the ideal observer needs with so many levers, and how often."""
 ORACLE = {"3": ([2], [1.0]), "4": ([3], [1.0])}

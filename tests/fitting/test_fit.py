@@ -16,28 +16,10 @@ from causal_openlock.experiment.declare import PAPER_CONDITIONS, PROTOCOLS, find
 from causal_openlock.experiment.making import read_experiment
 from causal_openlock.experiment.session import Session
 from causal_openlock.files.checksums import json_bytes, read_json
-from causal_openlock.fitting.plan import (
-    FitSettings,
-    Range,
-    bundled_plan,
-    make_plan,
-    read_plan,
-)
+from causal_openlock.fitting.plan import FitSettings, Range, bundled_plan, make_plan, read_plan
 from causal_openlock.fitting.steps import STEPS, seeds_of
-from causal_openlock.fitting.to_means import (
-    FILE,
-    fit,
-    means_plan,
-    parts_of,
-    play,
-    points_towards,
-)
-from causal_openlock.paper.likeness import (
-    distance,
-    points_of,
-    points_of_model,
-    points_of_people,
-)
+from causal_openlock.fitting.to_means import FILE, fit, means_plan, parts_of, play, points_towards
+from causal_openlock.paper.likeness import distance, points_of, points_of_model, points_of_people
 from causal_openlock.schemas.finding import bundled
 from causal_openlock.testing import LearnerContract
 from causal_openlock.world.randomness import Streams
@@ -76,7 +58,7 @@ class Careless(Oracle):
 
 
 def plan(**changes):
-    usual = FitSettings(candidates=6, subjects=4, finalists=2, final_subjects=6, seed=3)
+    usual = FitSettings(candidates=4, subjects=2, finalists=2, final_subjects=3, seed=3)
     searched = {"lapse": Range(0.0, 1.0), "whole": Range(1, 9)}
     return means_plan(make_plan(ME, searched, fit=usual.model_copy(update=changes)))
 
@@ -89,9 +71,6 @@ def played(lapse, conditions, subjects, seed):
     """Points of a learner that lapses this often."""
     parts = [play(ME, {"lapse": lapse}, name, range(subjects), seed) for name in conditions]
     return points_of(pd.concat(parts))
-
-
-# -- what is searched -----------------------------------------------------------------------------
 
 
 def test_whole_parameters_stay_whole():
@@ -132,9 +111,6 @@ def test_the_bundled_search_of_bayes_is_what_its_fitted_experiment_varies():
     assert differing == {*space.ranges, *space.fixed}
 
 
-# -- what is fitted, and what is held out ---------------------------------------------------------
-
-
 def test_held_out_are_the_four_tests_or_nothing():
     fitted, out, every = parts_of(points_of_people(), "transfer")
     assert out["phase"].tolist() == ["test"] * 4
@@ -160,9 +136,6 @@ def test_the_target_may_be_the_published_model():
     assert distance(points)[0] == pytest.approx(np.sqrt(((theirs - 3.0) ** 2).mean()))
 
 
-# -- the search -----------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     """Where a fit lies that was never interrupted."""
@@ -183,7 +156,7 @@ def test_a_fit_is_nearer_to_people_than_either_extreme(tmp_path):
     assert fitted.idle == ("whole",)
 
 
-@pytest.mark.parametrize("stop", [2, 7])
+@pytest.mark.parametrize("stop", [2, 5])
 def test_a_fit_that_was_stopped_continues_to_the_same(whole, tmp_path, stop):
     seen = []
 
@@ -200,7 +173,7 @@ def test_a_fit_that_was_stopped_continues_to_the_same(whole, tmp_path, stop):
     assert stored(tmp_path) == stored(whole)
     after = {path.name: path.stat().st_mtime_ns for path in (tmp_path / STEPS).iterdir()}
     assert {*after} == {path.name for path in (whole / STEPS).iterdir()}
-    assert len(after) == 6 + 2 + 4  # candidates; the best again; it, and ends of ranges
+    assert len(after) == 4 + 2 + 4  # candidates; the best again; it, and ends of ranges
     assert before.items() <= {tmp_path / STEPS / name: at for name, at in after.items()}.items()
 
 
@@ -210,9 +183,9 @@ def test_workers_change_nothing_and_what_was_played_is_not_played_again(
     start_prepared(monkeypatch)
     fit(plan(), tmp_path / "workers", workers=2).write(tmp_path / "workers")
     assert stored(tmp_path / "workers") == stored(whole)
-    fit(plan(candidates=4), tmp_path / "more")
+    fit(plan(candidates=3), tmp_path / "more")
     played_before = {path.name for path in (tmp_path / "more" / STEPS).iterdir()}
-    fit(plan(candidates=6), tmp_path / "more").write(tmp_path / "more")
+    fit(plan(), tmp_path / "more").write(tmp_path / "more")
     assert stored(tmp_path / "more") == stored(whole)
     assert played_before & {path.name for path in (whole / STEPS).iterdir()}
     other = fit(plan(candidates=1, seed=4), tmp_path / "more")
@@ -222,7 +195,7 @@ def test_workers_change_nothing_and_what_was_played_is_not_played_again(
 def test_the_best_few_are_played_again_and_that_decides(tmp_path):
     fitted = fit(plan(finalists=3), tmp_path)
     table = fitted.table()
-    assert table["again"].notna().tolist() == [True] * 3 + [False] * 3
+    assert table["again"].notna().tolist() == [True] * 3 + [False]
     assert fitted.best == table.loc[table["again"].idxmin(), "number"]
 
 
@@ -233,9 +206,6 @@ def test_a_stored_distance_that_cannot_be_is_refused(tmp_path):
         path.write_bytes(content)
         with pytest.raises(StoreError, match=path.name):
             fit(plan(candidates=1), tmp_path)
-
-
-# -- what comes of it -----------------------------------------------------------------------------
 
 
 def test_the_fitted_learner_is_written_as_an_experiment_that_can_be_run(tmp_path):
@@ -273,9 +243,6 @@ def test_the_command_fits_by_a_plan_that_options_override(tmp_path):
     for named in ("held out", "0.68", "χ²(10) = 5.7, p = .843", "congruency, CE4", "lapse:"):
         assert named in done.stdout
     assert (tmp_path / "g" / "fit.svg").exists()
-
-
-# -- the bounded rationality that is fitted -------------------------------------------------------
 
 
 def test_directness_weighs_each_lever_that_acts_on_the_door():

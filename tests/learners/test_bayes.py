@@ -43,9 +43,6 @@ def mean(trials, phase, trial):
     return float(trials.xs((phase, 1, trial), level=["phase", "loop", "trial"]).attempts.mean())
 
 
-# -- how fast it solves --------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("condition", ["CC4", "CE4"])
 def test_a_baseline_is_solved_in_hardly_more_attempts_than_the_best_possible(condition):
     own = trials(condition)
@@ -83,9 +80,6 @@ def test_a_room_that_does_not_always_obey_is_solved(noise):
     assert solved(own)
     # Who knows which lever does what needs k / s^2 = 3.12.
     assert mean(own, "train", 5) < 5.5
-
-
-# -- rules compared ------------------------------------------------------------------------------
 
 
 def test_the_rules_come_in_the_order_that_is_known():
@@ -136,9 +130,6 @@ def test_who_only_asks_opens_a_door_that_brings_something_new():
     assert opens == 6 * 2 * 2
 
 
-# -- rooms and sessions that are unusual ---------------------------------------------------------
-
-
 def of_levers(levers, needed):
     """A room whose door needs some of its levers, all of which are free."""
     names, door = [f"L{i}" for i in range(levers)], {"door": Gate("at_least", needed)}
@@ -182,16 +173,13 @@ def test_where_nothing_is_possible_it_goes_on_trying(policy):
     player = learner(policy=policy)
     player.begin(session.brief)
     pushed = set()
-    for _ in range(8):
+    for _ in range(5):
         console = replace(session.view.console, solutions_left=np.array([40]))
         view = replace(session.view, console=console)
         actions = player.act(view)
         pushed.update(actions.tolist())
         player.learn(replace(session.step(actions), view=view))
-    assert len(pushed) > 4
-
-
-# -- bounded rationality -------------------------------------------------------------------------
+    assert len(pushed) > 2
 
 
 def first_odds(**parameters):
@@ -214,9 +202,6 @@ def test_noise_makes_better_actions_more_probable_by_their_value():
     expected = np.exp(values / 0.5)
     assert odds[:7] == pytest.approx(expected / expected.sum())
     assert not odds[7:].any()  # the door is locked
-
-
-# -- how it is made ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -184,7 +184,8 @@ def test_nothing_from_outside_the_folder_is_bundled(folder):
 
 
 @pytest.mark.parametrize("package", ["--index-url=http://x 1", "a 1\n--pre", "a 1;x", "./a 1"])
-def test_what_pip_is_told_to_install_are_packages(folder, package):
+def test_what_pip_is_told_to_install_are_packages(folder, package, monkeypatch):
+    monkeypatch.setattr("causal_openlock.export.bundle._has_report", lambda _: True)
     edit_stored(folder, lambda held: held["learners"][1].update(package=package))
     with pytest.raises(OpenLockError, match="which is not a version of a package"):
         write_bundle(Store(folder), "out.zip")
