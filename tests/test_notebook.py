@@ -9,11 +9,7 @@ import matplotlib as mpl
 import pytest
 
 import causal_openlock as ol
-from causal_openlock.notebook import (
-    learner_html,
-    schema_html,
-    watched_html,
-)
+from causal_openlock.notebook import learner_html, schema_html, watched_html
 from support.html_page import Page
 
 

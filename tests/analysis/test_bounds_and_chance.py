@@ -15,11 +15,7 @@ from causal_openlock.analysis.plots.attempts import plot_attempts, plot_transfer
 from causal_openlock.analysis.plots.course import plot_course
 from causal_openlock.analysis.report.writing import figures_of
 from causal_openlock.analysis.results import bounds
-from causal_openlock.analysis.results.bounds import (
-    Bound,
-    ideal_attempts,
-    ideal_bounds,
-)
+from causal_openlock.analysis.results.bounds import Bound, ideal_attempts, ideal_bounds
 from causal_openlock.analysis.results.chance import chance_of_finding_all, chance_of_opening
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.schemas.finding import find_schema
@@ -28,7 +24,7 @@ from causal_openlock.world.kernel import OPENS
 from causal_openlock.world.room import Layout, Room
 from causal_openlock.world.rooms import RoomTables
 from support.fabricated_records import table, trial_rows
-from support.made_up_experiments import declared, headline_table, summary_table
+from support.made_up_experiments import declared
 
 ALL = "CC4, CE4, CC3-CC4, CE3-CC4, CC3-CE4, CE3-CE4"
 
@@ -51,9 +47,6 @@ def played(conditions=ALL):
             named = {"condition": condition, "learner": "random", "phase": phase, "trial": trial}
             rows += trial_rows([0, 0, 1, 2, 3], **named)
     return table(rows)
-
-
-# -- the ideal observer ---------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -104,9 +97,6 @@ def test_what_has_several_meanings_is_not_bounded_and_a_number_is_worked_out_onc
     assert bounds._solved.cache_info().misses == 4  # CC3, CE3, CC4 and CE4
 
 
-# -- its line and its column ----------------------------------------------------------------------
-
-
 def lines(axes):
     """The ideal observer's lines in a panel: how high, from where, to where."""
     drawn = [line for line in axes.lines if line.get_zorder() == 1.5]
@@ -147,23 +137,6 @@ def test_without_a_number_there_is_no_line_and_no_word(tmp_path):
         assert not any(lines(axes) for axes in plot.figure.axes)
         assert "ideal" not in plot.caption
         assert not plot.figure.legends
-
-
-def test_tables_have_the_number_of_each_phase(tmp_path):
-    conditions = "CC4, CC3-CE4, noisy_CC3"
-    experiment, record = described(tmp_path, conditions), played(conditions)
-    summary = summary_table(record, experiment).groupby(["condition", "phase"], observed=True)
-    means = summary["ideal_attempts"].mean()
-    assert means["CC4", "train"] == pytest.approx(3.75)
-    assert means["CC3-CE4", "train"] == pytest.approx(8 / 3)
-    assert means["CC3-CE4", "test"] == pytest.approx(3.75)
-    assert means.isna()["noisy_CC3", "train"]
-    headline = headline_table(record, experiment).set_index("condition")["ideal_attempts"]
-    assert headline["CC4"] == headline["CC3-CE4"] == pytest.approx(3.75)
-    assert summary_table(record)["ideal_attempts"].isna().all()
-
-
-# -- random actions -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -36,9 +36,6 @@ from support.topics import section_on
 RANDOM_AND_A = "conditions: [CC4]\nlearners: [random, {learner: ddqn, name: a}]\n"
 
 
-# -- visits and parts -----------------------------------------------------------------------------
-
-
 def test_visits_worked_by_hand():
     record = table(
         trial_rows([0, 1, 1, 2], trial=1, otherwise="unlock")
@@ -77,8 +74,6 @@ def test_protocols_that_stop_when_solved_are_left_out(tmp_path):
     trials = pd.DataFrame({"protocol": ["rl", "goes_on", "stops", "human"]})
     assert going_on(trials, described(tmp_path, text))["protocol"].tolist() == ["rl", "goes_on"]
 
-
-# -- the rule -------------------------------------------------------------------------------------
 
 BAR = 0.001
 ZERO = np.zeros(10)
@@ -148,9 +143,6 @@ def test_random_subjects_seldom_seem_to_learn():
         judge(ZERO, rng.binomial(600, chance, (10, 5)) / 600, chance, counted) for _ in range(60)
     ]
     assert verdicts.count(NOT) >= 51
-
-
-# -- on a record ----------------------------------------------------------------------------------
 
 
 def test_progress_on_a_record_whose_truth_is_known(tmp_path):
@@ -233,8 +225,6 @@ def test_verdicts_name_protocols_and_conditions_only_if_there_are_several(tmp_pa
     both = first_sentence(able, of("a", 0.0, protocol="long"))
     assert both == "Learns: a under rl (CC4). Does not learn: a under long (CC4)."
 
-
-# -- the reward study -----------------------------------------------------------------------------
 
 REWARDS = (
     "conditions: [CC4, CE4]\n"

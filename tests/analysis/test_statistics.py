@@ -10,13 +10,7 @@ from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.power import TTestIndPower, TTestPower
 
 import causal_openlock as ol
-from causal_openlock.analysis.effects import (
-    ALPHA,
-    Group,
-    contrast,
-    holm,
-    weighted_difference,
-)
+from causal_openlock.analysis.effects import ALPHA, Group, contrast, holm, weighted_difference
 from causal_openlock.analysis.sample_size import power_of_t
 from causal_openlock.analysis.statistics import (
     mean_intervals,
@@ -29,9 +23,6 @@ from causal_openlock.paper.significance import hedges_g, t_test
 
 def seeded(seed):
     return np.random.default_rng(seed)
-
-
-# -- intervals ------------------------------------------------------------------------------------
 
 
 def units():
@@ -92,9 +83,6 @@ def test_shares_have_wilsons_interval_and_medians_that_of_the_sign_test():
     assert np.isnan(median_interval(np.ones(5))).all()
     assert median_interval(np.array([4.0, *[np.inf] * 5])) == (4, np.inf)
     assert median_interval(np.array([9.0, *[4.0] * 60])) == (4, 4)
-
-
-# -- differences ----------------------------------------------------------------------------------
 
 
 def test_one_group_is_students_t_and_two_are_welchs():
@@ -158,9 +146,6 @@ def test_equal_groups_have_no_difference_of_the_last_digits():
         assert weighted_difference([*groups, *others])[::3] == (0.0, 1.0)
 
 
-# -- sizes of effects -----------------------------------------------------------------------------
-
-
 def test_hedges_g():
     d = (6 - 2) / np.sqrt((8 + 2) / 3)
     assert t_test(np.array([4.0, 6.0, 8.0]), np.array([1.0, 3.0])).effect == pytest.approx(d)
@@ -175,9 +160,6 @@ def test_hedges_g():
     assert hedges_g(1.0, 8) * mean == pytest.approx(0.8, abs=0.012)
 
 
-# -- corrections ----------------------------------------------------------------------------------
-
-
 def test_holm_by_hand_and_by_statsmodels():
     nan = pytest.approx(np.nan, nan_ok=True)
     assert holm(np.array([0.04, 0.01, 0.03])).tolist() == pytest.approx([0.06, 0.03, 0.06])
@@ -186,9 +168,6 @@ def test_holm_by_hand_and_by_statsmodels():
     assert len(holm(np.zeros(0))) == 0
     p = seeded(0).random(40) ** 3
     assert np.array_equal(holm(p), multipletests(p, method="holm")[1])
-
-
-# -- power ----------------------------------------------------------------------------------------
 
 
 def test_power_is_that_of_statsmodels_and_of_cohens_tables():

@@ -44,9 +44,6 @@ def edges_of(schema, places):
     return edges
 
 
-# -- structure recovery ---------------------------------------------------------------------------
-
-
 def test_distances_are_those_of_a_plain_count():
     """Against graphs of networkx, over random beliefs."""
     rng = np.random.default_rng(0)
@@ -160,9 +157,6 @@ def test_the_figure_and_the_section_have_the_means_of_the_table():
     assert sections_of(nothing, topics_called("structure_recovery")) == []
 
 
-# -- what people said -----------------------------------------------------------------------------
-
-
 def test_what_people_say_is_kept_and_compared(tmp_path):
     material = played(["oracle"], ["CC3"], 2)
     row = material.trials.query("subject == 1").iloc[2]
@@ -190,9 +184,6 @@ def test_what_people_say_is_kept_and_compared(tmp_path):
         write_bytes(path, table_bytes(pa.Table.from_pylist(rows)))
         with pytest.raises(StoreError, match=r"one\.parquet is damaged"):
             read_answers(tmp_path)
-
-
-# -- regret ---------------------------------------------------------------------------------------
 
 
 def test_the_ideal_observer_wastes_nothing_and_random_actions_nearly_everything():

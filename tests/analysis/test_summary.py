@@ -2,7 +2,6 @@
 
 import itertools
 import math
-from collections import Counter, defaultdict
 
 import numpy as np
 import pyarrow as pa
@@ -10,23 +9,10 @@ import pytest
 
 from causal_openlock.analysis.results.material import SUMMARY_COLUMNS
 from causal_openlock.analysis.table import write_table
-from causal_openlock.paper.published import model, people
 from support.fabricated_records import random_cells, table, trial_rows
 from support.made_up_experiments import headline_table, summary_table
 
 PUBLISHED = [*("human_attempts", "human_se", "difference", "model_attempts", "model_se")]
-
-
-def test_people_and_the_model_are_the_published_means():
-    known = [table.set_index(["condition", "phase", "trial"]) for table in (people(), model())]
-    assert known[0].index.equals(known[1].index)
-    assert len(known[0]) == 14
-    for place, *expected in (
-        (("CC4", "train", 1), [40, 19.375, 1.509], [40, 11.44, 0.34]),
-        (("CE4", "train", 5), [40, 9.425, 1.074], [40, 9.82, 0.66]),
-        (("CC3-CE4", "test", 1), [40, 13.75, 1.162], [40, 11.44, 0.58]),
-    ):
-        assert [table.loc[place].tolist() for table in known] == expected
 
 
 def test_summary_beside_what_is_published_worked_by_hand():
@@ -56,24 +42,6 @@ def test_summary_beside_what_is_published_worked_by_hand():
         ("mine", "human", "train", 1),
     ):
         assert summary.loc[[incomparable], PUBLISHED].isna().all(axis=None)
-
-
-def test_summary_agrees_with_plain_loops():
-    record = pa.concat_tables(random_cells(7))
-    visits = defaultdict(lambda: defaultdict(dict))
-    for row in record.to_pylist():
-        key = (row["learner"], row["condition"], row["protocol"], row["phase"], row["trial"])
-        loops = visits[key][row["subject"]]
-        if row["new_solution"] or row["solutions_found"] < row["solutions"]:
-            loops[row["loop"]] = max(loops.get(row["loop"], 0), row["attempt"])
-    summary = summary_table(record)
-    assert len(summary) == len(visits)
-    for row in summary.to_dict("records"):
-        key = tuple(row[name] for name in ("learner", "condition", "protocol", "phase", "trial"))
-        means = [sum(loops.values()) / len(loops) for loops in visits[key].values()]
-        assert row["attempts"] == pytest.approx(sum(means) / len(means))
-        assert row["subjects"] == len(means)
-        assert row["at_mode"] == max(Counter(means).values())
 
 
 def test_headline_takes_the_last_trial_or_the_test():

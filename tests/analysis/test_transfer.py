@@ -1,7 +1,5 @@
 """What training saves, with the structure of the test and with any."""
 
-import re
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -12,7 +10,6 @@ from causal_openlock.analysis.measures import attempts_to_solve, judged
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.topic import sections_of
 from causal_openlock.analysis.topics.transfer import OTHER, plot_savings, transfer
-from causal_openlock.paper.paper_tests import paper_tests
 from support.fabricated_records import table, trial_rows
 from support.paper_play import material, play, same, scattered
 from support.topics import topics_called
@@ -74,15 +71,6 @@ def test_the_share_is_of_first_trials_with_the_error_of_a_ratio(found, needed_by
     assert wide == pytest.approx(2 * 1.99 * np.std(1 - one / two), rel=0.05)
 
 
-def test_the_papers_tests_answer_the_same_question_alike(played, found):
-    tests = paper_tests(played.trials, ["good"]).set_index(["learner", "test"])
-    for name, condition in (("CC4: CE3 − CC3", "CC3-CC4"), ("CE4: CC3 − CE3", "CE3-CE4")):
-        one, other = tests.loc[("good", name)], found.loc[("good", condition)]
-        assert (one["difference"], one["p"]) == pytest.approx((other["saved"], other["p"]))
-        of_people = found.loc[("people", condition)]
-        assert tests.loc[("People", name)]["p"] == pytest.approx(of_people["p"], abs=2e-4)
-
-
 def test_the_effect_beyond_people_is_welchs(found, needed_by_good):
     row = found.loc[("good", "CE3-CE4")]
     both = [needed_by_good(name, "test") for name in ("CE3-CE4", "CC3-CE4")]
@@ -127,36 +115,6 @@ def test_other_learners_change_neither_the_estimate_nor_what_is_significant(play
     )
     pd.testing.assert_frame_equal(one, many)
     assert section_of(alone).answer == section_of(played).answer
-
-
-NUMBER = r"([+−][\d.]+) \[(−?[\d.]+), (−?[\d.]+)\] in (C[CE]4)"
-
-
-def test_the_first_screen_says_what_scipy_finds(played, needed_by_good):
-    answer = section_of(played).answer
-    of_people, _, of_learners = answer.partition("Significant for learners (p < .05")
-    for test, (mean, se), (other, se_other) in (
-        ("CC4", (5.525, 0.490), (8.175, 0.873)),
-        ("CE4", (7.725, 0.769), (13.75, 1.162)),
-    ):  # as published, n = 40
-        half = stats.t.isf(0.025, 78) * np.hypot(se, se_other) * np.sqrt(40 / 39)
-        saved = other - mean
-        (said,) = (numbers for *numbers, name in re.findall(NUMBER, of_people) if name == test)
-        expected = [saved, saved - half, saved + half]
-        assert [*map(float, said)] == pytest.approx(expected, abs=0.011)
-    said = {test: tuple(numbers) for *numbers, test in re.findall(NUMBER, of_learners)}
-    for test, condition in (("CC4", "CC3-CC4"), ("CE4", "CE3-CE4")):
-        own, others = (needed_by_good(name, "test") for name in (condition, OTHER[condition]))
-        theirs = stats.ttest_ind(others, own)
-        assert (test in said) == (theirs.pvalue < 0.05)
-        if test in said:
-            ends = theirs.confidence_interval()
-            numbers = f"{others.mean() - own.mean():+.2f}", f"{ends.low:.2f}", f"{ends.high:.2f}"
-            assert said[test] == numbers
-    assert said
-    assert "never" not in answer
-    assert "always" not in answer
-    assert "less than 95%" not in answer  # who solved nothing is no matter of the limit
 
 
 def test_the_section_shows_people_first(played):

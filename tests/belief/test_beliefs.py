@@ -62,9 +62,6 @@ def test_a_posterior_over_active_levers_is_that_of_enumeration():
     agree({key: value / total for key, value in ours.items()}, enumerated(played, actives))
 
 
-# -- the truth -------------------------------------------------------------------------------------
-
-
 @settings(max_examples=6, deadline=None)
 @given(schemas(max_levers=4, stochastic=True), st.integers(0, 99), st.sampled_from([0.0, 0.3]))
 def test_the_truth_is_never_ruled_out(schema, subject, noise):
@@ -80,9 +77,6 @@ def test_the_truth_is_never_ruled_out(schema, subject, noise):
     places, key = key_of_rules(rules)
     true = places, seen_of(key, belief.space.sight.action_limit, 0.7 if unsure else 1.0)
     assert sum(p for key, p in by_behaviour(belief).items() if key[:2] == true) > 0
-
-
-# -- noise, and forgetting -------------------------------------------------------------------------
 
 
 def test_who_expected_no_noise_ends_where_one_who_expected_it_does():

@@ -79,9 +79,6 @@ def expected(knowledge, schema):
     return float(weight[list(found)].sum() / weight[grey].sum())
 
 
-# -- classes --------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("before", "same", "other"), [("CC3", "CC4", "CE4"),
                                                        ("CE3", "CE4", "CC4")])  # fmt: skip
 def test_three_levers_teach_what_four_do(before, same, other):
@@ -123,9 +120,6 @@ def test_a_room_that_is_left_in_doubt_is_shared_out():
     which = [learn(cause, SCHEMAS["CC3"]), learn(effect, SCHEMAS["CE3"])]
     doubt.absorb(0, space, np.sort(which), np.array([0.25, 0.75])[np.argsort(which)], np.arange(7))
     assert doubt.rooms[0] == pytest.approx(0.25 * cause.rooms[0] + 0.75 * effect.rooms[0])
-
-
-# -- rules, places, strengths ---------------------------------------------------------------------
 
 
 def test_grey_levers_that_are_active_make_the_rule_near_certain():

@@ -89,9 +89,6 @@ BOTH = causes((), (), {0, 1}, {0, 2}), (0, 0, 2, 1)
 FOUR = causes((), {0}, {0, 1}, {1}, {2, 3}), (0, 1, 1, 1, 1)
 
 
-# -- independent draws from the posterior ----------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("key", "strength", "moments"),
     [(CHAIN, 1.0, 0), (CHAIN, 1.0, 3), (BOTH, 1.0, 9), (CHAIN, 0.7, 6), (BOTH, 0.7, 25)],
@@ -145,9 +142,6 @@ def test_of_what_cannot_be_nothing_is_drawn():
     assert Sampler(5, SIMPLICITY, 0.8, both).evidence > 0
 
 
-# -- what the console promises -------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("key", "strength", "moments", "solutions"),
     [(FOUR, 1.0, 0, 3), (FOUR, 1.0, 0, 1), (FOUR, 1.0, 3, 3), (FOUR, 0.8, 8, 3), (BOTH, 1.0, 2, 1)],
@@ -172,9 +166,6 @@ def test_how_many_draws_fit_the_console_is_how_probable_that_is(key, strength, m
     # 400 accepted draws, or all that 48,000 bring: at worst a standard error of 1 in 20 each.
     assert np.mean(estimates) == pytest.approx(share, rel=0.05)
     assert np.std(estimates) < 0.1 * share
-
-
-# -- beliefs that rest on draws ------------------------------------------------------------------
 
 
 @pytest.fixture

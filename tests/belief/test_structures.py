@@ -76,9 +76,6 @@ def test_behaviours_are_equal_exactly_if_no_attempt_tells_them_apart(
     assert levers < 3 or 1 < max(seen) + 1 < len(every)
 
 
-# -- likelihoods -----------------------------------------------------------------------------------
-
-
 def chance_of(hypotheses, how, node, pushed, seen, found):
     event = Event(
         slot=likelihoods.DOOR if node == DOOR else node,

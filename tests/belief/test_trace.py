@@ -74,9 +74,6 @@ class Undoing(Bayes):
         return actions
 
 
-# -- the data --------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", ["CC4", "CE4", "noisy_CC3"])
 def test_beliefs_follow_one_another(name):
     trace = traced(name)
@@ -150,9 +147,6 @@ def test_information_adds_up_over_a_trial(cc4):
     assert gains.sum() == pytest.approx(cc4.entropies[0] - cc4.entropies[-1])
 
 
-# -- structures compared ---------------------------------------------------------------------------
-
-
 @settings(max_examples=40, deadline=None)
 @given(schemas(max_levers=4), schemas(max_levers=4))
 def test_structures_are_alike_exactly_if_no_attempt_tells_them_apart(first, second):
@@ -169,27 +163,6 @@ def test_structures_are_alike_exactly_if_no_attempt_tells_them_apart(first, seco
             assert behave_alike(first, second, limit) == alike
 
 
-# -- the words -------------------------------------------------------------------------------------
-
-
-def test_the_story_tells_every_action_and_every_solution_once(cc4):
-    lines = list(trace_text(cc4))
-    actions = [line for line in lines if line.startswith(("  push", "  pull"))]
-    for line, action in zip(actions, cc4.actions, strict=True):
-        assert line.startswith(f"  {shown_name(action)} ")
-        assert ("new solution" in line) == (action.outcome == "new solution")
-    for number in (1, 2, 3):
-        assert sum(f"({number} of 3)" in line for line in lines) == 1
-    assert sum(line.startswith("Attempt ") for line in lines) == len(cc4.attempts)
-    assert in_words(cc4.truth) in " ".join(line.strip() for line in lines)
-    assert max(map(len, lines)) <= 100
-    cut = list(trace_text(cc4, most=1))
-    assert "Attempt 2" not in cut
-    rest = cc4.attempts[1:]
-    found = sum(action.outcome == "new solution" for attempt in rest for action in attempt)
-    assert f"and {len(rest)} more attempts, with {found} new solutions" in cut
-
-
 def test_structures_in_words():
     assert in_words(find_schema("CE3")) == "L1 or L2 enables L0; L0 unlocks the door"
     two = find_schema("two_of_four")
@@ -199,9 +172,6 @@ def test_structures_in_words():
     assert in_words(schema) == (
         "B and A together enable C; C unlocks the door; D does nothing for the door; strength 0.50"
     )
-
-
-# -- the picture -----------------------------------------------------------------------------------
 
 
 PANELS = ("timeline", "entropy", "gains", "arrows", "most probable", "truth")
@@ -291,9 +261,6 @@ def test_a_long_trial_is_cut_at_an_attempt_and_the_picture_says_so(cc4):
         said = f"Shown are the first {shown} of {len(cc4.actions)} actions"
         assert panels["arrows"].get_xlabel().startswith(said)
         assert len(panels["timeline"].get_xticklabels()) == 1 + shown
-
-
-# -- the command -----------------------------------------------------------------------------------
 
 
 def test_the_command_tells_the_trial_of_an_experiment_that_was_asked_for(tmp_path):

@@ -88,33 +88,6 @@ def alive(pid):
     return state != "Z"
 
 
-def test_killed_comparison_leaves_no_worker_and_resumes_to_the_same(monkeypatch):
-    start_prepared(monkeypatch)
-    here("compare", "slow.yaml", "--out", "undisturbed")
-    victim = subprocess.Popen(
-        command("compare", "slow.yaml", "--out", "killed", "--workers", "2"),
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    cells = Path("killed", "cells")
-    until(lambda: len(list(cells.glob("*.parquet"))) >= 3, victim)
-    workers = workers_of(victim)
-    assert workers or not Path("/proc/self/task").exists()
-    victim.kill()
-    victim.wait()
-    until(lambda: not any(map(alive, workers)))
-    done = {path: path.stat().st_mtime_ns for path in cells.glob("*.parquet")}
-    total = len(list(Path("undisturbed", "cells").glob("*.parquet")))
-    assert len(done) < total, "killed too late to show anything"
-    assert not Path("killed", "summary.csv").exists()
-
-    said = here("compare", "slow.yaml", "--out", "killed", "--workers", 3, workers=True)
-    assert f"{len(done)} of {total} cells were there already" in said
-    assert {path: path.stat().st_mtime_ns for path in done} == done
-    summaries = [Path(name, "summary.csv").read_bytes() for name in ("undisturbed", "killed")]
-    assert summaries[0] == summaries[1]
-
-
 @pytest.mark.parametrize(
     ("end", "all_of_them", "status", "playing"),
     [
@@ -199,23 +172,6 @@ def test_shards_play_parts_and_report_lists_what_is_missing():
     assert "warning: 1 cell not played yet" in done.stderr
     here(*SMALL, "--out", "out", "--shard", "2/2")
     assert "not played" not in here("report", "out")
-
-
-def test_cells_that_fail_give_status_1_and_are_named(folder):
-    Path("fails.py").write_text(
-        "import causal_openlock as ol\n\n\nclass Fails(ol.OneSubjectLearner):\n"
-        "    def act(self, observation):\n        raise ZeroDivisionError\n"
-    )
-    with modules_of(folder):
-        done = at_once("compare", "-c", "CC3", "-l", "fails:Fails", "-l", "oracle", "--out", "out")
-        alone = ("compare", "-c", "CC3", "-l", "fails:Fails", "--out", "alone", "--shard", "1/1")
-        assert "is done" not in (nothing := at_once(*alone)).stdout
-        assert nothing.status == 1
-    assert done.status == 1
-    assert "Fails in CC3" in done.stdout
-    assert "1 failed" in (said := here("status", "out"))
-    assert "ZeroDivisionError" in said
-    assert "--retry-failed" in said
 
 
 def test_files_of_the_user_are_not_overwritten():

@@ -5,7 +5,6 @@ import signal
 from pathlib import Path
 from typing import ClassVar
 
-import numpy as np
 import pandas as pd
 import pytest
 
@@ -14,8 +13,6 @@ from causal_openlock.errors import Interrupted, LearnerError
 from support.processes import start_prepared
 
 pytestmark = pytest.mark.slow
-
-VAULT = ol.schema("vault: key & second -> door; dial -> second")
 
 
 class Persistent(ol.OneSubjectLearner):
@@ -60,47 +57,12 @@ def file(tmp_path):
     return path
 
 
-# -- what it takes ---------------------------------------------------------------------------------
-
-
-def test_conditions_in_every_form(tmp_path):
-    (tmp_path / "v.yaml").write_text(VAULT.to_yaml())
-    forms = ["CC4", "CC3-CC4", VAULT, ["CC3", VAULT], ("CC3", "CE3", "CC4"), "A -> door"]
-    made = ol.make_experiment(forms, "oracle")
-    assert [condition.name for condition in made.conditions] == [
-        *("CC4", "CC3-CC4", "vault", "CC3-vault", "CC3-CE3-CC4", "schema"),
-    ]
-    last = made.conditions[-2]
-    assert [[trials.schema.name for trials in part] for part in (last.train, last.test)] == [
-        ["CC3", "CE3"],
-        ["CC4"],
-    ]
-    for paths in (tmp_path / "v.yaml", [tmp_path / "v.yaml", Path("CC3")]):
-        assert ol.make_experiment(paths, "oracle").conditions[0].name == "vault"
-    names = iter(["oracle"])
-    assert ol.compare(pd.Index(["CC3"]), names, subjects=1, workers=0).learners == ("oracle",)
-
-
-def test_learners_in_every_form():
-    slow = ol.learner("ddqn", learning_rate=0.0005, label="slow")
-    learners = ["bayes", slow, Persistent]
-    made = ol.make_experiment(["CC3"], learners, title="Mine", subjects=np.int64(1))
-    assert [spec.name for spec in made.learners] == ["bayes", "slow", "Persistent"]
-    assert made.learners[1].parameters["learning_rate"] == 0.0005
-    assert made.learners[2].learner == f"{__name__}:Persistent"
-    assert (made.title, made.learners[0].subjects) == ("Mine", 1)
+def test_conditions_and_learners_may_be_any_iterable():
+    made = ol.make_experiment(pd.Index(["CE3", "CC3"]), iter(["oracle", Persistent]))
+    assert [condition.name for condition in made.conditions] == ["CE3", "CC3"]
+    assert [spec.learner for spec in made.learners] == ["oracle", f"{__name__}:Persistent"]
     (spec,) = ol.make_experiment(["CC3"], {Persistent}).learners
-    assert spec.learner == made.learners[2].learner
-
-
-def test_declared_experiment_is_that_of_a_file(tmp_path):
-    (tmp_path / "e.yaml").write_text(
-        "name: comparison\nseed: 3\nsubjects: 2\nconditions: [CC3, CC3-CC4]\n"
-        "learners: [oracle, {learner: ddqn, name: slow, parameters: {learning_rate: 0.0005}}]\n"
-    )
-    slow = ol.learner("ddqn", learning_rate=0.0005, label="slow")
-    made = ol.make_experiment(["CC3", ["CC3", "CC4"]], ["oracle", slow], seed=3, subjects=2)
-    assert made.identity == ol.read_experiment(tmp_path / "e.yaml").identity
+    assert spec.name == "Persistent"
 
 
 def test_arguments_change_what_is_played():
@@ -122,9 +84,6 @@ def test_arguments_change_what_is_played():
     assert results.attempts["attempt"].max() <= 4
     opened, unlocked = results.attempts["opened"], results.attempts["unlocked"]
     assert (results.attempts["reward"] == 50 * opened + unlocked).all()
-
-
-# -- what it plays ---------------------------------------------------------------------------------
 
 
 def test_what_was_played_is_not_played_again():

@@ -37,8 +37,6 @@ def results(folder):
     return ol.open_results(folder)
 
 
-# -- tables ----------------------------------------------------------------------------------------
-
 TRIAL = ["learner", "condition", "subject", "phase", "loop", "trial"]
 
 
@@ -78,14 +76,6 @@ def test_training_comes_before_the_test(tmp_path):
         assert list(dict.fromkeys(phases)) == ["train", "test"]
 
 
-def test_pairs_are_of_every_two_learners(results):
-    (row,) = results.pairs.to_dict("records")
-    assert (row["learner"], row["other"], row["protocol"]) == ("random", "oracle", "human")
-    judged = results.headline.pivot(index="condition", columns="learner", values="attempts")
-    assert row["difference"] == pytest.approx((judged["random"] - judged["oracle"]).mean())
-    assert row["probability"] < 0.5
-
-
 def test_tables_by_condition_have_people_where_they_played_the_same(results):
     (table,) = results.by_condition
     assert [*table.frame] == ["Learner", "CE4\ntrial 5", "CC4\ntrial 5", "pair\ntrial 5"]
@@ -122,9 +112,6 @@ def test_markup_in_a_title_is_text(tmp_path):
     results = played(tmp_path / "r", ["CC3"], ["oracle"], title="<script>1</script>")
     assert "<script>" not in results_html(results)
     assert "&lt;script&gt;" in results_html(results)
-
-
-# -- folders ---------------------------------------------------------------------------------------
 
 
 def test_saved_results_are_the_same_and_stay(tmp_path, folder):

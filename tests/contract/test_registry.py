@@ -78,9 +78,6 @@ def test_a_module_of_the_working_directory_is_found(tmp_path, monkeypatch):
         assert file_that_runs(name, tmp_path) is None
 
 
-# -- parameters -----------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Settings:
     rate: Annotated[float, Field(gt=0, le=1), "how fast"] = 0.5

@@ -65,9 +65,6 @@ def test_the_oracle_tries_again_where_a_noisy_room_does_not_obey(action_limit, c
     assert record.groupby(["subject", "trial"])["new_solution"].sum().eq(2).all()
 
 
-# -- learners for one subject ---------------------------------------------------------------------
-
-
 class Tally(OneSubjectLearner):
     """Does what it has done least, at random among equals."""
 
@@ -175,9 +172,6 @@ def test_attempts_before_the_experiment_count(tmp_path):
     assert "What OfUnknownOrigin had learned before the experiment is unknown." in results.methods()
     with pytest.raises(LearnerError, match=r"prior_attempts of .*Wrong.*-1"):
         compare("CC3", Wrong, subjects=1, workers=0)
-
-
-# -- randomness -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("make", [generators, unrelated_generators])

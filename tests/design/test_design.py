@@ -52,9 +52,6 @@ def told(rows, condition="CC3"):
     )
 
 
-# -- what subjects tell ---------------------------------------------------------------------------
-
-
 def test_information_of_made_up_subjects():
     sure, even = math.log(9), 0.0
     found = informed(told([("a", sure, 0.0), ("a", even, 0.0), ("b", sure, 0.0), ("c", 0.0, 0.0)]))
@@ -138,9 +135,6 @@ def test_the_confusion_of_a_hand_made_table():
     assert (table * np.log(2) * 30).round(9).to_numpy().tolist() == [[10.0, 20.0], [30.0, 15.0]]
 
 
-# -- parameters -----------------------------------------------------------------------------------
-
-
 def test_a_parameter_within_its_range_is_unknown_and_one_outside_is_set():
     thompson = {"policy": "thompson", "forgets": "failures", "forgetting": 0.8}
     plain, slow, flat, other = make_experiment(
@@ -165,9 +159,6 @@ def test_a_parameter_within_its_range_is_unknown_and_one_outside_is_set():
         values = [maker.parameters[name] for maker in makers]
         assert ends.low <= min(values) < max(values) <= ends.high
     assert drawn(slow, 1, "subject", 3).parameters != one.parameters
-
-
-# -- simulated ------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -215,9 +206,6 @@ def test_a_theory_does_not_know_the_random_numbers_of_its_subjects(asked):
     session.play(maker)
     (part,) = recorded_subjects(session.record(), asked)
     assert part.session(spec).brief.generators[0].random(3).tolist() != numbers
-
-
-# -- the command ----------------------------------------------------------------------------------
 
 
 def test_design_writes_all_tables_and_continues(asked, tmp_path):

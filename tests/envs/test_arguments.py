@@ -26,9 +26,6 @@ ROOM = "causal_openlock/OpenLock-v0"
 each_episode = pytest.mark.parametrize("episode", EPISODES)
 
 
-# -- arguments ------------------------------------------------------------------------------------
-
-
 def test_schemas_layouts_and_rewards_are_given_by_name_as_data_or_as_objects(tmp_path):
     gates = {"door": Gate("all")}
     mine = Schema("mine", ["A", "B"], {"A": ["door"], "B": ["door"]}, gates=gates)
@@ -110,9 +107,6 @@ def test_others_checkers_find_nothing(checker, schema, episode, monkeypatch):
         check(made.unwrapped)
 
 
-# -- pictures -------------------------------------------------------------------------------------
-
-
 def test_a_room_is_drawn_as_text_or_as_a_picture_that_changes_with_it():
     for mode in ("ansi", "rgb_array"):
         with pytest.raises(ResetNeeded):
@@ -162,9 +156,6 @@ def test_a_physical_room_is_drawn_as_its_bodies_are(episode):
             column, row = frame(7, 600).pixel(joint)
             assert picture[int(row), int(column)].tolist() == [255, 0, 0]
         assert (picture != symbolic.render()).any()
-
-
-# -- rooms in words -------------------------------------------------------------------------------
 
 
 def test_a_room_in_words_goes_as_that_of_bits():

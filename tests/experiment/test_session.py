@@ -15,15 +15,7 @@ from causal_openlock.world.room import Layout
 from oracle import Room, Rules
 from oracle import reward as paid
 from support.cc4_in_trial7 import DOOR, L0, L1, L2, L3, WHITE
-from support.session_play import (
-    HUMAN,
-    SCHEMAS,
-    Curious,
-    Scripted,
-    named,
-    one_room,
-    play,
-)
+from support.session_play import HUMAN, SCHEMAS, Curious, Scripted, named, one_room, play
 
 EIGHT = Schema("eight", [f"A{i}" for i in range(8)], {f"A{i}": ["door"] for i in range(8)})
 MIXED = Condition(

@@ -6,13 +6,11 @@ from concurrent.futures import ThreadPoolExecutor
 import pandas as pd
 import pytest
 
-from causal_openlock.experiment.declare import PROTOCOLS
 from causal_openlock.experiment.making import read_experiment
 from causal_openlock.export.as_csv import write_csv
 from causal_openlock.running.runner import run
 from support.command import at_once
 
-HUMAN = PROTOCOLS["human"]
 DECLARED = """
 name: data.out
 seed: 7

@@ -19,11 +19,7 @@ from hypothesis import strategies as st
 from causal_openlock.analysis.topics.language_models import _counts
 from causal_openlock.cli.folder import status
 from causal_openlock.errors import OpenLockError
-from causal_openlock.experiment.beside_record import (
-    read_answers,
-    read_reactions,
-    write_answers,
-)
+from causal_openlock.experiment.beside_record import read_answers, read_reactions, write_answers
 from causal_openlock.experiment.declare import PROTOCOLS, Protocol, find_condition
 from causal_openlock.experiment.making import make_experiment, read_experiment
 from causal_openlock.export.as_csv import write_csv

@@ -174,8 +174,6 @@ def test_the_command_marks_an_estimate_at_a_bound(folder, tmp_path):
     assert kept["chosen"]["temperature"] == pytest.approx(10)
 
 
-# -- what is no estimate is not shown as one ------------------------------------------------------
-
 NEVER = r"associative cannot have done what random/CC3/.*/0 did.*(push|pull)_\w+ \(trial 1, attempt"
 
 

@@ -25,11 +25,6 @@ def test_a_stored_text_that_differs_fails_with_the_lines_that_differ(project):
     assert stored.read_text() == "one\n2\n"
 
 
-def test_a_text_that_is_not_stored_fails(project):
-    project.runpytest().assert_outcomes(failed=1)
-    assert not (project.path / "golden").exists()
-
-
 def test_a_text_that_is_stored_for_other_processors_is_skipped_with_the_command(project):
     project.makepyfile("def test_a(golden):\n    golden('a.txt', 'one', processor=True)\n")
     result = project.runpytest("-rs")

@@ -3,7 +3,6 @@
 import csv
 import gzip
 import json
-import random
 import subprocess
 import sys
 
@@ -219,23 +218,6 @@ def test_files_of_one_name_are_of_one_person_if_they_say_so(tmp_path):
     paths = [tmp_path / "a" / "data.json", tmp_path / "b" / "data.json"]
     made = import_files(paths, tmp_path / "in")
     assert (made.subjects, made.attempts) == (1, 2)
-
-
-def test_spoiled_bytes_are_imported_whole_or_not_at_all(exported, tmp_path):
-    generator = random.Random(7)
-    whole = exported.read_bytes()
-    for number in range(20):
-        spoiled = bytearray(whole[: generator.randrange(len(whole))] if number % 2 else whole)
-        for _ in range(8):
-            spoiled[generator.randrange(len(spoiled))] = generator.randrange(256)
-        (tmp_path / "spoiled.csv").write_bytes(spoiled)
-        out = tmp_path / f"in{number}"
-        try:
-            import_files([tmp_path / "spoiled.csv"], out)
-        except OpenLockError:
-            assert not out.exists()
-        else:
-            assert Store(out).record()[0].num_rows
 
 
 SEMICOLONS = TIMED.replace(",", ";")

@@ -8,12 +8,7 @@ import pytest
 from causal_openlock.experiment.declare import Protocol
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.finding import find_schema
-from openlock_learners.ddqn import (
-    DDQN,
-    DDQNParameters,
-    SemiMarkovDDQN,
-    SemiMarkovDDQNParameters,
-)
+from openlock_learners.ddqn import DDQN, DDQNParameters, SemiMarkovDDQN, SemiMarkovDDQNParameters
 from openlock_learners.networks.double_q_loops import layer_of
 from support.session_play import one_room
 
@@ -54,9 +49,6 @@ def test_the_network_has_the_shape_of_figure_5():
     assert learner.q.online.shape == (2, 53_647)
     for (weights, _), bound in zip(layers, [1 / 4, *[128**-0.5] * 4], strict=True):
         assert 0.97 * bound < np.abs(weights).max() <= bound
-
-
-# -- the course of learning -----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("over_attempts", [False, True])
@@ -124,9 +116,6 @@ def test_in_one_room_it_learns_to_open_the_door():
     assert (opened.loc[:, 1:100].mean(axis=1) < 0.1).all()
     # One action in twenty is random still, so that of three all are greedy in six of seven.
     assert (opened.loc[:, 401:500].mean(axis=1) > 0.5).all()
-
-
-# -- the semi-Markov DDQN, which is told how many solutions were found ----------------------------
 
 
 SEMI = SemiMarkovDDQNParameters(**FEW)

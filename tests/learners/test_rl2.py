@@ -78,8 +78,6 @@ def test_a_probe_reads_the_structure_off_its_memory(capsys):
     assert memory < 0.5 < 1 < untrained
 
 
-# -- files of networks, which may be anybody's ----------------------------------------------------
-
 SIZES = Sizes(lever=2, room=3, reader=2)
 
 

@@ -146,9 +146,6 @@ def test_a_program_can_end_while_its_models_wait():
     assert (done.returncode, done.stderr) == (0, "")
 
 
-# -- a trained model, by its file ------------------------------------------------------------------
-
-
 class Ran:
     """Unpickled, it leaves a file."""
 
@@ -211,9 +208,6 @@ def test_the_report_has_what_it_was_trained_with(trained):
     assert made.learners[0].origin.artifact_hash
 
 
-# -- learning too late ----------------------------------------------------------------------------
-
-
 class Late(OneSubjectLearner):
     """A learner of a user's own that never comes to learn."""
 
@@ -250,9 +244,6 @@ def test_settings_of_a_file_become_what_the_library_takes():
     assert (model.train_freq.frequency, model.train_freq.unit.value) == (1, "episode")
     assert "ReLU" in str(model.policy)
     assert "ReLU" in refused(settings={"policy_kwargs": {"activation_fn": "Relu"}})
-
-
-# -- what is said where something is wrong --------------------------------------------------------
 
 
 def refused(**parameters):

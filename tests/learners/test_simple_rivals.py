@@ -1,7 +1,7 @@
 """The simple rivals, against their rules worked out by hand."""
 
 from dataclasses import replace
-from itertools import permutations, product
+from itertools import permutations
 
 import numpy as np
 import pytest
@@ -28,9 +28,6 @@ def levers_of_cc3():
     room = Session(one_room("CC3", LAYOUT), HUMAN, 1).truth.rooms[0]
     (first, one, _), (_, other, _) = (room.action_of(own) for own in room.schema.solutions)
     return first, one, other
-
-
-# -- win-stay --------------------------------------------------------------------------------------
 
 
 def test_it_never_carries_out_a_sequence_twice_in_a_room():
@@ -66,9 +63,6 @@ def test_what_worked_in_a_room_is_tried_first_in_the_next():
     record = Session(room, replace(HUMAN, attempt_limit=42), 30).play(learner).to_pandas()
     begins = record[(record["trial"] == 2) & (record["attempt"] == 1)]
     assert begins["new_solution"].all()  # the same room again; by luck a pair is right once in 21
-
-
-# -- Rescorla-Wagner -------------------------------------------------------------------------------
 
 
 def test_a_prediction_error_is_shared_by_the_cues_that_are_present():
@@ -107,9 +101,6 @@ def test_what_is_seen_to_be_impossible_is_not_done():
                 out ^= {action % 7}
 
 
-# -- tabular Q -------------------------------------------------------------------------------------
-
-
 def test_q_values_are_watkins_own():
     first, one, _ = levers_of_cc3()
     learner = create("tabular_q", {"learning_rate": 0.5, "gamma": 0.8})
@@ -145,9 +136,6 @@ def test_a_greedy_one_draws_among_equals_and_its_epsilon_follows_the_paper():
     assert (learner.exploration.epsilon == 0.5).all()  # as every trial has ended
 
 
-# -- posterior sampling ----------------------------------------------------------------------------
-
-
 def test_the_posterior_is_the_prior_and_what_was_counted():
     first, one, _ = levers_of_cc3()
     # The prior's mean by looks: of three grey levers that were pushed, two came out and left the
@@ -162,25 +150,6 @@ def test_the_posterior_is_the_prior_and_what_was_counted():
     untried = next(lever for lever in range(7) if grey[lever] and lever not in (first, one))
     assert model[start, 0, untried].tolist() == pytest.approx([0.1, 0.1, 0.3, 0.2])
     assert model[after, 1, 14].tolist() == pytest.approx([0.14, 0.14, 0.14, 0.28])  # opened once
-
-
-@pytest.mark.parametrize("seed", range(2))
-def test_who_has_seen_all_that_can_happen_solves_the_room_at_once(seed):
-    levers = levers_of_cc3()
-    learner = create("posterior_sampling", {"concentration": 1e-3})
-    session = Session(one_room("CC3", LAYOUT), replace(HUMAN, attempt_limit=300), 1, seed=seed)
-    session.begin(learner)
-    for actions in product(range(15), range(15)):  # all two actions can do, and then a wasted one
-        for action in (*actions, 7):
-            learner.learn(session.step(np.array([action])))
-    # The door, from both unlocked states, without finding them: what it does there is told.
-    for lever in levers[1:]:
-        state = int(learner._number[1 << levers[0] | 1 << lever])
-        learner._counts[0, state, 1, 14, 3] += 1
-    for _ in range(2):
-        for _ in range(3):
-            learner.learn(session.step(learner.act(session.view)))
-    assert session.over
 
 
 def test_the_table_grows_with_what_is_met():

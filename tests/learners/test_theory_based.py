@@ -41,9 +41,6 @@ def levers():
     return first, one, other, int(np.flatnonzero(~room.active)[0])
 
 
-# -- the spaces -----------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("paths", "distances"),
     [
@@ -68,9 +65,6 @@ def test_abstract_schemas_are_the_ways_to_share_levers():
         assert schemas.distance.shape == (abstract, 3)
         assert schemas.paths.shape == (solutions, instances)
     assert schemas_of(7, 2, 6) is None
-
-
-# -- top-down -------------------------------------------------------------------------------------
 
 
 def kind(paths):
@@ -152,9 +146,6 @@ def test_nothing_that_failed_is_begun_with_again():
                 dead.add(begins[list(moved).index(False)])
 
 
-# -- bottom-up ------------------------------------------------------------------------------------
-
-
 def test_changes_speak_for_their_attributes_in_the_room_and_beyond():
     first, one, other, white = levers()
     learner, _ = shown([white, first, one], local_gain=0.5)
@@ -170,20 +161,6 @@ def test_changes_speak_for_their_attributes_in_the_room_and_beyond():
     assert learner._global[0, 4 + first] == 2.0
     plain, _ = shown([first], bottom_up=False)
     assert (plain._bottom_up(0, plain._rooms[0]) == 1).all()
-
-
-def test_local_beliefs_begin_between_one_and_ten():
-    learner = create("theory_based", {"global_gain": 100.0})
-    play(learner, "CC3", subjects=2)
-    assert learner._global.max() > 100
-    room = Session(one_room("CC3", "trial1"), HUMAN, 2, seed=1)
-    learner._rooms = [None, None]
-    learner._room(room.view, 0)
-    assert learner._local[0].min() == 1.0
-    assert learner._local[0].max() == 10.0
-
-
-# -- acting ---------------------------------------------------------------------------------------
 
 
 def test_asking_changes_nothing_where_no_chain_is_left():
@@ -202,9 +179,6 @@ def test_asking_changes_nothing_where_no_chain_is_left():
         return done
 
     assert played(asked=True) == played(asked=False)
-
-
-# -- the paper ------------------------------------------------------------------------------------
 
 
 def test_it_does_what_was_published_of_the_model():

@@ -4,14 +4,13 @@ from dataclasses import replace
 
 import pytest
 
-from causal_openlock.analysis.report.writing import figures_of, make_report
+from causal_openlock.analysis.report.writing import figures_of
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.experiment.declare import PAPER_CONDITIONS
 from causal_openlock.experiment.making import read_experiment
 from causal_openlock.paper.references import people
 from causal_openlock.schemas.schema import schema_from_dict
 from support.fabricated_records import table, trial_rows
-from support.html_page import Page
 from support.made_up_experiments import declared, headline_table, summary_table
 
 pytestmark = pytest.mark.slow
@@ -113,22 +112,3 @@ def test_tables_and_figures_leave_out_people_beside_other_rooms(tmp_path):
     # The paper's DDQN has no place beside other rooms either.
     names = [plot.name for plot in figures_of(Material.of(played("rl"), own))]
     assert names == ["transfer_categories", "attempts_by_trial_rl"]
-
-
-def test_the_report_shows_published_numbers_beside_those_that_compare_alone(tmp_path):
-    held = described(tmp_path, "CC4, CC3-CC4")
-    same = Page(make_report(Material.of(played(), held), tmp_path).path.read_text("utf-8"))
-    assert same.tables[1][1][1:] == ["≥ 6.45 | ± 1.00", "≥ 5.53 | ± 0.49"]
-    assert same.tables[1][2][1:] == ["6.82 | ± 0.39", "7.06 | ± 0.33"]
-    (spec,) = described(tmp_path, "CC4", attempt_limit=3).learners
-    other = replace(held, learners=(spec,))
-    page = Page(make_report(Material.of(played(), other), tmp_path).path.read_text("utf-8"))
-    written = page.text + (tmp_path / "summary.csv").read_text()
-    assert "6.45" not in written
-    assert "6.82" not in written
-    both = replace(held, learners=(*held.learners, replace(spec, name="b")))
-    rows = [row for name in "ab" for row in trial_rows([1, 2, 3], learner=name)]
-    page = make_report(Material.of(table(rows), both), tmp_path).path
-    first = Page(page.read_text("utf-8")).tables[0]
-    beside = next(at for at, head in enumerate(first[0]) if "More than people" in head)
-    assert [row[beside][:5] for row in first[2:]] == ["−16.3", "–"]

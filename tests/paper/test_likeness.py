@@ -42,9 +42,6 @@ def by_name(effects, name):
     return effects.set_index("effect").loc[name]
 
 
-# -- what is published ----------------------------------------------------------------------------
-
-
 def test_there_are_ten_points_of_baselines_and_four_of_tests():
     points = points_of_people()
     assert len(points) == 14
@@ -71,9 +68,6 @@ def test_people_show_every_effect_and_the_published_model_all_but_one():
         assert half == pytest.approx(stats.t.ppf(0.975, 78) * error, rel=0.005)
     missing = effects_of(points_of_model()).query("not like_people")
     assert missing["effect"].tolist() == ["congruency, CC4"]
-
-
-# -- what is computed -----------------------------------------------------------------------------
 
 
 def test_the_distance_is_the_root_mean_square_over_points():
@@ -142,9 +136,6 @@ def test_the_nearest_stands_first_and_a_learner_with_fewer_points_is_left_out():
     assert [*rmse.values()] == pytest.approx([0.5, 3.057, 4.0], abs=1e-3)
     shown = [like.effects[name]["like_people"].sum() for name in rmse]
     assert shown == [len(EFFECTS), len(EFFECTS) - 1, len(EFFECTS)]
-
-
-# -- the section ----------------------------------------------------------------------------------
 
 
 def section(held):

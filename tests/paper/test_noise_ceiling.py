@@ -27,8 +27,6 @@ from causal_openlock.paper.noise_ceiling import (
 from support.made_up_experiments import BESIDE_ALL
 from support.made_up_people import made_up
 
-# -- training, published elsewhere ----------------------------------------------------------------
-
 
 def test_the_model_of_cogsci_2019_is_as_far_from_people_as_its_figure_shows():
     assert distance(training_points_of_model())[0] == pytest.approx(2.78, abs=0.005)
@@ -61,9 +59,6 @@ def test_training_is_taken_together_whatever_the_test():
     trials.loc[lost, ["attempts", "solved"]] = 30, False
     points = training_points_of(trials).set_index(["condition", "trial"])
     assert points.loc[("CC3", 4), ["mean", "se"]].tolist() == [(8 + 30) / 2, 11 / np.sqrt(4)]
-
-
-# -- sampling error -------------------------------------------------------------------------------
 
 
 def test_the_noise_ceiling_is_the_distance_of_simulated_people():
@@ -178,9 +173,6 @@ def test_subjects_are_resampled_with_all_their_trials():
     correlation = np.corrcoef(drawn.T)
     assert correlation[0, 1] > 0.9  # trials of one baseline
     assert abs(correlation[0, 5]) < 0.1  # other subjects
-
-
-# -- beside every distance ------------------------------------------------------------------------
 
 
 def test_every_distance_stands_beside_its_ceiling_and_the_null_curve():

@@ -11,11 +11,7 @@ from scipy import stats
 from causal_openlock.analysis.measures import attempts_to_solve
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.topic import sections_of
-from causal_openlock.paper.paper_tests import (
-    TESTS,
-    paper_tests,
-    printed_tests,
-)
+from causal_openlock.paper.paper_tests import TESTS, paper_tests, printed_tests
 from causal_openlock.paper.references import people
 from causal_openlock.world import facts
 from support.fabricated_records import trial_rows
@@ -138,9 +134,6 @@ def test_conditions_and_subjects_that_are_not_whole_are_left_out():
     rows += trial_rows([0, 0, 1, 2, 3], learner="good", subject=77)
     tests = learner_tests(attempts_to_solve(material(rows, ("good",)).record), "good")
     pd.testing.assert_frame_equal(tests, whole)
-
-
-# -- the section ----------------------------------------------------------------------------------
 
 
 def tables(held):

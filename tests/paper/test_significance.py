@@ -44,9 +44,6 @@ def normal_like(group):
     return group.mean + values * np.sqrt(group.variance)
 
 
-# -- published numbers ----------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("form", [lambda group: group, normal_like], ids=["summary", "values"])
 def test_the_papers_statistics_follow_from_its_means_and_error_bars(form):
     def of(condition, trial=None):
@@ -77,9 +74,6 @@ def test_with_error_bars_of_sample_deviations_they_would_not():
     groups = [published("CE4", 5), published("CC4", 5)]
     other = [Group(one.size, one.mean, one.variance * 39 / 40) for one in groups]
     assert abs(t_test(*other).value - 2.00) > 0.015
-
-
-# -- by other means -------------------------------------------------------------------------------
 
 
 def test_two_groups_are_compared_as_scipy_does_with_effects_by_hand():
@@ -135,9 +129,6 @@ def test_the_trial_effect_is_the_manova_of_statsmodels(sizes):
     assert ours.difference == pytest.approx(first - last)
 
 
-# -- invariances ----------------------------------------------------------------------------------
-
-
 @settings(max_examples=40, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
@@ -164,9 +155,6 @@ def test_neither_unit_nor_origin_nor_order_changes_a_statistic(seed, shift, scal
     t, f = t_test(*firsts[:2]), contrast_test(firsts[:2])
     assert (t.value**2, t.p) == pytest.approx((f.value, f.p))
     assert t_test(*firsts[1::-1]).value == pytest.approx(-t.value)
-
-
-# -- what is not defined --------------------------------------------------------------------------
 
 
 def test_subjects_that_do_not_differ_give_no_number():

@@ -43,9 +43,6 @@ def test_the_arm_begins_as_in_the_figure():
     np.testing.assert_allclose(world.arm.angles, geometry.rest, atol=1e-9)
 
 
-# -- inverse kinematics ---------------------------------------------------------------------------
-
-
 @given(st.floats(1.0, 5.0), st.floats(-math.pi, math.pi), st.sampled_from([1.0, 12 / 7]))
 def test_the_arm_comes_to_every_point_in_its_reach(distance, direction, link):
     point = distance * link * math.cos(direction), distance * link * math.sin(direction)
@@ -91,9 +88,6 @@ def test_the_arm_swings_round_inside_the_ring_of_levers_from_any_posture(positio
             assert abs(wrap(path[-1][0] - end[0])) < 1e-9
             for posture in path[::4]:
                 assert max(math.hypot(*p) for p in joint_points(posture, link)) < ring - 0.15
-
-
-# -- what the bodies do ---------------------------------------------------------------------------
 
 
 def test_only_the_end_of_the_arm_touches_what_it_is_meant_to():
@@ -189,9 +183,6 @@ def test_what_luck_holds_back_does_not_move_and_its_movement_is_finished():
         assert (physical.state, physical.pose().locked) == before
         assert physical.act(action).finished
         assert physical.state != before[0]
-
-
-# -- movements that are broken off ----------------------------------------------------------------
 
 
 def test_a_movement_without_time_says_so_and_ends_at_once():

@@ -26,9 +26,6 @@ def entries_of(folder):
     return [json.loads(line) for line in lines]
 
 
-# -- the record -----------------------------------------------------------------------------------
-
-
 def test_the_record_of_a_person_is_that_of_a_learner_who_does_the_same(tmp_path):
     home = people(
         tmp_path, "CC3-CC4", practice=False, seed=5, clock=itertools.count(1000.0).__next__
@@ -101,9 +98,6 @@ def test_who_is_shown_a_room_can_only_watch_and_is_not_asked_about_it(tmp_path):
     assert read_reactions(tmp_path)["reaction"].to_pylist()[: 6 * 2 * 3] == [None] * 36
 
 
-# -- turns ----------------------------------------------------------------------------------------
-
-
 def test_practice_comes_first_and_leaves_nothing_in_the_record(tmp_path):
     home = people(tmp_path, "CC3")
     name = home.join()
@@ -163,9 +157,6 @@ def test_people_are_dealt_evenly_among_conditions(tmp_path):
     for block, those in enumerate(blocks):
         assert sorted(those) == [(condition, block) for condition in range(3)]
     assert len({tuple(condition for condition, _ in those) for those in blocks}) > 1
-
-
-# -- the log --------------------------------------------------------------------------------------
 
 
 def test_a_last_line_cut_short_is_dropped_and_other_damage_is_named(tmp_path):

@@ -188,9 +188,6 @@ def test_what_a_killed_server_left_in_the_log_is_told_of(tmp_path):
     assert Results.read(tmp_path / "played").experiment.warned == ()
 
 
-# -- forgetting -----------------------------------------------------------------------------------
-
-
 def test_what_one_person_did_is_deleted_and_others_go_on(tmp_path):
     options = {"practice": False, "ask": True, "recruiting": ["PID"]}
     home = people(tmp_path, "CC3", "CE3", **options)

@@ -41,13 +41,7 @@ def rows():
 
 
 @pytest.mark.parametrize(("asked", "named", "files"), list(rows()))
-def test_a_refusal_names_what_is_wrong(
-    asked,
-    named,
-    files,
-    tmp_path,
-    monkeypatch,
-):
+def test_a_refusal_names_what_is_wrong(asked, named, files, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name, text in files.items():
         Path(name).parent.mkdir(parents=True, exist_ok=True)

@@ -143,9 +143,6 @@ def test_an_observation_of_another_room_is_refused():
             draw_it(observed(8), 7)
 
 
-# -- the room as text -----------------------------------------------------------------------------
-
-
 @each_size
 def test_the_text_shows_every_lever_once(positions):
     for bits in np.random.default_rng(positions).integers(0, 2, (10, 2 * positions + 2)):
@@ -172,9 +169,6 @@ def test_the_text_of_a_room():
         "          5( )\n"
         "[ ] grey  ( ) inactive  # pushed\n"
     )
-
-
-# -- the room as SVG, and the console -------------------------------------------------------------
 
 
 def parts_of(look, panel=None):

@@ -247,9 +247,6 @@ def test_a_cell_that_failed_three_times_is_left_out_until_it_is_asked_for_or_rep
     assert not list((out / "errors").iterdir())
 
 
-# -- processes that may start no others -----------------------------------------------------------
-
-
 def compares():
     with pytest.warns(UserWarning, match="this process is itself a worker"):
         results = ol.compare("CC3", "random", subjects=1, workers=1)

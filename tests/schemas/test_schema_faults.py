@@ -64,8 +64,6 @@ def test_of_many_faults_the_first_twenty_are_told():
     assert "1,481" in lines[20]
 
 
-# -- JSON Schema -----------------------------------------------------------------------------------
-
 TABLES = {"schemas": schema.json_schema(), "experiments": declare.json_schema()}
 ROWS = {"schemas": "schemas.txt", "experiments": "experiment.txt"}
 

@@ -178,18 +178,6 @@ def test_a_record_that_is_not_of_these_rooms_is_refused(played):
         score_actions(moved, elsewhere, spec("random", "random"))
 
 
-def test_score_writes_actions_and_subjects(folder, tmp_path):
-    words = ["score", folder, "-l", "random", "-l", "oracle", "--of", "thompson"]
-    done = at_once(*words, "--workers", 1, "--out", tmp_path)
-    assert done.status == 0, done.stderr
-    assert "n = 6 subjects" in " ".join(done.stdout.split())
-    actions = pq.read_table(tmp_path / "actions.parquet").to_pandas()
-    assert set(actions["scored"]) == {"random", "oracle"}
-    assert set(actions["learner"]) == {"thompson"}
-    assert len(pd.read_csv(tmp_path / "subjects.csv")) == 2 * 6
-    assert "warning: 6 subjects are too few" in done.stderr + done.stdout
-
-
 def test_actions_at_the_limit_of_draws_are_counted(folder, tmp_path):
     words = ["score", folder, "-l", "posterior_sampling", "--of", "thompson", "--draws", 4]
     done = at_once(*words, "--workers", 1, "--out", tmp_path)

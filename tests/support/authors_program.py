@@ -63,12 +63,7 @@ def authors_room(name):
     return sequences, solutions
 
 
-def authors_reward(
-    mode,
-    happened,
-    solutions,
-    found,
-):
+def authors_reward(mode, happened, solutions, found):
     """The ladder of section 3.1 of the notes on the authors' environment: the first rung pays."""
     so_far = happened.so_far
     if len(so_far) == 3:

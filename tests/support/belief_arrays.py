@@ -8,16 +8,7 @@ import numpy as np
 from causal_openlock.belief.grammar import SchemaClass, schema_classes
 from causal_openlock.belief.structures import NEVER, Hypotheses, Structures
 from causal_openlock.schemas.schema import Schema
-from oracle import (
-    DOOR,
-    Rules,
-    Seen,
-    behaviour,
-    fits_console,
-    free_form,
-    generated,
-    structure,
-)
+from oracle import DOOR, Rules, Seen, behaviour, fits_console, free_form, generated, structure
 
 Key = tuple[tuple[frozenset, ...], tuple[int, ...]]
 """A structure on levers 0, 1, ...: causes of each and of the door, and how many are needed."""

@@ -80,9 +80,6 @@ def in_a_process(folder: Path, *words: str, status: int = 0) -> subprocess.Compl
     return done
 
 
-# -- where links lead ------------------------------------------------------------------------------
-
-
 def anchors(text: str) -> list[str]:
     """What headings are called in links."""
     prose = FENCE.sub("", text)
@@ -107,9 +104,6 @@ def broken_links(path: Path) -> list[str]:
         ):
             broken.append(match["target"])
     return broken
-
-
-# -- which commands there are ----------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -149,9 +143,6 @@ def unknown_options(words: list[str]) -> list[str]:
     known |= {"--help", "-h"}
     options = [word.partition("=")[0] for word in rest if re.match(r"--?[a-z]", word)]
     return [option for option in options if option not in known]
-
-
-# -- going through a page --------------------------------------------------------------------------
 
 
 class Reader:

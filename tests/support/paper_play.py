@@ -24,13 +24,7 @@ def visits(condition):
     return [*(("train", trial) for trial in range(1, 7)), ("test", 1)]
 
 
-def play(
-    learner,
-    attempts,
-    subjects=12,
-    conditions=PAPER_CONDITIONS,
-    **values,
-):
+def play(learner, attempts, subjects=12, conditions=PAPER_CONDITIONS, **values):
     """The rows of a learner that takes as many attempts as it is told, or does not solve it."""
     rows = []
     for condition in conditions:

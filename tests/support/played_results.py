@@ -22,12 +22,7 @@ SHORT = replace(
 """A protocol that goes on when a trial is solved, and is over soon."""
 
 
-def played(
-    learners,
-    conditions=PAPER_CONDITIONS,
-    subjects=3,
-    protocol=None,
-):
+def played(learners, conditions=PAPER_CONDITIONS, subjects=3, protocol=None):
     """Learners in conditions, under their own protocol or another."""
     changes = Changes(conditions, learners, None, subjects, 6)
     experiment = read_experiment(find_experiment("default"), changes)

@@ -5,12 +5,7 @@ from functools import cache
 import numpy as np
 
 from causal_openlock.contract.learner import Learner, Step
-from causal_openlock.experiment.declare import (
-    PROTOCOLS,
-    Condition,
-    Trials,
-    find_condition,
-)
+from causal_openlock.experiment.declare import PROTOCOLS, Condition, Trials, find_condition
 from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.finding import bundled_schemas
 from causal_openlock.world.randomness import Streams
@@ -26,13 +21,7 @@ def named(name):
     return find_condition(name)
 
 
-def play(
-    player,
-    condition,
-    protocol=HUMAN,
-    subjects=10,
-    **arguments,
-):
+def play(player, condition, protocol=HUMAN, subjects=10, **arguments):
     """The record of a session that the learner played."""
     condition = named(condition) if isinstance(condition, str) else condition
     return Session(condition, protocol, subjects, **arguments).play(player).to_pandas()

@@ -62,9 +62,6 @@ def walk(room, sequences, limit=3):
     return np.stack(seen, axis=1)
 
 
-# -- the paper's rooms -----------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", ["CC3", "CE3", "CC4", "CE4"])
 def test_rooms_of_the_paper_in_every_sequence_of_three_actions(name):
     schema, published = BUNDLED[name], trials_of(name)
@@ -95,9 +92,6 @@ def test_the_recorded_behaviour_of_the_authors_environment_is_reproduced():
         assert np.array_equal(walk(Room.of(BUNDLED[schema], layout), sequences), recorded)
 
 
-# -- any room --------------------------------------------------------------------------------------
-
-
 @settings(max_examples=60, deadline=None)
 @given(data=st.data(), schema=schemas(max_levers=9, stochastic=True), more=st.integers(0, 3))
 def test_tables_of_a_room_by_position(data, schema, more):
@@ -118,9 +112,6 @@ def test_tables_of_a_room_by_position(data, schema, more):
             chance = plain.can_do(action)
             bit = [*layout.places, node].index(node)  # the door's is above the levers
             assert room.next_state[state, action] == (state ^ 1 << bit if chance else state)
-
-
-# -- names and layouts -----------------------------------------------------------------------------
 
 
 def test_actions_are_named_by_position_in_the_papers_order():

@@ -6,11 +6,9 @@ import pytest
 from ruamel.yaml import YAML
 
 import causal_openlock as ol
-from causal_openlock.analysis.report.methods import Methods, methods
+from causal_openlock.analysis.report.methods import methods
 from causal_openlock.contract.registry import create, registry
 from causal_openlock.experiment.origin import Origin
-from causal_openlock.schemas.schema import Gate
-from support.command import at_once
 from support.made_up_experiments import stored
 from support.masks import masked
 from support.places import ROOT
@@ -21,39 +19,6 @@ from support.whole_report import whole_material
 def test_methods_of_a_made_up_experiment_of_every_case(golden):
     text = masked(methods(whole_material()), more={r"<version>\+\d+": "<version>"})
     golden("methods.txt", text)
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    vault = ol.Schema(
-        "vault",
-        ["a", "b", "c", "d"],
-        {"a": ["door"], "b": ["c"], "c": ["d"], "d": ["door"]},
-        gates={"door": Gate("all")},
-    )
-    where = tmp_path_factory.mktemp("methods") / "mine"
-    slow = ol.learner("tabular_q", learning_rate=0.3, label="slow")
-    ol.compare(["CC3-CC4", vault], ["oracle", slow], subjects=2, seed=7, out=where, workers=0)
-    return where
-
-
-def test_methods_of_a_folder_and_of_the_command(folder):
-    results = ol.open_results(folder)
-    text = results.methods()
-    assert isinstance(text, Methods)
-    assert text._repr_markdown_() == text
-    assert len(text.split("\n\n")) == 4
-    for thing in (
-        "Condition CC3-CC4 (CC3, tested in CC4): 6 training trials, then 1 test trial.",
-        "a & d -> door; an attempt has at most 5 actions there.",
-        *("oracle (n = 2)", "slow is tabular_q", "learning_rate 0.3.", "the seed 7"),
-        *(f"{name} {version}" for name, version in results.experiment.versions.items()),
-    ):
-        assert thing in text
-    before = sorted(folder.rglob("*"))
-    done = at_once("report", folder, "--methods")
-    assert (done.status, done.stderr, done.stdout.strip()) == (0, "", text)
-    assert sorted(folder.rglob("*")) == before
 
 
 def test_what_to_cite_is_in_the_citation_file():

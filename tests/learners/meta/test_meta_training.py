@@ -8,10 +8,7 @@ import torch
 
 from causal_openlock.contract.registry import create
 from causal_openlock.envs import OpenLockEnv
-from causal_openlock.errors import (
-    ExperimentError,
-    Interrupted,
-)
+from causal_openlock.errors import ExperimentError, Interrupted
 from causal_openlock.experiment.declare import Protocol, find_condition
 from causal_openlock.experiment.session import Session
 from causal_openlock.files.seal import sealed
@@ -24,11 +21,7 @@ from openlock_learners.meta.ppo import improve
 from openlock_learners.meta.random_schemas import random_schemas
 from openlock_learners.meta.rooms import MetaRooms
 from openlock_learners.meta.training import MetaTraining
-from openlock_learners.meta.training_file import (
-    RoomsFile,
-    TrainingFile,
-    read_training,
-)
+from openlock_learners.meta.training_file import RoomsFile, TrainingFile, read_training
 from openlock_learners.networks.network_file import read_network
 
 pytestmark = pytest.mark.slow
@@ -44,9 +37,6 @@ def one_thread():
 
 def rng(seed=0):
     return np.random.default_rng(seed)
-
-
-# -- rooms ----------------------------------------------------------------------------------------
 
 
 REWARDS = ["unique_solutions", "paper", "negative_repeat"]
@@ -144,9 +134,6 @@ def test_random_schemas_are_different_and_can_be_solved():
     assert [s.as_dict() for s in random_schemas(40, [3, 4], seed=3)] == [
         s.as_dict() for s in schemas
     ]
-
-
-# -- meta-training --------------------------------------------------------------------------------
 
 
 SMALL = """\
