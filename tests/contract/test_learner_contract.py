@@ -63,12 +63,14 @@ TestBayesOfBoundedRationality = contract(
     parameters={
         "temperature": 0.5,
         "lapse": 0.1,
-        "forgetting": 0.2,
+        "forgetting": 0.8,
+        "forgets": "failures",  # as the learner that is fitted to people
+        "directness": 1.0,
         "noise": 0.3,
         "planned": 20,
     },
-    schemas=("CC3", "noisy_CC3"),
-    subjects=2,
+    schemas=("noisy_CC3", "CC3"),
+    subjects=3,
 )
 # Beyond four levers structures are sampled, which takes luck of its own.
 TestBayesOfManyLevers = contract(

@@ -21,7 +21,6 @@ from causal_openlock.fitting.steps import STEPS, seeds_of
 from causal_openlock.fitting.to_means import FILE, fit, means_plan, parts_of, play, points_towards
 from causal_openlock.paper.likeness import distance, points_of, points_of_model, points_of_people
 from causal_openlock.schemas.finding import bundled
-from causal_openlock.testing import LearnerContract
 from causal_openlock.world.randomness import Streams
 from openlock_learners.oracle import Oracle
 from support.command import at_once
@@ -259,16 +258,3 @@ def test_directness_weighs_each_lever_that_acts_on_the_door():
     assert len(set(many.tolist())) > 1
     expected = plain.weight * np.exp(0.7 * many)
     assert direct.weight == pytest.approx(expected / expected.sum())
-
-
-class TestBayesLikePeople(LearnerContract):
-    """Checkpoints, and all else that a learner promises, with failures forgotten."""
-
-    learner = "bayes"
-    schemas = ("CC3", "CE4")
-    parameters = {  # noqa: RUF012
-        "policy": "thompson",
-        "forgetting": 0.8,
-        "forgets": "failures",
-        "directness": 1.0,
-    }
