@@ -66,20 +66,6 @@ def code(text: str, language: str) -> list[str]:
     return [block.text for block in blocks(text, language)]
 
 
-def in_a_process(folder: Path, *words: str, status: int = 0) -> subprocess.CompletedProcess[str]:
-    """Run the command line in a process of its own."""
-    done = subprocess.run(
-        [sys.executable, "-m", "causal_openlock", *words],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=400,
-    )
-    assert done.returncode == status, done.stdout + done.stderr
-    return done
-
-
 def anchors(text: str) -> list[str]:
     """What headings are called in links."""
     prose = FENCE.sub("", text)
