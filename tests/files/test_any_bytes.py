@@ -11,12 +11,13 @@ import os
 import shutil
 from functools import partial
 from hashlib import sha256
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from causal_openlock.analysis.topics.language_models import _counts
+from causal_openlock.analysis.topics.language_models import _counts, _letters
 from causal_openlock.cli.folder import status
 from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.beside_record import read_answers, read_reactions, write_answers
@@ -130,6 +131,9 @@ def readers(work):
     counts = {"answers": 4, "tokens": [90, 9], "latency": 0.5, "faults": {"no action": 1}}
     lines = [{"subject": 0, "role": "assistant", **said}, {"subject": 0, **counts}]
     (work / "spoken.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    head = {"scored": "llm", "letters": {"A": 0.75, "B": 0.25}, "missing": 0.125}
+    (work / "lettered" / "scores").mkdir(parents=True)
+    (work / "lettered/scores/transcripts.jsonl").write_text(json.dumps(head) + "\n")
 
     def replayed(path):
         with pytest.MonkeyPatch.context() as patch:
@@ -160,6 +164,9 @@ def readers(work):
         "data.json": imported,
         "replies/1.jsonl": replayed,
         "spoken.jsonl": lambda path: list(_counts(path)),
+        "lettered/scores/transcripts.jsonl": lambda path: _letters(
+            SimpleNamespace(folders=[path.parents[1]])
+        ),
     }
 
 
