@@ -37,9 +37,10 @@ def _table(results: Material, protocol: str, name: str, rows: pd.DataFrame) -> T
         if {*texts} - {"–"}:
             about = ", ".join(filter(None, [one.detail, sizes(one.points)]))
             lines.append(("published", f"{one.title}\n{about}", texts))
-    ideal = [own["ideal_attempts"].unique() for own in of.values()]
-    if any((known > 0).all() for known in ideal):
-        texts = [f"{known[0]:.2f}" if (known > 0).all() else "–" for known in ideal]
+    bounds = [own["ideal_attempts"].unique() for own in of.values()]
+    ideal = [known[0] if len(known) == 1 else np.nan for known in bounds]
+    if any(known > 0 for known in ideal):
+        texts = [f"{known:.2f}" if known > 0 else "–" for known in ideal]
         lines.append(("ideal", "Ideal observer\nschema known", texts))
     asked = [spec.name for spec in results.experiment.learners if spec.protocol.name == protocol]
     reasons = results.experiment.not_applicable  # of a learner that plays nothing, one for each
