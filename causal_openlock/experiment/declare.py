@@ -60,6 +60,7 @@ SHOWN = "shown"
 """The phase of training that is shown, and what the name of such a condition begins with."""
 RANDOM_CLASS = "openlock_learners.random:RandomLearner"
 PERSON = "causal_openlock.play.person:Person"  #: the learner of a record of people
+AGENT = "causal_openlock.play.person:Agent"  #: that of a record of an agent from outside
 MOST_SWEPT = 500  #: the most learners that one sweep can declare
 
 NAME_FORM = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"

@@ -29,7 +29,7 @@ from jinja2 import Template
 
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.beside_record import answers_schema, reactions_schema
-from causal_openlock.experiment.declare import PERSON
+from causal_openlock.experiment.declare import AGENT, PERSON
 from causal_openlock.experiment.record import played, record_schema
 from causal_openlock.files.atomic import replacing
 from causal_openlock.files.yaml_file import dump_yaml
@@ -85,7 +85,7 @@ def write_bundle(store: Store, path: Path | str, licence: str = "") -> list[str]
     record, experiment = store.record()  # all columns, so that no damage is packed
     if not _has_report(store):
         open_results(store.folder).report()
-    again = any(spec.learner != PERSON for spec in experiment.learners)
+    again = any(spec.learner not in (PERSON, AGENT) for spec in experiment.learners)
     contents, warnings = _experiment(experiment, store) if again else ({}, [])
     contents["requirements.txt"] = _requirements(experiment).encode()
     results = [store.folder / name for name in ("experiment.json", "report.html", "summary.csv")]

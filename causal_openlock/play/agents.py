@@ -16,7 +16,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
-from causal_openlock.errors import OpenLockError, StoreError
+from causal_openlock.contract.registry import registry
+from causal_openlock.errors import LearnerError, OpenLockError, StoreError
 
 try:
     import anyio
@@ -82,14 +83,14 @@ class Subject:
 
     def call(self, tool: str, given: dict[str, Any]) -> str:
         """What a tool answers; Refused or StoreError if nothing was done."""
-        match tool:
-            case "look":
+        match tool, given:
+            case "look", {**rest} if not rest:
                 return self._look()
-            case "act":
-                return self._act(str(given.get("action", "")))
-            case "explain" if self._people.ask:
-                return self._explain(given.get("enables"))
-        raise Refused(404, "", f"There is no tool of this name. {NOT_DONE}")
+            case "act", {"action": str(action), **rest} if not rest:
+                return self._act(action)
+            case "explain", {"enables": list(pairs), **rest} if self._people.ask and not rest:
+                return self._explain(pairs)
+        raise Refused(400, "", f"There is no such call. {NOT_DONE}")
 
     def _look(self) -> str:
         brief = self.game.session.brief
@@ -104,12 +105,12 @@ class Subject:
             raise Refused(400, "", self.words.no_action)
         return self._take(index)
 
-    def _explain(self, enables: Any) -> str:
+    def _explain(self, pairs: list[Any]) -> str:
         if self.game.stage != "question":
-            return f"There is no room to explain now. {NOT_DONE}\n\n{self._now()}"
+            raise Refused(409, "", f"There is no room to explain now. {NOT_DONE}")
         place = {name: number for number, name in enumerate(self.words.nodes)}
         try:
-            edges = [(place[pair["cause"]], place[pair["effect"]]) for pair in enables]
+            edges = [(place[pair["cause"]], place[pair["effect"]]) for pair in pairs]
             self._people.take(self._id, self.game.turn, edges=edges)
         except (LookupError, TypeError, Refused):
             raise Refused(400, "", f"That is no list of such pairs. {NOT_DONE}") from None
@@ -193,7 +194,13 @@ class Agents:
 
 
 def options_of(label: str, seed: int, ask: bool) -> dict[str, Any]:
-    """How agents play, as options of :class:`~causal_openlock.play.people.People`."""
+    """How agents play, as options of :class:`~causal_openlock.play.people.People`.
+
+    Raises:
+        LearnerError: If a learner has that name, beside which the agent is to stand.
+    """
+    if label in registry():
+        raise LearnerError(f"{label} is a learner; choose another name for the agent")
     return {"agent": label, "seed": seed, "ask": ask, "practice": False, "recruiting": (NAME,)}
 
 

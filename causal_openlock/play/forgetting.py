@@ -15,7 +15,7 @@ from pathlib import Path
 
 from causal_openlock.errors import StoreError
 from causal_openlock.experiment.beside_record import REACTIONS, STRUCTURES
-from causal_openlock.experiment.declare import PERSON
+from causal_openlock.experiment.declare import AGENT, PERSON
 from causal_openlock.files.checksums import ChecksumError, read_table
 from causal_openlock.play.log import Forgotten, Joined, Line, read_log, write_log
 from causal_openlock.play.people import dealt
@@ -48,7 +48,7 @@ def forget_person(
     store = Store(folder)
     experiment = store.experiment()
     conditions = {one.name: one for one in experiment.conditions}
-    if any(spec.learner != PERSON for spec in experiment.learners):
+    if any(spec.learner not in (PERSON, AGENT) for spec in experiment.learners):
         raise StoreError(f"{folder} is of learners; what people did is in a folder of play")
     if condition is None and len(conditions) > 1:
         raise StoreError(f"say which condition, with --condition: {', '.join(conditions)}")

@@ -33,14 +33,14 @@ from causal_openlock.experiment.beside_record import (
     write_answers,
     write_reactions,
 )
-from causal_openlock.experiment.declare import PERSON, Cell, Condition, Experiment, Protocol
+from causal_openlock.experiment.declare import AGENT, PERSON, Cell, Condition, Experiment, Protocol
 from causal_openlock.experiment.plan import plan
 from causal_openlock.experiment.record import with_times
 from causal_openlock.files.atomic import sweep, write_text
 from causal_openlock.files.checksums import digest
 from causal_openlock.play import log
 from causal_openlock.play.game import Answer, Game, Refused
-from causal_openlock.play.person import AGENT, LABEL, as_learner
+from causal_openlock.play.person import LABEL, as_learner
 from causal_openlock.play.recruiting import identified, read_identifiers, write_identifiers
 from causal_openlock.storage.store import LOG, Store
 from causal_openlock.world.rewards import PAPER_REWARD, find_reward
@@ -238,8 +238,8 @@ class People:
             self._log.append(began)
         elif lines[0] != began:
             raise StoreError(
-                f"{self.store.folder} is of people who played other conditions, or with another "
-                "protocol, seed or version; choose another folder"
+                f"{self.store.folder} is of others, or of people who played other conditions, or "
+                "with another protocol, seed or version; choose another folder"
             )
         for number, line in enumerate(lines[1:], start=2):
             if not self._repeat(line):

@@ -10,7 +10,6 @@ from causal_openlock.experiment.declare import PERSON, LearnerSpec, Protocol
 from causal_openlock.world.rewards import RewardFunction
 
 LABEL = "person"
-AGENT = "causal_openlock.play.person:Agent"
 
 
 def as_learner(

@@ -49,7 +49,9 @@ class Shard:
 
 
 @contextmanager
-def locked(folder: Path, what: str = "comparison", shard: Shard | None = None) -> Iterator[None]:
+def locked(
+    folder: Path, what: str = "comparison, play or serve", shard: Shard | None = None
+) -> Iterator[None]:
     """A block in which nothing else works in a folder that exists, or plays the same shard.
 
     Raises:
@@ -64,7 +66,7 @@ def locked(folder: Path, what: str = "comparison", shard: Shard | None = None) -
                 locks.enter_context(FileLock(folder / name, timeout=0, thread_local=False))
             except Timeout:
                 raise StoreError(
-                    f"{folder} is in use by another {what}; wait for it, or choose another folder"
+                    f"{folder} is in use by another {what}; wait for it, stop it, or choose another folder"
                 ) from None
             except (OSError, NotImplementedError):  # such as a file system without locks
                 continue

@@ -33,6 +33,12 @@ def warnings_of(results: Material) -> Iterator[str]:
             "Some conditions are called like the paper's and have other rooms, trials or budgets, "
             f"so published results are not shown next to them ({some(others)})."
         )
+    measured = results.headline.groupby(["protocol", "condition"])["measured"].unique()
+    if apart := {name: joined(by) for (_, name), by in measured.items() if len(by) > 1}:
+        yield (
+            "Not all learners or people played a condition to its end, so they are judged by "
+            f"different trials, which cannot be compared ({some(apart)})."
+        )
     subjects = summary.groupby(CELL, observed=True)["subjects"].agg(["min", "max"])
     if uneven := [*map(_label, subjects.index[subjects["min"] != subjects["max"]])]:
         yield (

@@ -307,10 +307,9 @@ def _caption(rows: Sequence[Mapping[str, Any]], columns: Collection[str]) -> str
         said.append(f"Score: 0 as at random, 1 as the ideal observer{but}.")
     said.append("Solved: share of trials. Found: solutions in a trial, of how many, on average.")
     if "before" in columns:
-        said.append(
-            "Training before: attempts of meta-training, which no other column counts. Subjects "
-            "share the network that was trained: intervals are over rooms."
-        )
+        said.append("Training before: attempts of meta-training, which no other column counts.")
+    if any((row["before"] or 0) > 0 for row in played):
+        said.append("Subjects share the network that was trained: intervals are over rooms.")
     if any(row["solved"] != 1 for row in played):
         said.append(
             "≥: trials that were not solved count as the limit, in differences too, which may be "
@@ -354,7 +353,7 @@ def _answer(rows: pd.DataFrame, pairs: pd.DataFrame) -> Iterator[str]:
     among = f"Of the learners that are given {given}, " if len(own) > len(others) + 1 else ""
     over = ""
     if apart:
-        over = f" over {counted(conditions, 'condition')} (others were played by {joined(apart)})"
+        over = f" over {counted(conditions, 'condition')} ({joined(apart)} played others)"
     after = _after(best)
     if not after and any(row["before"] != 0 for row in own):
         after = ", without training before the experiment"

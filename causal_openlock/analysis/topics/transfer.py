@@ -309,6 +309,9 @@ def _answer(rows: pd.DataFrame, trained: Mapping[str, float]) -> str:
         "Attempts that training with the structure of the test saves, against training with the "
         f"other structure{(known or [', significant'])[0]} for learners "
         f"(p < {level}, each test by itself): {some(named, NAMED) or 'none'}.",
+        f"Not tested, as groups are too small: {some([*untested], NAMED)}."
+        if len(untested := own.loc[own["p"].isna(), "learner"].unique())
+        else "",
         f"Learners that solved less than {NEARLY_ALL:.0%} of these tests are not named, as the "
         "limit hides their effect."
         if (cut & (own["solved"] > 0)).any()
