@@ -40,6 +40,7 @@ nb_execution_mode = "off"  # they are stored with what they put out: make lesson
 # -- the reference ----------------------------------------------------------------------------
 autodoc_default_options = {"members": True, "member-order": "bysource", "show-inheritance": True}
 autodoc_preserve_defaults = True
+autodoc_mock_imports = ["mcp", "mcp_types"]  # which pydantic cannot read as autodoc imports it
 autodoc_use_type_comments = False
 autodoc_typehints_format = "short"
 # Named as they are in the code, and not spelled out wherever they occur.

@@ -42,7 +42,9 @@ Seconds = Annotated[float, Field(ge=0, lt=2**31, allow_inf_nan=False)]
 
 
 def _index(action: Any) -> Any:
-    return int(action) if isinstance(action, str) and action.isdecimal() else action
+    if isinstance(action, str) and action.isdecimal() and action.isascii():
+        return int(action)
+    return str(action) if isinstance(action, bool) else action  # which is no index
 
 
 @part(kw_only=True)

@@ -12,7 +12,8 @@ is no way to begin it again.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -31,9 +32,12 @@ except ModuleNotFoundError as _missing:
         "'causal-openlock[mcp]'"
     ) from None
 
+from causal_openlock.experiment.declare import NAME_FORM, NAME_IN_WORDS
+from causal_openlock.experiment.session import Session
 from causal_openlock.play.game import Game, Refused
 from causal_openlock.play.keeping import kept
 from causal_openlock.play.people import People
+from causal_openlock.play.recruiting import fault_of
 from causal_openlock.play.web import WebServer
 from causal_openlock.render.words import Wording, feedback, room_now
 from causal_openlock.version import __version__
@@ -58,6 +62,8 @@ class Subject:
     """
 
     def __init__(self, people: People, name: str) -> None:
+        if fault := fault_of(name) if name.strip() else "is missing":
+            raise Refused(400, "", f"the name of a subject {fault}")
         self._people = people
         self._id = people.join(people.consent_mark, {NAME: name}, name)
         self.game: Game = people.game(self._id)
@@ -73,7 +79,7 @@ class Subject:
             "look": ("Read the rules, and how everything is now.", _object()),
             "act": ("Take one action.", _object(action=_one_of(self.words.choices))),
         }
-        if self._people.ask:
+        if self.game.ask:
             pairs = _object(enables={"type": "array", "items": pair})
             tools["explain"] = ("Say what enables what: all pairs that you believe in.", pairs)
         return [
@@ -88,18 +94,21 @@ class Subject:
                 return self._look()
             case "act", {"action": str(action), **rest} if not rest:
                 return self._act(action)
-            case "explain", {"enables": list(pairs), **rest} if self._people.ask and not rest:
+            case "explain", {"enables": list(pairs), **rest} if self.game.ask and not rest:
                 return self._explain(pairs)
         raise Refused(400, "", f"There is no such call. {NOT_DONE}")
 
     def _look(self) -> str:
         brief = self.game.session.brief
         rules = self.words.instructions(brief.action_limit, brief.attempt_limit)
-        return f"{rules}\n\n{self._watched()}{self._now()}"
+        self._watch()
+        return "\n\n".join([rules, *self._film(), self._now()])
 
     def _act(self, action: str) -> str:
-        if (watched := self._watched()) or self.game.stage != "room":
-            return f"{NOT_DONE}\n\n{watched}{self._now()}"
+        if self.game.session.shown is not None:
+            return f"{NOT_DONE}\n\n{self._look()}"
+        if self.game.stage != "room":
+            return f"{NOT_DONE}\n\n{self._now()}"
         index = self.words.read(action)
         if index is None:
             raise Refused(400, "", self.words.no_action)
@@ -124,14 +133,19 @@ class Subject:
         told = feedback(self.words, step, 0, self.game.session.brief.trials, room=room)
         return told if room else f"{told}\n\n{self._now()}"
 
-    def _watched(self) -> str:
-        """Go through the rooms that are shown before its own; what was to be seen there."""
-        told = []
+    def _watch(self) -> None:
+        """Go through the rooms that are shown before its own."""
         while (shown := self.game.session.shown) is not None:
-            action = int(shown[0])
-            told.append(f"> {self.words.actions[action]}\n{self._take(action)}")
-        head = "You watch what somebody does who knows how."
-        return "\n\n".join([head, *told, ""]) if told else ""
+            self._people.take(self._id, self.game.turn, action=int(shown[0]))
+
+    def _film(self) -> Iterator[str]:
+        """What is done in these rooms; told as often as it looks."""
+        session = Session.of(self.game.cell)
+        if session.shown is not None:
+            yield "You watch what somebody does who knows how."
+        while (shown := session.shown) is not None:
+            told = feedback(self.words, session.step(shown), 0, session.brief.trials)
+            yield f"> {self.words.actions[int(shown[0])]}\n{told}"
 
     def _now(self) -> str:
         match self.game.stage:
@@ -175,7 +189,7 @@ class Agents:
     # one subject the second is told what there is after the first.
 
     async def _list(self, context: ServerRequestContext[Any, Any], _: Any) -> types.ListToolsResult:
-        with suppress(Refused):
+        with suppress(Refused, StoreError):
             return types.ListToolsResult(tools=self._subject(context).tools())
         return types.ListToolsResult(tools=[])
 
@@ -199,13 +213,16 @@ def options_of(label: str, seed: int, ask: bool) -> dict[str, Any]:
     Raises:
         LearnerError: If a learner has that name, beside which the agent is to stand.
     """
-    if label in registry():
-        raise LearnerError(f"{label} is a learner; choose another name for the agent")
+    if label in registry() or not re.fullmatch(NAME_FORM, label):
+        raise LearnerError(
+            f"{label[:80]!r} cannot be an agent's name; choose {NAME_IN_WORDS}, and no learner's"
+        )
     return {"agent": label, "seed": seed, "ask": ask, "practice": False, "recruiting": (NAME,)}
 
 
 def serve_stdio(people: People, name: str) -> None:
     """Serve one subject on standard input and output, until these end."""
+    Subject(people, name)  # refused before anything is served
     server = Agents(people, name).server
 
     async def run() -> None:

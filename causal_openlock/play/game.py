@@ -70,7 +70,7 @@ class Game:
         self.session = Session.of(cell)
         self._joined, self._seconds = joined.at, 0.0
         self._practice = _practice_room(self.session) if joined.practice else None
-        self._ask = joined.ask
+        self.ask = joined.ask  # whether rooms that are left are asked about
         self._question: tuple[int, ...] | None = None  # the levers that are asked about
         self._ended: list[Answer] = []  # what came of each trial
         self.turn = 0
@@ -183,7 +183,7 @@ class Game:
                 shown = visit <= session.shown_trials
                 ended = {"attempts": attempt, "found": found, "left": left, "shown": shown}
                 self._ended.append(ended)
-                if self._ask and not shown:
+                if self.ask and not shown:
                     grey = step.view.observation[0, self._door : 2 * self._door]
                     self._question = tuple(np.flatnonzero(grey).tolist())
         return said

@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from causal_openlock.errors import StoreError
+from causal_openlock.errors import ExperimentError, StoreError
 from causal_openlock.experiment.beside_record import (
     REACTIONS,
     STRUCTURES,
@@ -43,6 +43,7 @@ from causal_openlock.play.game import Answer, Game, Refused
 from causal_openlock.play.person import LABEL, as_learner
 from causal_openlock.play.recruiting import identified, read_identifiers, write_identifiers
 from causal_openlock.storage.store import LOG, Store
+from causal_openlock.wording import joined
 from causal_openlock.world.rewards import PAPER_REWARD, find_reward
 
 PEOPLE, AGENTS = "people", "agents"  #: names of the experiment that they play
@@ -65,7 +66,7 @@ class People:
             as ``("PROLIFIC_PID", "STUDY_ID", "SESSION_ID")``. It is kept in ``recruited.csv``.
             The first of them identifies the person, and nobody joins without it.
         command: The command that continues, for the report.
-        agent: What tables call the agent that all subjects are; by default they are people.
+        agent: What tables call the agent that all subjects are; None for people.
         clock: Returns the time in seconds.
 
     Attributes:
@@ -88,20 +89,23 @@ class People:
         consent: str = "",
         recruiting: Sequence[str] = (),
         command: str = "",
-        agent: str = "",
+        agent: str | None = None,
         clock: Callable[[], float] = time.time,
     ) -> None:
+        names = [condition.name for condition in conditions]
+        if not names or len({*names}) < len(names):
+            raise ExperimentError(f"give conditions, each with a name of its own: {joined(names)}")
         for condition in conditions:
             plan(condition, protocol, np.random.default_rng(0))
-        reward, who = find_reward(PAPER_REWARD), (agent, AGENT) if agent else (LABEL, PERSON)
+        who = (LABEL, PERSON) if agent is None else (agent, AGENT)
         self.experiment = Experiment(
-            name=AGENTS if agent else PEOPLE,
-            title="Agents" if agent else "People",
+            name=PEOPLE if agent is None else AGENTS,
+            title="People" if agent is None else "Agents",
             command=command,
             seed=seed,
             cell_size=1,
             conditions=tuple(conditions),
-            learners=(as_learner(protocol, reward, *who),),
+            learners=(as_learner(protocol, find_reward(PAPER_REWARD), *who),),
         )
         self.practice, self.ask, self.consent, self._clock = practice, ask, consent, clock
         self.recruiting = tuple(recruiting)

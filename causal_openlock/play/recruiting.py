@@ -65,7 +65,7 @@ def identified(given: Mapping[str, str], names: Sequence[str]) -> dict[str, str]
         Refused: If the first is missing, or one cannot be an identifier.
     """
     values = {name: given[name].strip() for name in names if given.get(name, "").strip()}
-    faults = [f"{name} {fault}" for name, value in values.items() if (fault := _fault(value))]
+    faults = [f"{name} {fault}" for name, value in values.items() if (fault := fault_of(value))]
     if names and names[0] not in values:
         faults = [f"{names[0]} is missing"]
     if faults:
@@ -81,12 +81,14 @@ def identified(given: Mapping[str, str], names: Sequence[str]) -> dict[str, str]
     return values
 
 
-def _fault(value: str) -> str:
+def fault_of(value: str) -> str:
     """Fault of an identifier, as the end of a sentence; empty if there is none."""
     if len(value) > LONGEST:
         return f"is longer than {LONGEST} characters"
     if not value.isprintable():
         return "has characters that cannot be seen"
+    if value.startswith("'"):  # with which recruited.csv keeps formulas from spreadsheets
+        return "begins with an apostrophe"
     if PLACEHOLDER.fullmatch(value):
         return f"is {value}, which stands for an identifier that was not filled in"
     return ""

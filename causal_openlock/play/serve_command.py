@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import secrets
 import shlex
 import signal
@@ -14,6 +15,7 @@ import typer
 
 from causal_openlock.cli.options import Budgets
 from causal_openlock.cli.terminal import say
+from causal_openlock.errors import OpenLockError
 
 
 def serve(
@@ -58,6 +60,8 @@ def serve(
         command=shlex.join(["causal-openlock", *sys.argv[1:]]),
         **options_of(label, seed, ask),
     )
+    if name and http is not None:
+        raise OpenLockError("--name is for stdio; over HTTP the path of the address is the name")
     with closing(people), suppress(KeyboardInterrupt):
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C
         if http is None:
@@ -68,3 +72,5 @@ def serve(
             say(f"what they do is kept in {out}; stop with Ctrl-C")
             server.serve_forever()
     say(f"joined: {people.number}, finished: {people.finished}", error=True)
+    if http is None:
+        os._exit(0)  # a thread may still wait for standard input, which nothing interrupts

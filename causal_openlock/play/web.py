@@ -46,7 +46,7 @@ class WebServer:
         except OSError as error:
             raise OpenLockError(
                 f"cannot listen on {host}, port {port} ({error.strerror or error}); choose another "
-                "port or host"
+                "with --host or --port"
             ) from None
         shown = LOOPBACK[0] if host == "0.0.0.0" else host
         self.port = int(self._socket.getsockname()[1])

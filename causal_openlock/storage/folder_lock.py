@@ -66,7 +66,8 @@ def locked(
                 locks.enter_context(FileLock(folder / name, timeout=0, thread_local=False))
             except Timeout:
                 raise StoreError(
-                    f"{folder} is in use by another {what}; wait for it, stop it, or choose another folder"
+                    f"{folder} is in use by another {what}; wait for it, stop it, or choose "
+                    "another folder"
                 ) from None
             except (OSError, NotImplementedError):  # such as a file system without locks
                 continue

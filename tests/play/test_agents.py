@@ -13,10 +13,12 @@ from mcp.client.client import Client
 from mcp.client.stdio import StdioServerParameters, stdio_client
 
 import causal_openlock as ol
+from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.beside_record import read_answers
 from causal_openlock.experiment.declare import PROTOCOLS, find_condition
 from causal_openlock.experiment.session import Session
 from causal_openlock.play.agents import LAST, Agents, Subject, options_of
+from causal_openlock.play.game import Refused
 from causal_openlock.play.recruiting import read_identifiers
 from causal_openlock.render.words import Wording, feedback, room_now
 from causal_openlock.storage.store import Store
@@ -128,6 +130,7 @@ def test_nonsense_changes_nothing_and_tells_nothing(tmp_path):
                 await call(client, "act", action="open sesame"),
                 await call(client, "act"),
                 await call(client, "act", action=3),
+                await call(client, "act", action=(await actions_of(client))[0], why="x"),
                 await call(client, "open", solution=True),
                 await call(client, "explain", enables=[]),
             ]
@@ -178,9 +181,42 @@ def test_rooms_that_are_shown_are_watched_before_the_own_ones(tmp_path):
             return refused
 
     text = asyncio.run(told())
-    assert text.startswith("Nothing was done.\n\nYou watch")
+    assert text.startswith("Nothing was done.")
+    assert "You watch what somebody does" in text
     assert text.count("> ") >= 6 * 2 * 3
     assert "7 of 7, attempt 1" in text.splitlines()[-3]
+
+
+def test_what_was_shown_is_told_again_and_a_question_outlives_the_server(tmp_path):
+    async def looked(**options):
+        async with within(tmp_path, "shown-CC3-CC4", **options) as (client, _):
+            tools = [tool.name for tool in (await client.list_tools()).tools]
+            return (await call(client, "look"))[0], tools
+
+    first = asyncio.run(looked(ask=True))
+    assert asyncio.run(looked(ask=False)) == first
+    assert first[0].count("> ") >= 6 * 2 * 3
+    assert "explain" in first[1]
+
+
+@pytest.mark.parametrize("name", ["", " ", "x" * 400, "{name}", "'=1", "a\nb"])
+def test_names_that_can_be_none_are_refused(tmp_path, name):
+    home = people(tmp_path, **options_of("mine", 0, False))
+    with pytest.raises(Refused, match="the name of a subject"):
+        Subject(home, name)
+    home.close()
+
+
+@pytest.mark.parametrize("label", ["", "bayes", "../../evil", "x" * 300, "a\0b"])
+def test_agents_are_called_by_no_learner_and_no_path(label):
+    with pytest.raises(OpenLockError, match="cannot be an agent's name"):
+        options_of(label, 0, False)
+
+
+@pytest.mark.parametrize("conditions", [(), ("CC3", "CC3")])
+def test_conditions_have_names_of_their_own(tmp_path, conditions):
+    with pytest.raises(OpenLockError, match="each with a name of its own"):
+        ol.serve(*conditions, out=tmp_path)
 
 
 @pytest.mark.slow
