@@ -174,6 +174,23 @@ def test_shards_play_parts_and_report_lists_what_is_missing():
     assert "not played" not in here("report", "out")
 
 
+def test_cells_that_fail_give_status_1_and_are_named(folder):
+    Path("fails.py").write_text(
+        "import causal_openlock as ol\n\n\nclass Fails(ol.OneSubjectLearner):\n"
+        "    def act(self, observation):\n        raise ZeroDivisionError\n"
+    )
+    with modules_of(folder):
+        done = at_once("compare", "-c", "CC3", "-l", "fails:Fails", "-l", "oracle", "--out", "out")
+        alone = ("compare", "-c", "CC3", "-l", "fails:Fails", "--out", "alone", "--shard", "1/1")
+        assert "is done" not in (nothing := at_once(*alone)).stdout
+        assert nothing.status == 1
+    assert done.status == 1
+    assert "Fails in CC3" in done.stdout
+    assert "1 failed" in (said := here("status", "out"))
+    assert "ZeroDivisionError" in said
+    assert "--retry-failed" in said
+
+
 def test_files_of_the_user_are_not_overwritten():
     here("schema", "new", "mine", "--like", "CE3")
     here("notebook", "mine")

@@ -34,6 +34,27 @@ def test_a_room_goes_as_the_environment_does():
     assert (room.over, room.solutions_found) == (False, ())
 
 
+def test_what_was_seen_is_said():
+    room = ol.room("CC4", layout="trial7")
+    seen = [room.step(action) for action in (*NOTHING, *FIRST, *FIRST, "LOWERLEFT")]
+    assert [one.outcome for one in seen] == [
+        *["nothing moves"] * 3,
+        *("the lever moves", "the door unlocks", "the door opens: a new solution"),
+        *("the lever moves", "the door unlocks", "the door opens: nothing new"),
+        "the lever moves",
+    ]
+    assert [one.panel.attempts_left for one in seen] == [30, 30, 29, 29, 29, 28, 28, 28, 27, 27]
+    assert ["this is" in one.title for one in seen[:6]] == [True, False, False, True, True, False]
+    assert [one.new_solution for one in seen].index(True) == 5
+    done = [action.name for action in seen[5].panel.actions]  # those of its own attempt
+    assert done == ["push LOWERLEFT", "push UPPERRIGHT", "push door"]
+    assert room.solutions_found == (("LOWERLEFT", "UPPERRIGHT"),)
+    assert "door open, unlocked" in repr(seen[5])
+    assert "1 of 3 solutions found; 27 attempts and 2 actions left" in repr(room)
+    assert "4[#]" in repr(room)
+    assert "found: LOWERLEFT, UPPERRIGHT" in repr(room)
+
+
 @pytest.mark.parametrize("reveal", [True, False])
 def test_a_room_to_solve_does_not_name_its_levers(reveal):
     room = ol.room("CC4", layout="trial7", reveal=reveal)

@@ -313,6 +313,19 @@ def test_the_command_films_a_learner_and_a_recorded_subject(results, tmp_path):
     assert all(len(frames_of(tmp_path / name)) > 10 for name in ("a.gif", "b.gif"))
 
 
+@pytest.mark.parametrize("suffix", ["png", "svg"])
+def test_the_commands_draw_stills(suffix, tmp_path):
+    film, room = (tmp_path / f"{name}.{suffix}" for name in ("film", "room"))
+    assert at_once("film", "CC3", "-l", "oracle", "--size", 120, "-o", film).status == 0
+    words = ("CC4", "--layout", "trial7", "-a", "push_LOWERLEFT", "--part", 0.5, "-o", room)
+    assert at_once("room", *words).status == 0
+    if suffix == "png":
+        assert (Image.open(film).size[1], Image.open(room).size[1]) == (120, 600)
+    else:
+        assert "All solutions found in 2 attempts" in film.read_text(encoding="utf-8")
+        assert "<title>CC4 in trial7, push_LOWERLEFT</title>" in room.read_text(encoding="utf-8")
+
+
 def test_without_ffmpeg_an_mp4_is_refused_before_anything_is_played(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", "")
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)

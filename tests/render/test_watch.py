@@ -86,6 +86,13 @@ def test_learners_are_given_by_name_class_or_entry():
         assert label != "Doorward" or repr(seen).count("push door: nothing moves") == 6
 
 
+def test_conditions_are_given_by_name_schema_or_as_such():
+    chosen = [ol.find_schema("CC3"), "CC3", find_condition("CC3")]
+    seen = [repr(ol.watch("oracle", one, layout="trial2")) for one in chosen]
+    assert len({*seen}) == 1
+    assert "(CC3 in trial2)" in seen[0]
+
+
 def test_it_is_saved_as_a_film_of_the_attempts_shown(tmp_path):
     seen = ol.watch("random", "CC3", attempts=1)
     frames = seen.save(tmp_path / "film.gif", size=60, fps=5)
