@@ -222,7 +222,10 @@ def options_of(label: str, seed: int, ask: bool) -> dict[str, Any]:
 
 def serve_stdio(people: People, name: str) -> None:
     """Serve one subject on standard input and output, until these end."""
-    Subject(people, name)  # refused before anything is served
+    try:
+        Subject(people, name)
+    except Refused as error:  # before anything is served
+        raise OpenLockError(str(error)) from None
     server = Agents(people, name).server
 
     async def run() -> None:
