@@ -8,7 +8,9 @@ import pyarrow as pa
 import pytest
 
 import causal_openlock as ol
+from causal_openlock.contract.learner import Learner
 from causal_openlock.experiment.making import make_experiment
+from causal_openlock.experiment.session import Session
 from causal_openlock.running.runner import run
 from causal_openlock.scoring.inverse_binomial import (
     TERMS,
@@ -154,3 +156,28 @@ def test_copies_carry_on_the_plan_that_the_subject_has_begun(played):
     by_place = np.exp(actions["log_probability"]).groupby(actions["action"]).mean()
     assert by_place[3] > by_place[1]  # once the first lever is known, the rest is known better
     assert -actions["log_probability"].mean() < np.log(15)
+
+
+class Habit(Learner):
+    """Draws one of two actions at the beginning of an attempt, and repeats it."""
+
+    def begin(self, brief):
+        self.brief, self.habit = brief, np.zeros(brief.subjects, int)
+
+    def act(self, view):
+        begins = view.playing & (view.console.actions_left == self.brief.action_limit)
+        for row in np.flatnonzero(begins):
+            self.habit[row] = self.brief.generators[row].integers(2)
+        return self.habit.copy()
+
+
+def test_later_actions_are_asked_of_copies_that_did_the_earlier_ones(played, monkeypatch):
+    _, experiment = of(played, "posterior_sampling")
+    condition = experiment.conditions[0]
+    about = {"seed": 3, "learner": "posterior_sampling", "experiment": experiment.name}
+    acted = Session(condition, SHORT, 1, **about).play(Habit())
+    monkeypatch.setattr("causal_openlock.scoring.inverse_binomial.create", lambda *_: Habit())
+    found = score_actions(acted, experiment, spec("posterior_sampling"), 0.0, draws=64)
+    by_place = found.groupby("action")["log_probability"].mean()
+    assert by_place[1] == pytest.approx(np.log(0.5), abs=0.2)
+    assert by_place[[2, 3]].tolist() == [0.0, 0.0]
