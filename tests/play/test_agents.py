@@ -257,7 +257,7 @@ def test_fifty_sessions_over_http_are_fifty_subjects_side_by_side(tmp_path):
     names = [f"subject-{number}" for number in range(50)]
     with ol.serve("CC3", label="mine", out=tmp_path) as opened:
         begun = asyncio.run(all_of(opened.url, names, most=3))
-        ended = asyncio.run(all_of(opened.url, names[:3]))
+        ended = asyncio.run(all_of(opened.url, names[:1]))
     assert len({first[1][0] for first in begun}) == 50  # words of their own
     given = {row["name"]: number for number, row in read_identifiers(tmp_path).items()}
     record = Store(tmp_path).record()[0].to_pandas()

@@ -353,7 +353,7 @@ def _answer(rows: pd.DataFrame, pairs: pd.DataFrame) -> Iterator[str]:
     among = f"Of the learners that are given {given}, " if len(own) > len(others) + 1 else ""
     over = ""
     if apart:
-        over = f" over {counted(conditions, 'condition')} ({joined(apart)} played others)"
+        over = f" over {counted(conditions, 'condition')} ({joined(apart)} did not play the same)"
     after = _after(best)
     if not after and any(row["before"] != 0 for row in own):
         after = ", without training before the experiment"
