@@ -38,8 +38,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import digamma, hyperu, polygamma
-from scipy.stats import nhypergeom
+from scipy.special import comb, digamma, hyperu, polygamma
 
 from causal_openlock.contract.learner import InformedLearner, Truth
 from causal_openlock.contract.registry import create
@@ -160,7 +159,8 @@ def mean_over_orders(before: int, draws: int, hits: int) -> tuple[float, float]:
         hits: How many of its draws are hits.
     """
     misses = np.arange(draws - hits + 1)
-    weights = nhypergeom.pmf(misses, draws, draws - hits, 1) if hits else np.ones(1)
+    orders = comb(draws - misses - 1, hits - 1)  # in which so many misses come first
+    weights = orders / orders.sum() if hits else np.ones(1)
     last = before + misses + 1.0
     sums, squares = digamma(last) + np.euler_gamma, np.pi**2 / 6 - polygamma(1, last)
     mean = weights @ sums
