@@ -48,6 +48,8 @@ class WebServer:
                 f"cannot listen on {host}, port {port} ({error.strerror or error}); choose another "
                 "with --host or --port"
             ) from None
+        # Else an answer's second packet waits 40 ms: asyncio asks for this of other sockets alone.
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         shown = LOOPBACK[0] if host == "0.0.0.0" else host
         self.port = int(self._socket.getsockname()[1])
         self.url = f"http://{shown}:{self.port}/"  #: its address, for this machine
