@@ -96,18 +96,21 @@ class PlayServer(WebServer):
         completion: str = "",
         changed: Callable[[], None] = lambda: None,
     ) -> None:
-        self.people = people
         self.completion = pages.completion(completion, people.recruiting)
         self.address = pages.public_address(address)
         self.host, self.loopback = host, host in LOOPBACK
         super().__init__(
-            people, self._application(), host=host, port=port, headers=HEADERS, changed=changed
+            people,
+            self._application(people),
+            host=host,
+            port=port,
+            headers=HEADERS,
+            changed=changed,
         )
 
     # -- what is answered -----------------------------------------------------------------------
 
-    def _application(self) -> Starlette:
-        people = self.people
+    def _application(self, people: People) -> Starlette:
         public = urlsplit(self.address).hostname or self.host
         names = [*LOOPBACK, public] if self.loopback else ["*"]
         answered = (OpenLockError, ValidationError, ClientDisconnect, HTTPException)
