@@ -62,7 +62,8 @@ class Subject:
     """
 
     def __init__(self, people: People, name: str) -> None:
-        if fault := fault_of(name) if name.strip() else "is missing":
+        fault = fault_of(name) if name.strip() else "is missing"
+        if fault:
             raise Refused(400, "", f"the name of a subject {fault}")
         self._people = people
         self._id = people.join(people.consent_mark, {NAME: name}, name)
@@ -140,9 +141,10 @@ class Subject:
 
     def _film(self) -> Iterator[str]:
         """What is done in these rooms; told as often as it looks."""
+        if not self.game.session.shown_trials:
+            return
+        yield "You watch what somebody does who knows how."
         session = Session.of(self.game.cell)
-        if session.shown is not None:
-            yield "You watch what somebody does who knows how."
         while (shown := session.shown) is not None:
             told = feedback(self.words, session.step(shown), 0, session.brief.trials)
             yield f"> {self.words.actions[int(shown[0])]}\n{told}"
@@ -178,26 +180,29 @@ class Agents:
             on_call_tool=self._call,
         )
 
-    def _subject(self, context: ServerRequestContext[Any, Any]) -> Subject:
-        request: Any = context.request  # None over stdio
-        name = self._name or request.path_params["name"]
+    def subject(self, name: str) -> Subject:
+        """The subject of a name; refused as :class:`Subject` is."""
         if name not in self._subjects:
             self._subjects[name] = Subject(self._people, name)
         return self._subjects[name]
+
+    def _asking(self, context: ServerRequestContext[Any, Any]) -> Subject:
+        request: Any = context.request  # None over stdio
+        return self.subject(self._name or request.path_params["name"])
 
     # Requests are answered one after the other: each takes some milliseconds, and of two calls by
     # one subject the second is told what there is after the first.
 
     async def _list(self, context: ServerRequestContext[Any, Any], _: Any) -> types.ListToolsResult:
         with suppress(Refused, StoreError):
-            return types.ListToolsResult(tools=self._subject(context).tools())
+            return types.ListToolsResult(tools=self._asking(context).tools())
         return types.ListToolsResult(tools=[])
 
     async def _call(
         self, context: ServerRequestContext[Any, Any], asked: types.CallToolRequestParams
     ) -> types.CallToolResult:
         try:
-            text, failed = self._subject(context).call(asked.name, asked.arguments or {}), False
+            text, failed = self._asking(context).call(asked.name, asked.arguments or {}), False
         except Refused as error:
             text, failed = str(error), True
         except StoreError:
@@ -222,11 +227,12 @@ def options_of(label: str, seed: int, ask: bool) -> dict[str, Any]:
 
 def serve_stdio(people: People, name: str) -> None:
     """Serve one subject on standard input and output, until these end."""
+    agents = Agents(people, name)
     try:
-        Subject(people, name)
+        agents.subject(name)
     except Refused as error:  # before anything is served
         raise OpenLockError(str(error)) from None
-    server = Agents(people, name).server
+    server = agents.server
 
     async def run() -> None:
         async with stdio_server() as (read, write):

@@ -53,6 +53,8 @@ def serve(
     from causal_openlock.play.agents import http_server, options_of, serve_stdio
     from causal_openlock.play.people import People
 
+    if name and http is not None:
+        raise OpenLockError("--name is for stdio; over HTTP the path of the address is the name")
     people = People(
         out,
         [find_condition(name) for name in dict.fromkeys(condition)],
@@ -60,8 +62,6 @@ def serve(
         command=shlex.join(["causal-openlock", *sys.argv[1:]]),
         **options_of(label, seed, ask),
     )
-    if name and http is not None:
-        raise OpenLockError("--name is for stdio; over HTTP the path of the address is the name")
     with closing(people), suppress(KeyboardInterrupt):
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C
         if http is None:
