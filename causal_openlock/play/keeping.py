@@ -6,13 +6,12 @@ Whatever serves :class:`~causal_openlock.play.people.People`, over the web
 
 from __future__ import annotations
 
-import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from causal_openlock.cli.terminal import say
 from causal_openlock.errors import OpenLockError
-from causal_openlock.files.escaping import printable
 from causal_openlock.play.people import People
 
 KEEP_EVERY = 10.0  # seconds between two writings of the record; the log has every click at once
@@ -33,7 +32,7 @@ def kept(people: People, changed: Callable[[], None] = lambda: None) -> Iterator
 
 def warn(error: Exception | str) -> None:
     """Tell the researcher."""
-    print(f"warning: {printable(error)}", file=sys.stderr)
+    say(f"warning: {error}", error=True)
 
 
 def _keep(people: People, changed: Callable[[], None], stopped: threading.Event) -> None:
