@@ -304,14 +304,13 @@ def _answer(rows: pd.DataFrame, trained: Mapping[str, float]) -> str:
     people = rows[rows["reference"] & rows["condition"].isin(own["condition"])]
     people = people[people["learner"].isin(people["learner"].head(1))]
     known = [f": {name} {_effects(part)}. Significant" for name, part in people.groupby("learner")]
+    untested = [*own.loc[own["p"].isna(), "learner"].unique()]
     level = f"{ALPHA:g}".removeprefix("0")
     return sentences(
         "Attempts that training with the structure of the test saves, against training with the "
         f"other structure{(known or [', significant'])[0]} for learners "
         f"(p < {level}, each test by itself): {some(named, NAMED) or 'none'}.",
-        f"Not tested, as groups are too small: {some([*untested], NAMED)}."
-        if len(untested := own.loc[own["p"].isna(), "learner"].unique())
-        else "",
+        f"Not tested, as groups are too small: {some(untested, NAMED)}." if untested else "",
         f"Learners that solved less than {NEARLY_ALL:.0%} of these tests are not named, as the "
         "limit hides their effect."
         if (cut & (own["solved"] > 0)).any()
