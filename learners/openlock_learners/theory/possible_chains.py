@@ -8,12 +8,69 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 
 from causal_openlock.schemas.fsm import BoolArray, FloatArray, IntArray
-from openlock_learners.theory.chains import Schemas, chains_of, schemas_of
+from openlock_learners.theory.chains import chains_of, schemas_of
+
+
+@dataclass(frozen=True, eq=False)
+class Possible:
+    """What failures and solutions have left of a room's chains and schemas.
+
+    Attributes:
+        left: ``[C]`` chains that may be solutions still to be found.
+        paths: ``[N, M]`` paths of the schemas that are possible; none if there are too many to
+            list.
+        abstract: ``[M]`` the abstract schema of each, one of G.
+        share: ``[M]`` its probability among those with this abstract schema.
+        likely: ``[G, C]`` how likely each chain is, by the abstract schema.
+    """
+
+    left: BoolArray
+    paths: IntArray
+    abstract: IntArray
+    share: FloatArray
+    likely: FloatArray
+
+
+@lru_cache(maxsize=1024)  # copies of a subject, and many subjects at first, have the same left
+def possible(
+    positions: int, length: int, solutions: int, allowed: bytes, found: tuple[int, ...]
+) -> Possible:
+    """What is possible in a room.
+
+    Args:
+        positions: The levers of the room.
+        length: Levers in a chain.
+        solutions: Solutions of the room.
+        allowed: ``[C]`` chains that were not removed, as bytes.
+        found: Solutions that were found, as chains.
+    """
+    chains, schemas = chains_of(positions, length), schemas_of(positions, length, solutions)
+    solved = chains.path[[*found]]
+    left = np.frombuffer(allowed, dtype=bool) & ~np.isin(chains.path, solved)
+    if schemas is None:
+        none = np.zeros((solutions, 0), dtype=np.int64)
+        return Possible(left, none, none[0], np.zeros(0), np.zeros((0, len(left))))
+    # How many chains each path may have; one, if it is a solution found.
+    versions = np.bincount(chains.path[left], minlength=len(chains.paths)).astype(float)
+    versions[solved] = 1.0
+    # How many sets of chains each schema has that hold what was found.
+    forms: FloatArray = math.prod(versions[paths] for paths in schemas.paths)
+    for solution in solved:
+        forms *= (schemas.paths == solution).any(axis=0)
+    paths, abstract = schemas.paths[:, forms > 0], schemas.abstract[forms > 0]
+    forms = forms[forms > 0]
+    share = forms / np.bincount(abstract, forms)[abstract]
+    by_path = np.zeros((len(schemas.distance), len(versions)))
+    for of_each in paths:
+        np.add.at(by_path, (abstract, of_each), share)
+    likely = left * (by_path / np.maximum(versions, 1))[:, chains.path]
+    return Possible(left, paths, abstract, share, likely)
 
 
 @dataclass(eq=False)
@@ -72,67 +129,37 @@ class RoomHypotheses:
 
     def _begin_again(self) -> None:
         """Allow everything if nothing is left: the room does not always obey."""
-        if not self.lost and not self._left().any():
+        if not self.lost and not self._possible().left.any():
             self.allowed = np.ones_like(self.allowed)
+
+    def _possible(self) -> Possible:
+        allowed, found = self.allowed.tobytes(), tuple(self.found)
+        return possible(len(self.grey), self.length, self.solutions, allowed, found)
 
     @property
     def structured(self) -> bool:
         """Whether any schema holds all solutions found, and nothing that failed."""
-        return self.schemas is not None and bool(self._forms(self.schemas).any())
+        return len(self._possible().share) > 0
 
     def likelihood(self, belief: FloatArray | None) -> FloatArray:
         """``[C]`` how likely each chain is, by a belief ``[G]`` in the abstract schemas.
 
         None stands for no belief in schemas: all chains that are left are equally likely.
         """
-        left, versions = self._left(), self._versions()
         if belief is None:
-            return left.astype(float)
-        by_path = np.zeros(len(versions))
-        paths, probability = self._instances(belief)
-        for of_each in paths:
-            by_path += np.bincount(of_each, probability, len(versions))
-        likely: FloatArray = left * (by_path / np.maximum(versions, 1))[self.chains.path]
+            return self._possible().left.astype(float)
+        likely: FloatArray = belief @ self._possible().likely
         return likely
 
     def edges(self, belief: FloatArray) -> FloatArray:
         """``[P, P + 1]`` probabilities of edges, by a belief ``[G]`` in the abstract schemas."""
-        paths, probability = self._instances(belief)
+        left = self._possible()
+        probability = left.share * belief[left.abstract]
         positions, levers = len(self.grey), self.chains.paths
         steps = np.hstack([levers, np.full((len(levers), 1), positions)])
         has = np.zeros((len(probability), positions, positions + 1), dtype=bool)
-        for of_each in paths:
+        for of_each in left.paths:
             for cause, effect in pairwise(steps[of_each].T):
                 has[np.arange(len(has)), cause, effect] = True
         edges: FloatArray = np.tensordot(probability / probability.sum(), has, axes=1)
         return edges
-
-    def _instances(self, belief: FloatArray) -> tuple[IntArray, FloatArray]:
-        """``[N, M]`` paths of the schemas that are possible, and ``[M]`` their probabilities."""
-        assert self.schemas is not None
-        forms = self._forms(self.schemas)
-        possible = forms > 0
-        forms, abstract = forms[possible], self.schemas.abstract[possible]
-        share = forms / np.bincount(abstract, forms)[abstract]
-        return self.schemas.paths[:, possible], share * belief[abstract]
-
-    def _forms(self, schemas: Schemas) -> FloatArray:
-        """``[M]`` how many sets of chains each schema has that hold what was found."""
-        versions = self._versions()
-        forms: FloatArray = math.prod(versions[paths] for paths in schemas.paths)
-        for solution in self.chains.path[self.found]:
-            forms *= (schemas.paths == solution).any(axis=0)
-        return forms
-
-    def _left(self) -> BoolArray:
-        """``[C]`` chains that may be solutions still to be found."""
-        path = self.chains.path
-        left: BoolArray = self.allowed & ~np.isin(path, path[self.found])
-        return left
-
-    def _versions(self) -> FloatArray:
-        """``[S]`` how many chains each path may have; one, if it is a solution found."""
-        path = self.chains.path
-        versions = np.bincount(path[self._left()], minlength=len(self.chains.paths)).astype(float)
-        versions[path[self.found]] = 1.0
-        return versions
