@@ -89,20 +89,18 @@ class PosteriorSampling(Learner):
         number = self._number[levers @ (1 << np.arange(self.brief.positions))]
         return np.minimum(number, len(self._moved) - 1), 1 - observation[:, -2].astype(np.int64)
 
-    def _look(self, grey: IntArray) -> IntArray:
-        """``[S, 2, A]`` what each action looks like in each state."""
-        verb = np.repeat([0, 4], self.brief.positions)
-        levers = verb + 2 * np.tile(grey, 2) + self._stays
-        looks = np.full((len(levers), 2, self.brief.actions), 8)
-        looks[:, :, :-1] = levers[:, None]
-        looks[:, 1, -1] = 9
-        return looks
+    def _looks_of(self, grey: IntArray, state: IntArray, unlocked: IntArray) -> IntArray:
+        """``[..., A]`` what each action looks like in states, with colours ``[..., P]``."""
+        colour, verb = np.concatenate([grey, grey], axis=-1), np.repeat([0, 4], grey.shape[-1])
+        levers = verb + 2 * colour + self._stays[state]
+        return np.concatenate([levers, 8 + unlocked[..., None]], axis=-1)
 
     def model(self, subject: int, grey: IntArray) -> FloatArray:
         """``[S, 2, A, 4]`` parameters of a subject's Dirichlet posteriors."""
         seen = self._looks[subject] + 1.0
         mean = seen / seen.sum(axis=1, keepdims=True)
-        prior = self.parameters.concentration * mean[self._look(grey)]
+        looks = self._looks_of(grey, *np.indices((len(self._moved), 2)))
+        prior = self.parameters.concentration * mean[looks]
         posterior: FloatArray = prior + self._counts[subject]
         return posterior
 
@@ -131,10 +129,9 @@ class PosteriorSampling(Learner):
         moved = np.where(action == 2 * positions, outcome[:, -1] == 1, levers)
         came = MOVED * moved + UNLOCKED * (outcome[:, -2] == 0)
         self._counts[who, state, unlocked, action, came] += 1.0
-        for index, subject in enumerate(who.tolist()):
-            look = self._look(seen[index, positions:-2].astype(np.int64))
-            seen_as = look[state[index], unlocked[index], action[index]]
-            self._looks[subject, seen_as, came[index]] += 1
+        grey = seen[:, positions:-2].astype(np.int64)
+        looks = self._looks_of(grey, state, unlocked)[np.arange(len(who)), action]
+        self._looks[who, looks, came] += 1.0
         new = step.new_solution[who]
         self._found[who[new], state[new]] = True
         self._planned &= ~(step.attempt_over & step.view.playing)
