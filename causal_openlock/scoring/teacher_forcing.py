@@ -69,7 +69,8 @@ def score_actions(
         probability of the action that it finds likeliest (both NaN where it gives none);
         ``impossible``, whether it would never do what was done, but for lapses; ``at_limit``,
         whether draws stopped before it was hit, so that its estimate is biased; ``price``, what the
-        subject's BIC has for the parameters of the learner that are not its defaults.
+        subject's BIC has for the numbers among the learner's parameters that are not its defaults
+        (a word or a flag, such as a policy, names another theory, or where a model is).
 
     Raises:
         LearnerError: If a learner cannot be put in another's place, or does not give
@@ -121,14 +122,15 @@ def score_part(
         account = learner.account() if scores else Account()
         scores = scores or by_draws(part, scored, draws, lapse, session.brief.actions)
     which = part.done_actions[part.done_actions["phase"] != SHOWN].drop(columns="phase")
-    chosen, actions = changed_parameters(scored.learner, scored.parameters), which["subject"]
+    changed, actions = changed_parameters(scored.learner, scored.parameters), which["subject"]
+    numbers = sum(type(value) in (int, float) for value in changed.values())
     table = pd.DataFrame(
         {
             "scored": scored.name,
             **part.group,
             **{name: column.to_numpy() for name, column in which.items()},
             **{name: values[part.asked] for name, values in scores.items()},
-            "price": len(chosen) * np.log(actions.groupby(actions).transform("size")).to_numpy(),
+            "price": numbers * np.log(actions.groupby(actions).transform("size")).to_numpy(),
         }
     )
     of = {"scored": scored.name, **part.group}

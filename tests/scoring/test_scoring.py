@@ -74,6 +74,15 @@ def test_the_learner_that_acted_predicts_best(played):
         assert (ranked["worse_low"].iloc[1:] > 0).all()
 
 
+def test_numbers_that_were_chosen_have_a_price_and_a_policy_has_none(played):
+    both = [spec("thompson"), spec("noisy")]
+    scores = Scores(score_actions(*of(played, "noisy"), both, lapse=0.01))
+    subjects = scores.subjects.set_index("scored")
+    price = subjects["bic"] - 2 * subjects["nll"]
+    assert price["thompson"].to_numpy() == pytest.approx(0.0)
+    assert price["noisy"].to_numpy() == pytest.approx(2 * np.log(subjects["actions"]["noisy"]))
+
+
 def test_learners_that_predict_alike_are_both_best(played):
     same = [spec(name, "random", ol.learner("random", label="same")) for name in ("random", "same")]
     alike = pd.concat(score_actions(*played, one) for one in same)
