@@ -66,20 +66,11 @@ import causal_openlock as ol
 shown = shell.display_formatter.format(ol.watch("oracle", "CC3"))[0]
 print(shown["text/html"].count("<figure"), shown["text/plain"][:13])
 """
-ELSEWHERE = """
-import sys
-import causal_openlock, causal_openlock.experiment.session, causal_openlock.storage.store
-print({"IPython", "matplotlib", "pandas", "pyarrow", "torch"} & set(sys.modules))
-"""
 
 
-@pytest.mark.parametrize(
-    ("program", "printed"),
-    [(IN_A_SHELL, "7 oracle in CC3\n"), (ELSEWHERE, "set()\n")],
-)
-def test_a_strip_in_a_shell_and_nothing_loaded_elsewhere(program, printed):
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
-    assert (done.returncode, done.stdout) == (0, printed), done.stderr
+def test_a_strip_in_a_shell():
+    done = subprocess.run([sys.executable, "-c", IN_A_SHELL], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, "7 oracle in CC3\n"), done.stderr
 
 
 def test_learner_of_ones_own_shows_its_parameters_as_text(tmp_path, monkeypatch):

@@ -174,23 +174,6 @@ def test_shards_play_parts_and_report_lists_what_is_missing():
     assert "not played" not in here("report", "out")
 
 
-def test_cells_that_fail_give_status_1_and_are_named(folder):
-    Path("fails.py").write_text(
-        "import causal_openlock as ol\n\n\nclass Fails(ol.OneSubjectLearner):\n"
-        "    def act(self, observation):\n        raise ZeroDivisionError\n"
-    )
-    with modules_of(folder):
-        done = at_once("compare", "-c", "CC3", "-l", "fails:Fails", "-l", "oracle", "--out", "out")
-        alone = ("compare", "-c", "CC3", "-l", "fails:Fails", "--out", "alone", "--shard", "1/1")
-        assert "is done" not in (nothing := at_once(*alone)).stdout
-        assert nothing.status == 1
-    assert done.status == 1
-    assert "Fails in CC3" in done.stdout
-    assert "1 failed" in (said := here("status", "out"))
-    assert "ZeroDivisionError" in said
-    assert "--retry-failed" in said
-
-
 def test_files_of_the_user_are_not_overwritten():
     here("schema", "new", "mine", "--like", "CE3")
     here("notebook", "mine")
@@ -253,20 +236,6 @@ def test_narrow_terminal_cuts_off_no_column_of_the_leaderboard(monkeypatch):
     assert len(wide) == 1
     monkeypatch.setenv("COLUMNS", "40")
     assert wide <= {*here("report", "out").splitlines()}
-
-
-@pytest.mark.parametrize("words", [["-c", "import causal_openlock"], command("--help")[1:]])
-def test_starting_loads_nothing_heavy(words):
-    done = subprocess.run(
-        [sys.executable, "-X", "importtime", *words],
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=HANGS,
-    )
-    loaded = {line.rsplit("|", 1)[-1].strip().split(".")[0] for line in done.stderr.splitlines()}
-    assert "causal_openlock" in loaded
-    assert not loaded & {"torch", "pgmpy", "matplotlib", "pandas", "scipy", "networkx", "pyarrow"}
 
 
 def test_commands_of_other_packages_come_last_and_hidden_ones_not_at_all():

@@ -1,7 +1,5 @@
 """What environments are made of, what they draw, and what Gymnasium and others say of them."""
 
-import subprocess
-import sys
 import warnings
 from itertools import pairwise
 
@@ -82,13 +80,6 @@ def test_limits_and_sizes_follow_from_schema_and_layout_unless_given():
     assert OpenLockEnv("CC3", Layout((0, 1, 8), 9)).action_space == gymnasium.spaces.Discrete(19)
     seen, _ = OpenLockEnv("CC3", Layout((0, 1, 6)), positions=10).reset()
     assert np.flatnonzero(seen).tolist() == [10, 11, 16, 20]
-
-
-def test_a_process_that_has_not_imported_the_package_makes_rooms():
-    """As the workers of SubprocVecEnv: the module before the colon is imported."""
-    code = f"import gymnasium; print(gymnasium.make('causal_openlock:{ROOM}').reset()[0].shape)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert "(16,)" in done.stdout
 
 
 @each_episode

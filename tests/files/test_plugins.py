@@ -1,6 +1,5 @@
 """What other packages add: commands, topics of a report."""
 
-import subprocess
 import sys
 
 import pytest
@@ -60,18 +59,6 @@ def test_leftovers_of_other_versions_hide_no_learner_and_are_named(guests, entri
             assert registered(LEARNERS) == before
     finally:
         sys.path.pop(0)
-
-
-def test_the_core_is_loaded_without_its_guests():
-    code = (
-        "import sys, causal_openlock as ol; ol.compare\n"
-        "guests = ('paper', 'fitting', 'scoring', 'play', 'importing')\n"
-        "heavy = ('torch', 'pgmpy', 'matplotlib', 'pandas', 'scipy.stats', 'statsmodels')\n"
-        "names = [f'causal_openlock.{one}' for one in guests] + [*heavy]\n"
-        "print([name for name in names if name in sys.modules])\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "[]\n"
 
 
 def test_what_cannot_be_loaded_is_named_with_its_package(guests):

@@ -224,6 +224,10 @@ def test_compare_says_what_is_missing_and_exits_with_1(folder, monkeypatch):
     assert "Traceback" not in nothing.stderr
     assert (nothing.stdout + nothing.stderr).count("ZeroDivisionError") == 1
     assert not (folder / "other" / "report.html").exists()
+    shard = at_once(*words, "--shard", "1/1", "--out", "shard")
+    assert (shard.status, "is done" in shard.stdout) == (1, False)
+    said = at_once("status", "out").stdout
+    assert all(word in said for word in ("1 failed", "ZeroDivisionError", "--retry-failed"))
 
 
 def test_a_cell_that_failed_three_times_is_left_out_until_it_is_asked_for_or_repaired(folder):

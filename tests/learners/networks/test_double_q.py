@@ -1,8 +1,6 @@
 """Double Q-learning in compiled loops: by hand, by autograd, and each agent as it is alone."""
 
 import pickle
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -140,11 +138,3 @@ def test_agents_trained_together_are_exactly_the_agents_trained_alone():
     assert not np.array_equal(together.online[0], alone[0].online[0])
     batch.reward[1], batch.reward[2, 3] = 0.0, np.nan
     assert np.argwhere(np.isnan(together.update(batch, all_train))).tolist() == [[2, 3]]
-
-
-def test_numba_and_torch_are_imported_only_when_a_learner_begins():
-    code = (
-        "import sys, openlock_learners.ddqn; print({'numba', 'torch', 'scipy'} & set(sys.modules))"
-    )
-    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert told.stdout.strip() == "set()"
