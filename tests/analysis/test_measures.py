@@ -2,9 +2,7 @@
 
 import itertools
 import math
-import shutil
 from collections import Counter, defaultdict
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pandas as pd
@@ -21,12 +19,8 @@ from causal_openlock.analysis.measures import (
     mean_by_trial,
     ordered,
 )
-from causal_openlock.analysis.results.reading import read_results
 from causal_openlock.errors import StoreError
-from causal_openlock.experiment.making import Changes, find_experiment, read_experiment
 from causal_openlock.experiment.record import CATEGORIES
-from causal_openlock.running.runner import run
-from causal_openlock.storage.store import Store
 from support.counted_work import calls
 from support.fabricated_courses import course
 from support.fabricated_records import random_cells, table, trial_rows
@@ -196,24 +190,3 @@ def test_many_times_as_many_attempts_are_as_many_calls():
         measured()  # what is imported on the way is no work
         work[subjects] = calls(measured)
     assert work[40] < 1.2 * work[2]
-
-
-@pytest.fixture(scope="module")
-def store(tmp_path_factory):
-    changes = Changes(["CC4", "CC3-CE4"], ["random", "oracle"], None, 3)
-    experiment = read_experiment(find_experiment("default"), changes)
-    with ThreadPoolExecutor(1) as pool:
-        return run(experiment, tmp_path_factory.mktemp("results") / "r", executor=pool)
-
-
-def test_a_damaged_cell_is_named_however_it_is_read(store, tmp_path):
-    copy = Store(shutil.copytree(store.folder, tmp_path / "copy"))
-    cell = next(copy.cells.glob("*.parquet"))
-    for damaged in (cell.read_bytes()[:-200], b"junk\n"):
-        cell.write_bytes(damaged)
-        for read in (lambda: read_results(copy), lambda: copy.record([]), copy.record):
-            with pytest.raises(StoreError) as told:
-                read()
-            assert str(told.value).startswith(f"{cell} is damaged (")
-    cell.unlink()
-    assert read_results(copy)[1].missing == (cell.stem,)

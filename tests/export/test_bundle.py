@@ -3,8 +3,8 @@
 import re
 import shlex
 import shutil
-import sys
 import zipfile
+from contextlib import chdir
 from pathlib import Path
 
 import pytest
@@ -15,7 +15,7 @@ from causal_openlock.experiment.making import read_experiment
 from causal_openlock.export.bundle import write_bundle
 from causal_openlock.storage.store import Store
 from openlock_learners.trained_file import BUNDLED
-from support.command import at_once
+from support.command import at_once, modules_of
 from support.made_up_experiments import edit_stored
 from support.play_clients import people, walk_through
 
@@ -74,13 +74,6 @@ protocols:
 """
 
 
-def forget_the_learner():
-    """Let the module of the learner be imported anew, from wherever it is found then."""
-    ours = re.compile("a_bundled_learner|helping|parts_of_it")
-    for name in [*filter(ours.match, [*sys.modules])]:
-        del sys.modules[name]
-
-
 def done(*words, **options):
     """What a command prints that ends well."""
     ended = at_once(*words, **options)
@@ -95,12 +88,9 @@ def played(tmp_path_factory):
     (folder / "a_bundled_learner.py").write_text(LEARNER)
     (folder / "two_ways.yaml").write_text(SCHEMA)
     (folder / "mine.yaml").write_text(EXPERIMENT)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(folder)
-        patch.setattr(sys, "path", [*sys.path])
+    with chdir(folder), modules_of(folder):
         done("compare", "mine.yaml", "-o", "out")
         assert "warning" not in done("bundle", "out", "-o", "own.zip")
-    forget_the_learner()
     return folder
 
 
@@ -109,9 +99,8 @@ def made(played, tmp_path, monkeypatch):
     """A copy of it, to be in and to change."""
     folder = shutil.copytree(played, tmp_path / "made")
     monkeypatch.chdir(folder)
-    monkeypatch.setattr(sys, "path", [*sys.path])
-    yield folder
-    forget_the_learner()
+    with modules_of(folder):
+        yield folder
 
 
 def names_in(path):
@@ -131,7 +120,9 @@ def test_the_one_command_of_a_bundle_gives_the_same_summary(made, monkeypatch):
     again, first = (Store(Path(name)).experiment() for name in ("again", "results"))
     assert again.identity == first.identity
     assert again.files == first.files
-    assert "12 are the same, subject by subject" in done("report", "results", "again")
+    said = done("report", "results", "again", "--out", "beside")
+    assert "12 are the same, subject by subject" in said
+    assert Path("beside/difference_again.html").exists()
 
 
 def test_a_bundle_holds_everything_and_nothing_else_and_is_the_same_every_time(made):
@@ -206,20 +197,17 @@ def test_modules_that_a_learner_imports_are_bundled_and_run_again(tmp_path, monk
         "learners: ['a_bundled_learner:Mine']\n"
     )
     monkeypatch.chdir(away)
-    monkeypatch.setattr(sys, "path", [*sys.path])
-    done("compare", beside / "mine.yaml", "-o", "run-0.5")
-    forget_the_learner()
-    sys.path.remove(str(beside))
+    with modules_of(beside):
+        done("compare", beside / "mine.yaml", "-o", "run-0.5")
     done("bundle", "run-0.5")
     names = names_in(away / "run-0.5.zip")
     assert {name for name in names if name.endswith(".py")} == {*files}
     zipfile.ZipFile(away / "run-0.5.zip").extractall(tmp_path / "unpacked")
     shutil.rmtree(beside)
-    forget_the_learner()
     monkeypatch.chdir(tmp_path / "unpacked" / "helped")
-    done("compare", "experiment.yaml", "-o", "again")
+    with modules_of(tmp_path):
+        done("compare", "experiment.yaml", "-o", "again")
     assert Path("again/summary.csv").read_bytes() == Path("results/summary.csv").read_bytes()
-    forget_the_learner()
 
 
 def test_files_that_parameters_name_are_stored_and_run_again(tmp_path, monkeypatch):

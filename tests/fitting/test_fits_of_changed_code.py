@@ -6,10 +6,8 @@ import pytest
 
 import causal_openlock as ol
 from causal_openlock.experiment.making import make_experiment
-from causal_openlock.fitting.plan import Range, bundled_plan, make_plan
 from causal_openlock.fitting.steps import STEPS
 from causal_openlock.running.runner import run
-from causal_openlock.usercode.own_files import look_beside
 from support.command import at_once, modules_of
 
 MINE = """\
@@ -70,18 +68,6 @@ def test_a_fit_of_other_code_is_made_anew(folder, way):
     (folder / "a_fitted_helper.py").write_text("AWAY = 0.1\n")
     (folder / "a_table.txt").write_text("2")
     assert steps_of(folder, way, way) - first - second
-
-
-def test_the_code_of_a_learner_decides_a_fit(folder):
-    def about():
-        with modules_of(folder):
-            return make_plan("a_fitted:Mine", {"temperature": Range(0.1, 2.0)}).as_dict()["space"]
-
-    look_beside()
-    before = about()
-    (folder / "a_fitted_helper.py").write_text("AWAY = 0.25\n")
-    assert before["code"] != about()["code"]
-    assert "code" not in bundled_plan("bayes").as_dict()["space"]  # that is known by its version
 
 
 def test_a_fit_of_other_code_does_not_predict(folder):

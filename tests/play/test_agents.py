@@ -23,7 +23,7 @@ from causal_openlock.play.recruiting import read_identifiers
 from causal_openlock.render.words import Wording, feedback, room_now
 from causal_openlock.storage.store import Store
 from causal_openlock.world.randomness import generators
-from support.play_clients import people, walk_through
+from support.play_clients import people
 
 ENVIRONMENT = {**os.environ, "PYTHONUNBUFFERED": "1"}
 LATENT = ("CC", "CE", "L0", "L1", "P0", "role", "schema", "cause of", "common")
@@ -102,24 +102,6 @@ def test_an_agent_is_told_what_a_session_tells_and_leaves_its_record(tmp_path, m
     assert told[-1] == f"{expected[-1]}\n\n{LAST}"
     assert untimed(Store(tmp_path).record()[0]) == record
     assert not [text for text in told for latent in LATENT if latent in text]
-
-
-def test_the_same_actions_of_a_person_give_the_same_attempts(tmp_path):
-    home = people(tmp_path / "people", "CC3", practice=False)
-    done = walk_through(home, home.join())
-    home.close()
-
-    async def played():
-        async with within(tmp_path / "agents") as (client, home):
-            words = Subject(home, "me").words
-            for action in done:
-                await call(client, "act", action=words.actions[action])
-
-    asyncio.run(played())
-    other = {"experiment": "", "learner": ""}
-    ours, theirs = (untimed(Store(tmp_path / name).record()[0]) for name in ("agents", "people"))
-    assert [row | other for row in ours] == [row | other for row in theirs]
-    assert len(ours) == 10
 
 
 def test_nonsense_changes_nothing_and_tells_nothing(tmp_path):
@@ -275,8 +257,7 @@ def test_an_agent_stands_in_every_table_beside_learners(tmp_path):
             await play(client, random.Random(4))
 
     asyncio.run(played())
-    results = ol.compare(
-        ["CC3"], ["win_stay"], subjects=2, beside=[tmp_path / "agents"], out=tmp_path / "both"
-    )
+    asked = {"subjects": 2, "workers": 0, "out": tmp_path / "both"}
+    results = ol.compare(["CC3"], ["win_stay"], beside=[tmp_path / "agents"], **asked)
     assert {"mine", "win_stay"} == set(results.learners)
     assert "mine" in set(results.leaderboard["learner"])

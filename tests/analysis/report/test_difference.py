@@ -18,7 +18,6 @@ from causal_openlock.analysis.report.difference_page import (
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.experiment.making import Changes, find_experiment, read_experiment
 from causal_openlock.schemas.schema import schema_from_dict
-from support.command import at_once
 from support.fabricated_records import table, trial_rows
 from support.html_page import Page
 from support.made_up_experiments import experiment_of, stored
@@ -134,19 +133,3 @@ def test_long_tables_are_closed_on_the_page(tmp_path):
         one = Material.of(record, described(learners=["oracle"]))
         write_difference(one, one, tmp_path / "page.html", ("a", "b"))
         assert ("<details" in (tmp_path / "page.html").read_text("utf-8")) == closed
-
-
-def test_on_the_command_line(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    for name, seed in (("a", 1), ("b", 2)):
-        ran = ("compare", "-c", "CC4", "-l", "oracle", "--subjects", 3, "--seed", seed, "-o", name)
-        assert at_once(*ran).status == 0
-    done = at_once("report", "a", "b")
-    assert done.status == 0, done.stderr
-    assert "1 thing differs in what was run: seed." in done.stdout
-    assert "the same" in done.stdout
-    assert {path.name for path in (tmp_path / "a").glob("*.html")} == {
-        *("difference_b.html", "report.html")
-    }
-    assert at_once("report", "a", "b", "--out", "c").status == 0
-    assert (tmp_path / "c" / "difference_b.html").exists()
