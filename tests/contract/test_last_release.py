@@ -33,11 +33,11 @@ def test_a_folder_of_the_last_release_is_reported_beside_new_results_and_not_mix
     assert "random_CC3-CE4" in " ".join(results.experiment.missing)
     results.report()
     assert (folder / "report.html").is_file()
-    new = compare("CC3-CE4", "oracle", subjects=1, workers=1, out=tmp_path / "new")
+    new = compare("CC3-CE4", "oracle", subjects=1, workers=0, out=tmp_path / "new")
     both = open_results(folder, new.folders[0])
     assert {*both.learners} == {*kinds, "oracle"}
     with pytest.raises(StoreError, match=r"made with version 0\.2\.0\+1"):
-        compare("CC4", "random", name="last_release", workers=1, out=folder)
+        compare("CC4", "random", name="last_release", workers=0, out=folder)
 
 
 def test_a_bundle_of_the_last_release_opens(tmp_path):

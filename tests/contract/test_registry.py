@@ -26,6 +26,7 @@ from causal_openlock.contract.registry import (
 from causal_openlock.errors import LearnerError, OpenLockError
 from causal_openlock.files.plugins import LEARNERS
 from openlock_learners.random import RandomLearner
+from support.command import at_once
 from support.packages import register
 
 
@@ -37,11 +38,20 @@ def test_our_learners_are_registered():
     assert origin("random").startswith("causal-openlock ")
 
 
-def test_listing_learners_loads_none(tmp_path, monkeypatch):
-    register(tmp_path, "broken", LEARNERS, breaks="no_such_module_here:Learner")
+def test_learners_of_another_package_are_listed_and_loaded_when_they_are_created(
+    tmp_path, monkeypatch
+):
+    register(tmp_path, "gentle-learners", LEARNERS, sweeper=f"{__name__}:Sweeper")
     monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("COLUMNS", "120")
+    assert origin("sweeper") == "gentle-learners 1.0"
+    (row,) = [line for line in at_once("learners").stdout.splitlines() if "sweeper" in line]
+    assert "Always does the same" in row
+    assert "gentle-learners" in row
+    assert isinstance(create("sweeper"), PerSubjectAdapter)
+    register(tmp_path / "broken", "broken", LEARNERS, breaks="no_such_module_here:Learner")
+    monkeypatch.syspath_prepend(tmp_path / "broken")
     assert registry()["breaks"].dist.name == "broken"
-    assert origin("breaks") == "broken 1.0"
     with pytest.raises(OpenLockError, match=r"breaks.*no_such_module_here:Learner.*ModuleNotFound"):
         create("breaks")
 
