@@ -8,15 +8,10 @@ from scipy import stats
 
 from causal_openlock.analysis.measures import attempts_to_solve, judged
 from causal_openlock.analysis.results.material import Material
-from causal_openlock.analysis.topic import sections_of
-from causal_openlock.analysis.topics.transfer import OTHER, plot_savings, transfer
+from causal_openlock.analysis.topics.transfer import OTHER, TOPIC, plot_savings, transfer
 from support.fabricated_records import table, trial_rows
 from support.paper_play import material, play, same, scattered
-from support.topics import topics_called
-
-
-def section_of(held):
-    return next(iter(sections_of(held, topics_called("transfer"))), None)
+from support.topics import section_on
 
 
 @pytest.fixture(scope="module")
@@ -114,11 +109,11 @@ def test_other_learners_change_neither_the_estimate_nor_what_is_significant(play
         for held in (alone, played)
     )
     pd.testing.assert_frame_equal(one, many)
-    assert section_of(alone).answer == section_of(played).answer
+    assert section_on(TOPIC, alone).answer == section_on(TOPIC, played).answer
 
 
 def test_the_section_shows_people_first(played):
-    section = section_of(played)
+    section = section_on(TOPIC, played)
     shown = section.tables[0].frame.set_index(["learner", "test"])
     learners = ["people", "published model", "good", "never", "always"]
     assert list(dict.fromkeys(shown.index.get_level_values(0))) == learners
@@ -129,29 +124,31 @@ def test_the_section_shows_people_first(played):
     assert section.plots[0].caption.endswith("Not drawn, as they solved no trial: never.")
     # Published people stand beside nobody who did something else.
     parts = played.record, played.experiment, played.counts, played.learners
-    section = section_of(Material(*parts, frozenset(), {}))
+    section = section_on(TOPIC, Material(*parts, frozenset(), {}))
     assert section.tables[0].frame["learner"].unique().tolist() == ["good", "never", "always"]
     assert "people" not in section.answer
     assert "the other structure, significant for learners" in section.answer
     more = ("CE3-CC4", "CC3-CE4")
     rows = play("one", lambda condition, phase, *_: 4 + (phase == "test" and condition in more))
-    assert "one +1.00 in CC4 and +1.00 in CE4." in section_of(material(rows, ("one",))).answer
+    assert (
+        "one +1.00 in CC4 and +1.00 in CE4." in section_on(TOPIC, material(rows, ("one",))).answer
+    )
 
 
 def test_without_a_counterpart_there_is_no_section():
     held = material(play("good", scattered(1), 2, ("CC4", "CC3-CC4")), ("good",))
-    section = section_of(held)
+    section = section_on(TOPIC, held)
     assert section.answer == ""
     row = section.tables[0].frame.set_index(["learner", "test"]).loc[("good", "CC4")]
     assert row["attempts saved"] == "–"
     assert row["saved by CC3"].endswith("%")
     other = material(play("good", scattered(1), 2, ("CC4", "CE3-CE4")), ("good",))
-    assert section_of(other) is None
+    assert section_on(TOPIC, other) is None
 
 
 def test_protocols_have_their_own_tables_and_drawings():
     rows = [*play("a", scattered(1), 2), *play("b", scattered(2), 2, protocol="My one")]
-    section = section_of(material(rows, ("a", "b")))
+    section = section_on(TOPIC, material(rows, ("a", "b")))
     assert [one.name for one in section.tables] == ["transfer_human", "transfer_my_one"]
     assert [one.name for one in section.plots] == ["savings_human", "savings_my_one"]
     assert [plot.folded for plot in section.plots] == [False, True]

@@ -9,7 +9,6 @@ from scipy import stats
 from causal_openlock.analysis.measures import Counts
 from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.results.references import POINT
-from causal_openlock.analysis.topic import sections_of
 from causal_openlock.paper.likeness import (
     EFFECTS,
     PUBLISHED_MODEL,
@@ -21,11 +20,12 @@ from causal_openlock.paper.likeness import (
     points_of_people,
 )
 from causal_openlock.paper.likeness_figure import MOST_DRAWN, draw_points, plot_likeness, signs
+from causal_openlock.paper.likeness_section import TOPIC
 from causal_openlock.paper.published import model
 from support.fabricated_records import table
 from support.made_up_experiments import BESIDE_ALL, NOBODY
 from support.made_up_people import made_up
-from support.topics import topics_called
+from support.topics import section_on
 
 pytestmark = pytest.mark.slow
 
@@ -138,12 +138,8 @@ def test_the_nearest_stands_first_and_a_learner_with_fewer_points_is_left_out():
     assert shown == [len(EFFECTS), len(EFFECTS) - 1, len(EFFECTS)]
 
 
-def section(held):
-    return next(iter(sections_of(held, topics_called("human_likeness"))), None)
-
-
 def test_the_section_orders_learners_and_the_published_model_by_distance():
-    found = section(material(made_up("far", off=4.0), made_up("near", off=1.0)))
+    found = section_on(TOPIC, material(made_up("far", off=4.0), made_up("near", off=1.0)))
     distances, effects = (one.frame.set_index("learner") for one in found.tables)
     assert effects.index.tolist() == ["people", "near", PUBLISHED_MODEL, "far"]
     rmse = distances["RMSE"][effects.index[1:]]
@@ -166,10 +162,10 @@ def test_a_sign_alone_is_not_clear_of_chance():
 
 def test_without_all_six_conditions_people_or_their_protocol_there_is_no_section():
     whole = made_up()
-    assert section(material(whole)) is not None
-    assert section(material(whole.query("condition != 'CC3-CE4'"))) is None
-    assert section(material(whole.assign(protocol="rl"))) is None
-    assert section(material(whole, references=())) is None
+    assert section_on(TOPIC, material(whole)) is not None
+    assert section_on(TOPIC, material(whole.query("condition != 'CC3-CE4'"))) is None
+    assert section_on(TOPIC, material(whole.assign(protocol="rl"))) is None
+    assert section_on(TOPIC, material(whole, references=())) is None
 
 
 def test_panels_have_the_means_of_the_nearest_learners_and_the_published_model():

@@ -29,11 +29,6 @@ def file(name, text):
     return path
 
 
-def words(command):
-    """The words of a command line."""
-    return shlex.split(command)
-
-
 def schema_file(text="", name="schema.yaml", **changes):
     """Read a schema file: this text, or a good one with some values changed or added.
 
@@ -92,7 +87,7 @@ def on_results(command):
     short = ol.Protocol("short", 3, stop_when_solved=True, baseline_trials=2)
     learners = ["random", "associative"]
     ol.compare("CC3", learners, protocol=short, subjects=2, out="played", workers=0)
-    done = of("support.command", "at_once")(*words(command))
+    done = of("support.command", "at_once")(*shlex.split(command))
     if done.status == 2:
         raise of("causal_openlock.errors", "OpenLockError")(done.stderr)
 

@@ -8,6 +8,7 @@ name. Other words are free to change. Lines between ``[file NAME]`` and ``[end]`
 file of that name for the rows after them.
 """
 
+import shlex
 from pathlib import Path
 
 import pytest
@@ -60,7 +61,7 @@ def test_a_refusal_names_what_is_wrong(asked, named, files, tmp_path, monkeypatc
 
 def refused_command(words):
     """What a command says that ends with status 2."""
-    done = at_once(*given.words(words))
+    done = at_once(*shlex.split(words))
     assert done.status == 2, done.stdout + done.stderr
     assert "error: " in done.stderr.lower()
     return done.stderr

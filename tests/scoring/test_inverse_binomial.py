@@ -4,7 +4,6 @@ import itertools
 import tracemalloc
 
 import numpy as np
-import pyarrow as pa
 import pytest
 
 import causal_openlock as ol
@@ -40,12 +39,6 @@ def played(tmp_path_factory):
 
 def spec(name):
     return next(one for one in make_experiment(["CC3"], LEARNERS).learners if one.name == name)
-
-
-def of(played, learner):
-    record, experiment = played
-    own = [name == learner for name in record["learner"].to_pylist()]
-    return record.filter(pa.array(own)), experiment
 
 
 def tally(subjects, lapse):
@@ -135,12 +128,11 @@ def test_draws_agree_with_exact_probabilities(played, monkeypatch, learner, name
         return action
 
     for acted in (name, "posterior_sampling"):
-        own = of(played, acted)
-        exact = score_actions(*own, scored, 0.2)
+        exact = score_actions(*played, scored, 0.2, of=[acted])
         with monkeypatch.context() as patched:
             patched.setattr(learner, "probabilities", lambda *_: None)
             patched.setattr(learner, "act", draws_silently)
-            drawn = score_actions(*own, scored, 0.2, draws=300)
+            drawn = score_actions(*played, scored, 0.2, of=[acted], draws=300)
         gap = (drawn["log_probability"] - exact["log_probability"]).sum()
         error = np.sqrt((drawn["standard_error"] ** 2).sum())
         assert exact["standard_error"].sum() == 0.0 < error
@@ -148,10 +140,9 @@ def test_draws_agree_with_exact_probabilities(played, monkeypatch, learner, name
 
 
 def test_copies_carry_on_the_plan_that_the_subject_has_begun(played):
-    own = of(played, "posterior_sampling")
-    scored = spec("posterior_sampling")
-    actions = score_actions(*own, scored, 0.2, draws=100)
-    assert actions.equals(score_actions(*own, scored, 0.2, draws=100))
+    asked = {"of": ["posterior_sampling"], "draws": 100}
+    actions = score_actions(*played, spec("posterior_sampling"), 0.2, **asked)
+    assert actions.equals(score_actions(*played, spec("posterior_sampling"), 0.2, **asked))
     assert np.isnan(actions["entropy"]).all()
     by_place = np.exp(actions["log_probability"]).groupby(actions["action"]).mean()
     assert by_place[3] > by_place[1]  # once the first lever is known, the rest is known better
@@ -172,7 +163,7 @@ class Habit(Learner):
 
 
 def test_later_actions_are_asked_of_copies_that_did_the_earlier_ones(played, monkeypatch):
-    _, experiment = of(played, "posterior_sampling")
+    _, experiment = played
     condition = experiment.conditions[0]
     about = {"seed": 3, "learner": "posterior_sampling", "experiment": experiment.name}
     acted = Session(condition, SHORT, 1, **about).play(Habit())

@@ -49,12 +49,6 @@ def spec(name, *others):
     return next(one for one in made if one.name == name)
 
 
-def of(played, learner):
-    record, experiment = played
-    own = [name == learner for name in record["learner"].to_pylist()]
-    return record.filter(pa.array(own)), experiment
-
-
 def test_random_needs_the_logarithm_of_the_number_of_actions(played):
     subjects = Scores(score_actions(*played, spec("random", "random"))).subjects
     assert subjects["bits"].to_numpy() == pytest.approx(np.log2(15))
@@ -64,9 +58,9 @@ def test_random_needs_the_logarithm_of_the_number_of_actions(played):
 
 def test_the_learner_that_acted_predicts_best(played):
     for name, other in (("thompson", "noisy"), ("noisy", "thompson")):
-        own = of(played, name)
         scored = [
-            score_actions(*own, spec(each, "random"), 0.01) for each in (other, name, "random")
+            score_actions(*played, spec(each, "random"), 0.01, of=[name])
+            for each in (other, name, "random")
         ]
         ranked = Scores(pd.concat(scored)).ranking
         assert ranked["scored"].iloc[0] == name
@@ -76,7 +70,7 @@ def test_the_learner_that_acted_predicts_best(played):
 
 def test_numbers_that_were_chosen_have_a_price_and_a_policy_has_none(played):
     both = [spec("thompson"), spec("noisy")]
-    scores = Scores(score_actions(*of(played, "noisy"), both, lapse=0.01))
+    scores = Scores(score_actions(*played, both, lapse=0.01, of=["noisy"]))
     subjects = scores.subjects.set_index("scored")
     price = subjects["bic"] - 2 * subjects["nll"]
     assert price["thompson"].to_numpy() == pytest.approx(0.0)
@@ -90,14 +84,14 @@ def test_learners_that_predict_alike_are_both_best(played):
 
 
 def test_its_own_actions_surprise_a_learner_by_its_entropy(played):
-    own = score_actions(*of(played, "thompson"), spec("thompson"))
+    own = score_actions(*played, spec("thompson"), of=["thompson"])
     more = -own["log_probability"] - own["entropy"]
     assert np.isfinite(more).all()
     assert abs(more.mean()) < 4 * more.std() / np.sqrt(len(more))
 
 
 def test_a_learner_that_trains_predicts_with_the_probabilities_that_it_acted_by(played):
-    _, experiment = of(played, "ddqn")
+    _, experiment = played
     asked = []
 
     class Watched(DDQN):
@@ -122,13 +116,12 @@ def test_a_learner_that_trains_predicts_with_the_probabilities_that_it_acted_by(
 
 
 def test_lapses_bound_what_an_action_can_cost(played):
-    own = of(played, "ddqn")
-    never = score_actions(*own, spec("thompson"))
+    never = score_actions(*played, spec("thompson"), of=["ddqn"])
     impossible = np.isneginf(never["log_probability"])
     assert impossible.any()
     assert Scores(never).subjects["impossible"].sum() == impossible.sum()
     assert np.isnan(Scores(never).ranking["low"]).all()
-    some = score_actions(*own, spec("thompson"), lapse=0.15)
+    some = score_actions(*played, spec("thompson"), lapse=0.15, of=["ddqn"])
     assert some["log_probability"].min() == pytest.approx(np.log(0.15 / 15))
     mixed = np.log(0.85 * np.exp(never["log_probability"]) + 0.15 / 15)
     assert some["log_probability"].tolist() == pytest.approx(mixed.tolist())
@@ -175,7 +168,7 @@ def test_a_learner_that_gives_no_probabilities_is_named(played, monkeypatch, cha
     for name, value in changes.items():
         monkeypatch.setattr(Odd, name, value)
     with pytest.raises(LearnerError, match=named):
-        score_actions(*of(played, "thompson"), spec("odd", ODD))
+        score_actions(*played, spec("odd", ODD), of=["thompson"])
 
 
 def test_a_record_that_is_not_of_these_rooms_is_refused(played):
