@@ -20,6 +20,7 @@ Show = Callable[["RunProgress"], None]  #: called repeatedly with the progress o
 Say = Callable[[str], None]  #: prints a line
 LINE_EVERY = 25.0  #: seconds between two lines
 FIRST_AFTER = 3.0  #: seconds after which a long task first names its step
+AT_ONCE = 0.02  #: seconds within which the next part was done before
 STILL = 60.0  #: seconds without a step after which a cell is reported
 MOST_NAMED = 3  #: cells that a line names
 
@@ -77,18 +78,20 @@ def shown_steps(name: str) -> Iterator[Say]:
 
 
 def counting(begin: Say, what: str) -> Callable[[int, int], None]:
-    """Show how many parts of a task are done, and the time left at the pace since the first call.
+    """Show how many parts of a task are done, and the time left at the pace so far.
 
-    ``begin`` is from :func:`shown_steps`; ``what`` follows the numbers: ``parts are scored``.
+    Parts at the beginning that take no time were done before. ``begin`` is from
+    :func:`shown_steps`; ``what`` follows the numbers: ``parts are scored``.
     """
-    first: list[tuple[float, int]] = []
+    begun, before = -AT_ONCE, 0
 
     def report(done: int, total: int) -> None:
+        nonlocal begun, before
         now = time.monotonic()
-        first[:] = first or [(now, done)]
-        begun, before = first[0]
+        if now - begun < AT_ONCE or not before:
+            begun, before = now, done
         left = (now - begun) * (total - done) / max(done - before, 1)
-        more = f", about {duration(left)} left" if done > before else ""
+        more = f", about {duration(left)} left" if left >= 1.0 else ""
         begin(f"{done} of {total} {what}{more}")
 
     return report
