@@ -3,8 +3,6 @@
 import csv
 import gzip
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pandas as pd
@@ -18,7 +16,7 @@ from causal_openlock.export.as_csv import write_csv
 from causal_openlock.importing.folder import import_files
 from causal_openlock.scoring.teacher_forcing import score_actions
 from causal_openlock.storage.store import Store
-from support.command import at_once
+from support.command import at_once, modules_of
 from support.made_up_experiments import spec
 
 
@@ -48,7 +46,8 @@ def exported(record, tmp_path_factory):
     (cell,) = experiment.cells()
     store.write(cell, record)
     store.close()
-    write_csv(store, folder / "exported.csv")
+    for name in ("exported.csv", "exported.csv.gz"):
+        assert write_csv(store, folder / name) == record.num_rows
     return folder / "exported.csv"
 
 
@@ -69,6 +68,20 @@ def same(record, folder):
     without = ["experiment", "seed", "learner", "wall_time"]
     stored = Store(folder).record()[0].to_pandas().drop(columns=without)
     return stored.equals(record.to_pandas().drop(columns=without).astype(stored.dtypes))
+
+
+def test_a_csv_has_every_attempt_and_every_column(record, exported):
+    packed = exported.with_name("exported.csv.gz").read_bytes()
+    assert gzip.decompress(packed) == exported.read_bytes()
+    read = pd.read_csv(exported)
+    assert list(read.columns) == record.column_names
+    for name in ("learner", "condition", "layout", "category", "subject", "attempt", "solution"):
+        assert read[name].tolist() == record[name].to_pylist()
+    assert read["reward"].to_numpy() == pytest.approx(record["reward"].to_numpy())
+    assert read["opened"].astype(bool).tolist() == record["opened"].to_pylist()
+    for name, kind in (("actions", int), ("moved", "1".__eq__)):
+        told = [[kind(part) for part in cell.split()] for cell in read[name]]
+        assert told == record[name].to_pylist()
 
 
 def test_an_exported_csv_comes_back_as_it_was(record, exported, tmp_path):
@@ -307,12 +320,6 @@ def test_code_that_an_experiment_names_is_told_before_it_runs(tmp_path):
         "name: own\ntitle: Own\nconditions: [CE3]\n"
         "learners: [{learner: random, reward: mine:paid, subjects: 1}]\n"
     )
-    command = [sys.executable, "-m", "causal_openlock", "import", "data.csv"]
-    done = subprocess.run(
-        [*command, "-o", "in", "--from", "own.yaml"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    with modules_of(tmp_path):
+        done = at_once("import", "data.csv", "-o", "in", "--from", "own.yaml", cwd=tmp_path)
     assert "mine" in done.stdout.partition("in written")[0]
