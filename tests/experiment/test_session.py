@@ -4,6 +4,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from causal_openlock.experiment.declare import Condition, Protocol, Trials
@@ -12,6 +13,7 @@ from causal_openlock.experiment.session import Session
 from causal_openlock.schemas.schema import Schema
 from causal_openlock.world.rewards import PRESETS
 from causal_openlock.world.room import Layout
+from openlock_learners.random import RandomLearner
 from oracle import Room, Rules
 from oracle import reward as paid
 from support.cc4_in_trial7 import DOOR, L0, L1, L2, L3, WHITE
@@ -129,3 +131,20 @@ def test_actions_of_subjects_that_have_finished_are_ignored():
     learner = Scripted(solve, [WHITE] * 90, afterwards=-1)  # no action at all
     record = play(learner, one_room("CC4", "trial7"), HUMAN, 2)
     assert record.subject.value_counts().to_dict() == {0: 3, 1: 30}
+
+
+@pytest.mark.parametrize("condition", ["CC3-CE4", "noisy_CC3"])
+def test_rooms_and_luck_are_the_same_for_all_learners(condition):
+    script = np.random.default_rng(0).integers(15, size=7 * 90).tolist()
+    first, second = (
+        play(Scripted(*[script] * 5, afterwards=0), condition, subjects=5, learner=label)
+        for label in ("one", "other")
+    )
+    different = ["learner", "wall_time"]
+    pd.testing.assert_frame_equal(first.drop(columns=different), second.drop(columns=different))
+    # One that draws as another does draws other numbers under another label.
+    one, other = (
+        np.concatenate(play(RandomLearner(), condition, learner=label).actions.tolist())
+        for label in ("one", "other")
+    )
+    assert one.tolist() != other.tolist()

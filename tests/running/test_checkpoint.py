@@ -29,7 +29,6 @@ SMALL = {"batch_size": 8, "hidden_units": 16, "hidden_layers": 2, "target_period
 LEARNERS = {
     "random": "random",
     "ddqn": ol.learner("ddqn", replay_size=40, **SMALL),
-    "sb3": ol.learner("sb3", algorithm="DQN", settings={"learning_starts": 4}),
     "global": "test_checkpoint:Global",
 }
 

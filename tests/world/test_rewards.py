@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import oracle
-from causal_openlock.envs import OpenLockEnv
+from causal_openlock.envs import OpenLockEnv, OpenLockVectorEnv
 from causal_openlock.world.kernel import IDLE
 from causal_openlock.world.rewards import PRESETS, TERMS, Events, Weights, find_reward
 from causal_openlock.world.room import Layout
@@ -76,6 +76,24 @@ def test_a_reward_pays_what_the_oracle_does_and_comes_back_from_every_form(form)
     weights = whole.weights.model_dump()
     expected = [oracle.reward(event, whole.terms, weights) for event in happened]
     assert whole.pay(events) == pytest.approx(expected)
+
+
+def every_field(events):
+    """A digit for each field of the events."""
+    return sum(getattr(events, name) * 2.0**power for power, name in enumerate(vars(events)))
+
+
+def test_a_function_of_ones_own_pays_the_same_in_one_room_and_in_many():
+    arguments = ("CC4", "trial7", f"{__name__}:every_field", "trial")
+    single, many = OpenLockEnv(*arguments), OpenLockVectorEnv(1, *arguments)
+    single.reset(seed=0)
+    many.reset(seed=0)
+    paid = set()
+    for action in np.random.default_rng(0).choice([4, 0, 6, 14, 14, 1], 80):  # L0, L1, L2, door
+        _, reward, *_ = single.step(int(action))
+        assert many.step(np.array([action]))[1] == reward
+        paid.add(reward)
+    assert len(paid) > 10
 
 
 def test_a_reward_without_changes_is_the_preset_and_changes_are_in_its_name():
