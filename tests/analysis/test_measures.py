@@ -8,8 +8,6 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from causal_openlock.analysis.measures import (
     SOLUTIONS,
@@ -53,19 +51,6 @@ def test_attempts_of_trials_worked_by_hand():
     assert trials["solutions"].tolist() == [3, 3, 2, 3]
     assert trials["layout"].tolist() == ["trial1", "trial1", "trial9", "trial1"]
     assert trials["trial"].tolist() == [1, 2, 3, 4]
-
-
-@settings(max_examples=5, deadline=None)
-@given(st.randoms(use_true_random=False))
-def test_order_of_rows_and_cells_makes_no_difference(shuffle):
-    cells = random_cells(3, subjects=2)
-    record = pa.concat_tables(cells)
-    shuffle.shuffle(cells)
-    rows = list(range(record.num_rows))
-    shuffle.shuffle(rows)
-    for other in (pa.concat_tables(cells), record.take(rows)):
-        pd.testing.assert_frame_equal(attempts_to_solve(record), attempts_to_solve(other))
-        pd.testing.assert_frame_equal(count(record).blocks, count(other).blocks)
 
 
 def test_tables_follow_the_papers_order_and_time():

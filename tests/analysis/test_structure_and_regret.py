@@ -142,17 +142,12 @@ def test_a_learner_whose_parameters_are_no_more_is_left_out():
     assert structure_recovery(replace(results, experiment=experiment)).empty
 
 
-def test_the_figure_and_the_section_have_the_means_of_the_table():
+def test_the_figure_has_the_means_of_the_table():
     material = played(["bayes"], ["CC3-CC4"], 3)
     means = structure_recovery(material).groupby("visit")["shd"].mean()
     axes = plot_structure_recovery(material, ax=Figure())
     (line,) = axes.lines
     assert dict(zip(*line.get_data(), strict=True)) == pytest.approx(means.to_dict())
-    (section,) = sections_of(material, topics_called("structure_recovery"))
-    (row,) = section.tables[0].frame.to_dict("records")
-    assert (row["subjects"], row["rooms"]) == (3, 7)
-    assert row["first room"] == pytest.approx(means[1])
-    assert row["last room"] == pytest.approx(means[7])
     nothing = played(["random"], ["CC3"], 1)
     assert sections_of(nothing, topics_called("structure_recovery")) == []
 

@@ -266,15 +266,7 @@ def test_notebook_begins_as_the_template_or_as_a_lesson_that_was_never_run():
     assert {(len(cell.outputs), cell.execution_count) for cell in code} == {(0, None)}
 
 
-def test_room_is_played_in_words(monkeypatch):
-    typed = io.StringIO("hello\npush the door\n\nquit\npush the door\n")
-    monkeypatch.setattr(sys, "stdin", typed)
-    said = here("text", "CC3", "--story", "levers")
-    assert "> Nothing moved." in said
-    assert "3 actions in this attempt" in said  # also after `hello`, which is no action
-    assert "2 actions in this attempt" in said
-    assert "1 action in this attempt" not in said
-    assert typed.read() == "push the door\n"  # after quit
+def test_rooms_that_are_shown_are_told_in_words(monkeypatch):
     monkeypatch.setattr(sys, "stdin", io.StringIO("quit\n"))
     said = here("text", "shown-CC3-CC4", "--story", "levers")
     assert said.count("(shown to you)") == 6 * 2 * 3

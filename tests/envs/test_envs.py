@@ -21,16 +21,7 @@ each_episode = pytest.mark.parametrize("episode", EPISODES)
 
 
 class Expected:
-    """What an environment must answer in one room, by the oracle.
-
-    Args:
-        schema: The schema.
-        terms: Terms of the reward.
-        episode: ``attempt`` or ``trial``.
-        attempts: Attempts in a trial.
-        actions: Actions in an attempt.
-        positions: Number of positions.
-    """
+    """What an environment must answer in one room, by the oracle."""
 
     def __init__(self, schema, terms, episode, attempts, actions, positions=7):
         self.rules, self.terms = oracle.Rules.of(schema), terms

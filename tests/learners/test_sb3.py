@@ -6,7 +6,6 @@ import sys
 import threading
 from pathlib import Path
 
-import numpy as np
 import pytest
 import torch
 
@@ -99,21 +98,6 @@ def test_it_does_what_the_library_does_by_itself(algorithm, episode):
     assert len(done) > 80
     # It has learned on the way, or there would be little to compare.
     assert learner.updates_made() > 4
-
-
-def test_subjects_do_not_share_the_global_generators():
-    done = {}
-    for subjects in ((0, 1, 2), (1,)):
-        learner, session = begun([*subjects], algorithm="A2C")
-        played, before = [], GlobalRandomness.now()
-        for _ in range(24):
-            played.append(learner.act(session.view).tolist())
-            learner.learn(session.step(np.array(played[-1])))
-            np.random.random(3)  # noqa: NPY002 - somebody else draws in between
-        assert before.differs_from(GlobalRandomness.now()) == ["numpy.random"]
-        done[subjects] = np.array(played)
-    assert np.array_equal(done[0, 1, 2][:, 1], done[1,][:, 0])
-    assert not np.array_equal(done[0, 1, 2][:, 0], done[0, 1, 2][:, 1])
 
 
 def test_threads_and_models_end_with_the_learner():

@@ -138,19 +138,6 @@ def test_the_nearest_stands_first_and_a_learner_with_fewer_points_is_left_out():
     assert shown == [len(EFFECTS), len(EFFECTS) - 1, len(EFFECTS)]
 
 
-def test_the_section_orders_learners_and_the_published_model_by_distance():
-    found = section_on(TOPIC, material(made_up("far", off=4.0), made_up("near", off=1.0)))
-    distances, effects = (one.frame.set_index("learner") for one in found.tables)
-    assert effects.index.tolist() == ["people", "near", PUBLISHED_MODEL, "far"]
-    rmse = distances["RMSE"][effects.index[1:]]
-    assert rmse.tolist() == pytest.approx([1.0, 3.057, 4.0], abs=1e-3)
-    assert "0.74 to 1.69" in found.text[0]
-    assert effects["congruency, CC4"].str[0].tolist() == ["+", "+", "−", "+"]
-    assert effects.loc["people", "congruency, CC4"] == "+2.65\np = .011"
-    assert effects.loc[PUBLISHED_MODEL, "signs"] == 5
-    assert [plot.name for plot in found.plots if plot.opening] == ["fourteen_points"]
-
-
 def test_a_sign_alone_is_not_clear_of_chance():
     effects = effects_of(points_of_model())
     assert [word for word in signs(effects).split() if word.isdigit()] == ["5", "6", "5"]

@@ -7,24 +7,18 @@ import pytest
 from causal_openlock.analysis.measures import TRANSFERS
 from causal_openlock.paper.likeness import (
     distance,
-    likeness,
     points_of,
     points_of_people,
     training_points_of,
     training_points_of_model,
 )
 from causal_openlock.paper.noise_ceiling import (
-    CURVE,
-    CURVE_NUMBERS,
-    PERFECT,
-    beside_null_models,
     drawn_means,
     misfit,
     noise_ceiling,
     null_curve,
     rmse_difference,
 )
-from support.made_up_experiments import BESIDE_ALL
 from support.made_up_people import made_up
 
 
@@ -173,25 +167,3 @@ def test_subjects_are_resampled_with_all_their_trials():
     correlation = np.corrcoef(drawn.T)
     assert correlation[0, 1] > 0.9  # trials of one baseline
     assert abs(correlation[0, 5]) < 0.1  # other subjects
-
-
-def test_every_distance_stands_beside_its_ceiling_and_the_null_curve():
-    near, far = made_up("near", off=1.0), made_up("far", off=6.0)
-    trials = pd.concat([near, far, training().assign(learner="near")], ignore_index=True)
-    like = likeness(trials, BESIDE_ALL[1], ["near", "far"])
-    found = beside_null_models(like, trials, {"near": 4}).set_index("learner")
-    assert found["rmse"].dropna().is_monotonic_increasing
-    assert found.loc["near", "all"] == distance(training_points_of(trials))[0]
-    assert np.isnan(found.loc["far", "all"])
-    assert found.loc["near", "baselines"] == pytest.approx(1.0)
-    assert found.loc["far", "verdict"] == "farther"
-    assert found.loc["far", "difference"] == pytest.approx(5.0)
-    assert found.loc[PERFECT, "rmse"] == pytest.approx(1.206, abs=0.0005)
-    assert found.loc["near", "misfit"] == misfit(like.points["near"], 4).in_words
-    assert found.loc["near", "ceiling"] == noise_ceiling(like.points["near"], 4).both
-    assert found.loc["far", "misfit"] == misfit(like.points["far"]).in_words
-    assert found.loc["near", "misfit_all"].startswith("χ²(12) = ")
-    curve = found.loc[CURVE]
-    assert curve["misfit"] == misfit(null_curve(), CURVE_NUMBERS).in_words
-    assert curve["misfit"] == "χ²(10) = 5.7, p = .843"
-    assert curve["ceiling"] == pytest.approx(1.206 * np.sqrt(10 / 14), abs=0.001)

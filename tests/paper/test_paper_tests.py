@@ -146,32 +146,6 @@ def tables(held):
     }
 
 
-def test_the_section_has_people_first_in_every_test(played):
-    found = tables(played)
-    assert list(found) == ["found", "all"]
-    numbers = found["all"].set_index(["family", "test"])
-    assert numbers["learner"].tolist() == ["People", *LEARNERS] * len(TESTS)
-    assert numbers.loc[("transfer", "interaction"), "df"].tolist() == ["1, 156", *["1, 44"] * 3]
-    row = found["found"].set_index("people").iloc[0]
-    assert row["printed"] == "F(4, 75) = 40.16, p < 0.05"
-    assert row["significant in"] == "good"
-    assert row["not defined for"] == "never, always"
-    assert row["opposite significant in"] == row["not significant in"] == "–"
-    assert len(found["found"]) == len(TESTS)
-
-
-def test_a_learner_without_a_test_is_named_in_the_rows_that_lack_it():
-    def half(condition, phase, trial, subject):
-        return 30 if phase == "test" else 5 + (trial * subject + len(condition)) % (3 + trial)
-
-    rows = [*play("good", scattered(1)), *play("half", half)]
-    found = tables(material(rows, ("good", "half")))["found"].set_index("people")
-    none = found["not defined for"] == "half"
-    transfer = none.index.str.startswith("Transfer")
-    assert none[transfer].all()
-    assert not none[~transfer].any()
-
-
 def test_an_effect_in_the_other_direction_stands_in_its_own_column():
     def backwards(condition, phase, trial, subject):
         slow = phase == "test" and condition in ("CC3-CC4", "CE3-CE4")

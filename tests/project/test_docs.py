@@ -19,7 +19,6 @@ RUN = [
     or path.stem in ("index", "notebooks", "tutorial", "reproduction", "what_is_a_schema_worth")
 ]
 """Pages whose every block is run here."""
-MOST_WORDS = 20_600
 
 called = {"ids": lambda path: path.relative_to(DOCS).as_posix()}
 
@@ -112,8 +111,3 @@ def test_what_a_page_shows_is_what_happens(path, tmp_path, monkeypatch):
     """Over ten seconds where a page compares learners several times, or trains networks."""
     reader = Reader(tmp_path, monkeypatch)
     reader.go_through(path.read_text(encoding="utf-8"))
-
-
-def test_the_pages_are_short():
-    pages = [path for path in PAGES if path.parent.name != "api"]
-    assert sum(len(path.read_text(encoding="utf-8").split()) for path in pages) <= MOST_WORDS

@@ -127,18 +127,6 @@ def test_it_leads_nowhere_that_does_not_exist(path):
                 assert link.startswith("https://") or (FOLDER / link).exists(), link
 
 
-def test_what_notebooks_use_is_at_the_top_and_little_else():
-    import causal_openlock as ol
-
-    names = [name for name in dir(ol) if not name.startswith("_")]
-    assert len(names) <= 45
-    used = set()
-    for path in NOTEBOOKS:
-        used |= {*re.findall(r"\bol\.(\w+)", path.read_text(encoding="utf-8"))}
-    assert used <= {*names}
-    assert not hasattr(ol, "nothing_of_this_name")
-
-
 @pytest.mark.parametrize(
     "line", (ROOT / "causal_openlock" / "moved.txt").read_text(encoding="utf-8").splitlines()
 )

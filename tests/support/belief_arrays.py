@@ -63,14 +63,7 @@ def rules_in(hypotheses: Hypotheses, index: int, strength: float = 1.0) -> Rules
 
 
 def hypothesis_of(key: Key, slots: Sequence[int], positions: int, strength: int = 0) -> Hypotheses:
-    """One hypothesis as arrays: a structure whose levers stand in these slots.
-
-    Args:
-        key: The structure.
-        slots: The slot of each of its levers; all others never move.
-        positions: How many slots there are.
-        strength: Index of the strength.
-    """
+    """A structure as arrays, whose levers stand in these slots of so many; others never move."""
     rules = structure(*key)
     causes = np.zeros((1, positions + 1), dtype=np.uint16)
     needed = np.full((1, positions + 1), NEVER, dtype=np.uint8)
@@ -116,10 +109,7 @@ def class_structures(kind: SchemaClass, levers: int) -> dict[Key, float]:
 def of_classes(classes: Sequence[float], levers: int, simplicity: float):
     """Class, structure and probability; classes that cannot have so many levers are impossible.
 
-    Args:
-        classes: How probable the classes of the grammar are, and the free form last.
-        levers: Number of levers.
-        simplicity: As for the free form.
+    Given is how probable the classes of the grammar are, and the free form last.
     """
     every = [class_structures(kind, levers) for kind in schema_classes()]
     every.append(free_form(levers, simplicity))

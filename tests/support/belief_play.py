@@ -47,16 +47,11 @@ def rooms_of(schema) -> Condition:
 
 @dataclass
 class Played:
-    """A session of random actions and what its subjects believe.
+    """A session of random actions and what its subjects believe, who begin with the settings.
 
-    Args:
-        condition: Which rooms.
-        settings: What subjects believe before they see a room.
-        protocol: With what budgets.
-        subjects: Their numbers; what they do depends on nothing else.
-        lively: Share of actions on grey levers and the door alone.
-        happened: Of each subject ``(pushed, node, seen)`` of each action in the present trial that
-            might do something.
+    What subjects do depends on their numbers alone; a ``lively`` share of it is done to grey levers
+    and the door. What ``happened`` is ``(pushed, node, seen)`` of each of their actions in the
+    present trial that might do something.
     """
 
     condition: Condition
@@ -127,9 +122,7 @@ def by_behaviour(belief):
 def enumerated(played, actives):
     """The same posterior of the first subject in its first room, by the oracle.
 
-    Args:
-        played: What happened.
-        actives: Sets of positions, and how probable it is that exactly these are active.
+    Given are sets of positions, and how probable it is that exactly these are active.
     """
     settings, space = played.settings, played.belief().space
     sight, how = space.sight, space.strengths

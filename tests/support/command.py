@@ -68,14 +68,7 @@ class Done:
 
 
 def at_once(*words, cwd=None, workers=False, reports="short"):
-    """Run the command line.
-
-    Args:
-        words: What follows ``causal-openlock``.
-        cwd: Where; by default here.
-        workers: Whether processes are started to play in.
-        reports: What reports have.
-    """
+    """Run what follows ``causal-openlock``, perhaps elsewhere, with workers or whole reports."""
     out, err = io.StringIO(), io.StringIO()
     with pytest.MonkeyPatch.context() as patches:
         patches.setattr(sys, "argv", ["causal-openlock", *map(str, words)])

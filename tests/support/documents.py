@@ -112,11 +112,7 @@ def typed(text: str) -> list[Typed]:
 
 
 def unknown_options(words: list[str]) -> list[str]:
-    """The options of a command that it does not have, or the command if there is none.
-
-    Args:
-        words: What follows ``causal-openlock``.
-    """
+    """The options of a command that it does not have, or the command if there is none."""
     import typer
 
     command: Any = typer.main.get_command(app)
@@ -132,12 +128,7 @@ def unknown_options(words: list[str]) -> list[str]:
 
 
 class Reader:
-    """Somebody who does in a folder what a page tells them to do.
-
-    Args:
-        folder: Where; what is done there can only be seen there.
-        patches: Undoes what it changes of this process.
-    """
+    """Somebody who does in a folder what a page tells them to do."""
 
     def __init__(self, folder: Path, patches: pytest.MonkeyPatch) -> None:
         self.folder = folder
@@ -153,11 +144,7 @@ class Reader:
         report_shortly(patches)
 
     def go_through(self, text: str) -> None:
-        """Do all that a page says.
-
-        Raises:
-            AssertionError: If something does not come out as the page says.
-        """
+        """Do all that a page says, and compare what comes out."""
         with modules_of(self.folder):
             for block in blocks(text):
                 self._do(block)
@@ -210,11 +197,7 @@ class Reader:
 
 
 def same(shown: list[str], said: str, who: str) -> None:
-    """Hold what a page shows against what was said.
-
-    Raises:
-        AssertionError: If a line that is shown was not said, or not in this order.
-    """
+    """Hold what a page shows against what was said, in the same order."""
     lines = iter([line.rstrip() for line in said.splitlines()])
     for line in shown:
         if line.strip() and line.strip() != "...":

@@ -24,12 +24,7 @@ from support.fabricated_records import table
 
 
 def stored(experiment, **known):
-    """An experiment written as ``experiment.json`` and read from it.
-
-    Args:
-        experiment: The experiment.
-        known: What the folder would tell of its cells: ``versions``, ``missing``, ``failures``.
-    """
+    """An experiment from its ``experiment.json``, and what its folder would tell of its cells."""
     data = {"identity": experiment.identity, **experiment.as_dict(), "cells": []}
     found = parse_experiment(json.loads(json.dumps(data)))
     return StoredExperiment(**{**vars(found), **known})
@@ -63,12 +58,7 @@ def condition_called(name):
 
 
 def experiment_of(record, **known):
-    """An experiment that a record may be of; protocols of other names go on when solved.
-
-    Args:
-        record: The record.
-        known: Attributes of the experiment that are not to be made up.
-    """
+    """An experiment that a record may be of; protocols of other names go on when solved."""
     names = ("learner", "protocol", "condition")
     found = {n: sorted(map(str, record[n].unique().to_pylist())) for n in names}
     played = record.select(["learner", "protocol"]).to_pylist() if record.num_rows else []

@@ -57,10 +57,7 @@ def effects(room, each):
 
     Two sequences have the same effects if the same levers move at the same moments; they differ in
     where the arm goes to no effect.
-
-    Args:
-        room: The room.
-        each: At most how many sequences there are for the same effects, drawn by a fixed seed.
+    For the same effects there are at most ``each``, drawn by a fixed seed.
     """
     generator = np.random.default_rng(0)
     chosen = {}

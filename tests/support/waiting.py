@@ -7,12 +7,7 @@ HANGS = 600
 
 
 def until(happens, going=None):
-    """Wait until something is true.
-
-    Args:
-        happens: Asked again and again.
-        going: A process that has to go on until then.
-    """
+    """Wait until something is true, and a process that has to go on until then is going."""
     waited = 0.0
     while not happens():
         assert going is None or going.poll() is None, "the process ended before it happened"

@@ -20,8 +20,6 @@ from causal_openlock.analysis.results.material import Material
 from causal_openlock.analysis.table import Table, printed
 from causal_openlock.analysis.topic import Section, SectionPlot, Topic, all_topics, sections_of
 from causal_openlock.analysis.topics.belief_traces import TOPIC as BELIEFS
-from causal_openlock.analysis.topics.leaderboard import answers, leaderboard
-from causal_openlock.analysis.topics.pairwise import pairs
 from causal_openlock.errors import OpenLockError
 from causal_openlock.version import RESULTS_VERSION
 from support.fabricated_records import random_cells, table, trial_rows
@@ -84,14 +82,6 @@ def html(report):
 
 def test_report_on_a_made_up_experiment_of_every_case(html, golden):
     golden("report.txt", lines_of(html))
-
-
-def test_sentences_of_the_first_screen_are_those_of_the_leaderboard(whole, html):
-    text = Page(html).text
-    told = answers(whole.once(leaderboard), whole.once(pairs))
-    assert set(told) == {"human", "rl"}
-    for sentences in told.values():
-        assert all(sentence in text for sentence in sentences)
 
 
 def test_page_fetches_nothing_and_refers_only_to_what_it_has(html):
