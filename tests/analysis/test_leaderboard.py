@@ -54,30 +54,6 @@ def found(played):
     return leaderboard(played).set_index("learner")
 
 
-def test_shares_medians_means_and_scores_by_hand(found):
-    assert found["solved"].dropna().to_dict() == {"able": 1, "half": 0.5, "never": 0, "told": 1}
-    assert found["median"].dropna().to_dict() == {"able": 5, "half": 9, "told": 3}
-    assert found.loc["half", "attempts"] == (9 + 30) / 2
-    assert (found.loc["half", "found"], found.loc["half", "solutions"]) == (1.5, 3)
-    assert set(found["conditions"]) == {6}
-    assert set(found["limit"]) == {30}
-    assert found["subjects"].to_dict() == {"people": 40, **dict.fromkeys(LEARNERS, 4)}
-    assert found["reference"].tolist() == [True, *[False] * 4]
-    assert found["informed"].tolist() == [*[False] * 4, True]
-    scores = found.loc[["told", "never", "able"], "score"]  # the made-up bound is 3
-    assert scores.tolist() == pytest.approx([1, 0, 25 / 27], abs=1e-4)
-
-
-def test_the_best_learner_has_to_find_out_how_the_room_works(found):
-    assert set(found["best"]) == {"able"}
-    assert np.isnan(found.loc["able", "to_best"])
-    assert found.loc["told", "to_best"] == -2
-    assert np.isnan(found.loc["told", "to_best_low"])  # nobody differs, so there is no interval
-    half = found.loc["half"]
-    assert half["to_best"] == (4 + 25) / 2
-    assert half["to_best_low"] < half["to_best"] < half["to_best_high"]
-
-
 def test_people_are_those_of_the_paper(found):
     means = people()
     last = means[(means["phase"] == "test") | (means["trial"] == 5)]

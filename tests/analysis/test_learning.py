@@ -9,11 +9,9 @@ import pytest
 
 from causal_openlock.analysis.measures import attempts_to_solve
 from causal_openlock.analysis.results.bounds import ideal_bounds
-from causal_openlock.analysis.results.chance import chance_of_finding_all, chance_of_opening
 from causal_openlock.analysis.topics import learning, reward_study
 from causal_openlock.analysis.topics.learning import (
     FALLS,
-    FINDS_ALL,
     FLAT,
     LEARNS,
     NOT,
@@ -27,7 +25,6 @@ from causal_openlock.analysis.topics.learning import (
     shares,
     starts,
 )
-from causal_openlock.schemas.finding import find_schema
 from support.fabricated_courses import around, course, described
 from support.fabricated_records import table, trial_rows
 from support.made_up_experiments import material_of
@@ -143,47 +140,6 @@ def test_random_subjects_seldom_seem_to_learn():
         judge(ZERO, rng.binomial(600, chance, (10, 5)) / 600, chance, counted) for _ in range(60)
     ]
     assert verdicts.count(NOT) >= 51
-
-
-def test_progress_on_a_record_whose_truth_is_known(tmp_path):
-    experiment = described(
-        tmp_path,
-        "conditions: [CC4]\nlearners: [random, {learner: ddqn, name: able},"
-        " {learner: ddqn, name: falls}, {learner: ddqn, name: dull}]\n",
-    )
-    up, down = around([0.2, 0.4, 0.5, 0.6, 0.6]), around([0.2, 0.6, 0.5, 0.3, 0.1])
-    record = pa.concat_tables(
-        [
-            course(up, learner="able", finds_all=up * 0 == 0),
-            course(down, learner="falls"),
-            course(around([0.0] * 5, spread=0), learner="dull"),
-            course(around([0.0] * 5, spread=0), learner="random"),
-            course(up, learner="able", protocol="human"),
-            course(up, learner="able", phase="test"),
-        ]
-    )
-    found = progress(attempts_to_solve(record), experiment).set_index(["learner", "measure"])
-    assert found["verdict"].to_dict() == {
-        ("able", OPENS): LEARNS,
-        ("able", FINDS_ALL): FLAT,  # in the first visit already
-        ("dull", OPENS): NOT,
-        ("dull", FINDS_ALL): NOT,
-        ("falls", OPENS): FALLS,
-        ("falls", FINDS_ALL): NOT,
-        ("random", OPENS): NOT,
-        ("random", FINDS_ALL): NOT,
-    }
-    able = found.loc[("able", OPENS)]
-    assert (able["subjects"], able["visits"], able["start"]) == (10, 5, 0.0)
-    rounded = np.rint(up * 20) / 20
-    assert able["first"] == pytest.approx(rounded[:, 0].mean())
-    assert able["best"] == pytest.approx(rounded.mean(axis=0).max())
-    assert able["ci_low"] < able["last"] < able["ci_high"]
-    assert able["random"] == 0.0
-    cc4 = find_schema("CC4")
-    assert able["chance"] == pytest.approx(chance_of_opening(cc4, 3, 7))
-    all_found = chance_of_finding_all(cc4, 3, 7, 20)
-    assert found.loc[("able", FINDS_ALL), "chance"] == pytest.approx(all_found)
 
 
 def test_a_lucky_random_learner_raises_the_bar(tmp_path):

@@ -18,7 +18,6 @@ from causal_openlock.analysis.measures import (
     ordered,
 )
 from causal_openlock.errors import StoreError
-from causal_openlock.experiment.record import CATEGORIES
 from support.counted_work import calls
 from support.fabricated_courses import course
 from support.fabricated_records import random_cells, table, trial_rows
@@ -102,24 +101,6 @@ def test_loops_are_averaged_within_a_subject_first():
     assert means["mean"] == pytest.approx(16 / 3)
     assert means["se"] == pytest.approx(math.sqrt(8 / 9) / math.sqrt(3))  # population SD
     assert (means["subjects"], means["visits"], means["share_solved"]) == (3, 2, 1.0)
-
-
-def test_counts_of_ten_attempts_in_blocks_worked_by_hand():
-    record = table(
-        trial_rows([0, 1, 1, 2], trial=1)  # else open1 | else open2
-        + trial_rows([1, 1, 1, 1, 1, 1], trial=2, otherwise="unlock")  # open1 unlock | ...
-    )
-    counts = count(record).blocks
-    assert counts["block"].tolist() == [block for block in range(1, 6) for _ in CATEGORIES]
-    assert counts["count"].to_numpy().reshape(5, 5).tolist() == [
-        [1, 0, 1, 0, 0],
-        [1, 0, 0, 1, 0],
-        [0, 1, 1, 0, 0],
-        [0, 2, 0, 0, 0],
-        [0, 2, 0, 0, 0],
-    ]
-    assert counts["until"].to_numpy()[::5].tolist() == [2, 4, 6, 8, 10]
-    assert set(counts["subjects"]) == {1}
 
 
 def test_counts_agree_with_plain_loops(random_record):

@@ -11,9 +11,7 @@ from causal_openlock.physics.controller import swing
 from causal_openlock.physics.geometry import DOOR_SWING, RoomGeometry, wrap
 from causal_openlock.physics.kinematics import joint_points, reaching
 from causal_openlock.physics.room import PhysicalRoom
-from causal_openlock.physics.world import ARM, DOOR, LEVER, World
-from causal_openlock.render.scene import lever
-from causal_openlock.world.facts import room_facts
+from causal_openlock.physics.world import ARM, DOOR, LEVER
 from support.physical_play import Guard, room_of
 
 each_size = pytest.mark.parametrize("positions", range(7, 13))
@@ -23,24 +21,6 @@ def physical_room(name, layout):
     """A bundled schema's room with bodies, and the actions of its first solution."""
     room = room_of(name, layout)
     return PhysicalRoom(room.fsm, room.layout), room.action_of(room.schema.solutions[0])
-
-
-@each_size
-def test_levers_stand_where_they_are_drawn(positions):
-    for place, track in enumerate(RoomGeometry.of(positions).tracks):
-        for displacement in (0.0, 1.0):
-            bar = lever(positions, place, displacement, grey=True)[-1]
-            assert track.centre(displacement) == pytest.approx((bar.x, bar.y))
-            assert track.displacement((bar.x, bar.y)) == pytest.approx(displacement)
-
-
-def test_the_arm_begins_as_in_the_figure():
-    geometry = RoomGeometry.of(7)
-    measured = np.array(room_facts()["arm"]["joints"], dtype=float)
-    np.testing.assert_allclose(joint_points(geometry.rest), measured, atol=1e-9)
-    world = World(geometry, ())
-    np.testing.assert_allclose(world.pose().joints, measured, atol=1e-9)
-    np.testing.assert_allclose(world.arm.angles, geometry.rest, atol=1e-9)
 
 
 @given(st.floats(1.0, 5.0), st.floats(-math.pi, math.pi), st.sampled_from([1.0, 12 / 7]))
@@ -56,16 +36,6 @@ def test_the_arm_comes_to_every_point_in_its_reach(distance, direction, link):
 def test_a_point_out_of_reach_is_refused(point):
     with pytest.raises(ValueError, match="between 1 and 5"):
         reaching(point)
-
-
-@each_size
-def test_every_lever_and_the_door_is_within_reach(positions):
-    geometry = RoomGeometry.of(positions)
-    places, parts = range(positions), np.linspace(0, 1, 9).tolist()
-    targets = [geometry.at_lever(place, part) for place in places for part in parts]
-    for point in targets + [geometry.at_door(part * DOOR_SWING) for part in parts]:
-        end = joint_points(reaching(point, geometry.link), geometry.link)[-1]
-        assert end == pytest.approx(point, abs=1e-6)
 
 
 @each_size
