@@ -30,7 +30,7 @@ from evidence.study import ATTEMPTS, DERIVED, NO_SHARES, Table
 from evidence.theories import sizes_of
 from evidence.verdicts import mean_of
 
-DOTS, COLOURS = 110, 32
+DOTS, COLOURS = 110, 64
 """Dots per inch of a figure, and its colours: enough to read, and at most 50 KB."""
 BLUE, GREY, DASHES = "#1F6F9F", "#777777", (0, (4, 2))
 
@@ -57,7 +57,9 @@ def drawn(evidence: Evidence, name: str) -> bytes:
             draw_dots(table, rows, figure)
     smaller = io.BytesIO()
     with Image.open(io.BytesIO(style.image(figure, "png", DOTS))) as image:
-        image.convert("RGB").quantize(COLOURS).save(smaller, "png", optimize=True)
+        # A median cut, the default, would give thin lines of several colours one between them.
+        few = image.convert("RGB").quantize(COLOURS, Image.Quantize.FASTOCTREE)
+        few.save(smaller, "png", optimize=True)
     return smaller.getvalue()
 
 
