@@ -17,7 +17,7 @@ from gymnasium.error import InvalidAction, ResetNeeded
 
 from causal_openlock.envs.settings import ATTEMPT_LIMIT, AnySchema
 from causal_openlock.envs.single import OpenLockEnv
-from causal_openlock.render.words import ANY, Counters, StoryName, Wording
+from causal_openlock.render.words import ANY, StoryName, Wording
 from causal_openlock.world.rewards import BASIC_REWARD, RewardForm
 from causal_openlock.world.room import RANDOM_LAYOUT, LayoutForm
 
@@ -127,7 +127,5 @@ class OpenLockTextEnv(gymnasium.Env[str, str]):
         return {**info, "console": dict(self._console), "action": action, "actions": actions}
 
     def _room(self) -> str:
-        console = self._console
-        left = console["solutions_left"], console["attempts_left"], console["actions_left"]
-        number = self.settings.attempt_limit + 1 - console["attempts_left"]
-        return self._words.room(self._observation, Counters(*left, attempt=number))
+        number = self.settings.attempt_limit + 1 - self._console["attempts_left"]
+        return self._words.room(self._observation, self._console, number)

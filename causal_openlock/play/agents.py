@@ -113,7 +113,11 @@ class Subject:
         index = self.words.read(action)
         if index is None:
             raise Refused(400, "", self.words.no_action)
-        return self._take(index)
+        self._people.take(self._id, self.game.turn, action=index)
+        step, room = self.game.step, self.game.stage == "room"
+        assert step is not None
+        told = feedback(self.words, step, 0, self.game.session.brief.trials, room=room)
+        return told if room else f"{told}\n\n{self._now()}"
 
     def _explain(self, pairs: list[Any]) -> str:
         if self.game.stage != "question":
@@ -125,14 +129,6 @@ class Subject:
         except (LookupError, TypeError, Refused):
             raise Refused(400, "", f"That is no list of such pairs. {NOT_DONE}") from None
         return self._now()
-
-    def _take(self, action: int) -> str:
-        self._people.take(self._id, self.game.turn, action=action)
-        step, stage = self.game.step, self.game.stage
-        assert step is not None
-        room = stage == "room"
-        told = feedback(self.words, step, 0, self.game.session.brief.trials, room=room)
-        return told if room else f"{told}\n\n{self._now()}"
 
     def _watch(self) -> None:
         """Go through the rooms that are shown before its own."""

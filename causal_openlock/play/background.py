@@ -11,12 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from causal_openlock.experiment.declare import (
-    Condition,
-    Trials,
-    find_condition,
-    find_protocol,
-)
+from causal_openlock.experiment.declare import Condition, Trials, find_condition, find_protocol
 from causal_openlock.files.validation import whole_number
 from causal_openlock.play.people import People
 from causal_openlock.play.server import PlayServer

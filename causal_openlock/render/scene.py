@@ -18,14 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from causal_openlock.physics.geometry import (
-    BAR_WIDTH,
-    DOOR_SWING,
-    Point,
-    Pose,
-    RoomGeometry,
-    along,
-)
+from causal_openlock.physics.geometry import BAR_WIDTH, DOOR_SWING, Point, Pose, RoomGeometry, along
 from causal_openlock.physics.kinematics import joint_points
 from causal_openlock.world.facts import room_facts
 from causal_openlock.world.room import position_names
@@ -90,15 +83,13 @@ class Shape(NamedTuple):
     line: float = LINE
 
 
-def rod(
-    start: Point, end: Point, width: float, fill: Colour, rounded: bool = False, line: float = LINE
-) -> Shape:
+def rod(start: Point, end: Point, width: float, fill: Colour, rounded: bool = False) -> Shape:
     """A bar between two points; rounded ends reach beyond them by half the width."""
     half = width / 2
     length = math.dist(start, end) / 2 + half * rounded
     angle = math.atan2(end[1] - start[1], end[0] - start[0])
     x, y = (start[0] + end[0]) / 2, (start[1] + end[1]) / 2
-    return Shape(x, y, length, half, angle, half * rounded, fill, line)
+    return Shape(x, y, length, half, angle, half * rounded, fill)
 
 
 def disc(centre: Point, radius: float, fill: Colour, line: float = LINE / 2) -> Shape:

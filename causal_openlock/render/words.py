@@ -12,10 +12,11 @@ serve`` and the learner ``llm`` use the same words.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from types import SimpleNamespace
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -77,17 +78,6 @@ starts.
 of them; you have at most {attempts} with each {place}.
 - You are always told how many combinations, attempts and actions are left.
 - The actions are: {choices}."""
-
-
-class Counters(NamedTuple):
-    """The console next to the room; numbers of trials and attempts count from 1."""
-
-    solutions_left: int
-    attempts_left: int
-    actions_left: int
-    attempt: int
-    trial: int = 1
-    trials: int = 1
 
 
 @dataclass(frozen=True)
@@ -179,8 +169,10 @@ class Wording:
         listed = ", ".join(self.choices)
         return f"That is no action, and nothing was done. The actions are: {listed}."
 
-    def room(self, observation: ArrayLike, now: Counters) -> str:
-        """Text of an observation of a room, and of the console."""
+    def room(
+        self, observation: ArrayLike, console: Mapping[str, int], attempt: int, trial: str = "1 of 1"
+    ) -> str:
+        """Text of an observation of a room, and of the console, by name of what it counts."""
         bits, many, terms = _bits(observation), len(self.names), self._terms
         lock = terms.locked if bits[-2] else terms.unlocked
         things = "; ".join(
@@ -188,11 +180,11 @@ class Wording:
             f"{terms.pushed if bits[place] else terms.pulled}"
             for place in self.order
         )
-        where = f"{_capital(terms.place)} {now.trial} of {now.trials}, attempt {now.attempt}"
+        where = f"{_capital(terms.place)} {trial}, attempt {attempt}"
         return (
-            f"{where}. Left: {counted(now.solutions_left, 'combination')}, "
-            f"{counted(now.attempts_left, 'attempt')}, {counted(now.actions_left, 'action')} in "
-            f"this attempt.\n{things}.\n"
+            f"{where}. Left: {counted(console['solutions_left'], 'combination')}, "
+            f"{counted(console['attempts_left'], 'attempt')}, "
+            f"{counted(console['actions_left'], 'action')} in this attempt.\n{things}.\n"
             f"{_capital(terms.goal)} is {lock} and {terms.open if bits[-1] else terms.closed}."
         )
 
@@ -245,16 +237,9 @@ class Wording:
 
 def room_now(words: Wording, view: View, subject: int, trials: int) -> str:
     """Text of a subject's room and console, from a learner's view."""
-    console = view.console
-    now = Counters(
-        solutions_left=int(console.solutions_left[subject]),
-        attempts_left=int(console.attempts_left[subject]),
-        actions_left=int(console.actions_left[subject]),
-        attempt=int(view.attempt[subject]),
-        trial=int(view.trial[subject]),
-        trials=trials,
-    )
-    return words.room(view.observation[subject], now)
+    console = {name: int(counts[subject]) for name, counts in vars(view.console).items()}
+    trial = f"{int(view.trial[subject])} of {trials}"
+    return words.room(view.observation[subject], console, int(view.attempt[subject]), trial)
 
 
 def feedback(words: Wording, step: Step, subject: int, trials: int, *, room: bool = True) -> str:

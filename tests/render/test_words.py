@@ -5,12 +5,12 @@ import pytest
 
 from causal_openlock.experiment.declare import Condition, Protocol, Trials
 from causal_openlock.experiment.session import Session
-from causal_openlock.render.words import STORIES, Counters, Wording, feedback, room_now
+from causal_openlock.render.words import STORIES, Wording, feedback, room_now
 from causal_openlock.schemas.finding import find_schema
 from causal_openlock.world.room import Layout
 
 CC3 = find_schema("CC3")
-NOW = Counters(solutions_left=2, attempts_left=30, actions_left=3, attempt=1)
+NOW = {"solutions_left": 2, "attempts_left": 30, "actions_left": 3}, 1
 each_story = pytest.mark.parametrize("story", STORIES)
 
 
@@ -32,10 +32,10 @@ def test_every_action_can_be_written_and_no_two_are_written_alike(story, positio
 def test_an_observation_can_be_recovered_from_its_words(story):
     words, told = drawn(story, seed=3), {}
     for bits in np.random.default_rng(0).integers(2, size=(300, 16)).tolist():
-        assert told.setdefault(words.room(bits, NOW), bits) == bits
+        assert told.setdefault(words.room(bits, *NOW), bits) == bits
     vocabulary = STORIES[story]
-    assert vocabulary.locked in words.room([0] * 14 + [1, 0], NOW)
-    assert f"{vocabulary.unlocked} and {vocabulary.open}" in words.room([0] * 14 + [0, 1], NOW)
+    assert vocabulary.locked in words.room([0] * 14 + [1, 0], *NOW)
+    assert f"{vocabulary.unlocked} and {vocabulary.open}" in words.room([0] * 14 + [0, 1], *NOW)
 
 
 def test_names_order_and_story_are_drawn():
