@@ -35,10 +35,9 @@ except ModuleNotFoundError as _missing:
 from causal_openlock.experiment.declare import NAME_FORM, NAME_IN_WORDS
 from causal_openlock.experiment.session import Session
 from causal_openlock.play.game import Game, Refused
-from causal_openlock.play.keeping import kept
 from causal_openlock.play.people import People
 from causal_openlock.play.recruiting import fault_of
-from causal_openlock.play.web import WebServer
+from causal_openlock.play.web import WebServer, kept
 from causal_openlock.render.words import Wording, feedback, room_now
 from causal_openlock.version import __version__
 from causal_openlock.wording import joined

@@ -33,7 +33,7 @@ from pydantic import Field, ValidationError
 from causal_openlock.errors import OpenLockError, StoreError
 
 try:
-    from causal_openlock.play.web import LOOPBACK, WebServer
+    from causal_openlock.play.web import LOOPBACK, WebServer, warn
 except ModuleNotFoundError as _missing:
     raise OpenLockError(
         f"playing needs the package {_missing.name}; install it with: pip install "
@@ -52,7 +52,6 @@ from starlette.staticfiles import StaticFiles
 from causal_openlock.files.validation import StrictModel, adapter
 from causal_openlock.play import pages
 from causal_openlock.play.game import PRACTICE, Answer, Refused
-from causal_openlock.play.keeping import warn
 from causal_openlock.play.log import Move
 from causal_openlock.play.people import People
 from causal_openlock.world.room import positions_for

@@ -274,7 +274,7 @@ def test_a_server_that_is_killed_goes_on_where_it_was(tmp_path):
 
 
 def test_the_record_is_written_while_people_play(tmp_path, monkeypatch):
-    monkeypatch.setattr("causal_openlock.play.keeping.KEEP_EVERY", 1.0)
+    monkeypatch.setattr("causal_openlock.play.web.KEEP_EVERY", 1.0)
     with in_a_thread(PlayServer(people(tmp_path, practice=False))) as server:
         caller = Caller(server.port)
         name = caller.join()
