@@ -128,4 +128,4 @@ class OpenLockTextEnv(gymnasium.Env[str, str]):
 
     def _room(self) -> str:
         number = self.settings.attempt_limit + 1 - self._console["attempts_left"]
-        return self._words.room(self._observation, self._console, number)
+        return self._words.room(self._observation, self._console, number, "1 of 1")

@@ -170,7 +170,7 @@ class Wording:
         return f"That is no action, and nothing was done. The actions are: {listed}."
 
     def room(
-        self, observation: ArrayLike, console: Mapping[str, int], attempt: int, trial: str = "1 of 1"
+        self, observation: ArrayLike, console: Mapping[str, int], attempt: int, trial: str
     ) -> str:
         """Text of an observation of a room, and of the console, by name of what it counts."""
         bits, many, terms = _bits(observation), len(self.names), self._terms

@@ -62,7 +62,7 @@ class Scores:
 
     Attributes:
         actions: A row for each action and learner, see
-            :func:`~causal_openlock.scoring.teacher_forcing.score_actions`; all else follows.
+            :func:`~causal_openlock.scoring.teacher_forcing.score_part`; all else follows.
         choices: By condition, among how many actions subjects choose; empty where the experiment
             is not known.
         record: Digest of what was scored, from

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -27,59 +27,8 @@ from causal_openlock.experiment.declare import SHOWN, LearnerSpec
 from causal_openlock.experiment.session import Session
 from causal_openlock.running.workers import worker_pool
 from causal_openlock.scoring.inverse_binomial import by_draws
-from causal_openlock.scoring.recorded import Recorded, recorded_subjects
-from causal_openlock.storage.store import StoredExperiment
+from causal_openlock.scoring.recorded import Recorded
 from causal_openlock.wording import nearest
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-
-def score_actions(
-    record: pa.Table,
-    experiment: StoredExperiment,
-    scored: LearnerSpec | Sequence[LearnerSpec],
-    lapse: float = 0.0,
-    *,
-    of: Sequence[str] = (),
-    draws: int | None = None,
-    workers: int = 1,
-    report: Callable[[int, int], None] = lambda done, total: None,
-) -> pd.DataFrame:
-    """Score how likely learners find each action of each subject of a record.
-
-    Args:
-        record: Attempts, as :meth:`~causal_openlock.storage.store.Store.record` gives them.
-        experiment: The experiment that they are of.
-        scored: The learner that predicts, or several.
-        lapse: The share of a subject's actions that are taken to be random, so that one action
-            that the learner would never do does not outweigh all others.
-        of: Labels of the learners whose subjects are predicted; by default all.
-        draws: Most copies to ask of a learner that gives no probabilities; see
-            :func:`~causal_openlock.scoring.inverse_binomial.limit_of_draws`; None for predictions.
-        workers: How many processes work; with one it is this process.
-        report: Called with how many parts of the work are done, of how many.
-
-    Returns:
-        A row for each action. ``scored`` is the learner that predicts; ``learner`` and the rest of
-        :data:`~causal_openlock.scoring.recorded.GROUP` and ``subject`` say who acted; ``trial``
-        (in the whole condition), ``attempt`` and ``action`` when, each from 1; ``action_index``
-        what. ``log_probability`` is in nats, with lapses, and its ``standard_error`` 0 where it is
-        exact; ``entropy`` is that of the learner's own probabilities, in nats; ``highest``, the
-        probability of the action that it finds likeliest (both NaN where it gives none);
-        ``impossible``, whether it would never do what was done, but for lapses; ``at_limit``,
-        whether draws stopped before it was hit, so that its estimate is biased; ``price``, what the
-        subject's BIC has for the numbers among the learner's parameters that are not its defaults
-        (a word or a flag, such as a policy, names another theory, or where a model is).
-
-    Raises:
-        LearnerError: If a learner cannot be put in another's place, or does not give
-            probabilities.
-        StoreError: If what is on record cannot be played again.
-    """
-    specs = [scored] if isinstance(scored, LearnerSpec) else list(scored)
-    jobs = [(part, spec) for part in recorded_subjects(record, experiment, of) for spec in specs]
-    return pd.concat(scored_parts(jobs, lapse, draws, workers, [], report), ignore_index=True)
 
 
 def scored_parts(
@@ -105,7 +54,28 @@ def scored_parts(
 def score_part(
     part: Recorded, scored: LearnerSpec, lapse: float, draws: int | None = None
 ) -> tuple[pd.DataFrame, Account]:
-    """The scores of one learner on some subjects of a group, and what it says of them.
+    """Score how likely a learner finds each action of some subjects of a group.
+
+    Args:
+        part: The subjects.
+        scored: The learner that predicts.
+        lapse: The share of a subject's actions that are taken to be random, so that one action
+            that the learner would never do does not outweigh all others.
+        draws: Most copies to ask of a learner that gives no probabilities; see
+            :func:`~causal_openlock.scoring.inverse_binomial.limit_of_draws`; None for predictions.
+
+    Returns:
+        What the learner says of its predictions, and before that a row for each action. ``scored``
+        is the learner that predicts; ``learner`` and the rest of
+        :data:`~causal_openlock.scoring.recorded.GROUP` and ``subject`` say who acted; ``trial``
+        (in the whole condition), ``attempt`` and ``action`` when, each from 1; ``action_index``
+        what. ``log_probability`` is in nats, with lapses, and its ``standard_error`` 0 where it is
+        exact; ``entropy`` is that of the learner's own probabilities, in nats; ``highest``, the
+        probability of the action that it finds likeliest (both NaN where it gives none);
+        ``impossible``, whether it would never do what was done, but for lapses; ``at_limit``,
+        whether draws stopped before it was hit, so that its estimate is biased; ``price``, what the
+        subject's BIC has for the numbers among the learner's parameters that are not its defaults
+        (a word or a flag, such as a policy, names another theory, or where a model is).
 
     Raises:
         LearnerError: If the learner cannot be put in another's place, or fails there.

@@ -28,10 +28,10 @@ from causal_openlock.experiment.declare import Cell
 from causal_openlock.experiment.making import learner, make_experiment, read_experiment
 from causal_openlock.running.worker import made
 from causal_openlock.scoring.recorded import recorded_subjects
-from causal_openlock.scoring.teacher_forcing import score_actions
 from causal_openlock.storage.store import Store
 from support.command import at_once
 from support.processes import start_prepared
+from support.scores import score_actions
 
 EXPERIMENT = """
 name: three

@@ -25,10 +25,10 @@ from causal_openlock.fitting.to_actions import (
 )
 from causal_openlock.running.runner import run
 from causal_openlock.scoring.recorded import recorded_subjects
-from causal_openlock.scoring.teacher_forcing import score_actions
 from causal_openlock.storage.store import Store
 from support.command import at_once
 from support.fits import with_settings
+from support.scores import score_actions
 
 pytestmark = pytest.mark.slow
 

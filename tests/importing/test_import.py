@@ -14,10 +14,10 @@ from causal_openlock.errors import OpenLockError
 from causal_openlock.experiment.declare import PROTOCOLS, Experiment, find_condition
 from causal_openlock.export.as_csv import write_csv
 from causal_openlock.importing.folder import import_files
-from causal_openlock.scoring.teacher_forcing import score_actions
 from causal_openlock.storage.store import Store
 from support.command import at_once, modules_of
 from support.made_up_experiments import spec
+from support.scores import score_actions
 
 
 @pytest.fixture(scope="module")

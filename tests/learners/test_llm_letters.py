@@ -19,13 +19,13 @@ from causal_openlock.experiment.session import Session
 from causal_openlock.render.words import Wording
 from causal_openlock.running.runner import run
 from causal_openlock.schemas.finding import find_schema
-from causal_openlock.scoring.teacher_forcing import score_actions
 from causal_openlock.storage.store import Store
 from causal_openlock.world.room import Layout
 from openlock_learners.language.answers import read_letters
 from openlock_learners.language.replies import FOLDER
 from openlock_learners.language.server import KEY, TRUSTED
 from support.command import at_once
+from support.scores import score_actions
 from support.scripted_model import (
     NETWORK,
     URL,

@@ -10,7 +10,7 @@ from causal_openlock.schemas.finding import find_schema
 from causal_openlock.world.room import Layout
 
 CC3 = find_schema("CC3")
-NOW = {"solutions_left": 2, "attempts_left": 30, "actions_left": 3}, 1
+NOW = {"solutions_left": 2, "attempts_left": 30, "actions_left": 3}, 1, "1 of 1"
 each_story = pytest.mark.parametrize("story", STORIES)
 
 

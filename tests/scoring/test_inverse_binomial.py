@@ -18,10 +18,10 @@ from causal_openlock.scoring.inverse_binomial import (
     limit_of_draws,
     mean_over_orders,
 )
-from causal_openlock.scoring.teacher_forcing import score_actions
 from causal_openlock.storage.store import Store
 from openlock_learners.associative import Associative
 from openlock_learners.win_stay import WinStay
+from support.scores import score_actions
 
 pytestmark = pytest.mark.slow
 

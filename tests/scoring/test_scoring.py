@@ -14,11 +14,11 @@ from causal_openlock.experiment.making import make_experiment
 from causal_openlock.experiment.session import Session
 from causal_openlock.running.runner import run
 from causal_openlock.scoring.scores import Scores
-from causal_openlock.scoring.teacher_forcing import score_actions
 from causal_openlock.storage.store import Store
 from openlock_learners.ddqn import DDQN
 from openlock_learners.random import RandomLearner
 from support.command import at_once
+from support.scores import score_actions
 
 pytestmark = pytest.mark.slow
 
