@@ -46,7 +46,8 @@ def room(
 
     It is an SVG or PNG.
     """
-    from causal_openlock.render.room import look_after, save_still
+    from causal_openlock.render.paint import save_still
+    from causal_openlock.render.scene import look_after
     from causal_openlock.schemas.finding import find_schema
     from causal_openlock.world.room import Room, action_index, first_layout
 

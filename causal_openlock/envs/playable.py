@@ -18,8 +18,7 @@ from causal_openlock.envs.settings import ATTEMPT_LIMIT
 from causal_openlock.envs.single import OpenLockEnv
 from causal_openlock.errors import OpenLockError
 from causal_openlock.files.validation import whole_number
-from causal_openlock.render.paint import Panel, ShownAction
-from causal_openlock.render.room import room_text
+from causal_openlock.render.paint import Panel, ShownAction, room_text
 from causal_openlock.schemas.finding import schema as declared
 from causal_openlock.wording import counted
 from causal_openlock.world.rewards import PAPER_REWARD
@@ -28,27 +27,18 @@ from causal_openlock.world.room import Layout, action_index, action_names, first
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Seen:
-    """Result of an action; it shows the room right after the action, before any reset.
+    """Result of an action; it shows the room right after the action, before any reset."""
 
-    Attributes:
-        observation: ``[2P + 2]`` bits: levers pushed, levers grey, door locked, door open.
-        outcome: What came of the action, in words.
-        reward: The reward of the action, by the paper's rule.
-        new_solution: Whether a solution was completed that had not been found before.
-        attempt_over: Whether the attempt ended with it; the next action begins another.
-        trial_over: Whether the trial ended with it.
-        panel: The console.
-        title: The action, its result and, where it is revealed, the schema's lever at that
-            position, which no learner sees.
-    """
-
+    #: ``[2P + 2]`` bits: levers pushed, levers grey, door locked, door open
     observation: NDArray[np.int8]
-    outcome: str
-    reward: float
-    new_solution: bool
-    attempt_over: bool
-    trial_over: bool
-    panel: Panel
+    outcome: str  #: what came of the action, in words
+    reward: float  #: by the paper's rule
+    new_solution: bool  #: whether a solution was completed that had not been found before
+    attempt_over: bool  #: whether the attempt ended with it; the next action begins another
+    trial_over: bool  #: whether the trial ended with it
+    panel: Panel  #: the console then
+    #: the action, its result and, where it is revealed, the schema's lever at that position, which
+    #: no learner sees
     title: str
 
     def __repr__(self) -> str:

@@ -6,7 +6,6 @@ import os
 from collections.abc import Mapping
 from typing import Any, Literal
 
-import numpy as np
 from gymnasium import spaces
 
 from causal_openlock.errors import ExperimentError, OpenLockError
@@ -39,6 +38,8 @@ class Settings:
         whole_trial: Whether an episode is a whole trial.
         attempt_limit: Attempts in a trial.
         action_limit: Actions in an attempt.
+        observation_space: ``MultiBinary(2P + 2)``: 16 bits in the paper's room.
+        action_space: ``Discrete(2P + 1)``: 15 actions in the paper's room.
 
     Raises:
         OpenLockError: What is wrong and how to correct it.
@@ -81,20 +82,8 @@ class Settings:
         if not (isinstance(layout, str) and layout == RANDOM_LAYOUT):
             self.layout = Layout.of(schema, layout, self.positions)
         self.reward = find_reward(reward)
-
-    def draw_layout(self, generator: np.random.Generator) -> Layout:
-        """The layout of a new trial."""
-        return self.layout or Layout.random(self.schema, generator, self.positions)
-
-    @property
-    def observation_space(self) -> spaces.MultiBinary:
-        """``MultiBinary(2P + 2)``: 16 bits in the paper's room."""
-        return spaces.MultiBinary(2 * self.positions + 2)
-
-    @property
-    def action_space(self) -> spaces.Discrete[Any]:
-        """``Discrete(2P + 1)``: 15 actions in the paper's room."""
-        return spaces.Discrete(2 * self.positions + 1)
+        self.observation_space = spaces.MultiBinary(2 * self.positions + 2)
+        self.action_space: spaces.Discrete[Any] = spaces.Discrete(2 * self.positions + 1)
 
 
 def check_options(options: Any, name: str) -> Any:

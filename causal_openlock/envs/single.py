@@ -151,7 +151,9 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         return self._observations[0].copy(), self._info()
 
     def _begin_trial(self) -> None:
-        before, self._layout = self._layout, self.settings.draw_layout(self.np_random)
+        before, rules = self._layout, self.settings
+        drawn = rules.layout or Layout.random(rules.schema, self.np_random, rules.positions)
+        self._layout = drawn
         if self._layout != before:
             # The observation at each row, and the tables' column of each action.
             lever, positions = self._layout.lever_at().tolist(), self._layout.positions
@@ -300,13 +302,11 @@ class OpenLockEnv(gymnasium.Env[NDArray[np.int8], int]):
         if self._layout is None:
             raise ResetNeeded("call reset() before render()")
         seen, positions = self._observations[self._row], self.settings.positions
-        if self.render_mode == "ansi":
-            from causal_openlock.render.room import room_text
-
-            return room_text(seen, positions)
-        from causal_openlock.render.paint import Panel, draw
+        from causal_openlock.render.paint import Panel, draw, room_text
         from causal_openlock.render.scene import Look
 
+        if self.render_mode == "ansi":
+            return room_text(seen, positions)
         look, panel = Look.of_observation(seen, positions), None
         if self._bodies:
             look = Look.of_pose(self._bodies.pose(), look.grey)

@@ -39,16 +39,11 @@ Watch = Callable[[Pose], None]  # called with the pose after every step of the s
 
 @dataclass(frozen=True)
 class Movement:
-    """Outcome of a movement.
+    """Outcome of a movement."""
 
-    Attributes:
-        finished: Whether the movement was completed: the arm reached its target, what was not
-            locked moved all the way, and the arm drew back again.
-        steps: Steps of the simulation that it took.
-    """
-
+    #: whether the arm reached its target, moved what was not locked to its end, and drew back
     finished: bool
-    steps: int
+    steps: int  #: of the simulation that it took
 
 
 class OutOfTimeError(Exception):

@@ -32,17 +32,11 @@ CLEARANCE = 0.3  # distance that the arm keeps from all levers while it swings r
 
 @dataclass(frozen=True)
 class Track:
-    """The track of one lever.
+    """The track of one lever."""
 
-    Attributes:
-        start: Centre of the bar when the lever is pulled.
-        outward: Unit vector along which it is pushed.
-        travel: How far it can slide.
-    """
-
-    start: Point
-    outward: Point
-    travel: float
+    start: Point  #: centre of the bar when the lever is pulled
+    outward: Point  #: unit vector along which it is pushed
+    travel: float  #: how far it can slide
 
     @property
     def end(self) -> Point:
@@ -79,31 +73,19 @@ class Track:
 
 @dataclass(frozen=True, eq=False)
 class RoomGeometry:
-    """Geometry of a room of some size.
+    """Geometry of a room of some size."""
 
-    Attributes:
-        stretch: How much larger the circle of levers is than the paper's, and so the arm.
-        tracks: The track at each position.
-        link: Length of each of the arm's links.
-        half_width: Half the width of a link, whose ends are round.
-        rest: The joint angles in which the arm begins, each relative to the link before.
-        ready: How far the arm's end is from its base while it swings round, clear of all levers.
-        hinge: The door's hinge, its upper end.
-        door_length: From the hinge to the lower end.
-        door_thickness: Thickness of the door.
-        button: Centre of the green button next to the door.
-    """
-
-    stretch: float
-    tracks: tuple[Track, ...]
-    link: float
-    half_width: float
-    rest: tuple[float, ...]
+    stretch: float  #: how much larger the circle of levers is than the paper's, and so the arm
+    tracks: tuple[Track, ...]  #: at each position
+    link: float  #: length of each of the arm's links
+    half_width: float  #: half the width of a link, whose ends are round
+    rest: tuple[float, ...]  #: joint angles in which the arm begins, each relative to the last
+    #: how far the arm's end is from its base while it swings round, clear of all levers
     ready: float
-    hinge: Point
-    door_length: float
+    hinge: Point  #: the door's hinge, its upper end
+    door_length: float  #: from the hinge to the lower end
     door_thickness: float
-    button: Point
+    button: Point  #: centre of the green button next to the door
 
     @classmethod
     @cache
@@ -163,19 +145,12 @@ class RoomGeometry:
 
 @dataclass(frozen=True)
 class Pose:
-    """Pose of everything that moves at one moment; all else is in the room's geometry.
+    """Pose of everything that moves at one moment; all else is in the room's geometry."""
 
-    Attributes:
-        joints: The arm's base, its four joints and its free end: six points.
-        levers: How far the lever at each position has slid: 0 pulled, 1 pushed.
-        door: Angle of the door in radians: 0 closed.
-        locked: Whether the door's lock indicator is there.
-    """
-
-    joints: tuple[Point, ...]
-    levers: tuple[float, ...]
-    door: float
-    locked: bool
+    joints: tuple[Point, ...]  #: the arm's base, its four joints and its free end: six points
+    levers: tuple[float, ...]  #: how far the lever at each position has slid: 0 pulled, 1 pushed
+    door: float  #: angle of the door in radians: 0 closed
+    locked: bool  #: whether the door's lock indicator is there
 
 
 def along(start: Point, direction: Point, distance: float) -> Point:

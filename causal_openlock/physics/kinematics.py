@@ -58,16 +58,12 @@ def reaching(point: Point, link: float = 1.0) -> Angles:
             f"the arm reaches points between {link:g} and {LINKS * link:g} away from its base, and "
             f"({point[0]:g}, {point[1]:g}) is {distance * link:g} away"
         )
-    bend = equal_bend(min(max(distance - 1.0, 0.0), LINKS - 1.0))
-    direction = math.atan2(point[1], point[0])
-    return direction - 1.5 * bend, bend, bend, bend, -1.5 * bend
-
-
-def equal_bend(span: float) -> float:
-    """Bend between four links of length 1, in radians, whose ends are ``span`` apart."""
+    # The ends of the four links that bend equally are this far apart:
     # span = 4 c (2 c^2 - 1) with c = cos(bend / 2). It is convex there, so from c = 1 Newton's
     # steps come down to the root and never pass it.
-    c = 1.0
+    span, c = min(max(distance - 1.0, 0.0), LINKS - 1.0), 1.0
     for _ in range(NEWTON_STEPS):
         c -= (8 * c**3 - 4 * c - span) / (24 * c * c - 4)
-    return 2 * math.acos(min(c, 1.0))
+    bend = 2 * math.acos(min(c, 1.0))
+    direction = math.atan2(point[1], point[0])
+    return direction - 1.5 * bend, bend, bend, bend, -1.5 * bend

@@ -23,11 +23,7 @@ from causal_openlock.world.room import Layout
 
 
 class PhysicalRoom:
-    """One room, its bodies included.
-
-    Args:
-        fsm: The machine that locks and unlocks.
-        layout: The positions of the levers.
+    """One room, its bodies included, in which a machine locks and unlocks.
 
     Attributes:
         geometry: Where everything is.

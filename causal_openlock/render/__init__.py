@@ -2,8 +2,8 @@
 
 ================ ==================================================================================
 ``graph``        A schema as a figure or as text.
-``scene``        What a picture of a room consists of; ``paint`` makes pixels or SVG of it.
-``room``         A room after actions, as a file or as text; ``words``: what people see, in words.
+``scene``        What a picture of a room shows; ``paint`` makes pixels, SVG or text of it.
+``words``        What people see, in words.
 ``film``         A film of a trial, played now or recorded, as a GIF or MP4.
 ``watch``        A trial moment by moment, with what the learner believes.
 ================ ==================================================================================

@@ -32,8 +32,7 @@ from causal_openlock.physics.geometry import Pose
 from causal_openlock.physics.room import PhysicalRoom
 from causal_openlock.physics.world import STEP
 from causal_openlock.render import STILLS, path_of_picture
-from causal_openlock.render.paint import Bytes, Panel, ShownAction, draw
-from causal_openlock.render.room import save_still
+from causal_openlock.render.paint import Bytes, Panel, ShownAction, draw, save_still
 from causal_openlock.render.scene import Look
 from causal_openlock.wording import counted, nearest
 from causal_openlock.world.rewards import PAPER_REWARD, RewardFunction
@@ -53,25 +52,15 @@ BEFORE, AFTER, BETWEEN, END = 0.6, 0.5, 1.0, 2.5
 
 @dataclass(frozen=True)
 class FilmedTrial:
-    """One trial of one subject.
+    """One trial of one subject."""
 
-    Attributes:
-        learner: Label of the learner.
-        condition: The condition.
-        protocol: Its budgets.
-        subject: Number of the subject.
-        trial: Number of the trial in the whole condition, from 1.
-        trials: How many trials the condition has.
-        attempts: The rows of the record that are its attempts.
-    """
-
-    learner: str
+    learner: str  #: label of the learner
     condition: Condition
-    protocol: Protocol
-    subject: int
-    trial: int
-    trials: int
-    attempts: Sequence[dict[str, Any]]
+    protocol: Protocol  #: its budgets
+    subject: int  #: its number
+    trial: int  #: number of the trial in the whole condition, from 1
+    trials: int  #: how many trials the condition has
+    attempts: Sequence[dict[str, Any]]  #: the rows of the record that are its attempts
 
     @property
     def shown(self) -> bool:
@@ -89,11 +78,6 @@ class FilmedTrial:
         schemas = {schema.name: schema for schema in self.condition.schemas}
         positions = max(map(positions_for, schemas.values()))
         return Room.of(schemas[self.attempts[0]["schema"]], self.attempts[0]["layout"], positions)
-
-    @property
-    def action_limit(self) -> int:
-        """Actions in an attempt."""
-        return self.protocol.actions_for(self.room.schema)
 
     @property
     def found(self) -> int:
@@ -115,17 +99,8 @@ def play_trial(
     """Let one subject play up to the end of a trial.
 
     The subject acts as in any :class:`~causal_openlock.experiment.session.Session` with
-    the same condition, protocol, number, seed and label.
-
-    Args:
-        learner: The learner, not begun yet.
-        condition: Which rooms are visited.
-        protocol: The budgets.
-        trial: Number of the trial in the whole condition, from 1.
-        subject: Number of the subject.
-        seed: Seed of the experiment.
-        reward: The reward of each action.
-        label: Label of the learner; it keys the learner's randomness.
+    the same condition, protocol, number, seed and label. Arguments are those of
+    :func:`~causal_openlock.belief.trace.trace_trial`.
 
     Raises:
         ExperimentError: If there is no such trial, or a schema does not fit the protocol.
@@ -142,14 +117,7 @@ def play_trial(
 def recorded_trial(
     folder: Path | str, learner: str, condition: str, subject: int = 0, trial: int = 1
 ) -> FilmedTrial:
-    """A trial of a recorded subject.
-
-    Args:
-        folder: The results folder of ``compare``.
-        learner: Label of the learner in the experiment.
-        condition: Name of the condition.
-        subject: Number of the subject.
-        trial: Number of the trial in the whole condition, from 1.
+    """A trial of a recorded subject, by its number in the whole condition, from 1.
 
     Raises:
         StoreError: If the folder does not hold it.
@@ -198,21 +166,13 @@ def _trials(record: pa.Table) -> list[list[dict[str, Any]]]:
 
 @dataclass(frozen=True)
 class Shot:
-    """A picture that is shown for some frames.
+    """A picture that is shown for some frames."""
 
-    Attributes:
-        look: The room.
-        panel: The console next to the room.
-        frames: Number of frames.
-        attempt: Number of the attempt, from 1.
-        action: Number of the action in it, from 1; 0 before the first.
-    """
-
-    look: Look
-    panel: Panel
+    look: Look  #: the room
+    panel: Panel  #: the console next to the room
     frames: int
-    attempt: int
-    action: int
+    attempt: int  #: number of the attempt, from 1
+    action: int  #: number of the action in it, from 1; 0 before the first
 
 
 def shots(
@@ -288,7 +248,7 @@ def _panel(
     return Panel(
         solutions=(*found, *[""] * missing),
         attempts_left=None if solved else limit + 1 - number - over,
-        actions_left=0 if over else trial.action_limit - len(actions),
+        actions_left=0 if over else trial.protocol.actions_for(schema) - len(actions),
         heading=trial.learner,
         lines=(
             f"{trial.condition.name}, protocol {trial.protocol.name}, subject {trial.subject}",

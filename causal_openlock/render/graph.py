@@ -102,12 +102,9 @@ def draw_schema(schema: Schema, ax: Axes | None = None) -> Axes:
 
 
 def save_schema_figure(schema: Schema, path: Path | str) -> None:
-    """Draw a schema into a file, which is replaced in one step.
+    """Draw a schema into a PNG, SVG or PDF by the suffix; the file is replaced in one step.
 
-    Args:
-        schema: What to draw.
-        path: A name that ends in ``.png``, ``.svg`` or ``.pdf``. Text in SVG and PDF stays text,
-            and the same schema gives the same file.
+    Text in SVG and PDF stays text, and the same schema gives the same file.
 
     Raises:
         OpenLockError: If the suffix is another or the file cannot be written.

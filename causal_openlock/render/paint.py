@@ -1,4 +1,4 @@
-"""A room as pixels or as SVG, and next to it the console: what a subject is shown and did.
+"""A room as pixels, SVG or text, and next to it the console: what a subject is shown and did.
 
 Pixels are painted by Pillow, twice as large as they are needed, and averaged. In an SVG each
 part is a group with a name (``lever_UPPER``, ``door``, ``arm``, ``button``, ``console``), so that a
@@ -14,6 +14,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from textwrap import wrap
 from typing import NamedTuple
 from xml.sax.saxutils import escape
@@ -22,7 +23,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from causal_openlock.render.scene import OUTLINE, Colour, Frame, Look, Shape, colour, frame
+from causal_openlock.files.atomic import replacing, write_text
+from causal_openlock.render import STILLS, path_of_picture
+from causal_openlock.render.scene import (
+    OUTLINE,
+    Colour,
+    Frame,
+    Look,
+    Shape,
+    bits_of,
+    colour,
+    frame,
+)
+from causal_openlock.world.room import position_coordinates
 
 Bytes = NDArray[np.uint8]
 
@@ -49,17 +62,11 @@ class Line(NamedTuple):
 
 @dataclass(frozen=True)
 class ShownAction:
-    """An action of the attempt in progress.
+    """An action of the attempt in progress."""
 
-    Attributes:
-        name: Such as ``push UPPER``.
-        outcome: What came of it, in words; empty while it is carried out.
-        good: Whether that was progress.
-    """
-
-    name: str
-    outcome: str = ""
-    good: bool = False
+    name: str  #: such as ``push UPPER``
+    outcome: str = ""  #: what came of it, in words; empty while it is carried out
+    good: bool = False  #: whether that was progress
 
     @classmethod
     def of(cls, name: str, before: ArrayLike, after: ArrayLike, new: bool = False) -> ShownAction:
@@ -74,27 +81,19 @@ class ShownAction:
 
 @dataclass(frozen=True)
 class Panel:
-    """Content of the console next to a room.
+    """Content of the console next to a room."""
 
-    Attributes:
-        solutions: For each solution how it was found, such as ``LEFT, UPPER, door``; empty for
-            each that is not found yet. ``None`` for found ones without a description.
-        attempts_left: Attempts left in the trial, the present one included; ``None`` once it is
-            solved and over.
-        actions_left: Actions left in the attempt.
-        heading: Who plays what.
-        lines: More about it.
-        actions: What was done in this attempt; ``None`` leaves it out.
-        remark: A last line.
-    """
-
+    #: for each solution how it was found, such as ``LEFT, UPPER, door``; empty for each that is not
+    #: found yet. ``None`` for found ones without a description
     solutions: tuple[str | None, ...]
+    #: attempts left in the trial, the present one included; ``None`` once it is solved and over
     attempts_left: int | None
-    actions_left: int
-    heading: str = ""
-    lines: tuple[str, ...] = ()
+    actions_left: int  #: in the attempt
+    heading: str = ""  #: who plays what
+    lines: tuple[str, ...] = ()  #: more about it
+    #: what was done in this attempt; ``None`` leaves it out
     actions: tuple[ShownAction, ...] | None = None
-    remark: str = ""
+    remark: str = ""  #: a last line
 
     def text(self) -> list[Line]:
         """Its lines, from the top down: of many solutions and actions the last ones."""
@@ -246,3 +245,47 @@ def _n(number: float) -> str:
 
 def _hex(rgb: Colour) -> str:
     return "#{:02x}{:02x}{:02x}".format(*rgb)
+
+
+# -- files, and text ------------------------------------------------------------------------------
+
+
+def save_still(
+    look: Look, path: Path | str, size: int = 600, panel: Panel | None = None, title: str = ""
+) -> None:
+    """Write a picture of a room, PNG or SVG by the suffix; the file is replaced in one step.
+
+    Raises:
+        OpenLockError: If the suffix is another or the file cannot be written.
+    """
+    path = path_of_picture(path, STILLS, "a picture of a room")
+    if path.suffix.lower() == ".svg":
+        write_text(path, room_svg(look, panel, title or "An OpenLock room"))
+        return
+    with replacing(path) as file:
+        Image.fromarray(draw(look, size, panel)).save(file, "png")
+
+
+def room_text(observation: ArrayLike, positions: int = 7) -> str:
+    """A room in a few lines of plain text, each lever in its place; arguments as for a picture.
+
+    A lever is its position's index and its bar: ``3[#]`` is grey and pushed, ``3[ ]`` grey and
+    pulled; inactive levers have round brackets. The door is on the right.
+    """
+    bits = bits_of(observation, positions)
+    # Column and row of each lever; characters are about twice as high as wide.
+    cells = np.rint(position_coordinates(positions) * [3.0, -1.0]).astype(int)
+    right, lowest = (cells.max(axis=0) - cells.min(axis=0) + [8, 0]).tolist()
+    canvas = [[" "] * (right + 40) for _ in range(lowest + 1)]
+    for place, (column, row) in enumerate((cells - cells.min(axis=0)).tolist()):
+        pushed, grey = bits[place], bits[positions + place]
+        mark = "#" if pushed else " "
+        canvas[row][column : column + 5] = f"{place:2}" + (f"[{mark}]" if grey else f"({mark})")
+    lock = "locked" if bits[-2] else "unlocked"
+    door = ["o", "|", f"|  door closed, {lock}"]
+    if bits[-1]:
+        door = ["o__", "", f"    door open, {lock}"]
+    for row, text in enumerate(door, (len(canvas) - 1) // 2 - 1):
+        canvas[row][right : right + len(text)] = text
+    lines = ["".join(letters).rstrip() for letters in canvas]
+    return "\n".join([*lines, "[ ] grey  ( ) inactive  # pushed", ""])

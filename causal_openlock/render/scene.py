@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from causal_openlock.physics.geometry import BAR_WIDTH, DOOR_SWING, Point, Pose, RoomGeometry, along
 from causal_openlock.physics.kinematics import joint_points
 from causal_openlock.world.facts import room_facts
-from causal_openlock.world.room import position_names
+from causal_openlock.world.room import Room, position_names
 
 Colour = tuple[int, int, int]
 
@@ -62,25 +62,16 @@ def frame(positions: int, size: int) -> Frame:
 
 
 class Shape(NamedTuple):
-    """A bar, perhaps turned and rounded; lengths in arm links, y up.
+    """A bar, perhaps turned and rounded; lengths in arm links, y up."""
 
-    Attributes:
-        x, y: Its centre.
-        length, width: Half of its length and of its width.
-        angle: Direction of its length, in radians.
-        corner: Radius of its corners.
-        fill: Its colour.
-        line: Width of its black outline, half inside and half outside; 0 for none.
-    """
-
-    x: float
+    x: float  #: of its centre, as y
     y: float
-    length: float
-    width: float
-    angle: float
-    corner: float
+    length: float  #: half of its length
+    width: float  #: half of its width
+    angle: float  #: direction of its length, in radians
+    corner: float  #: radius of its corners
     fill: Colour
-    line: float = LINE
+    line: float = LINE  #: width of its black outline, half inside and half outside; 0 for none
 
 
 def rod(start: Point, end: Point, width: float, fill: Colour, rounded: bool = False) -> Shape:
@@ -106,15 +97,10 @@ def colour(name: str) -> Colour:
 
 @dataclass(frozen=True)
 class Look(Pose):
-    """Look of a room at one moment: the pose of what moves, and the colours.
+    """Look of a room at one moment: the pose of what moves, and the colours."""
 
-    Attributes:
-        grey: Whether the lever at each position is grey, which active ones are.
-        pressed: Whether the green button is held down.
-    """
-
-    grey: tuple[bool, ...]
-    pressed: bool = False
+    grey: tuple[bool, ...]  #: whether the lever at each position is grey, which active ones are
+    pressed: bool = False  #: whether the green button is held down
 
     @property
     def positions(self) -> int:
@@ -205,3 +191,21 @@ def arm(joints: Sequence[Point]) -> list[Shape]:
     links = [rod(start, end, width, grey, rounded=True) for start, end in pairwise(joints)]
     red = [disc(joint, JOINT_RADIUS, colour("joint_and_hinge")) for joint in joints[:-1]]
     return [*links, *red, disc(joints[-1], 1.3 * JOINT_RADIUS, grey, line=LINE)]
+
+
+def look_after(room: Room, actions: Sequence[int] = (), part: float = 1.0) -> Look:
+    """Look of a room after actions from the start of an attempt, none of which fails.
+
+    Only a ``part`` of the last movement is carried out, 0 to 1.
+    """
+    from causal_openlock.physics.room import PhysicalRoom
+
+    physical = PhysicalRoom(room.fsm, room.layout)
+    pose, pressed = physical.pose(), False
+    for action in actions:
+        poses: list[Pose] = [physical.pose()]
+        physical.watch = poses.append
+        physical.act(action)
+        pose = poses[round((len(poses) - 1) * part)]
+        pressed = part < 1.0 and action == 2 * room.positions
+    return Look.of_pose(pose, room.active.tolist(), pressed)

@@ -31,17 +31,11 @@ FAINTEST = 0.02
 
 @dataclass(frozen=True, eq=False)
 class WatchedTrial:
-    """A trial to look at; see :func:`watch`.
+    """A trial to look at; see :func:`watch`."""
 
-    Attributes:
-        trial: What was played.
-        trace: The beliefs in it, if the learner holds any.
-        attempts: How many attempts are shown at most.
-    """
-
-    trial: FilmedTrial
-    trace: Trace | None
-    attempts: int | None = None
+    trial: FilmedTrial  #: what was played
+    trace: Trace | None  #: the beliefs in it, if the learner holds any
+    attempts: int | None = None  #: how many attempts are shown at most
 
     @cached_property
     def shots(self) -> tuple[Shot, ...]:

@@ -84,11 +84,6 @@ of them; you have at most {attempts} with each {place}.
 class Wording:
     """A way to describe rooms with P positions.
 
-    Attributes:
-        story: Name of the story.
-        names: ``P`` the name of each position.
-        order: ``P`` the positions in the order in which they are listed.
-
     Example:
         >>> words = Wording("levers", ("oak", "elm", "fir"), (2, 0, 1))
         >>> words.actions
@@ -99,9 +94,9 @@ class Wording:
         'Oak is pushed now.'
     """
 
-    story: str
-    names: tuple[str, ...]
-    order: tuple[int, ...]
+    story: str  #: name of the story
+    names: tuple[str, ...]  #: ``P`` the name of each position
+    order: tuple[int, ...]  #: ``P`` the positions in the order in which they are listed
 
     @classmethod
     def draw(
@@ -204,13 +199,7 @@ class Wording:
         return f"{_capital(joined(moved))}." if moved else "Nothing moved."
 
     def ending(self, attempt: int, trial_over: bool, solutions_left: int) -> str:
-        """The text at the end of an attempt, after the outcome of its last action.
-
-        Args:
-            attempt: Its number in the trial.
-            trial_over: Whether the trial ended with it.
-            solutions_left: Solutions still to be found.
-        """
+        """The text at the end of this attempt, after the outcome of its last action."""
         if not trial_over:
             return f"The attempt is over; the {self._terms.place} goes back to where it began."
         if solutions_left:

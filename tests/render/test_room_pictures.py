@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 
 from causal_openlock.physics.geometry import RoomGeometry, along
 from causal_openlock.physics.room import PhysicalRoom
-from causal_openlock.render.paint import Panel, ShownAction, draw, room_svg
-from causal_openlock.render.room import look_after, room_text
-from causal_openlock.render.scene import Look, frame
+from causal_openlock.render.paint import Panel, ShownAction, draw, room_svg, room_text
+from causal_openlock.render.scene import Look, frame, look_after
 from causal_openlock.world.facts import room_facts
 from causal_openlock.world.room import position_names
 from support.cc4_in_trial7 import DOOR, L0, L1

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from causal_openlock.render.room import look_after
+from causal_openlock.render.scene import look_after
 from causal_openlock.world.room import position_names
 from support.physical_play import room_of
 
